@@ -131,8 +131,8 @@ class Board(ABC):
         self._asked.append((call, time.monotonic()))
 
     def settle(self, patience: float = 0.0) -> bool:
-        """Returns True if all such calls are answered, waiting at most `patience` [s] for each. Raises
-        PortError when one was refused, or not answered in time."""
+        """Returns True if all calls of `ask` are answered, waiting at most `patience` [s] for each. Raises
+        PortError when one was refused, or not answered within PATIENCE."""
         while self._asked:
             call, since = self._asked[0]
             if not self._rpc.answered(patience) and time.monotonic() - since < PATIENCE:

@@ -152,5 +152,5 @@ def _torque(board: BoardService, rest: Words) -> list[Any]:
 
 def _array(values: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
     if values is None:
-        raise CallError("the robot does not say")
+        raise CallError("the robot does not measure it")
     return np.asarray(values, dtype=float)

@@ -53,7 +53,7 @@ def _axis(values: Callable[[BoardService], Array | None]) -> tuple[Answers, Answ
 
 def _known(values: Array | None) -> Array:
     if values is None:
-        raise CallError("the robot does not say")
+        raise CallError("the robot does not measure it")
     return values
 
 

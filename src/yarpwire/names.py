@@ -87,7 +87,7 @@ def read_key() -> bytes | None:
     group = re.search(r"^\s*\[AUTH\]\s*$(.*?)(?=^\s*\[|\Z)", text, re.MULTILINE | re.DOTALL)
     found = re.search(r'^\s*key\s+("?)([^"\n]+?)\1\s*$', group[1], re.MULTILINE) if group else None
     if found is None:
-        raise PortError(f"{path} has no key; valid: a line [AUTH] and below it: key THE_SECRET")
+        raise PortError(f"{path} has no key; valid: a line [AUTH], and below it a line: key THE_SECRET")
     return found[2].encode()
 
 
@@ -101,13 +101,13 @@ def find_server(space: str | None = None) -> tuple[str, int]:
     if path.is_file():
         words = path.read_text(encoding="utf-8", errors="replace").split()
         if len(words) < 2 or not words[1].isdigit():
-            raise PortError(f"{path} says {' '.join(words)[:60]!r}; valid: HOST PORT yarp")
+            raise PortError(f"{path} contains {' '.join(words)[:60]!r}; valid: HOST PORT yarp")
         return words[0], int(words[1])
     found = detect(space)
     if found is None:
         raise PortError(
-            f"no YARP name server: {path} is not there and nobody answers for {space}; "
-            "valid: the address HOST:PORT of one, or one that runs here (yarpserver)"
+            f"no YARP name server: {path} does not exist, and none answers for {space} in the network; "
+            "valid: an address HOST:PORT, or a name server on this machine (yarpserver)"
         )
     return found
 
@@ -148,7 +148,7 @@ class Names:
         host, port = self.address
         line = f"NAME_SERVER {' '.join(words)}"
         if not line.isprintable():
-            raise PortError(f"{line[:80]!r} is no question to a name server; valid: one line of text")
+            raise PortError(f"{line[:80]!r} is no request to a name server; valid: one line of text")
         lines: list[str] = []
         try:
             with socket.create_connection(self.address, timeout=PATIENCE) as sock:
@@ -163,7 +163,9 @@ class Names:
                             break
                 except EOFError:
                     if words[0] != "announce":  # such an answer has no end, and may be cut off, or a nonce
-                        raise WireError("it hung up; does it want a key (auth.conf)?") from None
+                        raise WireError(
+                            "it closed the connection; it may require a key (auth.conf)"
+                        ) from None
         except (OSError, WireError) as error:
             raise PortError(f"the YARP name server at {host}:{port} does not answer: {error}") from error
         return lines

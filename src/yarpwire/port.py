@@ -166,7 +166,10 @@ class Port:
         """Ends a connection to make room: a dead sender over udp is not detectable, and others may never
         send."""
         if not self._closed:
-            self.last_error = f"{incoming.sender or 'one without a name'}, silent the longest, had to go"
+            self.last_error = (
+                f"{incoming.sender or 'a client without a name'}, silent the longest, "
+                "was closed to make room for others"
+            )
         incoming.close()
 
     def _add(self, name: str, incoming: Incoming) -> None:

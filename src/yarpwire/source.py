@@ -43,8 +43,8 @@ class Memory:
 
 
 class SocketSource:
-    """A socket, read no further than a budget that `allow` renews; the socket's own timeout bounds each
-    wait."""
+    """A socket as a source. It is read up to a budget of bytes, which `allow` renews; the socket's own
+    timeout bounds each wait."""
 
     def __init__(self, sock: socket.socket) -> None:
         self._socket = sock

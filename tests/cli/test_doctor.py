@@ -49,8 +49,8 @@ def test_at_a_keyboard_nothing_moves_without_a_yes_and_nobody_there_is_an_error(
                "--via", f"naoqi://127.0.0.1:{one.port}"]  # fmt: skip
     try:
         for answers, words in (
-            ("?\nn\nn\n", "not moved: the operator said no"),
-            ("n\n", "does not stand as its encoders say"),
+            ("?\nn\nn\n", "not moved: the operator did not permit it"),
+            ("n\n", "does not agree with its encoders"),
             ("", "nobody answers"),
         ):
             run = subprocess.run(command, input=answers, capture_output=True, text=True, check=False)

@@ -1,4 +1,4 @@
-"""A simulated robot whose driver is wrong, and a witness who sees what it really does."""
+"""A simulated robot whose driver is wrong, and an operator who sees its true motion."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from tci.simulation.world import World
 
 
 class Crossed(SimulatedDriver):
-    """Angle i of the driver is `scale[i]` times angle `order[i]` of the robot: in commands, and in its
-    encoders too unless they are sound."""
+    """Angle i of the driver is `scale[i]` times angle `order[i]` of the robot: in commands, and also in
+    encoder readings unless the encoders are correct."""
 
     def __init__(
         self, robot: Robot, *, scale: dict[str, float] | None = None, swap: tuple[str, str] | None = None,
@@ -42,7 +42,7 @@ class Crossed(SimulatedDriver):
         self.far = np.zeros(len(index))
         """Largest true motion (n,) [rad] of each servo since the start."""
         self.now = np.zeros(len(index))
-        """Largest true motion (n,) [rad] since a witness looked away, with its sign."""
+        """Largest true motion (n,) [rad] of each servo since the last `look`, with its sign."""
         self.base = self.start
 
     def _receive(self) -> Reading:
@@ -57,7 +57,7 @@ class Crossed(SimulatedDriver):
         return replace(reading, joints=replace(reading.joints, position=told))
 
     def look(self) -> None:
-        """What moves from here on counts for `now`."""
+        """Starts a new measurement of `now` at the present posture."""
         self.base = np.array(self.world.joints().position)
         self.now = np.zeros_like(self.base)
 
@@ -69,7 +69,8 @@ class Crossed(SimulatedDriver):
 
 
 class Witness:
-    """An operator who answers by what `driver` really does; `claimed` is the driver with the description."""
+    """An operator who answers by the true motion of `driver`; `claimed` is the driver with the
+    description."""
 
     def __init__(self, driver: Crossed, claimed: Any) -> None:
         self._driver, self._claimed = driver, claimed
@@ -120,5 +121,5 @@ def _alike(seen: np.ndarray, expected: np.ndarray) -> bool:
 
 
 def world_of(robot: Robot, **posture: list[float]) -> World:
-    """A world in which the generic parts start at angles [degrees]."""
+    """Returns a world in which the generic parts start at angles [degrees]."""
     return World(robot, posture={part: np.deg2rad(angles) for part, angles in posture.items()})

@@ -1,4 +1,5 @@
-"""Anything may happen to a loop: commands in all modes, faults, an operator. What must hold all the same."""
+"""Random runs of the loop: commands in all modes, faults, an operator. They check invariants that always
+hold."""
 
 from __future__ import annotations
 
@@ -28,17 +29,17 @@ EPISODE = 12.0
 
 @dataclass
 class Seen:
-    """What happened until now."""
+    """Observations of one run so far."""
 
     steps: int = 0
     transitions: Counter[tuple[GateState, GateState]] = field(default_factory=Counter)
     faults: Counter[str] = field(default_factory=Counter)
     broken: list[str] = field(default_factory=list)
-    """Invariants that did not hold."""
+    """Descriptions of invariants that were violated."""
 
 
 class Restless(tci.Capability[None]):
-    """Asks for anything, some of it nonsense, and sometimes for another mode."""
+    """A capability that sends random commands, some of them invalid, and sometimes switches the mode."""
 
     def __init__(self, random: np.random.Generator) -> None:
         self.random = random
@@ -63,14 +64,14 @@ class Restless(tci.Capability[None]):
 
 
 class Explorer:
-    """One loop after the other, each with its own faults."""
+    """Runs one loop after the other, each with faults of its own."""
 
     def __init__(self, seed: int) -> None:
         self.random = np.random.default_rng(seed)
         self.seen = Seen()
 
     def episode(self, duration: float = EPISODE) -> None:
-        """A loop for some time [s] with up to four faults."""
+        """Runs a loop for `duration` [s] with up to four faults."""
         random, seen = self.random, self.seen
         driver = NoisySkin(body=False)
         names = random.choice(NAMES, int(random.integers(0, 5)), replace=False).tolist()

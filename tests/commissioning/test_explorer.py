@@ -1,4 +1,4 @@
-"""Nothing that the explorer comes upon breaks an invariant of loop and gate."""
+"""Random exploration violates no invariant of loop and gate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`tci check --hardware` against robots that are wrong: found before a motion of 2 degrees."""
+"""`tci check --hardware` with robots that are wrong: it finds the fault before a motion of 2 degrees."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def simulated(*names: str, taxels: int = 0, posture: Any = None, **wrong: Any) -
 def test_a_sound_robot_passes_joint_by_joint_and_taxel_by_taxel() -> None:
     found = simulated(taxels=3)
     wrong = [finding for finding in found.values() if finding.level in (Level.FAULT, Level.WARNING)]
-    # How long reading takes is this machine's matter.
+    # The cost of reading depends on this machine.
     assert all("read_p99_ms" in finding.figures for finding in wrong)
     moved = [servo.name for servo in ROBOT.servos if servo.limits.lower is not None]
     assert len(moved) == 12
@@ -133,7 +133,7 @@ def test_what_the_operator_does_not_permit_is_not_done() -> None:
     servos, patches = wanted(ROBOT, ["Head", "left_forearm"])
     found, largest = first_minutes(crossed, operator, servos=servos, patches=patches, taxels=2)
     named = {finding.subject: finding for finding in found}
-    assert named["HeadYaw"].what == "not moved: the operator said no"
+    assert named["HeadYaw"].what == "not moved: the operator did not permit it"
     assert named["HeadPitch"].level is Level.OK
     assert named["left_forearm taxel 0"].what == "not pressed"
     assert crossed.far[0] < 1e-4 < crossed.far[1]
@@ -181,12 +181,12 @@ def test_a_patch_that_is_dead_swapped_inverted_or_in_another_order_is_found() ->
     assert all("right_forearm instead" in finding.what for finding in swapped.values())
     turned = spoil(lambda frame: replace(frame, values=np.roll(frame.values, len(frame.values) // 3)))
     assert turned
-    assert all("most of all by taxel" in finding.what for finding in turned.values())
+    assert all("strongest at taxel" in finding.what for finding in turned.values())
     inverted = spoil(lambda frame: replace(frame, values=480 - frame.values.astype(int)))
     assert inverted
     assert all("wrong way" in finding.what for finding in inverted.values())
     dead = spoil(lambda frame: replace(frame, values=np.full(len(frame.values), 240, np.uint8)))
-    assert all("nobody felt it" in finding.what for finding in dead.values())
+    assert all("no response" in finding.what for finding in dead.values())
     assert dead
 
 
@@ -199,7 +199,7 @@ def test_names_of_what_is_to_be_checked() -> None:
 
 
 def wide(robot: Any, **limits: tuple[float, float]) -> Any:
-    """The robot with other limits [degrees] of some servos."""
+    """Returns the robot with other limits [degrees] of some servos."""
     servos = []
     for servo in robot.servos:
         if servo.name in limits:
@@ -212,7 +212,7 @@ def wide(robot: Any, **limits: tuple[float, float]) -> Any:
 
 
 def served(crossed: Crossed, via: str, *names: str) -> dict[str, Finding]:
-    """The same through a service in front of the wrong robot."""
+    """Returns the findings of such a check through a service in front of the wrong robot, by subject."""
     if via == "naoqi":
         needs_qi()
     end = threading.Event()
@@ -240,7 +240,7 @@ def served(crossed: Crossed, via: str, *names: str) -> dict[str, Finding]:
         for _ in range(PATIENCE):
             with connect(ROBOT, address, arm=True) as driver:
                 found = minutes(driver, crossed, *names)
-            # A machine that is too busy for real time looks like a robot that is too slow.
+            # On a machine that is too busy for real time a robot looks too slow.
             if "motion" not in found and not any("the gate" in finding.what for finding in found.values()):
                 break
         return found

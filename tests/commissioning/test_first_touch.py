@@ -1,4 +1,4 @@
-"""The first touch of a process finds all that it needs: the loop imports and compiles nothing on its way."""
+"""The first touch of a process causes no import and no compilation in the loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""A process that moves the NAO at `python commander.py VIA [SILENCE]` until it is killed: prints `moving`."""
+"""Program that moves the NAO at `python commander.py VIA [SILENCE]` until it is killed. It prints
+`moving`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Threads and descriptors of this process, for tests of what is left when a driver has ended."""
+"""Threads and file descriptors of this process, for tests that a driver releases all of them."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from tci.drivers.driver import Driver
 
 
 def held() -> set[object]:
-    """Threads and descriptors of this process. A socket or pipe is one thing, whatever handles it has: those
-    who look after a library's sockets have a second one for a moment."""
+    """Returns the threads and file descriptors of this process. A socket or pipe counts once, however many
+    descriptors it has: the check of a library's sockets opens a second one for a moment."""
     found: set[object] = {*threading.enumerate()}
     for number in os.listdir("/proc/self/fd"):
-        with suppress(OSError):  # closed meanwhile
+        with suppress(OSError):  # closed in the meantime
             name = os.readlink(f"/proc/self/fd/{number}")
             found.add(name if name.startswith(("socket:", "pipe:")) else (number, name))
     return found
@@ -26,7 +26,8 @@ def held() -> set[object]:
 def left_behind(
     make: Callable[[], Driver], use: Callable[[Driver], object], *, patience: float = 30.0
 ) -> set[object]:
-    """Everything that came to this process with a driver and is still there `patience` [s] after its end."""
+    """Returns the threads and descriptors that were opened with a driver and still exist `patience` [s] after
+    it was closed."""
     before = held()
     driver = make()
     use(driver)
@@ -34,6 +35,6 @@ def left_behind(
     driver.close()
     end = time.monotonic() + patience
     while (left := opened & held()) and time.monotonic() < end:
-        gc.collect()  # each topic of rospy has an epoll descriptor, in a circle of objects
+        gc.collect()  # each topic of rospy has an epoll descriptor, in a reference cycle
         time.sleep(0.05)
     return left

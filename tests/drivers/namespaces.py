@@ -1,4 +1,4 @@
-"""Machines that are network namespaces, for tests about what crosses a network. Nothing leaves them."""
+"""Machines as network namespaces, for tests of data that crosses a network. Nothing leaves them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ROUTER = "10.77.0.1"
 
 
 def needs_namespaces() -> None:
-    """Go on only where namespaces can be made; elsewhere the test is named as not run."""
+    """Skips the test, and lists it as not run, if namespaces can't be created."""
     ip = shutil.which("ip")
     if os.geteuid() != 0 or ip is None or subprocess.run([ip, "netns"], capture_output=True).returncode:
         pytest.skip("did not run: needs network namespaces: as root, with iproute2")
@@ -58,7 +58,7 @@ class Network:
         return process
 
     def says(self, machine: str, *words: str) -> str:
-        """What a process on a machine says until it ends."""
+        """Returns the output of a process on a machine, after it has ended."""
         return self.start(machine, *words).communicate(timeout=120)[0]
 
     def cut(self, machine: str) -> None:

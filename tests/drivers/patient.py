@@ -1,7 +1,7 @@
-"""A simulated robot, shown as `tci serve` shows it, for tests: `python patient.py VIA [SILENCE]`.
+"""Program that serves a simulated robot as `tci serve` does, for tests: `python patient.py VIA [SILENCE]`.
 
-Unless told otherwise its times are longer than those of the description, so that a busy machine is no fault.
-It prints `ready`, then a line for each change of the gate's state, with the time [s] and the reason.
+By default its timeouts are longer than those of the description, so that a busy machine causes no fault. It
+prints `ready`, then a line for each change of the gate's state, with the time [s] and the reason.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from tci.runtime.loop import Tick
 from tci.runtime.serve import serve
 
 PATIENCE = 0.5
-"""Silence [s] after which something counts as lost in these tests."""
+"""Silence [s] after which connections count as lost in these tests."""
 
 
 def patient(name: str, silence: float = PATIENCE) -> Robot:
-    """A robot by name that waits for `silence` [s] before it holds."""
+    """Returns a robot by name that waits for `silence` [s] before it holds."""
     robot = tci.load_robot(name)
     bindings = tuple(binding.model_copy(update={"stale_after": silence}) for binding in robot.bindings)
     return robot.model_copy(update={"bindings": bindings})

@@ -1,10 +1,10 @@
-"""What genuine Player 3.1.1 and TCI said to each other: recorded once, played in the tests.
+"""Recorded messages between genuine Player 3.1.1 and TCI, replayed in the tests.
 
-    python tests/drivers/player_exchange.py client PORT     our driver, and a genuine server at PORT
-    python tests/drivers/player_exchange.py server PORT TO  a genuine client at PORT, our server at TO
+    python tests/drivers/player_exchange.py client PORT     TCI's driver, and a genuine server at PORT
+    python tests/drivers/player_exchange.py server PORT TO  a genuine client at PORT, TCI's server at TO
 
-records again. The genuine server has `passthrough` drivers to a NAO of `tci serve nao --via player` (opaque:1
-is the right forearm), once with our driver as its client, and once as a client of our server.
+record them again. The genuine server has `passthrough` drivers to a NAO of `tci serve nao --via player`
+(opaque:1 is the right forearm), once with TCI's driver as its client, and once as a client of TCI's server.
 """
 
 from __future__ import annotations
@@ -21,24 +21,25 @@ from drivers.rosbridge_exchange import narrow
 from tci.drivers.player.wire import GREETING, PLAYER, SUBSCRIBE, Kind, Message, Stream, to_access
 
 MOST_DATA = 20
-"""Data of each device that is kept."""
+"""Number of data messages of each device that are kept."""
 FOLDER = Path(__file__).with_name("data")
 
 
 def said(name: str) -> list[tuple[float, str, bytes]]:
-    """Time [s], who spoke (`client`, `server`), and the bytes of a whole message or the greeting."""
+    """Returns the recorded messages: time [s], sender (`client` or `server`), and the bytes of a whole
+    message or the greeting."""
     lines = [json.loads(line) for line in (FOLDER / f"player_{name}.jsonl").read_text().splitlines()]
     return [(line["time"], line["from"], bytes.fromhex(line["bytes"])) for line in lines]
 
 
 def read(data: bytes) -> Message:
-    """A whole message."""
+    """Returns a whole message."""
     (message,) = Stream().feed(data)
     return message
 
 
 def gist(message: Message) -> tuple[object, ...]:
-    """A message without times and ports; of commands only how long they are."""
+    """Returns a message without times and ports; of a command only its length."""
     body: object = len(message.body) if message.kind == Kind.COMMAND else message.body
     if (message.interface, message.subtype) == (PLAYER, SUBSCRIBE):
         body = to_access(message.body)
@@ -46,7 +47,7 @@ def gist(message: Message) -> tuple[object, ...]:
 
 
 class RecordedServer:
-    """Answers as the genuine one did, and sends its data again and again; `heard` is what the client said."""
+    """Replays the genuine server's answers and, repeatedly, its data; `heard` has the client's messages."""
 
     def __init__(self) -> None:
         self.heard: list[Message] = []
@@ -58,7 +59,7 @@ class RecordedServer:
         self._threads[0].start()
 
     def close(self) -> None:
-        """Be gone, as a server that is killed."""
+        """Closes the server, as if it had been killed."""
         self._closed.set()
         self._listener.close()
         if self._connection is not None:
@@ -67,7 +68,7 @@ class RecordedServer:
             thread.join(5.0)
 
     def send(self, data: bytes) -> None:
-        """Send any bytes."""
+        """Sends any bytes."""
         assert self._connection is not None
         self._connection.sendall(data)
 
@@ -111,7 +112,7 @@ class RecordedServer:
 
 
 class Tap:
-    """Between a client and a server: keeps what they say, message by message."""
+    """Proxy between a client and a server that records each message."""
 
     def __init__(self, name: str, port: int, to: int) -> None:
         self.name, self._begin, self._lines = name, time.monotonic(), list[str]()
@@ -122,7 +123,7 @@ class Tap:
         threading.Thread(target=self._accept, args=(listener, to), daemon=True).start()
 
     def save(self) -> None:
-        """Write what was kept."""
+        """Writes the recorded messages to a file."""
         FOLDER.mkdir(exist_ok=True)
         path = FOLDER / f"player_{self.name}.jsonl"
         path.write_text("\n".join(self._lines) + "\n")

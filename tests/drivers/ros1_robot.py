@@ -1,8 +1,8 @@
-"""A robot in genuine ROS 1: run by Debian's Python, which has rospy and knows nothing of TCI.
+"""A robot in genuine ROS 1, run by Debian's Python, which has rospy and no TCI.
 
     python3 ros1_robot.py '{"joints": {"LArm": [...]}, "position": {...}, "skin": {"left_forearm": 240}}'
 
-It prints a line of JSON for each command, and goes there at once.
+It prints a line of JSON for each command, and its joints reach the angles at once.
 """
 
 import json

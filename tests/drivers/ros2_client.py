@@ -1,8 +1,8 @@
-"""Somebody else in genuine ROS 2 looks at a robot that TCI shows, and orders it to move.
+"""Another program in genuine ROS 2 that reads a robot served by TCI, and commands it.
 
     python ros2_client.py '{"trajectory": {"topic": ..., "names": [...], "points": [[seconds, [rad, ...]]]}}'
 
-Prints what it found as JSON.
+It prints its observations as JSON.
 """
 
 import json
@@ -53,7 +53,7 @@ def there(goal: dict[str, float]) -> bool:
 
 
 def move(order, goal: dict[str, float]) -> None:
-    """Order it again where a pause of the machine made the robot hold."""
+    """Repeats the order if the robot held because of a pause of the machine."""
     for _ in range(8):
         order()
         wait(lambda: there(goal), within=5.0)

@@ -1,7 +1,8 @@
-"""A robot in genuine ROS 2: run by the peer's own Python, which has rclpy and knows nothing of TCI.
+"""A robot in genuine ROS 2, run by the peer's own Python, which has rclpy and no TCI.
 
-It is what ros2_control shows of a robot: a joint_state_broadcaster, and for each part a controller that takes
-JointTrajectory and Float64MultiArray. It prints a line of JSON for each command, and goes there at once.
+It has the topics of ros2_control: those of a joint_state_broadcaster, and for each part those of a controller
+that accepts JointTrajectory and Float64MultiArray. It prints a line of JSON for each command, and its joints
+reach the angles at once.
 
     python ros2_robot.py '{"joints": {"LArm": [...]}, "position": {...}, "skin": {"left_forearm": 240}}'
 """

@@ -1,4 +1,4 @@
-"""What the tests of ROS 1, ROS 2 and rosbridge share."""
+"""Common parts of the tests of ROS 1, ROS 2 and rosbridge."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Start = Callable[..., "subprocess.Popen[str]"]
 
 
 class Programs:
-    """Programs that a test started; it kills them in the end, since some do not heed a SIGTERM."""
+    """Programs that a test started. It kills them at the end, since some ignore SIGTERM."""
 
     def __init__(self) -> None:
         self.running: list[subprocess.Popen[str]] = []
@@ -54,7 +54,7 @@ class Programs:
 
 
 def nao_in_ros(**more: Any) -> dict[str, Any]:
-    """What a robot of ROS needs to be a NAO."""
+    """Returns the settings with which a robot of ROS is a NAO."""
     robot = tci.load_robot("nao")
     names = {servo.index: servo.joint or servo.name for servo in robot.servos}
     joints: dict[str, list[str]] = {}
@@ -65,7 +65,7 @@ def nao_in_ros(**more: Any) -> dict[str, Any]:
 
 
 def drive(driver: Driver, *orders: Any, seconds: float) -> list[Any]:
-    """Run the loop, and give what was sent."""
+    """Runs the loop and returns the commands that were sent."""
     pending, sent = list(orders), []
     for now in driver.ticks(duration=seconds):
         sent.append(driver.write(driver.gate.step(pending, driver.read().joints, now)))
@@ -74,7 +74,7 @@ def drive(driver: Driver, *orders: Any, seconds: float) -> list[Any]:
 
 
 def complete(driver: Driver) -> Reading:
-    """The first reading with a frame of every patch, all of the right size."""
+    """Returns the first reading that has a frame of every patch, all of the right size."""
     end = time.monotonic() + 60.0
     while True:
         reading = driver.read()
@@ -85,7 +85,7 @@ def complete(driver: Driver) -> Reading:
 
 
 def go(driver: Driver, joint: str, angle: float) -> None:
-    """Order it again where a pause of the machine made the robot hold."""
+    """Moves a joint; repeats the order if the robot held because of a pause of the machine."""
     arm = driver.native("LArm")
     end = time.monotonic() + 60.0
     while abs(arm.positions(driver.read().joints)[joint] - angle) > 0.01:
@@ -95,7 +95,8 @@ def go(driver: Driver, joint: str, angle: float) -> None:
 
 
 def is_killed_and_comes_back(via: str, begin: Callable[[], subprocess.Popen[str]]) -> None:
-    """A robot that dies is held; one that comes back runs, and is told nothing before a new command."""
+    """Checks that the gate holds when a robot dies, and that a robot that returns receives nothing before a
+    new command."""
     process = begin()
     with connect(tci.load_robot("nao"), via, arm=True, wait=60.0) as driver:
         drive(driver, seconds=0.3)
@@ -107,7 +108,8 @@ def is_killed_and_comes_back(via: str, begin: Callable[[], subprocess.Popen[str]
             pending = []
             if safe.state is GateState.HOLD:
                 break
-            # In the first period in which it is too old it holds, however late a busy machine runs that.
+            # It holds in the first period in which the data is too old, however late a busy machine runs that
+            # period.
             assert now - joints.stamp <= driver.gate.stale_after <= 0.1
         assert safe.state is GateState.HOLD
         while np.any(safe.velocity):  # it comes to rest
@@ -123,7 +125,8 @@ def is_killed_and_comes_back(via: str, begin: Callable[[], subprocess.Popen[str]
 
 @cache
 def roscore() -> str:
-    """A master on the loopback, for the whole run: rospy has one node per process, and that one master."""
+    """Returns the address of a master on the loopback interface, one for the whole test run: rospy has one
+    node per process, with one master."""
     for module, package in (("rospy", "ros-core"), ("sensor_msgs", "python3-sensor-msgs")):
         needs_debian_module(module, package)
     needs_debian_module("trajectory_msgs", "python3-trajectory-msgs")
@@ -147,23 +150,23 @@ def roscore() -> str:
 
 
 def _end_with_its_parent() -> None:
-    """A worker of pytest-xdist ends without atexit."""
+    """Ends the process with its parent: a worker of pytest-xdist ends without atexit."""
     set_parent_death_signal = 1  # prctl's PR_SET_PDEATHSIG
     ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGTERM)
 
 
 def here_only() -> None:
-    """Let ROS 2 find nodes of this machine only, in a domain of these tests."""
+    """Restricts ROS 2 to nodes of this machine, in a domain of these tests."""
     os.environ |= {"ROS_DOMAIN_ID": "90", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 
 
 def anywhere() -> str:
-    """A namespace that nobody else is in."""
+    """Returns a namespace that no other test uses."""
     return f"/n{secrets.token_hex(4)}"
 
 
 def garbage_on(node: RosNode, namespace: str, messages: list[bytes]) -> None:
-    """Send bytes as states and frames of a TCI process, and joints of wrong lengths."""
+    """Sends bytes as states and frames of a TCI process, and joints of wrong lengths."""
     topics = [f"{namespace}/tci/state", f"{namespace}/tci/frames/left_forearm"]
     senders = [node.advertise(topic, BYTES) for topic in topics]
     joints = node.advertise(f"{namespace}/joint_states", JOINTS)

@@ -1,8 +1,8 @@
-"""What a genuine rosbridge server and our client said to each other: recorded once, played in the tests.
+"""Recorded messages between a genuine rosbridge server and TCI's client, replayed in the tests.
 
     python tests/drivers/rosbridge_exchange.py PORT
 
-records again: it wants rosbridge_server with rosapi at PORT of this machine, and the robot of
+records them again. It needs rosbridge_server with rosapi at PORT of this machine, and the robot of
 `ros1_robot.py` or `ros2_robot.py` (with only these patches) behind it.
 """
 
@@ -24,7 +24,7 @@ PATCHES = ("left_forearm", "right_forearm")
 
 
 def plain(message: dict[str, Any]) -> dict[str, Any]:
-    """A message without what differs each time: numbers of messages, times, and angles."""
+    """Returns a message without the values that differ each time: message numbers, times, and angles."""
     shown = {key: value for key, value in message.items() if key != "id"}
     if shown["op"] == "publish":
         shown["msg"] = json.loads(json.dumps(message["msg"]))
@@ -34,30 +34,30 @@ def plain(message: dict[str, Any]) -> dict[str, Any]:
 
 
 def exchange() -> list[tuple[float, str, dict[str, Any]]]:
-    """Time [s], who spoke (`client`, `server`), and the message."""
+    """Returns the recorded messages: time [s], sender (`client` or `server`), and the message."""
     lines = [json.loads(line) for line in FILE.read_text().splitlines()]
     return [(line["time"], line["from"], line["message"]) for line in lines]
 
 
 def narrow() -> Robot:
-    """The NAO with the skin that was recorded."""
+    """Returns the NAO with only the patches that were recorded."""
     robot = tci.load_robot("nao")
     return robot.model_copy(update={"patches": tuple(p for p in robot.patches if p.name in PATCHES)})
 
 
 def _key(call: dict[str, Any]) -> str:
-    """What a service was asked."""
+    """Returns the key of a service call: the request without its number."""
     return f"{call['service']} {json.dumps(call['args'])}"
 
 
 class RecordedServer:
-    """Answers as the genuine one did; `heard` is what the client said."""
+    """Replays the genuine server's answers; `heard` has the client's messages."""
 
     def __init__(self, port: int = 0) -> None:
         self.heard: list[dict[str, Any]] = []
         self.port = port
         self.left = threading.Event()
-        """A client has left, by itself or not."""
+        """Set when a client has disconnected, for any reason."""
         self._ready = threading.Event()
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -65,7 +65,7 @@ class RecordedServer:
         assert self._ready.wait(10.0)
 
     def close(self) -> None:
-        """Be gone, as a server that is killed."""
+        """Closes the server, as if it had been killed."""
         if self._loop.is_closed():
             return
         self._loop.call_soon_threadsafe(self._stop)
@@ -102,7 +102,7 @@ class RecordedServer:
                 self.sendMessage(json.dumps(message).encode())
 
             async def play(self) -> None:
-                """All that was published, again and again; each time it is later."""
+                """Publishes all recorded messages again and again, with ever later times."""
                 turn, span = 0, published[-1][0] - published[0][0] + 0.01
                 while True:
                     begin = time.monotonic()
@@ -134,13 +134,13 @@ class RecordedServer:
         if (task := getattr(self, "task", None)) is not None:
             task.cancel()
         protocol = getattr(self, "protocol", None)
-        if protocol is not None and protocol.transport is not None:  # still there
+        if protocol is not None and protocol.transport is not None:  # still connected
             protocol.transport.abort()
         self._loop.call_later(0.1, self._loop.stop)
 
 
 def record(port: int) -> None:
-    """Let the driver drive the robot behind a genuine server for a second, and keep what was said."""
+    """Lets the driver move the robot behind a genuine server for a second, and records the messages."""
     from roslibpy.comm import comm_asyncio
 
     lines: list[str] = []

@@ -1,7 +1,8 @@
-"""A rosbridge server without ROS behind it: what clients publish goes to clients that subscribe.
+"""A rosbridge server without ROS behind it: it passes messages from publishing to subscribing clients.
 
-The genuine server is no package of Debian or PyPI. This one answers what `rosbridge_exchange` recorded of it,
-and carries topics between clients. Run as a program it says its port, and ends with its standard input.
+Neither Debian nor PyPI has the genuine server. This one gives the answers of the genuine one that
+`rosbridge_exchange` recorded, and connects topics of its clients. As a program it prints its port, and ends
+with its standard input.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ MOST_WAITING = 1 << 20
 class Client(WebSocketServerProtocol):
     """One connection."""
 
-    everybody: set[Client] = set()  # noqa: RUF012 - one set for the process is meant
+    everybody: set[Client] = set()  # noqa: RUF012 - one set for the process is intended
 
     def onOpen(self) -> None:
         self.offers: dict[str, str] = {}

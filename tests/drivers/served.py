@@ -15,13 +15,13 @@ import pytest
 
 
 def needs_qi() -> None:
-    """Go on only where NAOqi's library is; elsewhere the test is named as not run."""
+    """Skips the test, and lists it as not run, if NAOqi's library is not installed."""
     if find_spec("qi") is None:
         pytest.skip("did not run: needs qi, which is there for Linux on x86_64 with Python 3.11 or 3.12")
 
 
 class Served:
-    """A process that serves; `kill` it as hard as a test wants."""
+    """A process that serves a robot. Tests may kill it."""
 
     def __init__(self, robot: str, via: str, *options: str, source: str = "sim") -> None:
         command = [sys.executable, "-m", "tci.cli.main", "serve", robot, "--via", via, "--from", source]
@@ -40,33 +40,33 @@ class Served:
 
     @property
     def port(self) -> int:
-        """The port that it says."""
+        """Port that the process printed."""
         found = re.search(r"127\.0\.0\.1:(\d+)", self.where)
         assert found is not None, self.where
         return int(found[1])
 
     @property
     def address(self) -> str:
-        """What a driver connects to, where it is said as NAME:HOST:PORT."""
+        """Address for a driver, from the printed NAME:HOST:PORT."""
         found = re.search(r"\w+:[\d.]+:\d+", self.where)
         assert found is not None, self.where
         return found[0]
 
     def stop(self) -> Sequence[str]:
-        """End it as an operator does; returns what it said."""
+        """Ends the process as an operator does; returns its output."""
         self.process.terminate()
         rest, _ = self.process.communicate(timeout=60)
         return [*self.said, rest]
 
     def kill(self) -> None:
-        """End it with -9."""
+        """Ends the process with SIGKILL."""
         self.process.kill()
         self.process.communicate()
 
 
 @cache
 def served(robot: str, via: str) -> Served:
-    """One such process for all tests of a run that leave it alive."""
+    """Returns a process that all tests of a run share, as long as none ends it."""
     one = Served(robot, via)
     atexit.register(one.kill)
     return one

@@ -33,7 +33,7 @@ def wait_for(what: Callable[[], bool]) -> None:
 
 
 class Bend(Capability[None]):
-    """Moves an elbow, slowly."""
+    """Moves an elbow slowly."""
 
     def init(self, body: GenericBody) -> None:
         return None

@@ -1,4 +1,4 @@
-"""Who commands a served robot, on a clock that stands still."""
+"""Arbitration between processes that command a served robot, with a manual clock."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SESSION, SILENCE = 7, 0.08
 
 
 class Robot:
-    """A NAO with its gate, and what two processes say to it."""
+    """A NAO with its gate, and the messages of two processes to it."""
 
     def __init__(self, silence: float = SILENCE) -> None:
         self.robot = tci.load_robot("nao")
@@ -76,7 +76,7 @@ def test_each_order_counts_once_however_often_it_is_repeated(robot: Robot) -> No
 @pytest.mark.parametrize(
     "changes",
     [
-        {"seen": 99.9},  # held up on the way, or recorded
+        {"seen": 99.9},  # delayed, or recorded
         {"seen": 100.5},
         {"seen": float("nan")},
         {"session": 6},
@@ -103,7 +103,7 @@ def test_34_what_is_played_again_right_after_its_sender_left_moves_nothing(robot
     assert robot.tick().orders == ()
     assert robot.commanders.rejected == 1
     robot.clock.advance(0.01)
-    robot.say(1, aim(2))  # a controller that begins anew
+    robot.say(1, aim(2))  # a controller that starts again
     assert len(robot.tick().orders) == 1
 
 
@@ -121,7 +121,7 @@ def test_28_43_a_commander_that_falls_silent_means_hold_and_later_its_joints_are
     robot.say(1, aim(2))
     assert not robot.tick().reason
     robot.clock.advance(SILENCE + 0.001)
-    assert "no word from behaviour 1" in str(robot.tick().reason)
+    assert "no message from behaviour 1" in str(robot.tick().reason)
     robot.say(2, aim(2))
     robot.tick()
     assert robot.commanders.states()[1].refused == 1
@@ -139,7 +139,7 @@ def test_43_silence_means_hold_also_where_it_may_be_long() -> None:
     assert not robot.tick().reason
     assert [member.client for member in robot.commanders.states()] == [1]
     robot.clock.advance(0.2)
-    assert "no word from behaviour 1" in str(robot.tick().reason)
+    assert "no message from behaviour 1" in str(robot.tick().reason)
     robot.clock.advance(LEASE)
     robot.tick()
     assert not robot.commanders.states()
@@ -166,7 +166,7 @@ def test_one_who_leaves_stops_what_moves_and_frees_the_joints(robot: Robot) -> N
     robot.say(1, aim(2))
     robot.tick()
     robot.say(1, leaving=True)
-    assert "left" in str(robot.tick().reason)
+    assert "has disconnected" in str(robot.tick().reason)
     robot.say(2, aim(2))
     assert len(robot.tick().orders) == 1
 

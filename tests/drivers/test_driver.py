@@ -1,4 +1,4 @@
-"""What every driver promises. A new middleware adds its other side to `PEERS` in `drivers`."""
+"""Contract of every driver. A new middleware adds its other side to `PEERS` in `drivers`."""
 
 from __future__ import annotations
 
@@ -26,20 +26,21 @@ from tci.robot.joint_map import initial_position
 from tci.runtime.loop import run
 
 PATIENCE = 20
-"""Times that a robot is sent where it should go; a busy machine may stop it on the way."""
-LATE = re.compile("missed [0-9]+ periods|no word from|stood still")
+"""Number of times that a motion is ordered again; a busy machine may stop it on the way."""
+LATE = re.compile("missed [0-9]+ periods|no message from|stood still")
 """Reasons to hold on a machine that is too busy for real time."""
 AFTER_THAW = 0.02
-"""How far [rad] a robot that was frozen at 0.1 rad/s may go beyond where it was seen and led last."""
+"""Distance [rad] that a robot frozen at 0.1 rad/s may travel beyond its last measured and commanded
+position."""
 
-pytestmark = pytest.mark.timeout(120)  # a peer that says nothing must not hang the run
+pytestmark = pytest.mark.timeout(120)  # a silent peer must not block the test run
 PEERS = PEERS | BINDINGS
 ALL = [pytest.param(name, marks=pytest.mark.xdist_group(f"driver-{name}")) for name in PEERS]
 ELSEWHERE = [param for param in ALL if PEERS[str(param.values[0])].other_process]
 
 
 def started(name: str) -> Iterator[Peer]:
-    """A peer that all tests of one driver share; it ends before that of the next driver begins."""
+    """Yields a peer that all tests of one driver share; it ends before that of the next driver begins."""
     peer = PEERS[name]()
     try:
         peer.start()
@@ -50,13 +51,13 @@ def started(name: str) -> Iterator[Peer]:
 
 @pytest.fixture(scope="module", params=ALL)
 def any_peer(request: pytest.FixtureRequest) -> Iterator[Peer]:
-    """A peer of any driver."""
+    """Yields a peer of any driver."""
     yield from started(request.param)
 
 
 @pytest.fixture(scope="module", params=ELSEWHERE)
 def peer(request: pytest.FixtureRequest) -> Iterator[Peer]:
-    """A peer in another process."""
+    """Yields a peer in another process."""
     yield from started(request.param)
 
 
@@ -79,7 +80,7 @@ def drive(
     duration: float = 1.0,
     until: Callable[[SafeCommand], bool] = lambda sent: False,
 ) -> SafeCommand:
-    """Run a loop for `duration` [s], or until what was sent is as wanted; returns that."""
+    """Runs a loop for `duration` [s], or until a wanted command was sent; returns the last command."""
     pending = list(orders)
     for now in driver.ticks(duration=duration):
         sent = driver.write(driver.gate.step(pending, driver.read().joints, now))
@@ -90,8 +91,8 @@ def drive(
 
 
 def drive_until(driver: Driver, arrived: Callable[[], bool], *orders: PlatformOrder) -> bool:
-    """Whether the robot gets there: at once in a simulation; when a busy machine keeps it from being real
-    time, the gate stops it on the way."""
+    """Returns True if the robot arrives. In a simulation it does so at once; on a busy machine the gate may
+    stop it on the way, and the order is repeated."""
     for _ in range(PATIENCE):
         drive(driver, *orders)
         if arrived():
@@ -173,7 +174,7 @@ def test_native_names_are_checked(open_driver: Callable[..., Driver]) -> None:
 
 
 def judged(driver: Driver, values: dict[str, float]) -> SafeCommand:
-    """What the gate makes of a command, as soon as a busy machine lets it run."""
+    """Returns the gate's decision on a command, as soon as a busy machine lets it run."""
     end = time.monotonic() + 30.0
     while True:
         joints = driver.read().joints
@@ -214,7 +215,7 @@ class Once(Capability[bool]):
 
 
 def test_a_run_after_one_that_ended_in_motion_is_obeyed(open_driver: Callable[..., Driver]) -> None:
-    """What was held at its end holds no longer, here and in the process that owns the robot."""
+    """A hold at the end of the first run no longer applies, here and in the process that owns the robot."""
     driver, refused, undisturbed = open_driver(), [], 0
     for _ in range(2 * PATIENCE):
         away = -1.0 if elbow(driver) < -0.8 else 1.0  # from the middle, then back: no limit is in the way
@@ -229,7 +230,7 @@ def test_a_run_after_one_that_ended_in_motion_is_obeyed(open_driver: Callable[..
         )
         if not refused and abs(elbow(driver) - goal) < 0.05:
             return
-        # Only a busy machine may be in the way, as often as it likes.
+        # Any number of holds by a busy machine is accepted.
         late = first.report.missed or second.report.missed or LATE.search(" ".join(refused))
         undisturbed += not late
         assert undisturbed < PATIENCE / 4, refused
@@ -251,7 +252,7 @@ def test_closing_leaves_nothing_behind(open_driver: Callable[..., Driver]) -> No
     def use(driver: Driver) -> None:
         drive(driver, duration=0.1)
 
-    left_behind(open_driver, use, patience=0.0)  # with the first one comes what its library keeps for all
+    left_behind(open_driver, use, patience=0.0)  # the first driver also opens what its library keeps for all
     for _ in range(2):
         assert not left_behind(open_driver, use)
 
@@ -270,7 +271,7 @@ def test_28_34_a_peer_that_falls_silent_means_hold_and_comes_back_without_replay
             refused = driver.gate.step([bend(driver, -1.0)], driver.read().joints, driver.clock.now())
             assert "hold" in refused.refusals[0].text
             driver.write(refused)
-            drive(driver, duration=0.5)  # the robot's process was away for longer than anything may be old
+            drive(driver, duration=0.5)  # the robot's process was frozen for longer than any data may be old
             frozen = elbow(driver)
         finally:
             peer.thaw()
@@ -281,9 +282,9 @@ def test_28_34_a_peer_that_falls_silent_means_hold_and_comes_back_without_replay
             return sent.state is GateState.RUN
 
         assert drive(driver, duration=10.0, until=seen).state is GateState.RUN
-        # It was in motion, to where it was led before it was frozen (a busy one lags), and holds from
-        # its first period on: it stops between the two. What it was sent from then until the hold here,
-        # 0.05 rad more, is not played.
+        # The robot was moving to where it was commanded before it was frozen (a busy machine lags), and holds
+        # from its first period on: it stops between the two. Commands sent from then until the hold here,
+        # 0.05 rad more, are not executed.
         for _ in range(2):
             drive(driver, duration=1.0)
             passed.append(elbow(driver))
@@ -301,7 +302,7 @@ def test_33_garbage_floods_and_wrong_types_change_nothing(peer: Peer) -> None:
         sender.start()
         sent = drive(driver, bend(driver, -0.3), duration=2.0)
         sender.join()
-        for _ in driver.ticks(duration=40.0):  # what carries the flood may be behind
+        for _ in driver.ticks(duration=40.0):  # the transport may lag behind the flood
             reading, now = driver.read(), driver.clock.now()
             if abs(now - reading.joints.stamp) <= driver.gate.stale_after:
                 break

@@ -1,4 +1,4 @@
-"""The look at what a driver leaves behind finds what one forgets."""
+"""The check for threads and descriptors that a driver leaves open finds those that it forgets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A host has one name, however it is typed."""
+"""A host has one name, in whatever form it is typed."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ def test_a_numeric_address_and_localhost_ask_nobody(monkeypatch: pytest.MonkeyPa
 
 def test_26_a_host_by_two_names_has_one_commander() -> None:
     names = []
-    for host in ("127.0.0.1", "127.1"):  # by `localhost` some machines reach nobody
-        server = RecordedServer()  # it has one client
+    for host in ("127.0.0.1", "127.1"):  # on some machines `localhost` resolves to nothing
+        server = RecordedServer()  # it accepts one client
         try:
             with tci.connect(narrow(), f"player:{host}:{server.port}") as driver:
                 names.append(driver.info.lease_name.replace(str(server.port), "6665"))

@@ -1,7 +1,7 @@
-"""The chains of the run-time query, fetched over a driver and built in OROCOS KDL by another process.
+"""Kinematic chains of the run-time query, fetched over a driver and built in OROCOS KDL by another process.
 
-That process knows nothing of TCI: Debian's Python with rospy, genuine rclpy, Zenoh alone, LCM alone, or
-some lines that speak Player.
+That process has no TCI: Debian's Python with rospy, genuine rclpy, Zenoh alone, LCM alone, or a few lines
+that implement Player.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ def over_lcm(programs: Programs) -> str:
 
 
 def patiently(*command: str) -> str:
-    """The same, of a robot that is starting."""
+    """Returns the output of a client, and repeats the request while the robot is starting."""
     end = time.monotonic() + 60.0
     while True:
         try:
@@ -144,7 +144,7 @@ SERVE = (sys.executable, "-m", "tci.cli.main", "serve", "nao", "--duration", "12
 
 
 def asked(*command: str) -> str:
-    """What another program prints that asks."""
+    """Returns the output of another program that requests the facts."""
     python, script, *rest = command
     done = subprocess.run(
         [python, "-c", script, *rest], capture_output=True, text=True, timeout=90, check=True

@@ -1,4 +1,5 @@
-"""Two machines, a router between them, two robots and three behaviours, over Zenoh with TLS and rights.
+"""Two machines, a router between them, two robots and three behaviours, over Zenoh with TLS and access
+rights.
 
 The machines are network namespaces, so this needs root. Nothing leaves them.
 """
@@ -18,9 +19,10 @@ from tci.drivers.zenoh.secure import write_files
 
 PORT = 7447
 SILENCE = "0.08"
-"""The description's own time [s]: these tests are about it."""
+"""Stale-after time [s] of the description, which these tests are about."""
 TRIES = 5
-"""On a busy machine two processes may not be real time; then the robots hold too early, never too late."""
+"""Number of attempts. On a busy machine two processes may miss real time; then the robots hold too early,
+never too late."""
 
 pytestmark = [pytest.mark.timeout(300), pytest.mark.xdist_group("namespaces")]
 
@@ -42,7 +44,7 @@ def keys(folder: Path) -> Path:
 
 
 def heard(process: subprocess.Popen[str], word: str) -> str:
-    """The next line of a process that begins with `word`."""
+    """Returns the next line of a process that begins with `word`."""
     assert process.stdout is not None
     lines = []
     for line in process.stdout:
@@ -53,7 +55,7 @@ def heard(process: subprocess.Popen[str], word: str) -> str:
 
 
 def state_at(lines: Sequence[str], moment: float) -> str:
-    """What a robot's gate was doing at `moment` [s]."""
+    """Returns the state of a robot's gate at `moment` [s]."""
     state = "run"
     for line in lines:
         word, stamp, *_ = line.split()
@@ -95,16 +97,18 @@ def test_two_machines_a_router_two_robots_three_behaviours_and_a_cut(
     for robot in robots.values():
         heard(robot, "ready")
 
-    # Who may only see does, and its orders do not arrive.
+    # A watcher can read, and its orders do not arrive.
     eye = f"zenoh:hall@{files / 'eye.json5'}"
     assert "sees" in network.says("minds", "-c", SEE, eye)
     said = network.says("minds", "-c", ORDER, eye)
     assert "stays" in said
-    assert "no answer of nao to orders" in said
+    assert "nao has not acknowledged orders" in said
     assert "moved" in network.says("minds", "-c", ORDER, f"zenoh:hall@{files / 'porter.json5'}")
-    # Another robot than one's own is not even there.
-    assert "robots there: hall;" in network.says("minds", "-c", SEE, f"zenoh:kitchen@{files / 'eye.json5'}")
-    # A certificate of another authority, another's password and another's certificate: nobody is let in.
+    # A robot for which a user has no rights is not visible.
+    assert "robots served there: hall;" in network.says(
+        "minds", "-c", SEE, f"zenoh:kitchen@{files / 'eye.json5'}"
+    )
+    # A certificate of another authority, another user's password and another user's certificate are refused.
     strange = keys(tmp_path / "strange")
     wrong = (files / "cook.json5").read_text()
     password = (files / "users.txt").read_text().split("cook:")[1].split()[0]
@@ -118,7 +122,7 @@ def test_two_machines_a_router_two_robots_three_behaviours_and_a_cut(
         assert "DriverError" in said, name
         assert "sees" not in said, name
 
-    # Three behaviours; then the wire to their machine is cut: both robots hold within 100 ms.
+    # Three behaviours; then the cable to their machine is cut: both robots hold within 100 ms.
     for attempt in range(TRIES):
         users = (("cook", "kitchen"), ("porter", "hall"))
         minds = [

@@ -1,4 +1,4 @@
-"""Messages between TCI processes as bytes: whole again, and nothing damaged gets in."""
+"""Messages between TCI processes as bytes: they are decoded unchanged, and damaged ones are refused."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ READ = {"S": to_state, "F": to_skin, "O": to_orders}
 
 
 def plain(value: object) -> object:
-    """Dataclasses and arrays as tuples, which compare."""
+    """Returns dataclasses and arrays as tuples, which can be compared."""
     if dataclasses.is_dataclass(value):
         return type(value), tuple(plain(getattr(value, f.name)) for f in dataclasses.fields(value))
     if isinstance(value, np.ndarray):
@@ -110,7 +110,7 @@ def test_30_a_message_that_was_cut_short_is_refused() -> None:
 
 
 def test_31_spoilt_contents_under_a_sound_check_raise_one_error() -> None:
-    """As a hostile peer sends them: lengths of -1 and 2^31-1, text that is none. TCI_FUZZ_WIRE: how many."""
+    """Messages of a hostile peer: lengths of -1 and 2^31-1, invalid text. TCI_FUZZ_WIRE is their number."""
     chance = random.Random(1)
     for _ in range(int(os.environ.get("TCI_FUZZ_WIRE", "20000"))):
         kind = chance.choice("SFO")

@@ -1,4 +1,4 @@
-"""The behaviour's side of `remote`, on a clock that stands still and a wire that does what a test wants."""
+"""The behaviour's side of `remote`, with a manual clock and a transport that the test controls."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ class Wire(RemoteDriver):
         self.said: list[Orders] = []
         self.sequence = 0
         self.there = "run"
-        """State of the gate there."""
+        """State of the gate of the robot's process."""
         self.told: tuple[Commander, ...] = ()
-        """Words of the robot's process to those who command."""
+        """Entries of the robot's process for the commanders."""
         self.cut = False
 
     def tell(self, *, late: float = 0.0) -> None:
-        """A state arrives that was sent `late` [s] ago."""
+        """Delivers a state that was sent `late` [s] ago."""
         self.sequence += 1
         sent, count = self.time.now() - late, len(self.robot.servos)
         joints = JointReading(sent, self.sequence, np.array(initial_position(self.robot)), np.zeros(count))
         self.inbox.append(State(1, self.sequence, sent, sent, joints, self.there, None, self.told))
 
     def age(self, *, late: float = 0.0) -> float:
-        """How old [s] the joints are that are read after such a state."""
+        """Returns the age [s] of the joints that are read after such a state."""
         self.tell(late=late)
         return self.time.now() - self.read().joints.stamp
 
@@ -75,7 +75,7 @@ def test_what_was_held_up_is_old_and_a_longer_way_counts_after_a_while(wire: Wir
         assert wire.age(late=0.001) == pytest.approx(0.0)
     for silence in (0.5, 3.0, 60.0):
         wire.time.advance(silence)
-        # Much comes at once, the oldest first.
+        # Many messages at once, the oldest first.
         for left in np.linspace(0.9 * silence, 0.0, 20):
             assert wire.age(late=0.001 + left) == pytest.approx(left)
     ages = []
@@ -87,7 +87,7 @@ def test_what_was_held_up_is_old_and_a_longer_way_counts_after_a_while(wire: Wir
 
 
 def test_what_the_robots_process_holds_for_is_not_said_back_however_often_it_is_read(wire: Wire) -> None:
-    """Else each side holds because the other does."""
+    """Otherwise each side would hold because the other does."""
     wire.order()
     for states in (("hold",), ("hold", "run"), ("run", "hold"), ("run",)):
         for wire.there in states:

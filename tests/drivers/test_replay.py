@@ -59,7 +59,8 @@ def test_a_skin_that_sends_changes_only_decides_the_same(tmp_path: Path) -> None
 
 
 def test_a_replay_that_ends_in_motion_is_not_brought_to_rest(tmp_path: Path) -> None:
-    """Nothing moves: stops would be compared with what was decided then, and use up what is left to read."""
+    """Nothing moves: stop commands would be compared with the recorded decisions, and consume readings that
+    are left."""
     ticks = record_poke(tmp_path / "a.mcap")
     moving = next(i for i, tick in enumerate(ticks) if tick.sent.velocity.any()) + 20
     assert ticks[moving].sent.velocity.any()
@@ -131,7 +132,7 @@ def test_what_can_not_be_replayed_is_told(tmp_path: Path) -> None:
 
 
 def with_decisions(source: Path, target: Path, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
-    """Writes a recording again with changed decisions."""
+    """Writes a copy of a recording with changed decisions."""
     recording = Recording(source)
     with target.open("wb") as file:
         writer = Writer(file)

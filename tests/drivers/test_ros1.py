@@ -41,7 +41,7 @@ pytestmark = pytest.mark.xdist_group("driver-ros1")
 
 @pytest.fixture
 def start() -> Iterator[Start]:
-    """Start programs of this test, beside a master."""
+    """Yields a function that starts programs of this test beside a master."""
     roscore()
     programs = Programs()
     yield programs.start
@@ -49,7 +49,7 @@ def start() -> Iterator[Start]:
 
 
 def ros_robot(start: Start, namespace: str, **more: Any) -> subprocess.Popen[str]:
-    """A NAO in genuine ROS 1 that TCI has no part in."""
+    """Starts a NAO in genuine ROS 1 without TCI."""
     about = json.dumps(nao_in_ros(**more))
     return start(DEBIAN_PYTHON, str(HERE / "ros1_robot.py"), about, f"__ns:={namespace or '/'}")
 
@@ -81,7 +81,7 @@ def test_what_a_killed_process_left_in_the_master_is_no_robot(start: Start) -> N
         assert not driver.is_native
     shown.kill()
     shown.wait()
-    with pytest.raises(DriverError, match=r"nobody publishes .*/tci_nao_\w+ \(http:.*\) is registered"):
+    with pytest.raises(DriverError, match=r"no node publishes .*/tci_nao_\w+ \(http:.*\) is registered"):
         connect(tci.load_robot("nao"), via, wait=0.5)
     process = ros_robot(start, via.removeprefix("ros1:"))
     with connect(tci.load_robot("nao"), via, wait=60.0) as driver:

@@ -42,7 +42,7 @@ SERVE = (sys.executable, "-m", "tci.cli.main", "serve", "nao", "--duration", "12
 
 @pytest.fixture
 def domain(monkeypatch: pytest.MonkeyPatch, worker_id: str) -> int:
-    """A ROS domain of this test, on this machine only."""
+    """Returns a ROS domain of this test, on this machine only."""
     number = 40 + int(worker_id.removeprefix("gw") or 0) if worker_id != "master" else 40
     monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -51,7 +51,7 @@ def domain(monkeypatch: pytest.MonkeyPatch, worker_id: str) -> int:
 
 @pytest.fixture
 def start(domain: int) -> Iterator[Start]:
-    """Start programs of this test."""
+    """Yields a function that starts programs of this test."""
     programs = Programs()
     yield programs.start
     programs.kill()
@@ -59,12 +59,12 @@ def start(domain: int) -> Iterator[Start]:
 
 @pytest.fixture
 def namespace() -> str:
-    """A namespace of this test: others on this machine may be in the same domain."""
+    """Returns a namespace of this test: others on this machine may be in the same domain."""
     return anywhere()
 
 
 def ros_robot(start: Start, namespace: str, **more: Any) -> subprocess.Popen[str]:
-    """A NAO in genuine ROS 2 that TCI has no part in."""
+    """Starts a NAO in genuine ROS 2 without TCI."""
     about = json.dumps(nao_in_ros(namespace=namespace, **more))
     return start(peer_python("ros2"), str(HERE / "ros2_robot.py"), about)
 
@@ -131,7 +131,7 @@ def test_nobody_there_a_bad_namespace_and_bad_settings_are_told(
     domain: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot = tci.load_robot("nao")
-    with pytest.raises(DriverError, match="nobody publishes /left/nao/joint_states"):
+    with pytest.raises(DriverError, match="no node publishes /left/nao/joint_states"):
         connect(robot, "ros2:/left/nao", wait=0.2)
     with pytest.raises(DriverError, match="no ROS namespace"):
         connect(robot, "ros2:10.0.0.1")
@@ -154,7 +154,7 @@ def test_a_peer_that_cyclone_would_end_the_process_for_is_told(
 
 
 def test_cyclone_gets_addresses_and_no_names(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A machine without /etc/hosts does not know `localhost`."""
+    """A machine without /etc/hosts can't resolve `localhost`."""
     monkeypatch.setenv("ROS_STATIC_PEERS", "localhost:7410;10.0.0.1")
     peers = re.findall('<Peer address="(.*?)"/>', _settings("LOCALHOST"))
     assert peers == ["127.0.0.1:7410", "10.0.0.1", "127.0.0.1"]
@@ -231,7 +231,7 @@ def test_a_behaviour_elsewhere_commands_a_robot_that_tci_shows(start: Start, nam
 def test_by_genuine_rclpy_it_is_the_same(
     start: Start, namespace: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A TCI that runs where ROS 2 is installed uses rclpy; one elsewhere commands it."""
+    """TCI uses rclpy where ROS 2 is installed; here one without ROS 2 commands it."""
     python = peer_python("ros2")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(tci.__file__).parents[1]), *_site_packages()]))
     serve = "import sys; from tci.cli.main import main; sys.argv = ['tci', *sys.argv[1:]]; main()"

@@ -1,4 +1,4 @@
-"""Their clock and ours."""
+"""Conversion of a sender's stamps to this process's clock."""
 
 from __future__ import annotations
 

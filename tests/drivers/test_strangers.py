@@ -1,4 +1,4 @@
-"""What somebody else sends who is no part of a robot: from another machine, and from this one."""
+"""Messages of senders that are no part of a robot: on another machine, and on this one."""
 
 from __future__ import annotations
 
@@ -65,7 +65,8 @@ print("sees", *seen)
 
 @pytest.fixture
 def network() -> Iterator[Network]:
-    """The stranger is the router; a robot's machine takes it for the way to everybody."""
+    """Yields a network in which the router is the stranger; a robot's machine uses it as its default
+    route."""
     needs_namespaces()
     made = Network(f"tcis{os.getpid()}")
     made.ip("-n", made.at("robots"), "route", "add", "default", "via", "10.77.1.1")
@@ -74,7 +75,7 @@ def network() -> Iterator[Network]:
 
 
 def said(process: subprocess.Popen[str], word: str) -> str:
-    """The next line of it that begins with `word`."""
+    """Returns the next line of the process that begins with `word`."""
     assert process.stdout is not None
     return next(line for line in process.stdout if line.startswith(word)).strip()
 
@@ -96,7 +97,7 @@ def test_ros_2_is_seen_from_other_machines_only_where_the_range_says_so(
     network: Network, monkeypatch: pytest.MonkeyPatch, reach: str, seen: str
 ) -> None:
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", reach)
-    monkeypatch.setenv("COLUMNS", "200")  # the line is one line
+    monkeypatch.setenv("COLUMNS", "200")  # keeps the message on one line
     robot = network.start("robots", "-m", "tci.cli.main", "serve", "nao", "--via", "ros2")
     words = said(robot, "serving")
     assert ("everybody on the network" in words) == bool(reach)
@@ -121,7 +122,7 @@ def test_what_a_library_opens_on_every_interface_is_kept_on_loopback() -> None:
 
 
 def test_lcm_hears_nothing_that_comes_in_on_another_interface_of_this_machine() -> None:
-    """Nobody needs to be root for that: what is sent there comes back to this machine too."""
+    """This needs no root: data sent to that interface is also received on this machine."""
     others = [
         address.address for name, addresses in psutil.net_if_addrs().items() for address in addresses
         if address.family.name == "AF_INET" and not address.address.startswith("127.")
@@ -131,7 +132,9 @@ def test_lcm_hears_nothing_that_comes_in_on_another_interface_of_this_machine() 
         pytest.skip("did not run: needs an interface beside loopback")
     url = lcm_url()
     group, receiver, here = parse_url(url), Receiver(url), Transmitter(url)
-    wide = Receiver(url.replace("ttl=0", "ttl=1"))  # who joins there must not open this one's ears
+    wide = Receiver(
+        url.replace("ttl=0", "ttl=1")
+    )  # a program that joins there must not make this one receive from there
     for address in others:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
             stranger.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
@@ -145,11 +148,11 @@ def test_lcm_hears_nothing_that_comes_in_on_another_interface_of_this_machine() 
 
 
 TOUCH = SkinFrame("left_forearm", 1.0, 1 << 40, np.full(NAO.patch("left_forearm").channels, 255, np.uint8))
-"""Pressed everywhere, and newer than anything."""
+"""A frame with every taxel pressed, newer than all others."""
 
 
 def test_of_a_served_robot_only_its_own_skin_and_states_count() -> None:
-    """A stranger on this machine, who may know the session: all of it is sent to everybody."""
+    """A stranger on this machine may know the session, since it is sent to everybody."""
     peer = Lcm()
     peer.start()
     url = peer.via.removeprefix("lcm:")
@@ -176,7 +179,7 @@ def test_of_a_served_robot_only_its_own_skin_and_states_count() -> None:
                 assert before[frame.patch] < frame.sequence < TOUCH.sequence
             assert reading.joints.position[0] != 0.1
             (finding,) = [found for found in driver.diagnose() if found.subject == "strangers"]
-            assert finding.what.startswith("4 messages of another process")
+            assert finding.what.startswith("4 messages ignored")
     finally:
         stranger.close()
         peer.stop()
@@ -204,7 +207,7 @@ def test_orders_in_the_name_of_a_commander_count_from_its_own_place_only() -> No
 
 def test_skin_of_another_session_is_counted_and_changes_nothing() -> None:
     wire = Wire()
-    wire.inbox.append(SessionFrame(1, TOUCH))  # before a state tells whose session it is
+    wire.inbox.append(SessionFrame(1, TOUCH))  # before a state shows the session
     wire.tell()
     wire.inbox.append(SessionFrame(2, TOUCH))
     assert wire.read().skin == ()
@@ -233,7 +236,7 @@ def test_a_state_of_another_session_ends_a_driver_only_once_its_own_robot_is_sil
 
 
 def test_frames_of_the_session_that_are_older_are_refused() -> None:
-    """Sequence numbers of the session itself go on counting as before."""
+    """Sequence numbers of the session are counted on as before."""
     wire = Wire()
     wire.tell()
     for sequence in (5, 4, 6):

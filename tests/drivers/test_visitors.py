@@ -1,4 +1,4 @@
-"""Connections to a server: so many and no more, and those who say nothing keep nobody out."""
+"""Bounded numbers of connections to a server: silent clients do not keep others out."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from yarpwire.visitors import MOST, PATIENCE, Visitor, Visitors, surplus
 
 pytestmark = pytest.mark.timeout(180)
 Again = Callable[[], object]
-"""Asks once more over a connection that was made; raises when it is gone."""
+"""Repeats a request over an open connection; raises an error when the connection is closed."""
 Ask = Callable[[], Again]
 """Connects as a genuine client does."""
 
@@ -193,7 +193,7 @@ SERVERS = {
     "zenoh": over_zenoh, "ros1": ros1,
 }  # fmt: skip
 SILENT = ("zenoh", "ros1")
-"""Those whose clients may never say a word again."""
+"""Middlewares whose clients may be silent for ever."""
 
 
 @pytest.mark.parametrize("name", SERVERS)
@@ -211,8 +211,8 @@ def test_strangers_who_say_nothing_keep_no_newcomer_out_and_are_let_go(name: str
         first()
         assert time.monotonic() - begun < 10.0
         for stranger in strangers:
-            with suppress(ConnectionError):  # it was ended in the middle of a word
-                while stranger.recv(1 << 16):  # a server may greet first
+            with suppress(ConnectionError):  # the connection was closed during a message
+                while stranger.recv(1 << 16):  # a server may send a greeting first
                     continue
         first()
         newcomer()
@@ -222,13 +222,13 @@ def test_strangers_who_say_nothing_keep_no_newcomer_out_and_are_let_go(name: str
 def test_clients_who_asked_once_and_are_idle_keep_no_newcomer_out(name: str) -> None:
     with SERVERS[name]() as (port, ask):
         idle = [ask() for _ in range(MOST)]
-        idle[0]()  # the first is heard of again, the second was silent the longest
+        idle[0]()  # the first has sent a message again, and the second was silent the longest
         newcomer = ask()
         newcomer()
         idle[0]()
         end = time.monotonic() + 20.0
         while _held(port) > MOST and time.monotonic() < end:
-            time.sleep(0.1)  # a library's server has some more until it is looked at
+            time.sleep(0.1)  # a library's server may exceed the bound until the next check
         assert _held(port) <= MOST
 
 
@@ -288,7 +288,7 @@ def test_a_librarys_connections_are_told_apart_by_what_came() -> None:
         near[0].sendall(b"again")
         watch.look()
         assert watch.ended == 2
-        for number in (1, 3):  # the stranger, and who was silent the longest
+        for number in (1, 3):  # the stranger, and the connection that was silent the longest
             assert near[number].recv(1) == b""
         for number in (0, 2):
             far[number].sendall(b"there")
@@ -296,8 +296,8 @@ def test_a_librarys_connections_are_told_apart_by_what_came() -> None:
 
 
 def test_a_look_at_a_socket_leaves_it_as_it_was() -> None:
-    """A handle of Python's would make it non-blocking where a default time-out is set, as rospy does."""
-    before = socket.getdefaulttimeout()  # of an earlier test's rospy, perhaps
+    """A Python socket object would make it non-blocking if a default timeout is set, as by rospy."""
+    before = socket.getdefaulttimeout()  # possibly set by rospy in an earlier test
     try:
         socket.setdefaulttimeout(None)
         with socket.create_server(("127.0.0.1", 0)) as server:

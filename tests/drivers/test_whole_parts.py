@@ -1,4 +1,4 @@
-"""Joints that nobody commands, where a controller wants all of a part: they stay, and never jump."""
+"""Joints without a command, for a controller that needs all joints of a part: they stay, and never jump."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ def test_a_joint_that_nobody_commands_stays_where_it_was_at_first() -> None:
 @pytest.mark.parametrize("commanded", [[1], [0, 1]], ids=["the same", "another one too"])
 @pytest.mark.parametrize("at_rest", [0, 5], ids=["at once", "later"])
 def test_a_joint_that_was_moved_by_hand_does_not_jump_back(at_rest: int, commanded: list[int]) -> None:
-    """After an operator's reset nothing is under command: it was sent back by 34 degrees in one period."""
+    """After an operator's reset no joint is under command: in a former version the joint was sent back by 34
+    degrees in one period."""
     driven, parts = Driven(make_robot(coupled=False), [0.0] * 6), WholeParts(make_robot())
 
     def step(*commands: PlatformCommand) -> dict[str, list[float]]:
@@ -40,7 +41,7 @@ def test_a_joint_that_was_moved_by_hand_does_not_jump_back(at_rest: int, command
     for _ in range(100):
         step()
     driven.gate.reset()
-    driven.angles[[0, 5]] += 0.6  # by hand
+    driven.angles[[0, 5]] += 0.6  # moved by hand
     for _ in range(at_rest):
         assert step() == {}
     told = step(position_command([1], [0.5]))

@@ -1,4 +1,5 @@
-"""A driver around another one is that one, but for what it changes; and no driver skips its base class."""
+"""A driver around another one behaves like that one, except for its changes; and no driver skips its base
+class."""
 
 from __future__ import annotations
 
@@ -22,13 +23,13 @@ from tci.robot.joint_map import initial_position
 
 FOUND = (Finding(Level.NOTE, "dialect", "4.0"),)
 CLASSMETHODS = {"load_library", "probe"}
-"""Members that are asked of a class, before there is any driver."""
+"""Members of a class that are called before there is a driver."""
 BASES = {"Driver", "RemoteDriver", "RosDriver", "SimulatedDriver", "DriverWrapper"}
 ROOT = Path(__file__).parents[2]
 
 
 class Told(Driver):
-    """A driver that notes each call, and answers none as its base class does."""
+    """A driver that records each call, and answers none as its base class does."""
 
     def __init__(self) -> None:
         super().__init__(DriverInfo.of(tci.load_robot("nao"), "sim", clock=tci.ManualClock(1.0), armed=True))
@@ -83,7 +84,7 @@ FORWARDED: dict[str, Callable[[Driver, Told], bool]] = {
     "native": lambda driver, told: driver.native("any") is told.part,
     "before_write": lambda driver, told: driver.before_write is told.before_write is None,
 }
-"""A check of each public member of a driver that is asked of a connection."""
+"""A check of each public member of a driver that is called on a connection."""
 
 
 def test_each_member_of_a_driver_has_its_check() -> None:
@@ -118,14 +119,14 @@ def test_a_wrapper_has_the_facts_of_the_inner_driver_but_those_that_it_changes()
 
 
 def calls_base(init: ast.FunctionDef) -> bool:
-    """Whether a constructor calls the one of its base class."""
+    """Returns True if a constructor calls that of its base class."""
     return any(
         isinstance(node, ast.Call) and ast.unparse(node.func) == "super().__init__" for node in ast.walk(init)
     )
 
 
 def skips(source: str) -> list[str]:
-    """Names of the drivers of a module whose constructor skips `Driver.__init__`."""
+    """Returns the names of the drivers of a module whose constructor skips `Driver.__init__`."""
     found = []
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ClassDef) and {ast.unparse(base) for base in node.bases} & BASES:
@@ -135,7 +136,7 @@ def skips(source: str) -> list[str]:
 
 
 def subclasses(kind: type[Any]) -> set[type[Any]]:
-    """All classes below `kind` that are imported."""
+    """Returns all imported subclasses of `kind`, direct and indirect."""
     return {one for sub in kind.__subclasses__() for one in (sub, *subclasses(sub))}
 
 

@@ -1,4 +1,4 @@
-"""What only Zenoh has: addresses, the run-time query, and errors that say what to do."""
+"""Features that only Zenoh has: addresses, the run-time query, and errors with advice."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_the_names_of_robots_there_are_told_and_the_run_time_query_answers() -> 
         open_server(driver, f"zenoh:kitchen@tcp/127.0.0.1:{port}") as server,
     ):
         assert isinstance(server, ZenohServer)
-        with pytest.raises(DriverError, match="robots there: kitchen"):
+        with pytest.raises(DriverError, match="robots served there: kitchen"):
             ZenohDriver(robot, f"hall@tcp/127.0.0.1:{port}")
         session = open_session(parse_address(f"kitchen@tcp/127.0.0.1:{port}", "nao"), "connect")
         found = [list(session.get(f"tci/{name}/facts", timeout=5.0)) for name in ("kitchen", "*")]
@@ -80,7 +80,7 @@ def test_doctor_tells_step_by_step_what_is_there() -> None:
     with SimulatedDriver(robot) as driver, ZenohServer(driver, where):
         assert told(where) == [("session", "ok"), ("robot", "ok"), ("description", "ok")]
         assert told(f"other@{where}") == [("session", "ok"), ("robot", "fault")]
-        assert "robots there: nao" in ZenohDriver.probe(robot, f"other@{where}")[1].what
+        assert "robots served there: nao" in ZenohDriver.probe(robot, f"other@{where}")[1].what
         other = robot.model_copy(update={"digest": "0123456789abcdef" * 4})
-        assert "another one" in ZenohDriver.probe(other, where)[2].what
+        assert "different" in ZenohDriver.probe(other, where)[2].what
     assert told("no endpoint") == [("session", "fault")]

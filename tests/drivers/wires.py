@@ -1,4 +1,4 @@
-"""The other sides of drivers in the contract suite. A new middleware adds its own to `PEERS`."""
+"""Other sides of drivers in the contract suite. A new middleware adds its own to `PEERS`."""
 
 from __future__ import annotations
 
@@ -38,42 +38,42 @@ SERVED = Path(__file__).with_name("patient.py")
 
 
 class Peer(ABC):
-    """What is at the other end of a driver."""
+    """The other end of a driver."""
 
     other_process = True
-    """Whether it can be lost."""
+    """True if it is another process, which can be lost."""
 
     @abstractmethod
     def start(self) -> None:
-        """Be there."""
+        """Starts the peer."""
 
     @abstractmethod
     def open(self, *, arm: bool) -> Driver:
-        """A driver to the NAO there."""
+        """Opens a driver of the peer's NAO."""
 
     def freeze(self) -> None:
-        """Say nothing until `thaw`."""
+        """Suspends the peer until `thaw`."""
         raise NotImplementedError
 
     def thaw(self) -> None:
-        """Go on."""
+        """Resumes the peer."""
         raise NotImplementedError
 
     def kill(self) -> None:
-        """Die without a word."""
+        """Kills the peer without any farewell."""
         raise NotImplementedError
 
     def commander(self) -> subprocess.Popen[str]:
-        """Another process, which moves the robot and says `moving`."""
+        """Starts another process that moves the robot and prints `moving`."""
         raise NotImplementedError
 
     def disturb(self, messages: list[bytes]) -> None:
-        """Send bytes to wherever the driver listens."""
+        """Sends bytes to wherever the driver listens."""
         raise NotImplementedError
 
     @abstractmethod
     def stop(self) -> None:
-        """Be gone, with everything that was started."""
+        """Ends the peer and all programs that it started."""
 
 
 class Simulated(Peer):
@@ -96,7 +96,7 @@ class Process(Peer):
 
     process: subprocess.Popen[str] | None = None
     script = SERVED
-    """What serves it."""
+    """Program that serves it."""
 
     def __init__(self, via: Callable[[], str]) -> None:
         self.make_via = via
@@ -309,7 +309,7 @@ class Rosbridge(Process):
 
 
 def free_port() -> int:
-    """A TCP port of the loopback that nobody has."""
+    """Returns a TCP port of the loopback interface that is free."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
@@ -317,13 +317,14 @@ def free_port() -> int:
 
 @cache
 def bindings_server() -> str:
-    """HOST:PORT of the name server for YARP's bindings: they keep the first of a process for ever."""
+    """Returns HOST:PORT of the name server for YARP's bindings, which use the first one of a process for
+    ever."""
     return f"127.0.0.1:{free_port()}"
 
 
 @contextmanager
 def bindings_configured() -> Iterator[str]:
-    """YARP's configuration says that this is the name server, whoever it is."""
+    """Makes YARP's configuration name this name server."""
     with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         Path(folder, "yarp.conf").write_text(f"{bindings_server().replace(':', ' ')} yarp\n")
         patch.setenv("YARP_CONFIG_HOME", folder)
@@ -331,7 +332,7 @@ def bindings_configured() -> Iterator[str]:
 
 
 def lcm_url(ttl: int = 0) -> str:
-    """A group that nobody else is in, unless told otherwise on this machine only."""
+    """Returns the URL of a group that no other test uses; by default it stays on this machine."""
     return f"udpm://239.255.76.67:{free_port()}?ttl={ttl}"
 
 
@@ -350,4 +351,5 @@ PEERS: dict[str, Callable[[], Peer]] = {
 """Every driver, by name."""
 
 BINDINGS: dict[str, Callable[[], Peer]] = {"yarp-bindings": YarpBindings} if bindings_dialect() else {}
-"""The same by a library that neither Debian nor PyPI has: where it is, the contract holds for it too."""
+"""The driver over a library that neither Debian nor PyPI has: if it is installed, the contract holds for it
+too."""

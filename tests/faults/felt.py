@@ -1,4 +1,4 @@
-"""A robot with noisy skin, as fast as it can be computed, and how often its reflex answers."""
+"""A robot with noisy skin, simulated as fast as possible, and the number of its reflex's answers."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from tci.skin.skin import Skin
 RATE = 50.0
 ROBOT = tci.load_robot("nao")
 PATCH = ROBOT.patches[0]
-"""The one that injectors spoil."""
+"""The patch that injectors change."""
 OTHER = next(p for p in ROBOT.patches if p.part != PATCH.part and p.segment == "forearm")
 JUST_FELT = 40.0
-"""Counts of a touch that the reflex answers."""
+"""Amplitude [counts] of a touch that the reflex answers."""
 
 
 class NoisySkin(Driver):
-    """A NAO that is where it was told to be. Its skin has one count of noise; `touch` adds a press."""
+    """A NAO that reaches commanded angles at once. Its skin has noise of one count; `touch` adds a press."""
 
     def __init__(self, *, noise: float = 1.0, body: bool = True) -> None:
-        """`body`: whether the gate keeps links apart, which takes most of the time."""
+        """Starts the robot; with `body` the gate checks self-collision, which takes most of the time."""
         binding = ROBOT.binding("sim").model_copy(update={"rate": RATE})
         super().__init__(
             DriverInfo.of(
@@ -54,7 +54,7 @@ class NoisySkin(Driver):
     def touch(
         self, begin: float, end: float, patch: str = PATCH.name, *, count: int = 12, counts: float = JUST_FELT
     ) -> None:
-        """Press the taxels nearest to a field of the patch's segment from `begin` to `end` [s]."""
+        """Presses the taxels nearest to a field of the patch's segment from `begin` to `end` [s]."""
         skin = Skin(ROBOT)
         words = ROBOT.patch(patch)
         field = next(f for f in tci.WithdrawalReflex().fields if f.segment == words.segment)
@@ -64,7 +64,7 @@ class NoisySkin(Driver):
         self.touches.append((begin, end, patch, skin.surfaces[patch].channels[nearest], counts))
 
     def scatter(self, begin: float, end: float, count: int) -> None:
-        """Press `count` single taxels of all patches that do not touch each other."""
+        """Presses `count` single taxels, none next to another, on all patches."""
         skin = Skin(ROBOT)
         left = count
         for patch in ROBOT.patches:
@@ -108,7 +108,7 @@ class NoisySkin(Driver):
 
 
 class Counted(tci.Capability[WithdrawalMemory]):
-    """The withdrawal reflex, and when it began to answer, by arm."""
+    """The withdrawal reflex, which records by arm when it began to answer."""
 
     def __init__(self) -> None:
         self.reflex = tci.WithdrawalReflex()
@@ -145,6 +145,6 @@ class Felt:
         ).memory
 
     def answers(self, part: str) -> list[float]:
-        """When an arm began to withdraw [s] after the fault; at first the noise is unknown, which does not
-        count."""
+        """Returns the times [s] after the fault at which an arm began to withdraw, without those of the
+        beginning, when the noise is still unknown."""
         return [started - self.at for started in self.reflex.answers[part] if started > self.at - 1.0]

@@ -1,4 +1,4 @@
-"""A run with one fault: arms that swing, in any mode, and an injector that spoils what is read."""
+"""A run with one fault: arms that swing, in any mode, and an injector that changes the readings."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from tci.runtime.loop_report import LoopReport
 AT = 0.2
 ARMS = ("left_arm", "right_arm")
 PUSH = 3.0
-"""Torque [N m] of the first joint of each arm."""
+"""Torque [N m] on the first joint of each arm."""
 
 
 class Sway(tci.Capability[None]):
-    """Both arms swing all the time."""
+    """Swings both arms all the time."""
 
     def __init__(self, mode: Mode = Mode.POSITION) -> None:
         self.mode = mode
@@ -68,7 +68,8 @@ class Rehearsal:
         return {tick.sent.state for tick in self.ticks}
 
     def stopped_after(self) -> float:
-        """Time [s] from the fault to the stop, which lasts; and the robot's references are at rest then."""
+        """Returns the time [s] from the fault to the stop; checks that the stop lasts and that the references
+        are then at rest."""
         first = next(i for i, tick in enumerate(self.ticks) if tick.sent.state is GateState.STOP)
         assert all(tick.sent.state is GateState.STOP for tick in self.ticks[first:])
         assert np.abs(self.ticks[-1].sent.velocity).max() < 1e-9

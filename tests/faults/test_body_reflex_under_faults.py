@@ -1,5 +1,4 @@
-"""The same faults of the skin on head, torso and leg, with the body's withdrawal. Named by the fault's
-number."""
+"""Skin faults on head, torso and leg, with the body's withdrawal. Tests are named by the fault's number."""
 
 from __future__ import annotations
 
@@ -28,7 +27,7 @@ from tci.robot.joint_map import initial_position
 from tci.runtime.loop import Tick, run
 
 LEARNT = 5.0
-"""Time [s] after which noise and rest are learnt."""
+"""Time [s] after which noise and rest values are estimated."""
 RATE = 50.0
 FIELDS = {one.name: one for one in default_body_fields().field}
 PLACES: Mapping[str, tuple[str, str, BodyField]] = {
@@ -36,14 +35,14 @@ PLACES: Mapping[str, tuple[str, str, BodyField]] = {
     "torso": ("torso", "torso_skin", FIELDS["chest"]),
     "leg": ("left_leg", "left_shank", FIELDS["shank_front"]),
 }
-"""Part, patch and field by kind. The patch comes first, so it is the one that injectors spoil."""
+"""Part, patch and field, by kind. The patch comes first, so it is the one that injectors change."""
 EACH = pytest.mark.parametrize("kind", PLACES)
 JUST_FELT = 40.0
-"""Counts of a touch that the reflex answers."""
+"""Amplitude [counts] of a touch that the reflex answers."""
 
 
 def wearing(kind: str) -> Robot:
-    """An iCub with the skin of one place only."""
+    """Returns an iCub with the skin of one place only."""
     robot = tci.load_robot("icub-whole")
     binding = robot.binding("sim").model_copy(update={"rate": RATE})
     return robot.model_copy(
@@ -52,15 +51,15 @@ def wearing(kind: str) -> Robot:
 
 
 class NoisyBody(Driver):
-    """An iCub that is where it was told to be. Its skin has one count of noise; `touches` are times [s] of a
-    press of half a second on the field's middle."""
+    """An iCub that reaches commanded angles at once. Its skin has noise of one count; `touches` are times [s]
+    of presses on the middle of the field, each half a second long."""
 
     def __init__(self, kind: str, touches: tuple[float, ...] = ()) -> None:
         super().__init__(
             DriverInfo.of(
                 wearing(kind), "sim", clock=ManualClock(), armed=True,
                 lease_name=f"felt:{os.getpid()}:{id(self)}",
-                # Keeping links apart takes most of the time and plays no part here.
+                # The self-collision check takes most of the time and has no effect here.
                 settings=GateSettings(self_collision=None),
             )
         )  # fmt: skip
@@ -93,7 +92,7 @@ class NoisyBody(Driver):
 
 @dataclass
 class Counted(tci.Capability[BodyMemory]):
-    """The body's reflex, and when a part began to answer [s]."""
+    """The body's reflex, which records when each part began to answer [s]."""
 
     reflex: BodyWithdrawal = field(default_factory=lambda: BodyWithdrawal(stance="supported"))
     answers: list[tuple[float, str]] = field(default_factory=list)
@@ -115,7 +114,8 @@ class Counted(tci.Capability[BodyMemory]):
 def felt(
     kind: str, fault: str, duration: float, *touches: float, lasts: float = np.inf
 ) -> tuple[Array, list[Tick]]:
-    """When the part answered [s after the fault, which is at LEARNT], and all that passed."""
+    """Returns the times [s] after the fault, which is at LEARNT, at which the part answered, and all
+    ticks."""
     ticks: list[Tick] = []
     reflex = Counted()
     driver = NoisyBody(kind, tuple(LEARNT + touch for touch in touches))
@@ -183,7 +183,8 @@ def test_07_a_step_of_the_baseline_is_answered_once(kind: str) -> None:
 
 @pytest.mark.parametrize("name", ["nao-whole", "icub-whole"])
 def test_07_the_weight_of_a_robot_that_stands_is_no_step_of_the_baseline(name: str) -> None:
-    """It presses all of a sole for as long as the robot stands, and a leg must not believe that it hangs."""
+    """The weight presses the whole sole for as long as the robot stands, and the leg must not be taken for
+    one that hangs."""
     robot, random = tci.load_robot(name), np.random.default_rng(5)
     body, reflex = GenericBody(robot), BodyWithdrawal(stance="supported")
     soles = [patch for patch in robot.patches if patch.name.endswith("_sole")]

@@ -1,4 +1,4 @@
-"""The catalogue, its page and the tests that it names can't drift apart."""
+"""The catalogue of faults, its page and the tests that it names agree."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PAGE = ROOT / "docs" / "reliability.md"
 
 
 def row(known: KnownFault) -> str:
-    """The fault's line in the table of the page."""
+    """Returns the fault's line in the table of the page."""
     shown = f"open: {known.missing}" if known.missing else f"`{known.test}`"
     return f"| {known.number} | {known.fault} | {known.expected} | {shown} |"
 

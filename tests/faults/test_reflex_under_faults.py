@@ -1,4 +1,5 @@
-"""Faults of the skin from end to end, with the reflex that answers to it. Named by the fault's number."""
+"""Skin faults from end to end, with the reflex that answers touches. Tests are named by the fault's
+number."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ from tci.gate.gate import GateState
 from tci.messages import LimbPlace
 
 LEARNT = 5.0
-"""Time [s] after which noise and rest are learnt."""
+"""Time [s] after which noise and rest values are estimated."""
 
 
 def held(felt: Felt) -> set[GateState]:

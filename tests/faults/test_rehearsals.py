@@ -1,4 +1,4 @@
-"""Faults from end to end: the simulated robot moves, an injector spoils it, gate and loop answer.
+"""Faults from end to end: the simulated robot moves, an injector changes its data, gate and loop react.
 
 Tests are named by the fault's number in the catalogue.
 """

@@ -1,6 +1,6 @@
-"""Faults of joints from end to end, in the modes in which a joint may yield: impedance and torque.
+"""Joint faults from end to end, in the modes in which a joint may yield: impedance and torque.
 
-There the measured motion need not be the commanded one. What readings say of themselves still counts.
+In these the measured motion need not be the commanded one. Flags in the readings still count.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from tci.simulation.world import World
 from tci.skin.skin import Skin
 
 END = 0.05
-"""Time [s] from the last reading that can be believed within which torques end."""
+"""Time [s] after the last credible reading within which torques end."""
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def driver(world: World) -> SimulatedDriver:
 
 
 def pushes_after(done: Rehearsal, time: float) -> float:
-    """Largest torque [N m] that was sent from `time` [s] on."""
+    """Returns the largest torque [N m] that was sent from `time` [s] on."""
     late = [np.abs(tick.sent.torque).max(initial=0.0) for tick in done.ticks if tick.now >= time - 1e-9]
     assert late
     return float(max(late))
@@ -56,7 +56,7 @@ def pushes_after(done: Rehearsal, time: float) -> float:
 def stops(
     driver: SimulatedDriver, name: str, mode: Mode, *, between: tuple[float, float], believed: bool = False
 ) -> Rehearsal:
-    """Torques end, or only brake where angles and velocities can be `believed`."""
+    """Checks that torques end, or only brake if angles and velocities can be `believed`."""
     done = Rehearsal(driver, name, mode=mode)
     low, high = between
     after = done.stopped_after()
@@ -102,7 +102,7 @@ def test_15_wrong_taxel_count(driver: SimulatedDriver, mode: Mode) -> None:
 
 
 class AnotherRobot(Injector):
-    """What a NAO sends."""
+    """Readings of a NAO in place of the robot's own."""
 
     number = 16
     says = "joints and skin are another robot's"
@@ -130,7 +130,7 @@ def test_16_readings_of_another_robot(
 
 
 class Scattered(Injector):
-    """Taxels and their neighbours, pressed by something that TCI can't know of."""
+    """Single taxels and their neighbours, pressed by something that TCI has no knowledge of."""
 
     number = 17
     says = "thirty places are touched at once"
@@ -163,7 +163,7 @@ class Scattered(Injector):
 def test_17_thirty_contacts_at_once(
     driver: SimulatedDriver, mode: Mode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What reflex and soft reaction do then is bounded, and each arm has one answer."""
+    """The response of reflex and soft reaction is bounded, and each arm has one answer."""
     monkeypatch.setitem(INJECTORS, "scattered", Scattered)
     behaviour = SoftReaction(mode=mode) if mode is Mode.TORQUE else WithdrawalReflex(mode=mode)
     done = Rehearsal(driver, "scattered", mode=mode, behaviour=behaviour)
@@ -185,7 +185,7 @@ def test_20_stale_encoder(driver: SimulatedDriver, mode: Mode) -> None:
 
 
 def test_21_a_joint_that_is_blocked_is_none_that_fails(driver: SimulatedDriver, mode: Mode) -> None:
-    """It may be held: whoever asks for a torque or an equilibrium gets no more than that."""
+    """A person may hold the joint: a command of torque or equilibrium gets no more than that."""
     done = Rehearsal(driver, "stall", mode=mode)
     assert done.states == {GateState.RUN}
     assert pushes_after(done, AT) <= 3.0
@@ -202,7 +202,7 @@ def test_22_servo_off(driver: SimulatedDriver, mode: Mode) -> None:
 
 def test_23_mode_mismatch(driver: SimulatedDriver, mode: Mode) -> None:
     done = stops(driver, "mode-mismatch", mode, between=(0.45, 0.55), believed=True)
-    last = done.ticks[-1]  # 0.1 s later; its data is sound, so what moves is braked until then
+    last = done.ticks[-1]  # 0.1 s later; its data is correct, so moving joints are braked until then
     assert AT + done.stopped_after() + 2 * END - 0.005 < last.now
     assert np.abs(last.reading.joints.velocity).max() < 0.002, "it rests"
     assert pushes_after(done, last.now) < 0.01, "and is left alone"

@@ -1,4 +1,4 @@
-"""Heartbeats: silence is told in time, and no bytes do harm."""
+"""Heartbeats: silence is detected in time, and arbitrary bytes do no harm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two commanders of one robot, whatever is done to the file that says who commands it."""
+"""Two commanders of one robot, with every manipulation of the file that names the commander."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ NAME = "the robot of these tests"
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder for leases of a test's own."""
+    """Returns a folder for the leases of one test."""
     folder = tmp_path / "leases"
     monkeypatch.setenv("TCI_LEASES", str(folder))
     return folder
 
 
 def file_in(folder: Path) -> Path:
-    """The file of the only lease that was ever taken there."""
+    """Returns the file of the only lease that was taken in the folder."""
     (file,) = folder.iterdir()
     return file
 
@@ -40,12 +40,13 @@ def refused(words: str) -> None:
 
 @pytest.fixture
 def forked() -> Iterator[Callable[[Callable[[], None]], int]]:
-    """Forks a child that does something and then waits; the child is killed in the end."""
+    """Yields a function that forks a child, which runs something and then waits; the child is killed at the
+    end."""
     children: list[int] = []
 
     def fork(act: Callable[[], None]) -> int:
         child = os.fork()
-        if child == 0:  # nothing of pytest may go on in here
+        if child == 0:  # no code of pytest may run in here
             try:
                 act()
                 time.sleep(60.0)
@@ -80,7 +81,7 @@ def test_26_a_forked_child_does_not_keep_the_lease_of_its_killed_parent(
         os.kill(parent, signal.SIGKILL)
         os.waitid(os.P_PID, parent, os.WEXITED | os.WNOWAIT)
         with lease(NAME):
-            os.kill(child, 0)  # it still lives
+            os.kill(child, 0)  # it is still alive
     finally:
         os.kill(child, signal.SIGKILL)
 

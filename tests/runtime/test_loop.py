@@ -1,4 +1,4 @@
-"""The loop when something goes wrong: it counts, holds, stops, and never ends with the robot in motion."""
+"""Faults of the loop: it counts, holds and stops, and never ends with the robot in motion."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from tci.simulation.world import World
 
 
 class Swing(tci.Capability[int]):
-    """Sends the head far away at once, and may do something at its `at`-th step."""
+    """Commands the head far away at once, and may run an action at its `at`-th step."""
 
     def __init__(self, at: int = -1, what: Callable[[], object] = int) -> None:
         self.at, self.what = at, what
@@ -52,7 +52,7 @@ class Swing(tci.Capability[int]):
 
 
 class Still(Swing):
-    """Asks for nothing."""
+    """Sends no commands."""
 
     def step(
         self, memory: int, perception: Perception, body: GenericBody
@@ -176,7 +176,7 @@ def test_42_a_signal_brings_the_robot_to_rest(
 def test_42_more_signals_do_not_interrupt_the_stop(
     driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whoever presses Ctrl-C twice, or a wrapper that forwards it: what was written last was full speed."""
+    """Ctrl-C is often pressed twice, or a wrapper forwards it: the last written command was at full speed."""
     read, write, sent = driver.read, driver.write, []
 
     def interrupt() -> None:
@@ -222,7 +222,7 @@ def test_a_run_that_is_over_leaves_no_joint_in_motion(
     capability: Swing,
     until: Callable[[int], bool] | None,
 ) -> None:
-    """Nobody would end it: a velocity that YARP was sent goes on for ever."""
+    """Otherwise nothing would end it: YARP continues a velocity for ever."""
     write, sent = driver.write, []
 
     def watched(safe: SafeCommand) -> SafeCommand:
@@ -252,7 +252,7 @@ def test_a_run_that_is_over_leaves_no_joint_in_motion(
 def test_what_holds_a_robot_elsewhere_is_over_when_a_run_has_ended(
     driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The process that owns it hears of the end later."""
+    """The process that owns the robot learns of the end later."""
     read, reads = driver.read, 0
 
     def held() -> Reading:
@@ -271,7 +271,7 @@ def test_what_holds_a_robot_elsewhere_is_over_when_a_run_has_ended(
 def test_a_robot_that_does_not_come_to_rest_is_not_waited_for(
     driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Neither until it rests nor until what holds it is over: `REST` each, here none at all."""
+    """The loop waits neither for rest nor for the end of a hold: `REST` each, here none at all."""
     monkeypatch.setattr("tci.runtime.loop.REST", 0.0)
     report = LoopReport()
     run(driver, Spin(), duration=0.1, report=report)
@@ -295,7 +295,7 @@ def test_a_step_that_gives_no_pair_is_told_what_to_give(driver: SimulatedDriver,
 def test_a_run_that_writes_nothing_does_not_begin_when_it_fails(
     driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its references moved, and the robot did not: it would jump."""
+    """Its references moved while the robot did not: it would jump."""
     sent: list[SafeCommand] = []
     monkeypatch.setattr(driver, "write", sent.append)
     with pytest.raises(ZeroDivisionError):
@@ -408,7 +408,7 @@ def test_40_what_was_there_before_a_run_costs_no_collection_in_it(driver: Simula
     run(driver, Swing(3, lambda: looked_at.append(len(gc.get_objects()))), duration=0.05)
     run(driver, Swing(900, lambda: looked_at.append(len(gc.get_objects()))), duration=2.0)
     assert len(ballast) < len(gc.get_objects())
-    assert max(looked_at) < 20_000  # nor does it grow
+    assert max(looked_at) < 20_000  # and it does not grow
 
 
 def test_the_report_tells_quantiles_in_milliseconds() -> None:
@@ -447,7 +447,7 @@ def test_45_loops_side_by_side_all_see_a_failing_thread() -> None:
     with ExitStack() as first:
         one = first.enter_context(interruptions())
         with interruptions() as other:
-            first.close()  # the first one ends while the second goes on
+            first.close()  # the first one ends while the second continues
             thread = threading.Thread(target=lambda: 1 / 0, name="helper")
             thread.start()
             thread.join()
@@ -578,7 +578,7 @@ def test_10_skin_that_stands_still_makes_the_robot_hold(monkeypatch: pytest.Monk
 
 def test_41_every_period_counts_once_wherever_in_it_the_loop_wakes() -> None:
     class Shaky(tci.ManualClock):
-        """Time passes with every look, and it wakes late, by up to two periods."""
+        """A clock that advances with every reading and wakes late, by up to two periods."""
 
         def now(self) -> float:
             self.advance(2e-5)
@@ -589,7 +589,7 @@ def test_41_every_period_counts_once_wherever_in_it_the_loop_wakes() -> None:
             super().sleep_until(stamp + driver.period * (0.999 if almost else 2.0 * random.random() ** 4))
 
     class Standing(Driver):
-        """A robot that stays where it is."""
+        """A robot that does not move."""
 
         count = 0
 

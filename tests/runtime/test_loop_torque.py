@@ -1,4 +1,4 @@
-"""How a run ends in torque mode: the last torque that is written is none."""
+"""The end of a run in torque mode: the last torque that is written is zero."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from tci.simulation.world import World
 ROBOT = tci.load_robot("icub")
 ELBOW = next(servo.index for servo in ROBOT.servos if servo.name == "l_elbow")
 END = 0.05
-"""Time [s] from the last reading within which torques end."""
+"""Time [s] after the last reading within which torques end."""
 
 
 class Push(tci.Capability[None]):
-    """Pushes one joint until the gate brakes it, and on."""
+    """Pushes one joint until the gate brakes it, and continues."""
 
     def init(self, body: GenericBody) -> None:
         return None
@@ -39,7 +39,7 @@ class Push(tci.Capability[None]):
 
 
 class Sent(list[tuple[float, float]]):
-    """Times [s] and torques [N m] that were written to the elbow, noted on the way to a driver."""
+    """Times [s] and torques [N m] written to the elbow, recorded on the way to a driver."""
 
     def __init__(self, driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch) -> None:
         write = driver.write
@@ -52,7 +52,7 @@ class Sent(list[tuple[float, float]]):
         monkeypatch.setattr(driver, "write", noted)
 
     def since(self, time: float) -> np.ndarray:
-        """Torques that were written from `time` [s] on."""
+        """Returns the torques that were written from `time` [s] on."""
         return np.array([torque for stamp, torque in self if stamp >= time - 1e-9])
 
 
@@ -78,7 +78,7 @@ def test_28_reading_that_fails_where_writing_works_ends_with_no_torque(
 
     def observe(tick: Tick) -> None:
         braked = bool(sent) and sent[-1][1] < -0.2
-        if braked:  # by the gate, against what was asked
+        if braked:  # by the gate, against the command
             monkeypatch.setattr(driver, "_receive", cut)
 
     with pytest.raises(DriverError, match="on purpose"):
@@ -92,7 +92,7 @@ def test_28_reading_that_fails_where_writing_works_ends_with_no_torque(
 def test_joint_data_that_keeps_a_torque_up_does_not_outlive_the_run(
     driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A joint that swings on is braked, and let go before the loop ends."""
+    """A joint that keeps swinging is braked, and free of torque before the loop ends."""
     sent, receive = Sent(driver, monkeypatch), driver._receive
 
     home = read_only(driver.world.joints().position.copy())

@@ -1,4 +1,4 @@
-"""Mistakes of a first hour: each is understood, or answered with a sentence that says what would be valid."""
+"""Mistakes of beginners: each is accepted, or answered with a sentence that lists what is valid."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 class Ask(tci.Capability[int]):
-    """Answers each period with what it is made with."""
+    """A capability that returns its given answer in each period."""
 
     def __init__(self, answer: Any = ()) -> None:
         self.answer = answer
@@ -36,14 +36,14 @@ class Ask(tci.Capability[int]):
 
 
 class Settings(Ask):
-    """Can't be made without an answer."""
+    """A capability that can't be created without an answer."""
 
     def __init__(self, answer: Any) -> None:
         super().__init__(answer)
 
 
 def refusals(driver: SimulatedDriver, answer: Any) -> str:
-    """Returns the words of a result whose every command was refused."""
+    """Returns the texts of a result whose every command was refused."""
     result = tci.run(driver, Ask(answer), duration=0.01)
     assert not result
     return str(result)

@@ -1,4 +1,4 @@
-"""A loop in real time, where the system permits it, and as it was before afterwards."""
+"""A loop in real time if the system permits it; afterwards the former settings are restored."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from tci.runtime.real_time import PRIORITY, real_time, real_time_where_permitted
 
 
 def now() -> tuple[int, int, set[int]]:
-    """Policy, priority and processors of this thread."""
+    """Returns policy, priority and processors of this thread."""
     return os.sched_getscheduler(0), os.sched_getparam(0).sched_priority, os.sched_getaffinity(0)
 
 
 def permitted() -> bool:
-    """Whether this user may ask for real time."""
+    """Returns True if this user may use real-time priority."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     except PermissionError:

@@ -63,7 +63,7 @@ def test_ticks_are_skipped_never_caught_up() -> None:
 
 def test_a_clock_that_has_run_for_days_serves_each_period_once() -> None:
     for start in np.random.default_rng(0).integers(10**12, 10**15, 50) * 1e-9:
-        clock = ManualClock(float(start))  # wakes at the very time, which is rounded
+        clock = ManualClock(float(start))  # wakes exactly at the time, which is rounded
         served = [now - start for now in itertools.islice(ticks(clock, 0.001), 300)]
         assert served == pytest.approx(np.arange(300) * 0.001)
 
@@ -89,7 +89,7 @@ def test_connect_lists_what_there_is() -> None:
         tci.connect(robot, "sim", armed=True)
     with tci.connect(robot, "sim", skin=False) as driver:
         assert not driver.read().skin
-    with pytest.raises(DriverError, match="seed beside a world; valid: give them to the World"):
+    with pytest.raises(DriverError, match="seed for a world that exists already; valid: World"):
         SimulatedDriver(robot, world=World(robot), seed=3)
     with pytest.raises(UnknownNameError, match="no option of the driver 'replay' named 'rate'; valid: arm"):
         tci.connect(robot, "replay:touch.mcap", rate=100.0)

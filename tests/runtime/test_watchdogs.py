@@ -1,4 +1,4 @@
-"""What surrounds the loop, one by one: silent skin, standstills, signals, threads, the lease's folder."""
+"""Watchdogs around the loop, one by one: silent skin, stalls, signals, threads, the lease's folder."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PATCHES = [patch.name for patch in NAO.patches]
 
 
 def reading(**sequences: int) -> Reading:
-    """Joints, and a frame of each named patch with its number."""
+    """Returns joints, and a frame of each named patch with its sequence number."""
     zeros = np.zeros(len(NAO.servos))
     frames = (SkinFrame(name, 0.0, number, np.zeros(4)) for name, number in sequences.items())
     return Reading(JointReading(0.0, 0, zeros, zeros), tuple(frames))
@@ -201,7 +201,7 @@ def test_threads_get_their_turn_and_it_is_as_before_afterwards(usual: float) -> 
 def test_26_no_lease_is_cleared_away_while_it_is_held(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """systemd-tmpfiles removes what is old, but nothing below a folder that it can't lock for itself."""
+    """systemd-tmpfiles removes old files, but nothing below a folder that it can't lock."""
     monkeypatch.setenv("TCI_LEASES", str(tmp_path))
     tmp_path.chmod(0o700)
     handle = os.open(tmp_path, os.O_RDONLY)

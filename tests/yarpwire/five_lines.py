@@ -1,6 +1,6 @@
-"""Runs the first program of yarpwire's README beside a port that sends one message; prints what it reads.
+"""Runs the first program of yarpwire's README beside a port that sends one message; prints its output.
 
-It needs the package alone, and stands in for the name server of a robot, for the robot and for a person.
+It needs only the package. It takes the part of a robot's name server, of the robot and of a person.
 """
 
 from __future__ import annotations

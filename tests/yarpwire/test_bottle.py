@@ -1,4 +1,4 @@
-"""Bottles and messages: what is refused, and that what is accepted means the same."""
+"""Bottles and messages: refusals, and unchanged meaning of what is accepted."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def holds_floats(items: list[Any]) -> bool:
 
 
 def test_mutated_messages_are_read_or_refused_and_nothing_else() -> None:
-    """What is read accounts for every byte; numbers of one dialect are never read in the other."""
+    """Decoded values account for every byte; numbers of one dialect are never read in the other."""
     messages = [(data, DIALECTS[name]) for name in DIALECTS for one in binary(name) for way, data in one
                 if way == ">" and len(data) > 30]  # fmt: skip
     chance = random.Random(20261121)

@@ -1,4 +1,4 @@
-"""Captured flows of real YARP: decoded, encoded again, the same bytes."""
+"""Recorded traffic of genuine YARP: decoded, encoded again, and equal byte by byte."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FAST_TCP = 3
 
 
 def again(blocks: list[bytes], dialect: Dialect) -> bytes:
-    """A message from its meaning alone."""
+    """Returns a message encoded from its decoded values."""
     command, body = message.unpack_command(b"".join(blocks))
     head = message.pack_command(command.kind, str(command.stamp or ""))
     if not body:

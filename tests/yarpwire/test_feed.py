@@ -1,4 +1,4 @@
-"""What a driver keeps of a port, and when it waits for more."""
+"""Messages that a feed keeps of a port, and the times at which it waits for more."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_messages_of_one_stamp_are_told_apart_by_their_count(writer: Writer) -> 
         writer.port.write(np.full(3, float(count)), Stamp(count, 7.0))
         writer.count = count + 1
         assert until(writer.came)
-    writer.port.write(np.zeros(3), Stamp(2, 7.0))  # an older one is none
+    writer.port.write(np.zeros(3), Stamp(2, 7.0))  # an older message is ignored
     writer.port.write(np.full(3, 5.0), Stamp(5, 7.0))
     writer.count = 6
     assert until(writer.came)

@@ -1,4 +1,4 @@
-"""Name server, ours and its client: against captured sessions of real ports, and against each other."""
+"""Name server and its client: against recorded sessions of genuine ports, and against each other."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def server() -> Iterator[NameServer]:
 def test_real_ports_hear_from_our_name_server_what_they_heard_from_the_real_one(
     name: str, server: NameServer
 ) -> None:
-    """Registrations of then are made first, since a session joined others that were running."""
+    """Earlier registrations are made first, since a session joined others that were running."""
     answered = 0
     for connection in naming(name):
         request, real = connection[0][1].decode(), connection[1][1].decode()
@@ -96,14 +96,14 @@ def test_who_knows_the_key_is_answered_and_nobody_else() -> None:
     "said", [b"", b"no", b"n\xffnce\nand mac", b"registration name /a ip 1.2.3.4 port 1 type tcp\r\n"]
 )
 def test_an_answer_without_its_end_is_none(said: bytes) -> None:
-    """A nonce of eight bytes and its check have a line feed now and then."""
+    """A nonce of eight bytes and its MAC contain a line feed now and then."""
 
     def hang_up(sock: socket.socket, visitor: Visitor) -> None:
         sock.recv(100)
         sock.sendall(said)
 
     listener = Listener("127.0.0.1", 0, hang_up, name="a server")
-    with pytest.raises(PortError, match="hung up"):
+    with pytest.raises(PortError, match="closed the connection"):
         Names(listener.address).query("/a")
     listener.close()
 
@@ -130,7 +130,7 @@ def test_without_a_file_and_an_answer_the_error_says_what_to_do(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(yarp_names, "detect", lambda space: None)
-    with pytest.raises(PortError, match=r"HOST:PORT of one.*yarpserver"):
+    with pytest.raises(PortError, match=r"an address HOST:PORT.*yarpserver"):
         find_server()
 
 

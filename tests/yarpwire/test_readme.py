@@ -1,4 +1,4 @@
-"""The programs of yarpwire's README run as they stand."""
+"""The programs of yarpwire's README run unchanged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Connections over udp, whose end only a goodbye tells: a genuine sender closes its handshake at once."""
+"""Connections over udp, whose end only a quit message shows: a genuine sender closes its handshake at
+once."""
 
 from __future__ import annotations
 
@@ -26,14 +27,15 @@ from yarpwire.visitors import MOST
 
 
 class Reader:
-    """A port, and what came."""
+    """A port, and the messages that arrived."""
 
     def __init__(self, names: Names) -> None:
         self.came: queue.Queue[Delivery] = queue.Queue()
         self.port = Port("/r", names, V3, receive=self.came.put)
 
     def dial(self, sender: str) -> Callable[[bytes], object]:
-        """A sender as YARP's own: its handshake is over and closed. It sends what it is given."""
+        """Returns a function that sends bytes as YARP's own sender does, after its handshake is complete and
+        closed."""
         sock, _, port = outgoing.dial(self.port.contact, sender, UDP, None)
         sock.close()
         datagrams = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -61,7 +63,7 @@ def reader(names: Names) -> Iterator[Reader]:
 
 def test_a_silent_sender_stays_and_an_empty_datagram_ends_nothing(reader: Reader) -> None:
     send = reader.dial("/quiet")
-    for empty in (b"", b"\0" * 7, b"\0" * 10):  # the last is what YARP interrupts itself with
+    for empty in (b"", b"\0" * 7, b"\0" * 10):  # with the last one YARP interrupts itself
         send(empty)
     send(datagram("there"))
     assert reader.came.get(timeout=40).items(V3) == ["there"]
@@ -162,7 +164,7 @@ def test_a_sender_that_greets_while_its_port_closes_is_let_go(
 def test_a_silent_port_looks_now_and_then_whether_it_was_closed(
     reader: Reader, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """So that a wake-up that is lost costs seconds, no thread for good."""
+    """A lost wake-up then costs seconds, and no thread for good."""
     ended, run = threading.Event(), Incoming.run
 
     def watched(incoming: Incoming) -> None:

@@ -12,17 +12,17 @@ from tci.drivers.driver import Driver
 from tci.robot.description import Patch, Robot, Sensor
 
 SLOW = 0.8
-"""Fraction of its nominal rate below which a stream is slow. Assumed; no published value."""
+"""Fraction of its nominal rate below which a stream is slow. Assumed: rates vary by a few percent."""
 OFF = 0.15
 """Deviation of a skin's median from its rest value, as a fraction of the sensor's range, above which it gets
-a warning. Assumed; no published value."""
+a warning. Assumed: well above drift, and below an inverted or compensated sensor."""
 TURN = 2.0 * np.pi
-"""Largest plausible joint angle [rad] of a humanoid."""
+"""Largest plausible joint angle [rad]: no joint of a humanoid turns further than once."""
 
 
 def judge(driver: Driver, seen: Observation) -> tuple[Finding, ...]:
-    """Returns findings about an observed driver, with its own. Raises DriverError as `Driver.diagnose`
-    does."""
+    """Returns findings about an observed driver, together with those of `Driver.diagnose`. Raises DriverError
+    when the robot does not answer."""
     return (
         *driver.diagnose(),
         *_joint_stream(driver, seen.streams[0], seen.cost),
@@ -40,7 +40,9 @@ def _joint_stream(driver: Driver, stream: Stream, cost: Sequence[float] | np.nda
         f"at most {1e3 * stream.oldest:.1f} ms"
     )
     if not stream.frames:
-        yield Finding(Level.FAULT, "joints", "no joint data at all", "look at the robot's own tools first")
+        yield Finding(
+            Level.FAULT, "joints", "no joint data at all", "check the robot with its own tools first"
+        )
     elif stream.age > stale or stream.age < -stale:
         yield Finding(
             Level.FAULT,
@@ -61,7 +63,7 @@ def _joint_stream(driver: Driver, stream: Stream, cost: Sequence[float] | np.nda
     else:
         yield Finding(Level.OK, "joints", said, figures=figures)
     if stream.older:
-        yield Finding(Level.WARNING, "joints", f"{stream.older} readings came after newer ones")
+        yield Finding(Level.WARNING, "joints", f"{stream.older} readings arrived after newer ones")
     late = float(np.quantile(cost, 0.99)) if len(cost) else 0.0
     if late > driver.period:
         yield Finding(
@@ -82,13 +84,13 @@ def _joint_values(robot: Robot, seen: Observation) -> Iterator[Finding]:
             Level.FAULT,
             "joints",
             f"{joints.position.size} angles; the description has {len(robot.servos)} servos",
-            "another robot, or another description",
+            "connect to the described robot, or use the description of this one",
         )
         return
     for servo, angle in zip(robot.servos, joints.position.tolist(), strict=True):
         lower, upper = servo.limits.lower, servo.limits.upper
         if not np.isfinite(angle):
-            yield Finding(Level.FAULT, servo.name, f"its angle is {angle}", "look at the servo and its cable")
+            yield Finding(Level.FAULT, servo.name, f"its angle is {angle}", "check the servo and its cable")
         elif abs(angle) > TURN:
             yield Finding(
                 Level.FAULT,
@@ -139,7 +141,7 @@ def _skin_stream(robot: Robot, stream: Stream) -> Iterator[Finding]:
             Level.FAULT,
             stream.name,
             "no frame at all",
-            "is the skin switched on, and published under the name in the description's binding?",
+            "switch the skin on, and publish it under the name in the description's binding",
         )
         return
     if stream.frames == 1 or stream.rate == 0.0:
@@ -155,7 +157,7 @@ def _skin_stream(robot: Robot, stream: Stream) -> Iterator[Finding]:
             Level.WARNING,
             stream.name,
             said,
-            "a reflex answers that much later: look at the skin's driver, or correct the patch's rate",
+            "a reflex answers that much later: check the skin's driver, or correct the patch's rate",
             figures,
         )
     else:
@@ -164,8 +166,8 @@ def _skin_stream(robot: Robot, stream: Stream) -> Iterator[Finding]:
         yield Finding(
             Level.WARNING,
             stream.name,
-            f"{stream.lost} of {stream.sent} frames lost, {stream.older} came after newer ones",
-            "look at the network: another carrier, a cable, less traffic",
+            f"{stream.lost} of {stream.sent} frames lost, {stream.older} arrived after newer ones",
+            "improve the connection: another carrier, a cable, less traffic",
             figures,
         )
 
@@ -214,7 +216,7 @@ def _rest(patch: Patch, sensor: Sensor, values: np.ndarray) -> Iterator[Finding]
             Level.WARNING,
             patch.name,
             f"its values are around {middle:g}, at rest they should be {sensor.rest:g}",
-            "is something lying on it? Otherwise it is compensated, inverted or another sensor: correct "
+            "remove what lies on it; otherwise it is compensated, inverted or another sensor: correct "
             "rest and pascal_per_count in the description",
             figures,
         )
@@ -224,7 +226,7 @@ def _rest(patch: Patch, sensor: Sensor, values: np.ndarray) -> Iterator[Finding]
             Level.NOTE,
             patch.name,
             f"{dead} of {values.size} channels are 0",
-            "channels without a taxel are; a taxel among them is masked as dead",
+            "channels without a taxel read 0; a taxel among them is masked as dead",
             {"zeros": float(dead)},
         )
 

@@ -20,11 +20,12 @@ from tci.robot.joint_map import generic_posture
 from tci.runtime.lease import commanding
 
 LOOK = 1.0
-"""Time [s] for which the robot is observed first. Assumed; no published value."""
+"""Time [s] for which the robot is observed first. Assumed: at least ten frames of every patch."""
 STIFFNESS = 0.8
-"""Stiffness, as a fraction of the full one, of servos that are switched on. Assumed; no published value."""
+"""Stiffness, as a fraction of the full one, of servos that are switched on. Assumed: enough for small
+motions, and a person can still hold the joint back."""
 POWER = 2.0
-"""Longest time [s] to wait until they are on. Assumed; no published value."""
+"""Longest time [s] to wait until servos are on. Assumed: a servo reports its state several times a second."""
 
 
 def first_minutes(
@@ -123,12 +124,12 @@ def _postures(driver: Driver, operator: Operator, servos: Sequence[Servo]) -> It
         question = f"{part.name} is at (degrees): {angles}. Does it look so, within 10 degrees?"
         right = operator.saw(question, None)
         if right is None:
-            yield Finding(Level.NOTE, part.name, "its posture was not looked at")
+            yield Finding(Level.NOTE, part.name, "its posture was not checked")
         elif right:
-            yield Finding(Level.OK, part.name, f"it stands as its encoders say: {angles}")
+            yield Finding(Level.OK, part.name, f"its posture agrees with its encoders: {angles}")
         else:
             yield Finding(
-                Level.FAULT, part.name, f"it does not stand as its encoders say: {angles}",
+                Level.FAULT, part.name, f"its posture does not agree with its encoders: {angles}",
                 "correct zero (transform_displacement), sign (transform_factor) or unit in the description, "
                 "or calibrate the robot; nothing of this part is moved",
             )  # fmt: skip

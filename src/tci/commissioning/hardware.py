@@ -22,29 +22,31 @@ from tci.robot.description import Robot, Servo
 from tci.robot.kinematics import KinematicChain
 
 MOST = float(np.deg2rad(2.0))
-"""Largest motion [rad] of any servo."""
+"""Largest motion [rad] of any servo. Assumed: visible, and too small to do harm."""
 STEPS = np.deg2rad([0.03, 0.1, 0.3, 1.0, 1.8])
 """Successive displacements [rad] of a servo. The first is so small that degrees taken for radians stay below
 MOST; the last leaves room for overshoot."""
 SPEED = float(np.deg2rad(4.0))
 """Speed [rad/s] of these motions. Assumed: slow enough for a person to watch, 2 degrees in half a second."""
 SETTLE = 0.3
-"""Time [s] between the end of a motion and its measurement. Assumed; no published value."""
+"""Time [s] between the end of a motion and its measurement. Assumed: oscillations have decayed by then."""
 ARRIVE = 8.0
 """Longest time [s] of one step. Assumed: far above the half second that a step takes."""
 HOLDS = 2.0
-"""Longest total time [s] of gate holds during one step. Assumed; no published value."""
+"""Longest total time [s] of gate holds during one step. Assumed: short holds, as for a late frame, are
+harmless."""
 STRAY = float(np.deg2rad(0.4))
 """Motion [rad] of another servo, or in the wrong direction, that ends a step. Assumed: above NAO's play."""
 RATIO = (0.6, 1.4)
-"""Range of measured over commanded motion of a healthy servo, by its encoder. Assumed; no published value."""
+"""Range of measured over commanded motion of a healthy servo, by its encoder. Assumed: play and sag explain
+up to 40 % of a motion of 2 degrees."""
 UNIT = 180.0 / np.pi
 ADVICE = {
     Code.MOVED_WRONG_WAY: "command and encoder have opposite signs: correct the robot's driver",
     Code.MOVED_TOO_FAR: "a unit is wrong: degrees and radians differ by 57.3",
 }
 """Advice to the operator, by the code of the reason why a motion ended early."""
-ELSE = "look at cables and at the order of joints in the binding, before anything else"
+ELSE = "check cables, and the order of joints in the binding, before anything else"
 """Advice for every other code."""
 
 
@@ -70,7 +72,7 @@ class ServoCheck:
         if not limits.lower <= here <= limits.upper:
             return Finding(
                 Level.FAULT, servo.name,
-                f"not moved: it says {np.rad2deg(here):.1f} degrees, outside its limits "
+                f"not moved: its encoder reads {np.rad2deg(here):.1f} degrees, outside its limits "
                 f"{np.rad2deg(limits.lower):.1f} .. {np.rad2deg(limits.upper):.1f}",
                 "correct limits, zero, sign or unit in the description, or move it inside by hand",
             )  # fmt: skip
@@ -84,7 +86,7 @@ class ServoCheck:
         if expected is not None:
             what += f"; {expected.words}"
         if not self.operator.may(f"move {what}"):
-            return Finding(Level.NOTE, servo.name, "not moved: the operator said no")
+            return Finding(Level.NOTE, servo.name, "not moved: the operator did not permit it")
         moved, reason = self._out(servo, start, way, noise)
         if reason is None and self.driver.gate.state is not GateState.STOP:
             self._move(servo, here, way, start, noise)
@@ -106,14 +108,14 @@ class ServoCheck:
             own = moved[servo.index] * way
             if own > 3.0 * step + noise + np.deg2rad(0.2):
                 self.driver.halt()
-                words = f"it went {own / step:.0f} times as far as it was told"
+                words = f"it moved {own / step:.0f} times as far as commanded"
                 return moved, Reason(Code.MOVED_TOO_FAR, words)
             if index == 0 and servo.robot_part not in self._small:
                 # A wrong unit that encoder and command share can only be seen.
                 if not self.operator.still(
                     f"{servo.name} was sent {np.rad2deg(step):.2f} degrees, too little to see"
                 ):
-                    words = "it moved visibly, many times as far as it was told"
+                    words = "it moved visibly, many times as far as commanded"
                     return moved, Reason(Code.MOVED_TOO_FAR, words)
                 self._small.add(servo.robot_part)
         return moved, None
@@ -141,7 +143,7 @@ class ServoCheck:
             held += safe.state is GateState.HOLD
             if safe.state is GateState.STOP or held * driver.period > HOLDS:
                 code = Code.OTHER if safe.reason is None else safe.reason.code
-                return moved, Reason(code, f"the gate: {safe.reason}")
+                return moved, Reason(code, f"the gate ended it: {safe.reason}")
             if safe.refusals and safe.state is GateState.RUN:
                 refused = safe.refusals[0]
                 return moved, Reason(refused.code, f"the gate refused: {refused}")
@@ -193,23 +195,23 @@ def _verdict(
     """Judges a servo after a motion by `moved` (n,) [rad], positive in the commanded direction."""
     own = float(moved[servo.index])
     ratio = own / float(STEPS[-1])
-    figures = {"told_deg": float(np.rad2deg(STEPS[-1])), "measured_deg": float(np.rad2deg(own))}
+    figures = {"commanded_deg": float(np.rad2deg(STEPS[-1])), "measured_deg": float(np.rad2deg(own))}
     if reason is not None:
         advice = ADVICE.get(reason.code, ELSE)
         return Finding(Level.FAULT, servo.name, reason.text, advice, figures)
     if abs(ratio * UNIT - 1.0) < 0.15 and own > 2.0 * noise:
-        words = "it went 57 times less far than it was told"
-        return Finding(Level.FAULT, servo.name, words, "radians are sent where degrees belong", figures)
+        words = "it moved a 57th of the commanded motion"
+        return Finding(Level.FAULT, servo.name, words, "radians are sent in place of degrees", figures)
     if not RATIO[0] <= ratio <= RATIO[1]:
-        words = f"it went {np.rad2deg(own):.2f} of {np.rad2deg(STEPS[-1]):.1f} degrees"
-        advice = "is it stiff, free to move, and told in the right unit?"
+        words = f"it moved {np.rad2deg(own):.2f} of {np.rad2deg(STEPS[-1]):.1f} degrees"
+        advice = "check that it is stiff and free to move, and the unit of its commands"
         return Finding(Level.FAULT, servo.name, words, advice, figures)
-    said = f"it went {np.rad2deg(own):.2f} of {np.rad2deg(STEPS[-1]):.1f} degrees and back"
+    said = f"it moved {np.rad2deg(own):.2f} of {np.rad2deg(STEPS[-1]):.1f} degrees and back"
     if seen is None:
-        return Finding(Level.NOTE, servo.name, f"{said}; nobody saw where to", figures=figures)
+        return Finding(Level.NOTE, servo.name, f"{said}; the direction was not seen", figures=figures)
     if not seen:
         return Finding(
-            Level.FAULT, servo.name, f"{said} by its encoder, but not as the description says",
+            Level.FAULT, servo.name, f"{said} by its encoder, but not in the expected direction",
             "another joint moved, or this one the other way: correct its sign, or its place in the part",
             figures,
         )  # fmt: skip

@@ -17,12 +17,13 @@ from tci.robot.description import Patch
 from tci.skin.skin import Skin
 
 REST = 0.5
-"""Time [s] over which rest values are averaged before a touch. Assumed; no published value."""
+"""Time [s] over which rest values are averaged before a touch. Assumed: at least five frames of every
+patch."""
 PRESS = 10.0
 """Longest time [s] to wait for a touch, and for its end. Assumed: the operator has to find the place."""
 LEAST = 0.02
 """Least change that counts as a touch, as a fraction of the sensor's range; six times the noise if that is
-more. Assumed; no published value."""
+more. Assumed: a fingertip causes more than 2 % of the range."""
 NEAR = 0.02
 """Largest distance [m] of a response from the pressed taxel. Assumed: size of a fingertip and a skin
 module."""
@@ -34,7 +35,7 @@ class SkinCheck:
     """Compares the place where the skin is pressed with the place of its response."""
 
     def __init__(self, driver: Driver, operator: Operator) -> None:
-        """Raises what Skin raises."""
+        """Builds the robot's skin. Raises the errors of `Skin`."""
         self.driver, self.operator = driver, operator
         self.skin = Skin(driver.robot)
 
@@ -69,11 +70,13 @@ class SkinCheck:
 
     def _judge(self, subject: str, patch: Patch, taxel: int, felt: dict[str, Array]) -> Finding:
         if not felt:
-            words = f"nobody felt it within {PRESS:.0f} s"
-            return Finding(Level.FAULT, subject, words, "dead, or covered? Look at its module's cable")
+            words = f"no response within {PRESS:.0f} s"
+            return Finding(
+                Level.FAULT, subject, words, "the taxel is dead or covered: check its module's cable"
+            )
         if patch.name not in felt:
             return Finding(
-                Level.FAULT, subject, f"felt by {', '.join(felt)} instead",
+                Level.FAULT, subject, f"the response is on {', '.join(felt)} instead",
                 "two patches are swapped: correct the addresses in the description's binding",
             )  # fmt: skip
         change = felt[patch.name]
@@ -90,11 +93,12 @@ class SkinCheck:
         figures = {"away_mm": 1e3 * away, "strongest": float(strongest)}
         if away > NEAR:
             return Finding(
-                Level.FAULT, subject, f"felt {1e3 * away:.0f} mm away, most of all by taxel {strongest}",
+                Level.FAULT, subject,
+                f"the response was {1e3 * away:.0f} mm away, strongest at taxel {strongest}",
                 "the order of its modules or its table differs from the robot's: tci skin show draws them",
                 figures,
             )  # fmt: skip
-        return Finding(Level.OK, subject, f"felt {1e3 * away:.0f} mm away", figures=figures)
+        return Finding(Level.OK, subject, f"the response was {1e3 * away:.0f} mm away", figures=figures)
 
     def _felt(self, rest: dict[str, Array], noise: dict[str, Array], reading: Reading) -> dict[str, Array]:
         """Returns the change (taxels,) [counts], positive with pressure, of the taxels of patches with a

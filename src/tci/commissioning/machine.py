@@ -78,7 +78,7 @@ def _lease() -> Iterator[Finding]:
         yield Finding(
             Level.FAULT,
             "lease",
-            f"nobody could command a robot: {error}",
+            f"no program could command a robot: {error}",
             f"set {FOLDER} to a folder of your own, in every program that commands the robot",
         )
 

@@ -64,7 +64,7 @@ class Observation:
 
 
 HISTORY = 50
-"""Number of readings that an observation keeps."""
+"""Number of readings that an observation keeps. Assumed: enough for statistics of values; bounds memory."""
 ENOUGH = 1.5
 """Ratio of read to frame rate from which missing frames count as lost. Assumed: a margin for uneven
 reading."""

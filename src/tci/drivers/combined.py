@@ -13,7 +13,7 @@ from tci.messages import Reading, SkinFrame
 
 
 class CombinedDriver(DriverWrapper):
-    """One driver for the joints and others for the skin. Gate, clock and lease are those of the joints'
+    """One driver for the joints and others for the skin. It has the gate, clock and lease of the joints'
     driver."""
 
     def __init__(self, joints: Driver, skins: Sequence[Driver]) -> None:
@@ -24,7 +24,8 @@ class CombinedDriver(DriverWrapper):
         for driver in (joints, *skins):
             if not isinstance(driver.clock, MonotonicClock):
                 raise DriverError(
-                    f"{type(driver).__name__} has a time of its own, so it can't be joined to others"
+                    f"{type(driver).__name__} has a clock of its own, so it can't be combined with "
+                    "others; valid: drivers of real robots"
                 )
         sparse = [driver.info.keep_alive for driver in skins if driver.info.keep_alive]
         super().__init__(joints, keep_alive=max(sparse, default=None))

@@ -1,5 +1,7 @@
-"""Access to sockets that a library opens in this process and offers no setting for. Linux lists them;
-elsewhere none are found."""
+"""Access to sockets that a library opens in this process and offers no setting for.
+
+Linux lists the sockets of a process. On other systems none are found, and nothing is changed.
+"""
 
 from __future__ import annotations
 
@@ -25,51 +27,52 @@ except ModuleNotFoundError:  # Windows
 
 FOLDER = Path("/proc/self/fd")
 LOOK = 0.25
-"""Time [s] between two checks of a library's connections. Assumed: a flood opens a few hundred meanwhile."""
+"""Time [s] between two checks of a library's connections. Assumed: a flood of connections opens no more than
+a few hundred in that time."""
 SO_DOMAIN = 39
 """Linux's option for the family of a socket, which Python does not define."""
 INFO = 256
 """Bytes requested of Linux's `struct tcp_info`, which grows with its versions."""
 SILENT_AT, RECEIVED_AT = 52, 128
-"""Offsets in that struct of the time [ms] since data last arrived (u32), and of the number of bytes received
-(u64)."""
+"""Offsets [bytes] in `struct tcp_info` of the time [ms] since data last arrived (u32), and of the number of
+bytes received (u64)."""
 
 
 _C: Any = ctypes.CDLL(None, use_errno=True) if FOLDER.is_dir() else None
 
 
 class OwnSocket:
-    """A second handle of a socket. It is not one of Python's, which might make the first one non-blocking
-    too."""
+    """A second file descriptor of a socket. It is not wrapped in a Python socket, which might make the
+    library's own descriptor non-blocking too."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
         self.name = os.readlink(FOLDER / str(descriptor))
-        """Name of the socket in the system."""
+        """Name of the socket in the system, `socket:[INODE]`."""
 
     def get(self, level: int, option: int, size: int = 4) -> bytes:
-        """Returns an option as bytes. Raises OSError."""
+        """Returns a socket option as bytes. Raises OSError."""
         data, length = ctypes.create_string_buffer(size), ctypes.c_uint(size)
         _checked(_C.getsockopt(self._descriptor, level, option, data, ctypes.byref(length)))
         return data.raw[: length.value]
 
     def flag(self, option: int) -> int:
-        """Returns an option that is a number. Raises OSError."""
+        """Returns an integer option of level SOL_SOCKET. Raises OSError."""
         return int.from_bytes(self.get(socket.SOL_SOCKET, option), sys.byteorder)
 
     def bind_to(self, device: bytes) -> None:
-        """Restricts the socket to what arrives on one interface. Raises OSError."""
+        """Makes the socket receive data from one network interface only. Raises OSError."""
         option = (socket.SOL_SOCKET, socket.SO_BINDTODEVICE, device, len(device))
         _checked(_C.setsockopt(self._descriptor, *option))
 
     def port(self) -> int:
-        """Returns the port of this end. Raises OSError."""
+        """Returns the local port. Raises OSError."""
         data, length = ctypes.create_string_buffer(128), ctypes.c_uint(128)
         _checked(_C.getsockname(self._descriptor, data, ctypes.byref(length)))
         return int.from_bytes(data.raw[2:4], "big")
 
     def end(self) -> None:
-        """Shuts the connection down, for both handles. Raises OSError."""
+        """Shuts the connection down, for both descriptors. Raises OSError."""
         _checked(_C.shutdown(self._descriptor, socket.SHUT_RDWR))
 
 
@@ -79,7 +82,7 @@ def _checked(result: int) -> None:
 
 
 def own_sockets(kind: socket.SocketKind) -> Iterator[OwnSocket]:
-    """Yields each IP socket of `kind`, by a handle that is closed before the next one."""
+    """Yields each IP socket of type `kind`. Its descriptor is closed before the next one is yielded."""
     for number in os.listdir(FOLDER) if FOLDER.is_dir() else ():
         with suppress(OSError):  # closed in the meantime
             descriptor = os.dup(int(number))
@@ -99,9 +102,9 @@ def listening() -> set[int]:
 
 @contextmanager
 def on_loopback() -> Iterator[None]:
-    """Restricts UDP sockets that are opened inside the block to data from this machine.
+    """Makes UDP sockets that are opened inside the block receive data from this machine only.
 
-    DDS listens on every interface, even if it is told to use one: without this it would also read what
+    DDS listens on every network interface, even if it is configured to use one, and would also read data that
     arrives on the others.
     """
     before = {found.name for found in own_sockets(socket.SOCK_DGRAM)}
@@ -112,9 +115,10 @@ def on_loopback() -> Iterator[None]:
 
 
 class Watch:
-    """Bounds the connections to a library's server in this process, as `Visitors` does for TCI's own servers.
+    """Bounds the number of connections to a library's server in this process, as `Visitors` does for TCI's
+    own servers.
 
-    A connection counts as a stranger until it has sent a byte.
+    A connection is unverified until it has sent a byte.
     """
 
     def __init__(self, port: int, *, most: int = MOST) -> None:
@@ -126,7 +130,7 @@ class Watch:
         threading.Thread(target=self._keep_looking, name=f"connections to {port}", daemon=True).start()
 
     def look(self) -> None:
-        """Closes the connections that exceed the bounds."""
+        """Closes the connections that exceed the bounds on number and on time without data."""
         now, going = time.monotonic(), set[str]()
         found = [_visitor(partial(going.add, one.name), one, now) for one in self._connections()]
         for visitor in surplus(found, now, self._most):
@@ -152,8 +156,10 @@ class Watch:
 
 
 def _open_more_files() -> None:
-    """Raises the process's limit of open files to the system's maximum: a server that finds none left for a
-    new connection may never accept one again (NAOqi's)."""
+    """Raises the process's limit on open files to the system's maximum.
+
+    NAOqi's server never accepts a connection again once it could not open a file for one.
+    """
     if resource is not None:
         most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))

@@ -22,16 +22,16 @@ JOIN = " + "
 """Separator between drivers that are combined into one."""
 SERVERS = "tci.servers"
 HARMLESS = ("sim", "replay")
-"""Drivers behind which nothing moves; they are armed without being asked."""
+"""Drivers that move no hardware. They are armed by default."""
 
 
 def driver_names() -> tuple[str, ...]:
-    """Returns the names that `connect` takes, without an address."""
+    """Returns the names of the installed drivers, which `connect` takes, without an address."""
     return tuple(sorted({point.name for point in entry_points(group=DRIVERS)}))
 
 
 def server_names() -> tuple[str, ...]:
-    """Returns the names that `open_server` takes, without an address."""
+    """Returns the names of the installed servers, which `open_server` takes, without an address."""
     return tuple(sorted({point.name for point in entry_points(group=SERVERS)}))
 
 
@@ -45,7 +45,7 @@ def load_driver(name: str) -> type[Driver]:
 
 
 def load_server(name: str) -> Callable[..., Server]:
-    """Returns the class of a server by its entry point. Raises as `load_driver` does."""
+    """Returns the class of a server by its entry point. Raises the errors of `load_driver`."""
     factory: Callable[..., Server] = _load(SERVERS, "server", name)
     return factory
 
@@ -60,7 +60,7 @@ def as_robot(given: object) -> Robot:
     if isinstance(given, str | os.PathLike):
         return load_robot(given)
     raise TciError(
-        f"connect: {named(given)} in place of a robot; valid: tci.load_robot('nao'), or just 'nao'"
+        f"connect: {named(given)} in place of a robot; valid: tci.load_robot('nao'), or its name 'nao'"
     )
 
 
@@ -69,13 +69,13 @@ def connect(
 ) -> Driver:
     """Opens a driver of `robot`, or of the robot of that name or path.
 
-    `via` is "sim", or "NAME:ADDRESS" for drivers that need an address. With "DRIVER + DRIVER" the joints come
-    over the first driver, the skin over the others. A simulated robot is armed from the start, a real one
-    only by `arm=True`. `options` go to the driver, or to that of the joints.
+    `via` is "sim", or "NAME:ADDRESS" for drivers that need an address. With "DRIVER + DRIVER" the first
+    driver reads and moves the joints, and the others read the skin. A simulated robot is armed from the
+    start, a real one only by `arm=True`. `options` go to the driver, of several to the first.
 
     Raises UnknownNameError for a driver that is not installed or an option that it does not have,
-    MissingExtraError when its library is not installed, DriverError when the robot can't be reached, and what
-    `load_robot` raises.
+    MissingExtraError when its library is not installed, DriverError when the robot can't be reached, and the
+    errors of `load_robot`.
     """
     robot = as_robot(robot)
     if not isinstance(via, str):
@@ -102,7 +102,7 @@ def connect(
 def _open_half(robot: Robot, via: str, *, without: str, **options: Any) -> Driver:
     """Opens a driver for the joints or the skin alone."""
     if without not in inspect.signature(load_driver(via.partition(":")[0])).parameters:
-        raise DriverError(f"{via} can't leave out its {without}; valid in a joined driver: naoqi, yarp")
+        raise DriverError(f"{via} can't leave out its {without}; valid in a combined driver: naoqi, yarp")
     return _open(robot, via, **{without: False}, **options)
 
 
@@ -115,10 +115,11 @@ def _open(robot: Robot, via: str, **options: Any) -> Driver:
 
 
 def open_server(driver: Driver, via: str, **options: Any) -> Server:
-    """Serves the robot of `driver` to other programs through "NAME" or "NAME:ADDRESS"; see
-    `tci.runtime.serve`.
+    """Opens a server of the robot of `driver` for other programs. `via` is "NAME" or "NAME:ADDRESS";
+    `tci.runtime.serve` runs the server.
 
-    Raises as `connect` does.
+    Raises UnknownNameError for a server that is not installed or an option that it does not have,
+    MissingExtraError when its library is not installed, DriverError when it can't listen at the address.
     """
     name, _, address = via.partition(":")
     factory = load_server(name)

@@ -67,7 +67,7 @@ class ReplayDriver(Driver):
             raise DriverError(
                 f"{address} was recorded from {about.get('robot', '')[:40]!r}, description "
                 f"{about.get('description_sha256', '')[:12]}; "
-                f"this is {robot.name!r}, description {robot.digest[:12]}; valid: the one of then"
+                f"this is {robot.name!r}, description {robot.digest[:12]}; valid: the recorded one"
             )
         self._clock = ReplayClock()
         super().__init__(
@@ -111,7 +111,7 @@ class ReplayDriver(Driver):
         if self._tick is None:
             self._tick = next(self._ticks, None)
             if self._tick is None:
-                raise DriverError(f"{self.recording.path} has no whole period")
+                raise DriverError(f"{self.recording.path} contains no complete period")
             self._clock.time = self._tick.now
         return self._tick.reading
 

@@ -88,7 +88,9 @@ class SimulatedDriver(Driver):
             if name not in (valid := _options()):
                 raise UnknownNameError("option of the driver 'sim'", name, valid)
         if world is not None and options:
-            raise DriverError(f"{', '.join(options)} beside a world; valid: give them to the World")
+            raise DriverError(
+                f"{', '.join(options)} for a world that exists already; valid: World(...) takes them"
+            )
         period = None if rate is None else 1.0 / rate
         self.world = world or World(robot, period=period, **options)
         """The simulated world, with its `finger` and its physics."""

@@ -51,10 +51,11 @@ def as_capability(given: Any) -> Capability[Any]:
 
 
 def load_capability(name: str) -> Capability[Any]:
-    """Returns a capability with its default settings: by its entry point, or MODULE:CLASS, from here too.
+    """Returns a capability with its default settings, by the name of its entry point or by MODULE:CLASS,
+    where the module may be in the working directory.
 
-    Raises UnknownNameError for a name that nobody has, CommandError for a class that is none, TciError for
-    one that can't be made as it is.
+    Raises UnknownNameError for an unknown name, CommandError for a module that can't be imported and for an
+    object that is no subclass of Capability, TciError for a class that is abstract or needs settings.
     """
     points = {point.name: point for point in entry_points(group=GROUP)}
     if name in points:
@@ -69,10 +70,10 @@ def load_capability(name: str) -> Capability[Any]:
 
 
 def _from_module(module: str, name: str) -> object:
-    """Returns what a module has by that name; the module may be in the working directory."""
+    """Returns an object of a module, which may be in the working directory."""
     sys.path.insert(0, "")
     try:
-        if module.startswith("."):  # to Python the name of a neighbour, and nobody asks from inside a package
+        if module.startswith("."):  # Python would take it for a relative import
             raise ImportError("a path is no module")
         found = import_module(module)
     except (ImportError, ValueError) as error:
@@ -85,7 +86,7 @@ def _from_module(module: str, name: str) -> object:
 
 
 def _can_run(one: object) -> bool:
-    """Tells if it is the class of a capability."""
+    """Returns True for a class of capabilities that can be instantiated."""
     return isinstance(one, type) and issubclass(one, Capability) and not isabstract(one)
 
 

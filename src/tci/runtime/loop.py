@@ -44,7 +44,8 @@ LET_GO = 0.1
 """Last part [s] of `REST`, in which nothing is read. The gate ends torques that are not based on fresh data;
 otherwise a joint in torque mode would keep its last torque."""
 STILL = 1e-6
-"""Speed [rad/s] of a reference up to which it counts as at rest."""
+"""Speed [rad/s] below which a reference counts as at rest. Assumed: above rounding errors, far below any
+motion."""
 
 Memory = TypeVar("Memory")
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FINEST = 1e-6
-"""Upper edge [s] of the first bin."""
+"""Upper edge [s] of the first bin. Assumed: shorter than any step of the loop."""
 PER_DOUBLING = 16
 """Number of bins in which times double."""
 BINS = 512

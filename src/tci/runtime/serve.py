@@ -43,7 +43,7 @@ def serve(
     driver is armed.
 
     An order that does not fit the robot is refused and changes nothing. `clock` is that of the clients, by
-    default the machine's. Raises what `run` raises.
+    default the machine's. Raises the errors of `run`.
     """
     orders = _Orders(server, served if served is not None else Served(), clock or MonotonicClock())
 
@@ -82,7 +82,7 @@ class _Orders(Capability[None]):
                 self._refuse(order, unread, perception.stamp)
                 continue
             if not self.server.driver.armed:
-                read_only = Reason(Code.NOT_ARMED, "this robot is shown read-only; valid: tci serve --arm")
+                read_only = Reason(Code.NOT_ARMED, "this robot is served read-only; valid: tci serve --arm")
                 self._refuse(order, read_only, perception.stamp)
                 continue
             try:

@@ -18,16 +18,18 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 PERIODS = 3.0
-"""Number of periods of a patch without a frame after which it is silent."""
+"""Number of periods of a patch without a frame after which it is silent. Assumed: one or two frames may be
+lost."""
 LEAST_SILENCE = 0.25
-"""Lower bound [s] on that time. Assumed: skin data may come over busy networks."""
+"""Lower bound [s] on the time without a frame after which a patch is silent. Assumed: data may be delayed
+that long on a busy network."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 TURN = 0.0001
 """Time [s] after which Python switches between busy threads. Assumed: far below a period; Python's own value
 is 5 ms."""
 STOOD = 0.3
-"""Delay [s] of the next period from which the process counts as stalled. Assumed: busy machines cause shorter
-ones."""
+"""Delay [s] of the next period from which the process counts as stalled. Assumed: the load of a machine
+causes shorter delays."""
 PILED_UP = 0.3
 """Time [s] in which the data that queued up during a stall has been read. Assumed: as long as the shortest
 stall."""

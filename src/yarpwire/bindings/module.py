@@ -16,16 +16,16 @@ from yarpwire.names import PATIENCE, read_key
 from yarpwire.values import FALSE, TRUE, Float32, Int8, Int16, Int64, Vocab
 
 HOW = (
-    "conda has it (conda install -c conda-forge yarp-python), or YARP is built with "
-    "-DYARP_COMPILE_BINDINGS=ON -DCREATE_PYTHON=ON; PyPI's yarp is something else"
+    "install it from conda (conda install -c conda-forge yarp-python), or build YARP with "
+    "-DYARP_COMPILE_BINDINGS=ON -DCREATE_PYTHON=ON; PyPI's yarp is another package"
 )
 ADDERS: dict[type, str] = {
     int: "addInt32", float: "addFloat64", str: "addString", Vocab: "addVocab32",
     Int8: "addInt8", Int16: "addInt16", Int64: "addInt64", Float32: "addFloat32",
 }  # fmt: skip
 RESTED = 1.0
-"""Idle time [s] after which a connection that its other end may close is opened again. Assumed: half of
-YARP's 2 s."""
+"""Idle time [s] after which a connection that its other end may close is opened again. Assumed: half of the 2
+s after which YARP closes it."""
 _open: dict[int, Any] = {}
 
 

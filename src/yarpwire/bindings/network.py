@@ -28,7 +28,7 @@ class Bindings(Network):
         contact = self._yarp.NetworkBase.getNameServerContact()
         self.address = (contact.getHost(), contact.getPort())
         if not contact.isValid():
-            raise PortError("YARP's configuration has no name server; valid after: yarp conf HOST PORT")
+            raise PortError("YARP's configuration has no name server; set one: yarp conf HOST PORT")
         if server is not None and server != self.address:
             host, port = server
             raise PortError(

@@ -30,11 +30,11 @@ from yarpwire.source import LONGEST
 from yarpwire.values import Array
 
 KEPT = 16
-"""Number of sent messages that are kept, since YARP uses them again in a thread of its own. Assumed; no
-published value."""
+"""Number of sent messages that are kept, since YARP uses them again in a thread of its own. Assumed: more
+than YARP sends at a time."""
 SENT = 0.001
-"""Time [s] that a message waits for the previous one to be sent, once; then new ones are dropped. Assumed; no
-published value."""
+"""Longest time [s] that a message waits for the previous one to be sent; then new ones are dropped without
+waiting. Assumed: a small part of a control period."""
 
 
 class BindingsPort:

@@ -1,4 +1,4 @@
-"""The driver to NAO: skin, touch, autonomy, and a robot that goes away and comes back."""
+"""The driver of a NAO: skin, touch, autonomy, and a robot that disconnects and returns."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from tci.robot.description import Address, Robot
 ROBOT = load_robot("nao")
 ELBOW = next(servo.index for servo in ROBOT.servos if servo.name == "LElbowRoll")
 PATIENCE = 60.0
-"""Seconds that a busy machine may take for what is at once elsewhere."""
+"""Time [s] to wait on a busy machine for results that otherwise come at once."""
 
 
 def wait_for(what: Callable[[], bool], driver: Driver | None = None) -> None:
-    """Until something is the case, reading `driver` meanwhile."""
+    """Waits until a condition holds, and reads `driver` meanwhile."""
     end = time.monotonic() + PATIENCE
     while not what():
         assert time.monotonic() < end, "it never came"
@@ -112,11 +112,11 @@ def test_a_frame_that_was_there_at_once_is_asked_for_earlier_the_next_time() -> 
         poller.clock.advance(0.0004)
         nao.touch("left_forearm", 1, np.full(240, 240, np.uint8))
         poller._ask()
-        assert poller._seen["left_forearm"] == pytest.approx(100.0002)  # between the two questions
+        assert poller._seen["left_forearm"] == pytest.approx(100.0002)  # between the two requests
         poller.clock.advance(0.01)
         nao.touch("left_forearm", 2, np.full(240, 240, np.uint8))
         poller._ask()
-        assert poller._seen["left_forearm"] == pytest.approx(100.0094)  # nobody asked shortly before
+        assert poller._seen["left_forearm"] == pytest.approx(100.0094)  # no request shortly before
 
 
 def test_head_and_hands_are_patches_of_switches() -> None:
@@ -217,7 +217,7 @@ def test_what_robot_and_description_disagree_about_is_found() -> None:
         findings = [finding for finding in driver.diagnose() if finding.subject == "LElbowYaw"]
         assert [finding.level for finding in findings] == [Level.WARNING, Level.WARNING]
         assert "57.3 in the robot" in findings[0].what
-        assert "352 degrees/s in the description, the robot takes 115" in findings[1].what
+        assert "352 degrees/s in the description, at most 115" in findings[1].what
         subjects = {finding.subject for finding in driver.diagnose()}
         assert {"NAOqi", "questions", "clock", "autonomy"} <= subjects
 
@@ -274,7 +274,7 @@ def test_43_killed_with_minus_9_the_commander_leaves_a_robot_that_stands() -> No
     try:
         with connect(ROBOT, via) as driver:
             start = driver.read().joints.position[ELBOW]
-            # It would take eight seconds to get there; it is killed on its way.
+            # The motion would take eight seconds; the process is killed during it.
             wait_for(lambda: driver.read().joints.position[ELBOW] > start + 0.05)
             commander.kill()
             here = [driver.read().joints.position[ELBOW]]
@@ -358,7 +358,7 @@ def test_skin_that_is_published_again_after_a_restart_is_read_as_before(strict: 
         memory._value = value
         memory._live |= own
         with connect(ROBOT, nao.via) as driver:
-            for name in own:  # a NAOqi that restarts has nothing that others put there
+            for name in own:  # a NAOqi that restarts has no data that clients inserted
                 del memory._live[name]
             cut(nao.port)
             wait_for(lambda: driver._poller.generation == 1, driver)

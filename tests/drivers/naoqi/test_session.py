@@ -1,4 +1,4 @@
-"""Addresses, credentials and errors in words."""
+"""Addresses, credentials and error messages."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_a_password_on_the_command_line_is_refused_and_not_repeated() -> None:
 def test_nobody_there_a_service_that_is_missing_and_a_port_that_is_none_of_naoqis() -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    with pytest.raises(DriverError, match="is the robot on"):
+    with pytest.raises(DriverError, match="check that the robot is on"):
         open_session(Address("127.0.0.1", port))
     with StillNao(without=("ALMotion",)) as nao, pytest.raises(DriverError, match="no service ALMotion"):
         connect(load_robot("nao"), nao.via)
@@ -83,7 +83,7 @@ def test_wrong_credentials_and_none_are_told_without_the_password(
 ) -> None:
     via = f"naoqi://nao@127.0.0.1:{doorman.port}"
     monkeypatch.setenv(PASSWORD, "open barley")
-    with pytest.raises(DriverError, match="are user and") as caught:
+    with pytest.raises(DriverError, match="check the user name and") as caught:
         connect(load_robot("nao"), via)
     assert "barley" not in str(caught.value)
     assert doorman.refused == 1

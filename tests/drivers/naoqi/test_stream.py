@@ -1,4 +1,5 @@
-"""No stutter: what a model of ALMotion makes of our stream, beside a stream of plain set-points."""
+"""Smooth motion: the response of a model of ALMotion to the driver's stream, compared with plain
+set-points."""
 
 from __future__ import annotations
 
@@ -41,8 +42,8 @@ class Done:
 
 
 class Motion:
-    """ALMotion's documented manner: every 20 ms it looks at the latest target, goes there at the share of the
-    top speed that was asked for, and rests there if no other target has come."""
+    """ALMotion as documented: every 20 ms it takes the latest target, moves there at the requested fraction
+    of the top speed, and rests there if no other target has arrived."""
 
     def __init__(self, angle: float, *, answers: Any = None) -> None:
         self.angle = self.target = angle
@@ -69,7 +70,8 @@ class Motion:
 
 
 def swing(send: Any) -> tuple[np.ndarray, np.ndarray, Motion]:
-    """A swing of the elbow through a gate: speeds (n,) [rad/s] of the reference and of the robot."""
+    """Returns the speeds (n,) [rad/s] of the reference and of the robot, and the model, for a swing of the
+    elbow through a gate."""
     gate = Gate(ROBOT, period=PERIOD, stale_after=1.0)
     position = np.array(initial_position(ROBOT))
     motion = Motion(float(position[INDEX]))
@@ -138,7 +140,8 @@ def test_a_servo_at_rest_is_left_alone_and_a_moving_one_gets_at_most_a_target_ea
 
 
 def test_where_it_turns_it_is_as_fast_as_from_the_target_before() -> None:
-    """The robot is on its way there, wherever it is measured: if nobody sends again, it must rest soon."""
+    """Wherever it is measured, the robot is on its way to the previous target: without another target it must
+    come to rest soon."""
     ours, gate = stream(), Gate(ROBOT, period=PERIOD, stale_after=1.0)
     position = np.array(initial_position(ROBOT))
     motion = Motion(float(position[INDEX]))

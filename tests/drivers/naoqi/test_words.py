@@ -1,4 +1,4 @@
-"""Frames of skin as text."""
+"""Skin frames as text."""
 
 from __future__ import annotations
 

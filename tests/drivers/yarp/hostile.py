@@ -1,4 +1,4 @@
-"""Sound Bottles with wrong values in them: calls, streamed commands, orders to a port, states, events."""
+"""Well-formed Bottles with wrong values: calls, streamed commands, orders to a port, states, events."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ EVENT = [
 
 
 def spoiled(items: Sequence[Any], chance: random.Random) -> list[Any]:
-    """Items of which some are others, gone, or there twice, at any depth."""
+    """Returns items of which some are replaced, removed or duplicated, at any depth."""
     found = _copy(list(items))
     for _ in range(chance.randint(1, 2)):
         inner = found
@@ -88,14 +88,16 @@ def spoiled(items: Sequence[Any], chance: random.Random) -> list[Any]:
 
 
 def sent(items: Sequence[Any], dialect: Dialect, chance: random.Random) -> list[Any]:
-    """What arrives of them, as bytes or as text. Raises WireError for what can't be said."""
+    """Returns the items as received, sent as bytes or as text. Raises WireError for items that can't be
+    sent."""
     if chance.random() < 0.5:
         return from_text(to_text(items).encode(errors="replace").decode())
     return decode_bottle(encode_bottle(items, dialect), dialect)
 
 
 def strange_messages(port: Port) -> Callable[[random.Random], None]:
-    """Takes one strange message by all that a served board, a driver and `port` do with what comes in."""
+    """Returns a function that sends one strange message through all readers of a served board, a driver and
+    `port`."""
     boards = {dialect: _board() for dialect in DIALECTS.values()}
     calls = {V3: [from_text(call) for call in V3_CALLS], V4: [_call(name) for name in CALLS]}
     streams = {V3: [from_text(text) for text in STREAMS], V4: [_of_v4(from_text(text)) for text in STREAMS]}
@@ -139,7 +141,7 @@ def strange_messages(port: Port) -> Callable[[random.Random], None]:
 
 
 class _Nobody(OrderBook):
-    """What is ordered is forgotten: no loop is there that would judge it."""
+    """Drops all orders: no loop would judge them."""
 
     def put(self, order: Order, undo: Callable[[], None] | None = None) -> None:
         pass

@@ -18,7 +18,7 @@ from yarpwire.port import Port
 
 
 def until(condition: Callable[[], bool], *, within: float = 40.0) -> bool:
-    """Whether it becomes true."""
+    """Returns True if the condition becomes true within `within` [s]."""
     end = time.monotonic() + within
     while not condition():
         if time.monotonic() > end:

@@ -1,4 +1,4 @@
-"""YARP's own bindings instead of TCI's library: the choice, and what needs no bindings to be true."""
+"""YARP's own bindings in place of TCI's library: the choice, and all that can be tested without them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def no_bindings(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("no_bindings")
 def test_without_bindings_the_error_says_how_to_get_them_and_what_works_without() -> None:
     for address in ("bindings", "127.0.0.1:9,bindings", "bindings,dialect=3"):
-        with pytest.raises(MissingExtraError, match=r"(?s)conda-forge.*CREATE_PYTHON.*PyPI.*by itself"):
+        with pytest.raises(MissingExtraError, match=r"(?s)conda-forge.*CREATE_PYTHON.*PyPI.*needs no YARP"):
             tci.connect(tci.load_robot("nao"), f"yarp:{address}")
     (finding,) = YarpDriver.probe(tci.load_robot("nao"), "bindings")
     assert finding.level is Level.FAULT
@@ -58,7 +58,7 @@ def test_the_choice_is_a_word_of_the_address() -> None:
 
 
 class Noted:
-    """A Bottle that notes what is put into it, by the names that YARP's Bottle has."""
+    """A Bottle that records what is put into it, with the method names of YARP's Bottle."""
 
     def __init__(self) -> None:
         self.items: list[tuple[str, Any]] = []

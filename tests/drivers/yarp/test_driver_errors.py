@@ -1,4 +1,4 @@
-"""Whatever fails in yarpwire, the methods of driver and server raise TCI's errors and no others."""
+"""For every failure in yarpwire, the methods of driver and server raise TCI's errors and no others."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ CALLS = [
     for name, _ in inspect.getmembers(interface, inspect.isfunction)
     if not name.startswith("_")
 ]
-"""All that driver and server may call of yarpwire's networks."""
+"""All methods of yarpwire's networks that driver and server may call."""
 OF_SERVER = {"NamedPort.write"}
 """Calls that a driver does not make."""
 
@@ -59,7 +59,7 @@ class Case:
             raise PortError(f"{call} fails")
 
     def attempt(self, act: Callable[[], object]) -> None:
-        """Only TCI's errors are expected of `act`."""
+        """Runs `act` and accepts only TCI's errors."""
         try:
             act()
         except TciError as error:
@@ -67,7 +67,7 @@ class Case:
 
 
 class Failing:
-    """A network, or what its methods return: the call of the case raises, the others do their work."""
+    """A network, or an object that its methods return: the call of the case raises, the others work."""
 
     def __init__(self, inner: Any, interface: type[Any], case: Case) -> None:
         self._inner, self._interface, self._case = inner, interface, case
@@ -100,7 +100,7 @@ def show(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Show]:
 
 @pytest.fixture(params=CALLS)
 def case(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Case]:
-    """A case whose networks fail, however they are opened."""
+    """Returns a case whose networks fail, however they are opened."""
     found, network = Case(request.param), YarpAddress.network
     monkeypatch.setattr(
         YarpAddress, "network", raises_driver_errors(lambda self: Failing(network(self), Network, found))
@@ -116,7 +116,7 @@ def where(show: Show) -> str:
 
 
 def use(driver: YarpDriver, case: Case) -> None:
-    """All that a program may ask of a driver."""
+    """Calls every public method of a driver."""
     servo = driver.robot.servos[0]
     switch = PlatformSwitch(servos=np.array([servo.index]), mode=Mode.IMPEDANCE)
     command = driver.native(servo.robot_part).command({servo.name: 0.0})

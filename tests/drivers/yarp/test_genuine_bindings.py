@@ -1,7 +1,7 @@
-"""The ports and calls of YARP's own bindings against ours, in the dialect that they have.
+"""Ports and calls of YARP's own bindings against yarpwire's, in the bindings' dialect.
 
-Neither Debian nor PyPI has the bindings, so this runs where somebody has them. There the contract of every
-driver, `drivers/test_driver.py`, runs over them too.
+Neither Debian nor PyPI has the bindings, so this runs only where they are installed. There the contract of
+every driver, `drivers/test_driver.py`, is also tested over them.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ ITEMS = [Vocab("set"), 1, -2.5e-7, "two words, \u00e9", [3, 4.5, [Vocab("ok")]],
 
 @pytest.fixture
 def dialect() -> Iterator[Dialect]:
-    """That of the bindings, which find a name server of ours."""
+    """Yields the dialect of the bindings, with a name server of yarpwire running."""
     with bindings_configured() as where, NameServer(*parse_address(where)):
         yield SPOKEN
 
 
 @pytest.fixture(params=["bindings to bindings", "bindings to ours", "ours to bindings"])
 def ends(request: pytest.FixtureRequest, dialect: Dialect) -> tuple[Network, Network]:
-    """Who sends, and who receives."""
+    """Returns the networks of the sender and of the receiver."""
     networks = {"bindings": Bindings(), "ours": Wire()}
     sender, receiver = request.param.split(" to ")
     return networks[sender], networks[receiver]
@@ -166,7 +166,7 @@ def test_a_connection_that_rests_stays_open(dialect: Dialect) -> None:
 
 def test_their_name_server_and_their_dialect_are_the_only_ones(dialect: Dialect) -> None:
     other = next(name for name in DIALECTS if name != dialect.name)
-    with pytest.raises(DriverError, match="speak no other"):
+    with pytest.raises(DriverError, match="support no other"):
         parse(f"bindings,dialect={other}").network()
     with pytest.raises(DriverError, match=r"valid: yarp conf 127\.0\.0\.1 9 before"):
         parse("127.0.0.1:9,bindings").network()

@@ -1,4 +1,4 @@
-"""What strangers send ends their own connection at most: not the process, not the robot."""
+"""Messages of strangers end at most their own connection: not the process, and not the robot."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def names() -> Iterator[Names]:
 
 @pytest.fixture(autouse=True)
 def failed(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[object]]:
-    """What reached the edge of a thread: the loop would stop the robot for it."""
+    """Yields the exceptions that ended a thread, for which the loop would stop the robot."""
     found: list[object] = []
     monkeypatch.setattr(threading, "excepthook", lambda told: found.append(told.exc_value))
     yield found
@@ -50,7 +50,7 @@ def failed(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[object]]:
 def shown(
     request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> Iterator[YarpServer]:
-    """An unarmed robot on YARP, without its loop."""
+    """Yields a server of an unarmed robot on YARP, without its loop."""
     monkeypatch.setenv("YARP_CONFIG_HOME", str(tmp_path))
     driver = SimulatedDriver(tci.load_robot("nao"), arm=False)
     with YarpServer(driver, f"127.0.0.1:0,dialect={request.param}") as server:

@@ -1,4 +1,4 @@
-"""A robot shown as YARP control boards and skin ports, commanded through real sockets."""
+"""A robot served as YARP control boards and skin ports, commanded through real sockets."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def show(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
 
 def insist(act: Callable[[], object]) -> None:
-    """Again, while the gate holds because a busy machine missed periods."""
+    """Repeats an action while the gate holds because a busy machine missed periods."""
     for _ in range(40):
         try:
             act()
@@ -281,7 +281,7 @@ def test_55_a_driver_that_is_not_armed_is_read_only(monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("YARP_CONFIG_HOME", str(tmp_path))
     driver = SimulatedDriver(tci.load_robot("nao"), arm=False)
     with YarpServer(driver, "127.0.0.1:0") as server:
-        np.testing.assert_allclose(  # known before its loop begins
+        np.testing.assert_allclose(  # readable before its loop begins
             np.deg2rad(server.boards["LArm"].state.position),
             driver.read().joints.position[[servo.index for servo in driver.robot.servos_of("LArm")]],
         )
@@ -295,7 +295,8 @@ def test_55_a_driver_that_is_not_armed_is_read_only(monkeypatch: pytest.MonkeyPa
 def test_a_stranger_who_answers_for_the_name_server_is_not_told_of_any_port(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """Without yarp.conf the server has a name server of its own: the network is not asked for one."""
+    """Without yarp.conf the server starts a name server of its own, and does not search the network for
+    one."""
     monkeypatch.setenv("YARP_CONFIG_HOME", str(tmp_path))
     here = ("127.0.0.1", free_port())
     monkeypatch.setattr(server, "DEFAULT", here)
@@ -303,7 +304,7 @@ def test_a_stranger_who_answers_for_the_name_server_is_not_told_of_any_port(
         monkeypatch.setattr(names, "detect", lambda space: stranger.address)
         with YarpServer(SimulatedDriver(tci.load_robot("nao"))) as shown:
             assert shown.network.address == here
-            assert len(Names(stranger.address).list()) == 1  # itself
+            assert len(Names(stranger.address).list()) == 1  # the name server itself
 
 
 def test_29_a_name_server_that_restarts_hears_of_every_port_again(

@@ -1,4 +1,4 @@
-"""The driver to a robot on YARP: what it refuses, what it leaves alone, and the reflex through it."""
+"""The driver of a robot on YARP: refusals, joints that it does not command, and the reflex through it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from yarpwire.name_server import NameServer
 from yarpwire.names import Names
 
 PATIENCE = 5
-"""Pokes until one is answered: on a busy machine the gate holds at times."""
+"""Number of pokes until one is answered: on a busy machine the gate holds at times."""
 
 
 @pytest.fixture(scope="module", params=["nao 3", "icub 4"])
@@ -153,7 +153,7 @@ def test_set_points_are_ahead_on_the_way_that_the_gate_planned_and_end_where_it_
         for now in driver.ticks(duration=20.0):
             first = [order] if len(planned) == 1 else []
             safe = driver.write(driver.gate.step(first, driver.read().joints, now))
-            if safe.reason:  # it holds, and begins anew
+            if safe.reason:  # it holds, and starts again
                 planned, sent[:] = [start], [start]
             elif len(sent) > len(planned):
                 planned.append(float(safe.position[0]))
@@ -254,7 +254,7 @@ def test_what_the_description_says_otherwise_is_told(show: Show) -> None:
 
 
 def test_swapped_names_are_followed_by_name(show: Show) -> None:
-    """Servos keep their names and change their ids: the board's names win."""
+    """Servos keep their names and change their ids: the board's names take precedence."""
     robot = patient(show.driver.robot.name)
     part = robot.servos[-1].robot_part
     first, second = robot.servos_of(part)[:2]
@@ -360,7 +360,7 @@ def test_28_34_a_robot_that_starts_again_is_found_again_and_nothing_jumps(
 def test_28_a_board_whose_state_stays_away_is_sent_torques_until_they_have_ended(
     show: Show, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It may still hear: a joint in torque mode keeps what it was sent last."""
+    """It may still receive: a joint in torque mode keeps its last torque."""
     elbow = next(servo for servo in show.driver.robot.servos if "elbow" in servo.name.lower())
     if Mode.TORQUE not in elbow.modes:
         pytest.skip("did not run: this robot has no torque mode")

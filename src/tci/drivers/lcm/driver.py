@@ -63,7 +63,7 @@ class _Bus:
             self._works = True
         except OSError as error:
             if not self._works:
-                raise DriverError(f"{self._where}: nothing can be sent: {error.strerror}") from error
+                raise DriverError(f"{self._where}: the network accepts no data: {error.strerror}") from error
 
     def poll(self) -> Iterable[tuple[str, bytes, Address]]:
         """Returns channel name, bytes and sender of the latest messages, oldest first; a bounded number."""
@@ -138,7 +138,7 @@ class LcmDriver(RemoteDriver):
         self._bus.put("orders", orders_bytes(self.robot, orders))
 
     def _nobody(self) -> str:
-        return self._why or "start it with: tci serve ROBOT --via lcm; the same URL there and here"
+        return self._why or "serve it with tci serve ROBOT --via lcm, under the same URL"
 
     @property
     def lost(self) -> int:
@@ -152,7 +152,7 @@ class LcmDriver(RemoteDriver):
         found = super().diagnose()
         if not seen.lost:
             return (*found, Finding(Level.OK, "datagrams", said, figures=figures))
-        advice = "a loss now and then is made up for; many: close other programs, or use zenoh"
+        advice = "single losses do no harm; if there are many, close other programs or use zenoh"
         return (*found, Finding(Level.WARNING, "datagrams", said, advice, figures))
 
     def _close(self) -> None:

@@ -56,13 +56,13 @@ def _trips(poller: Poller) -> Iterator[Finding]:
         yield Finding(
             Level.WARNING, "questions",
             f"{lost} without an answer, {poller.counts['reconnections']} new connections, "
-            f"{poller.counts['bad']} damaged skin frames", "use a cable; radio links of NAO are slow",
+            f"{poller.counts['bad']} damaged skin frames", "use a cable: NAO's radio links are slow",
         )  # fmt: skip
 
 
 def _refused(stream: Stream) -> Iterator[Finding]:
     for words_, count in stream.errors.items():
-        yield Finding(Level.WARNING, "commands", f"{count} not taken: {words_}")
+        yield Finding(Level.WARNING, "commands", f"{count} refused by the robot: {words_}")
 
 
 def _clock(poller: Poller) -> Iterator[Finding]:
@@ -73,7 +73,7 @@ def _clock(poller: Poller) -> Iterator[Finding]:
         now = 0.5 * (before + time.time())
         offset = float(stamp[1]) + 1e-6 * float(stamp[2]) - now
     except (DriverError, RuntimeError, AttributeError, TypeError, ValueError, IndexError):
-        yield Finding(Level.NOTE, "clock", "the robot does not tell its time")
+        yield Finding(Level.NOTE, "clock", "the robot's time can't be read")
         return
     said, figures = f"the robot's clock is {offset:+.2f} s from this machine's", {"offset_s": offset}
     if abs(offset) > OFFSET:
@@ -90,7 +90,7 @@ def _joints(poller: Poller) -> Iterator[Finding]:
     if more:
         yield Finding(
             Level.NOTE, "joints", f"the robot has joints that the description lacks: {', '.join(more)}",
-            "nothing moves them from here",
+            "TCI neither reads nor moves them",
         )  # fmt: skip
 
 
@@ -103,10 +103,10 @@ def _limits(robot: Robot, stream: Stream) -> Iterator[Finding]:
         theirs = np.array([stream.lower[place], stream.upper[place]])
         if np.abs(ours - theirs).max() > CLOSE:
             (a, b), (c, d) = np.rad2deg(ours), np.rad2deg(theirs)
-            advice = "the narrower ones hold"
+            advice = "no action needed: the narrower limits apply"
             wider = ours[0] < theirs[0] - CLOSE or ours[1] > theirs[1] + CLOSE
             if wider:
-                advice = "the robot would not follow there: correct the description"
+                advice = "the robot does not follow beyond its own limits: correct the description"
             yield Finding(
                 Level.WARNING if wider else Level.NOTE, servo.name,
                 f"limits {a:.1f} .. {b:.1f} degrees in the description, {c:.1f} .. {d:.1f} in the robot",
@@ -117,8 +117,8 @@ def _limits(robot: Robot, stream: Stream) -> Iterator[Finding]:
             fast, top = np.rad2deg([limits.velocity, stream.fastest[place]])
             yield Finding(
                 Level.WARNING, servo.name,
-                f"{fast:.0f} degrees/s in the description, the robot takes {top:.0f} at most",
-                "it would fall behind: correct the description", {"velocity_deg_s": float(top)},
+                f"{fast:.0f} degrees/s in the description, at most {top:.0f} in the robot",
+                "the servo would lag behind: correct the description", {"velocity_deg_s": float(top)},
             )  # fmt: skip
 
 

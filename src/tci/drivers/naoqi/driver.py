@@ -85,7 +85,7 @@ class NaoqiDriver(Driver):
             with socket.create_connection((where.host, where.port), timeout=3.0):
                 steps.append(Finding(Level.OK, "network", f"{where.host} listens on port {where.port}"))
         except OSError as error:
-            advice = "is the robot on and in this network? ping it; its chest button says its address"
+            advice = "switch the robot on and ping it; it speaks its address when its chest button is pressed"
             return (Finding(Level.FAULT, "network", f"{where.host}, port {where.port}: {error}", advice),)
         try:
             Services(where, motion=True).close()

@@ -57,7 +57,7 @@ def parse_address(text: str) -> Address:
     except ValueError as error:
         raise DriverError(f"address {text!r}: {error}; {VALID}") from error
     if parts.password is not None:
-        raise DriverError(f"a password is seen by everybody on a command line; put it into ${PASSWORD}")
+        raise DriverError(f"a password on a command line is visible to other users; valid: set ${PASSWORD}")
     if not host or parts.path not in ("", "/") or parts.fragment:
         raise DriverError(f"address {text!r}; {VALID}")
     options = dict(parse_qsl(parts.query, keep_blank_values=True))
@@ -114,7 +114,7 @@ def service(session: Any, name: str) -> Any:
                 time.sleep(0.05)
                 continue
             raise DriverError(
-                f"NAOqi has no service {name} ({first_line(error)}); is the robot still starting?"
+                f"NAOqi has no service {name} ({first_line(error)}); the robot may still be starting"
             ) from None
 
 
@@ -153,9 +153,9 @@ def first_line(error: Exception) -> str:
 def _advice(address: Address, error: Exception) -> str:
     text = str(error)
     if "refused" in text:
-        return f"is the robot on, and is {address.port} its port? {VALID}"
+        return f"check that the robot is on and that {address.port} is its port; {VALID}"
     if "not found" in text:
-        return "is the name of the host right?"
+        return f"check the name of the host; {VALID}"
     if address.user:
-        return f"are user and ${PASSWORD} right?"
-    return f"a robot with NAOqi 2.9 wants credentials: naoqi://USER@{address.host}"
+        return f"check the user name and ${PASSWORD}"
+    return f"a robot with NAOqi 2.9 requires credentials: naoqi://USER@{address.host}"

@@ -60,7 +60,7 @@ class Client:
         try:
             greeting = self._exactly(GREETING)
             if not greeting.startswith(b"Player v."):
-                raise DriverError(f"{self.where} is no Player server: it says {greeting!r}")
+                raise DriverError(f"{self.where} is no Player server: it sends {greeting!r}")
             self._request(DATAMODE, PUSH.to_bytes(4, "big"))
         except BaseException:
             self.close()
@@ -172,7 +172,7 @@ class Client:
             try:
                 got = self._socket.recv(size - len(data))
             except OSError as error:
-                raise DriverError(f"{self.where} says nothing: {error}") from error
+                raise DriverError(f"{self.where} sends nothing: {error}") from error
             if not got:
                 raise DriverError(f"{self.where} has closed the connection")
             data += got

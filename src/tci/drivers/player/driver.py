@@ -96,7 +96,7 @@ class PlayerDriver(RemoteDriver):
         whose = "a robot's own devices" if self.is_native else "a TCI process"
         found = [Finding(Level.OK, "dialect", f"{whose} at {self.place}")]
         if self.rejected:
-            found.append(Finding(Level.WARNING, "messages", f"{self.rejected} of no use: {self._why}"))
+            found.append(Finding(Level.WARNING, "messages", f"{self.rejected} unusable: {self._why}"))
         return tuple(found)
 
     def _receive(self) -> Reading:

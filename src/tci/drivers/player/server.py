@@ -89,7 +89,9 @@ class _Client:
         if message.kind == Kind.DATA and len(self.out) > MOST_WAITING:
             return
         if len(self.out) > MOST_OWED:
-            raise FrameError(f"a client of Player was let go: it does not read, {len(self.out)} bytes wait")
+            raise FrameError(
+                f"a Player client that does not read was disconnected: {len(self.out)} bytes wait"
+            )
         self.sequence += 1
         self.out += message.to_bytes(self.sequence)
 

@@ -80,7 +80,7 @@ class CommandArbiter:
         if message.leaving:
             self._gone = {client: seen for client, seen in self._gone.items() if now - seen <= self._silence}
             self._gone[message.client] = message.seen
-            self._forget(message.client, Reason(Code.COMMANDER_LEFT, f"{member.name} left"))
+            self._forget(message.client, Reason(Code.COMMANDER_LEFT, f"{member.name} has disconnected"))
 
     def fault(self) -> Reason | None:
         """Returns the reason why the robot should hold: a commander that is silent, holds itself, or has just
@@ -92,7 +92,7 @@ class CommandArbiter:
             if silent > self._silence + LEASE:
                 self._forget(client, None)
             elif silent > self._silence and member.servos:
-                words = f"no word from {member.name} for {self._silence * 1e3:.0f} ms"
+                words = f"no message from {member.name} for {self._silence * 1e3:.0f} ms"
                 reason = reason or Reason(Code.COMMANDER_SILENT, words)
             elif member.halt and member.servos:
                 reason = reason or Reason(Code.COMMANDER_HOLDS, f"{member.name} holds: {member.halt}")

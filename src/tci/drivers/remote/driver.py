@@ -109,21 +109,21 @@ class RemoteDriver(Driver):
         state = self._state
         assert state is not None
         running = state.gate == GateState.RUN.value
-        said = f"the gate there: {state.gate}" + (f", {state.reason}" if state.reason else "")
-        advice = (
-            "" if running else "a hold clears by itself; after a stop look at the robot, then serve it anew"
+        said = f"the gate of the robot's process: {state.gate}" + (
+            f", {state.reason}" if state.reason else ""
         )
+        advice = "" if running else "a hold ends by itself; after a stop check the robot, then serve it again"
         found = [Finding(Level.OK if running else Level.WARNING, "gate", said, advice)]
         for commander in state.commanders:
             words = f"commanded by {commander.name}"
-            found.append(Finding(Level.NOTE, "commander", words, "its joints can't be ordered from here"))
+            found.append(Finding(Level.NOTE, "commander", words, "its joints can't be commanded from here"))
         if self.rejected:
-            words = f"{self.rejected} messages did not count: damaged, out of order or for another robot"
-            advice = "is somebody else using the same name there?"
+            words = f"{self.rejected} messages rejected: damaged, out of order or for another robot"
+            advice = "check that no other robot is served under this name"
             found.append(Finding(Level.WARNING, "messages", words, advice, {"rejected": self.rejected}))
         if self.strangers:
-            words = f"{self.strangers} messages of another process than the robot's were ignored"
-            advice = "two robots of one name? give each a name of its own: NAME@"
+            words = f"{self.strangers} messages ignored: not sent by the robot's process"
+            advice = "if two robots have one name, serve each under its own: NAME@..."
             found.append(Finding(Level.WARNING, "strangers", words, advice, {"strangers": self.strangers}))
         return tuple(found)
 
@@ -169,7 +169,12 @@ class RemoteDriver(Driver):
             now - self._pending[0][0] > self.gate.stale_after or len(self._pending) > MOST_ORDERS
         ):
             self._pending.clear()
-            self.gate.hold(Reason(Code.OWNER_SILENT, f"no answer of {self.robot.name} to orders"))
+            self.gate.hold(
+                Reason(
+                    Code.OWNER_SILENT,
+                    f"{self.robot.name} has not acknowledged orders for {1e3 * self.gate.stale_after:.0f} ms",
+                )
+            )
         # The robot's process is not sent its own reason, since each would then wait for the other.
         theirs = safe.reason is None or safe.reason.code in (Code.OWNER_HOLDS, Code.OWNER_REFUSES)
         self._say(state, None if theirs else safe.reason, leaving=False)

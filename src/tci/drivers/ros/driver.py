@@ -78,9 +78,9 @@ class RosDriver(RemoteDriver):
         whose = "a robot's own topics" if self.is_native else "a TCI process"
         found = [Finding(Level.OK, "dialect", f"{whose} in namespace {self.place}")]
         for reason, count in self._node.rejected.items():
-            found.append(Finding(Level.WARNING, "messages", f"{count} of no use: {reason}"))
+            found.append(Finding(Level.WARNING, "messages", f"{count} unusable: {reason}"))
         for node in sorted(self._node.silent):
-            advice = "if it died: rosnode cleanup; if not: can its name be resolved here?"
+            advice = "if it has ended: rosnode cleanup; else make its host name known to this machine"
             found.append(Finding(Level.NOTE, "node", f"{node} is registered and does not answer", advice))
         return tuple(found)
 
@@ -169,7 +169,7 @@ class RosDriver(RemoteDriver):
             if any(commander.client == self.client for commander in self._state.commanders):
                 return
             if time.monotonic() > end:
-                raise DriverError(f"the process of {self.robot.name} does not hear {self._names.orders}")
+                raise DriverError(f"the process of {self.robot.name} does not receive {self._names.orders}")
             self._say(self._state, None, leaving=False)
             time.sleep(self.period)
 
@@ -190,13 +190,13 @@ class RosDriver(RemoteDriver):
         offered = self._node.types_of(topic)
         if not offered:
             silent = "".join(f"; {node} is registered and does not answer" for node in self._node.silent)
-            advice = f"is the robot on, and in this ROS domain and namespace?{self._where_else()}"
-            return f"nobody publishes {topic} {where}{silent}; {advice}"
+            advice = f"check that the robot is on, and its ROS domain and namespace{self._where_else()}"
+            return f"no node publishes {topic} {where}{silent}; {advice}"
         if JOINTS.name not in offered:
             return f"{topic} is {', '.join(offered)}; valid: {JOINTS.name}"
         if self._node.rejected:
-            return f"{topic} is of no use: {next(iter(self._node.rejected))}"
+            return f"the messages of {topic} are unusable: {next(iter(self._node.rejected))}"
         missing = self._native.joints.missing if self._native else []
         if not missing or len(missing) == len(self.robot.servos):
-            return f"{topic} is offered, but no joint of {self.robot.name} came {where}"
+            return f"{topic} is offered, but no joint of {self.robot.name} arrived {where}"
         return f"{topic} lacks joints of {self.robot.name} {where}: {', '.join(missing)}"

@@ -123,7 +123,9 @@ class RosbridgeNode(RosNode):
         try:
             answer: Mapping[str, Any] = service.call(roslibpy.ServiceRequest(request), timeout=TIMEOUT)
         except Exception as error:
-            raise DriverError(f"rosapi at {self._where} does not answer: {error}; start it too") from error
+            raise DriverError(
+                f"rosapi at {self._where} does not answer: {error}; start rosapi beside the rosbridge server"
+            ) from error
         return answer
 
 

@@ -1,7 +1,8 @@
-"""A robot behind YARP, and any robot shown as one. The protocol itself is the package `yarpwire`.
+"""Driver of robots on YARP, and server of any robot as a robot on YARP. The protocol itself is the package
+`yarpwire`.
 
-board_driver, driver, diagnose   `yarp`: control boards and skin ports of a robot, read and commanded
-served_board, order_book         one part of a robot as a control board
-server, skin_events              `tci serve --via yarp`: boards, skin ports and contacts of any robot
-address                          what follows `yarp:` on the command line
+driver, board_driver, diagnose   `yarp`: reads and commands control boards, and reads skin ports
+server, served_board, order_book, skin_events   `tci serve --via yarp`: boards, skin ports and contacts of any
+robot
+address                          parses the address, the text after `yarp:` on the command line
 """

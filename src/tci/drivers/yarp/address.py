@@ -1,4 +1,4 @@
-"""What follows `yarp:` on the command line: `[HOST[:PORT]][,bindings][,dialect=3][,robot=NAME]...`."""
+"""Address of a robot on YARP, the text after `yarp:` on the command line: `[HOST[:PORT]][,OPTION]...`."""
 
 from __future__ import annotations
 
@@ -19,35 +19,39 @@ BINDINGS = "bindings"
 
 @dataclass(frozen=True, slots=True)
 class YarpAddress:
-    """Where the name server is, and what is spoken."""
+    """Address of the name server, and options of the protocol."""
 
     server: tuple[str, int] | None = None
-    """The name server; None: the one of yarp.conf."""
+    """Host and port of the name server; None for the one of yarp.conf."""
     bindings: bool = False
-    """Whether YARP's own bindings carry the messages."""
+    """True if YARP's own bindings carry the messages."""
     dialect: Dialect | None = None
-    """`3` or `4`; None: probed by a driver, 3 for a server."""
+    """Dialect of the protocol; None lets a driver find it out, and a server use that of YARP 3."""
     robot: str = ""
-    """First word of the port names, instead of the description's name: `icubSim`."""
+    """First part of the port names, such as `icubSim`; empty for the name of the robot's description."""
     carrier: str = FAST_TCP.name
-    """How skin and state come in."""
+    """Name of the carrier by which skin and joint states are received."""
     skin: str = ""
-    """`comp` to read the drift-compensated copies; raw otherwise."""
+    """`comp` for drift-compensated skin values, empty for raw ones."""
     without: tuple[str, ...] = ()
-    """Patches that are left out, joined by +."""
+    """Names of the patches that are not read. In the address they are separated by `+`."""
 
     @raises_driver_errors
     def network(self) -> Network:
-        """Returns the network that carries the messages. Raises DriverError, MissingExtraError."""
+        """Returns the network that carries the messages.
+
+        Raises DriverError when there is no name server, or the bindings support only the other dialect;
+        MissingExtraError when the bindings are not installed.
+        """
         network = Bindings(self.server) if self.bindings else Wire(self.server)
         if network.dialect not in (None, self.dialect or network.dialect):
-            raise DriverError(f"{network.title}, speak no other; without `bindings` TCI speaks both")
+            raise DriverError(f"{network.title}, support no other; valid: no `bindings`, then both")
         return network
 
 
 @raises_driver_errors
 def parse(text: str) -> YarpAddress:
-    """Raises DriverError that says what is valid."""
+    """Parses an address. Raises DriverError that lists the valid options."""
     server = None
     found: dict[str, object] = {}
     for number, word in enumerate(part.strip() for part in text.split(",") if part.strip()):
@@ -80,13 +84,14 @@ def parse(text: str) -> YarpAddress:
 def _valid() -> str:
     return (
         f"HOST:PORT first, then {BINDINGS}, dialect={'|'.join(DIALECTS)}, robot=NAME, "
-        f"carrier={'|'.join(CARRIERS)} (with {BINDINGS} whatever YARP has but text), "
+        f"carrier={'|'.join(CARRIERS)} (with {BINDINGS} any carrier of YARP but text), "
         "skin=raw|comp, without=PATCH+PATCH, separated by commas"
     )
 
 
 def patch_port(robot: Robot, prefix: str, patch: str) -> str:
-    """The port of a patch's raw skin; the binding may say which."""
+    """Returns the name of the port with a patch's raw values: that of the robot's binding to YARP if it has
+    one, else `/PREFIX/skin/PATCH`."""
     usual = f"skin/{patch}"
     bindings = {binding.middleware: binding for binding in robot.bindings}
     return f"/{prefix}/{bindings['yarp'].address(patch, usual) if 'yarp' in bindings else usual}"

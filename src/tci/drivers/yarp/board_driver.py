@@ -1,4 +1,4 @@
-"""One control board behind a driver: its state comes in, set-points go out, to named joints only."""
+"""Client of one control board: reads its state and sends set-points to the joints of one robot part."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ MOVING: Mapping[int, Mode] = {
     POSITION: Mode.POSITION, DIRECT: Mode.POSITION, Vocab("mix"): Mode.POSITION,
     VELOCITY: Mode.VELOCITY, Vocab("veld"): Mode.VELOCITY, TORQUE: Mode.TORQUE,
 }  # fmt: skip
-"""Control modes in which a joint obeys; in any other (idle, faulty, calibrating) its servo counts as off."""
+"""Control modes in which a joint follows commands. In any other (idle, fault, calibrating) its servo is
+off."""
 WORDS = {Mode.POSITION: DIRECT, Mode.IMPEDANCE: DIRECT, Mode.VELOCITY: VELOCITY, Mode.TORQUE: TORQUE}
 STREAMS = {
     Mode.POSITION: Stream.POSITION, Mode.IMPEDANCE: Stream.POSITION,
@@ -45,15 +46,17 @@ STREAMS = {
 }  # fmt: skip
 
 AHEAD = 0.02
-"""How far ahead [s] of its reference a servo is sent, on the way that the gate has planned: a board may come
-to rest at each set-point unless the next one is there before. Ours."""
+"""Time [s] ahead of its reference for which a servo's position is sent, on the path that the gate has
+planned. Assumed: four periods of 5 ms; a board may let a servo come to rest at a set-point that it
+reaches."""
 SWITCHING = 0.0005
-"""How long [s] the answer to a change of mode is waited for, to send the set-points again: a board may have
-ignored those that came before it had changed. Ours."""
+"""Longest time [s] to wait for the answer to a change of mode. If it arrives in time, the set-points are sent
+again: a board may ignore those that arrive before it has switched. Assumed: a tenth of a period of 5 ms."""
 
 
 class BoardDriver:
-    """The joints of one robot part. Methods raise DriverError when the board refuses or is not there."""
+    """The joints of one robot part on a control board. Methods raise DriverError when the board refuses or
+    can't be reached."""
 
     @raises_driver_errors
     def __init__(
@@ -66,13 +69,18 @@ class BoardDriver:
         carrier: str,
         dialect: Dialect | None,
     ) -> None:
-        """Connect and see which axis is which joint: by name where the board has them, else by number."""
+        """Connects, and assigns the board's axes to `servos`: by name if the board has all names, else by
+        number.
+
+        `prefix` is the first part of the board's port names (`/icub/left_arm`), `own` that of the ports
+        opened here. Raises DriverError for a board that can't be reached or whose axes don't fit the servos.
+        """
         self.servos = tuple(servos)
         self.prefix = prefix
         self._network, self._own = network, own
         self.board: Board = find_board(network, prefix, f"{own}/rpc:o", dialect)
         self.axes: tuple[str, ...] = ()
-        """The board's own names, by axis."""
+        """The board's own names of its axes, in its order."""
         self.feed: Feed[BoardState] | None = None
         self._output: Writer | None = None
         try:
@@ -97,7 +105,7 @@ class BoardDriver:
         self._switching: dict[int, Mode] = {}
 
     def close(self) -> None:
-        """Let go of all connections."""
+        """Closes all connections."""
         self.board.close()
         if self.feed is not None:
             self.feed.close()
@@ -105,7 +113,8 @@ class BoardDriver:
             self._output.close()
 
     def state(self, at: float | None = None) -> tuple[BoardState, float]:
-        """The latest state, or the nearest to a time [s], in the board's order and degrees; and its time."""
+        """Returns the latest state, or the one nearest to time `at` [s], and its time [s]. The state is in
+        degrees and in the order of the board's axes. Raises DriverError before the first state."""
         found = None
         if self.feed is not None:
             found = self.feed.latest if at is None else self.feed.at(at)
@@ -115,16 +124,16 @@ class BoardDriver:
 
     @property
     def switches(self) -> bool:
-        """Whether the board has not answered yet to a change of modes."""
+        """True while the board has not answered to a change of modes."""
         return bool(self._switching)
 
     def number(self) -> int:
-        """Of the latest state."""
+        """Returns the sequence number of the latest state; 0 before the first."""
         latest = self.feed.latest if self.feed is not None else None
         return latest.sequence if latest is not None else 0
 
     def modes(self, state: BoardState) -> list[tuple[Mode | None, bool]]:
-        """Control mode and whether it is on, of each servo."""
+        """Returns the control mode of each servo in a state, and True if the servo is on."""
         found: list[tuple[Mode | None, bool]] = []
         for axis in self.axis:
             mode = MOVING.get(state.modes[axis] if state.modes is not None else POSITION)
@@ -139,15 +148,15 @@ class BoardDriver:
 
     @raises_driver_errors
     def limits(self) -> list[AxisLimits]:
-        """How far each servo may go, by the board [deg]."""
+        """Returns the board's range [deg] of each servo."""
         return [self.board.limits(axis) for axis in self.axis]
 
     @raises_driver_errors
     def send(self, safe: SafeCommand, ahead: Array) -> None:
-        """Switch modes as the gate did, then send set-points to its servos that are under command.
+        """Switches modes as the gate did, then sends set-points to the board's servos in a command.
 
-        `ahead` (k,) [rad] is where the command's servos will be AHEAD later. The board's answer is told in a
-        later call: it may take a period of its own.
+        `ahead` (k,) [rad] are the positions of the command's servos AHEAD later. If the board refuses a mode,
+        a later call raises DriverError: the answer may take a period.
         """
         self._settle()
         mine = {servo.index: axis for servo, axis in zip(self.servos, self.axis, strict=True)}
@@ -164,13 +173,13 @@ class BoardDriver:
         ]
         self._stream_all(safe, ahead, obeying, mine)
         if asked and self._settle(SWITCHING):
-            # What came before the board had the new modes moved nothing.
+            # Set-points that arrived before the board had switched had no effect.
             self._stream_all(safe, ahead, obeying, mine)
 
     @raises_driver_errors
     def let_go(self, safe: SafeCommand) -> None:
-        """Send the torques of its servos in torque mode, and nothing else: to a board whose state does not
-        come. It may still hear, and would keep the last ones; the gate ends torques that nobody watches."""
+        """Sends only the torques of servos in torque mode, to a board whose state no longer arrives: it would
+        keep the last ones. The gate ends torques that are not based on fresh data."""
         mine = {servo.index: axis for servo, axis in zip(self.servos, self.axis, strict=True)}
         loose = [
             (place, servo)
@@ -181,19 +190,19 @@ class BoardDriver:
 
     @raises_driver_errors
     def halt(self) -> None:
-        """The board's own stop, in position mode: its joints stay where they are. Raises DriverError."""
+        """Calls the board's own stop in position mode: its joints stay where they are. Raises DriverError."""
         self.board.set_modes(list(self.axis), POSITION)
         self.board.stop()
         self._direct.clear()
 
     def forget(self) -> None:
-        """The board was away: its joints are in whatever mode they started in."""
+        """Forgets the joints in direct mode, and closes the connection for calls: the board was restarted."""
         self._direct.clear()
         self.board.close()
 
     @raises_driver_errors
     def reconnect(self) -> None:
-        """Connect again. Raises DriverError."""
+        """Connects again to state, calls and commands. Raises DriverError."""
         assert self.feed is not None
         fresh = find_board(self._network, self.prefix, f"{self._own}/rpc:o", self.board.dialect)
         self.board.close()
@@ -204,14 +213,15 @@ class BoardDriver:
 
     @raises_driver_errors
     def mind_commands(self) -> None:
-        """Connect again where the board has closed the connection that commands take: one that authenticates
-        does so after 2 s without any. Raises DriverError."""
-        output = self._output  # the loop lets go of it too
+        """Connects again if the board has closed the connection for commands, as boards that authenticate do
+        after 2 s without one. Raises DriverError."""
+        output = self._output  # read once: the loop's thread may set it to None
         if output is None or output.is_over():
             self._connect_commands()
 
     def _must_switch(self, servo: int, mode: Mode, reported: Mode | None, on: bool) -> bool:
-        """By order of the gate, or from position to position-direct. A mode that somebody else set stays."""
+        """Returns True if the gate changed the mode, or a joint in position mode has to go to
+        position-direct. A mode that another program set stays."""
         if mode is not self._told[servo]:
             return True
         return (
@@ -222,7 +232,7 @@ class BoardDriver:
         return reported is mode or servo in self._direct or mode in (Mode.VELOCITY, Mode.TORQUE)
 
     def _switch(self, wanted: dict[int, Mode], mine: dict[int, int]) -> bool:
-        """Ask the board for other modes, one question at a time; whether it was asked."""
+        """Requests other modes, unless a request is still open. Returns True if it sent one."""
         if not wanted or self._switching:
             return False
         for servo, mode in wanted.items():
@@ -241,7 +251,7 @@ class BoardDriver:
         return True
 
     def _settle(self, patience: float = 0.0) -> bool:
-        """True if all changes of modes are answered. Raises DriverError when the board refused one."""
+        """Returns True if all changes of modes are answered. Raises YarpError when the board refused one."""
         try:
             answered = self.board.settle(patience)
             if answered:
@@ -255,7 +265,7 @@ class BoardDriver:
             raise
 
     def _set_shares(self, safe: SafeCommand, mine: dict[int, int]) -> None:
-        """Shares of the stiffness and damping that the board had when it was first asked."""
+        """Sets stiffness and damping as fractions of those that the board had at first."""
         shares = [(0, safe.stiffness), (1, safe.damping)]
         for servo in {servo for _, values in shares for servo in values if servo in mine}:
             if Mode.IMPEDANCE not in next(s.modes for s in self.servos if s.index == servo):
@@ -272,7 +282,8 @@ class BoardDriver:
     def _stream_all(
         self, safe: SafeCommand, ahead: Array, chosen: Sequence[tuple[int, int]], mine: dict[int, int]
     ) -> None:
-        """Send the set-points of the `chosen` places and servos of a command, each by its mode."""
+        """Sends the set-points of servos, each in its mode; `chosen` has place in the command and index of
+        each."""
         for stream, values in (
             (Stream.POSITION, np.rad2deg(ahead)),
             (Stream.VELOCITY, np.rad2deg(safe.velocity)),
@@ -292,7 +303,7 @@ class BoardDriver:
         except YarpError:
             output.close()
             if self._output is output:
-                self._output = None  # nothing queues; whoever watches connects again
+                self._output = None  # nothing is queued; `mind_commands` connects again
 
     def _connect_commands(self) -> None:
         if self._output is not None:
@@ -308,7 +319,7 @@ class BoardDriver:
         return state
 
     def _match(self) -> tuple[int, ...]:
-        """The board's axis of each servo. Raises DriverError when there is none for one."""
+        """Returns the board's axis of each servo. Raises DriverError for a servo without one."""
         known = {name: axis for axis, name in enumerate(self.axes)}
         names = [servo.name for servo in self.servos]
         if len(known) == len(self.axes) and all(name in known for name in names):
@@ -317,8 +328,8 @@ class BoardDriver:
         mixed = [s.name for s in self.servos if known.get(s.name, s.id) != s.id]
         if strangers or mixed:
             raise DriverError(
-                f"{self.prefix} has the axes {', '.join(self.axes)}; the description's "
-                f"{', '.join(mixed or [servo.name for servo in strangers])} is not where its id says; "
-                "valid: a description whose servos have the board's names, or its numbers"
+                f"{self.prefix} has the axes {', '.join(self.axes)}; the description gives another axis "
+                f"number (id) to {', '.join(mixed or [servo.name for servo in strangers])}; "
+                "valid: a description whose servos have the board's names, or its axis numbers as id"
             )
         return tuple(servo.id for servo in self.servos)

@@ -1,4 +1,4 @@
-"""What `tci doctor` finds out about a robot on YARP."""
+"""Findings of `tci doctor` about a robot on YARP."""
 
 from __future__ import annotations
 
@@ -22,11 +22,13 @@ from yarpwire.feed import Feed
 from yarpwire.network import Network
 
 NEAR = 0.5
-"""Limits that differ by no more [deg] count as the same. Ours."""
+"""Difference [deg] up to which limits count as equal. Assumed: robots' configuration files round limits to a
+degree."""
 
 
 def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
-    """Step by step: the library, the name server, the boards, the skin."""
+    """Checks step by step what can be reached: library, name server, boards, skin. Never raises a TciError; a
+    step that fails is a finding."""
     try:
         options = addresses.parse(address)
         network = options.network()
@@ -40,7 +42,7 @@ def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
         return _library(network), _no_server(error)
     host, port = network.address
     found = [_library(network)]
-    found += [Finding(Level.OK, "name server", f"{host}:{port} knows {len(there)} ports")]
+    found += [Finding(Level.OK, "name server", f"{host}:{port} has {len(there)} ports")]
     prefix = options.robot or robot.name
     dialect = options.dialect or network.dialect
     for part in dict.fromkeys(servo.robot_part for servo in robot.servos):
@@ -52,7 +54,7 @@ def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
                 Finding(Level.OK, part, f"a control board of YARP {board.dialect.name}, {axes} axes")
             )
         except YarpError as error:
-            advice = "is its device running (yarprobotinterface)? another name? --via yarp:...,robot=NAME"
+            advice = "start its device (yarprobotinterface), or name the robot: --via yarp:...,robot=NAME"
             found.append(Finding(Level.FAULT, part, str(error), advice))
     for patch in robot.patches:
         name = patch_port(robot, prefix, patch.name)
@@ -70,14 +72,16 @@ def _library(network: Network) -> Finding:
 
 
 def _no_server(error: Exception) -> Finding:
-    advice = "start yarpserver, or say where it is: --via yarp:HOST:PORT; see docs/yarp.md"
+    advice = "start yarpserver, or give its address: --via yarp:HOST:PORT; see docs/yarp.md"
     return Finding(Level.FAULT, "name server", str(error), advice)
 
 
 def examine(
     dialect: Dialect, boards: Mapping[str, BoardDriver], skin: Mapping[str, Feed[Any]]
 ) -> tuple[Finding, ...]:
-    """Dialect, joints and limits that differ from the description, lost and wrong messages, clocks."""
+    """Returns findings about a connected robot: its dialect, joints and limits that differ from the
+    description, lost and invalid messages, offsets of clocks. Raises DriverError when a board does not
+    answer."""
     found = [Finding(Level.OK, "dialect", f"YARP {dialect.name}", figures={"dialect": dialect.name})]
     for part, board in boards.items():
         found += _examine_board(part, board)
@@ -87,8 +91,8 @@ def examine(
     for name, feed in {**feeds, **skin}.items():
         said = feed.last_error or feed.port.last_error
         level = Level.WARNING if feed.wrong or feed.lost or said else Level.OK
-        what = f"{feed.lost} messages lost, {feed.wrong} wrong"
-        advice = said or ("a faster carrier or network: yarp:...,carrier=fast_tcp" if feed.lost else "")
+        what = f"{feed.lost} messages lost, {feed.wrong} invalid"
+        advice = said or ("use a faster carrier or network: yarp:...,carrier=fast_tcp" if feed.lost else "")
         figures: dict[str, float | str] = {"lost": feed.lost, "wrong": feed.wrong}
         if feed.clock is not None and feed.clock.difference is not None:
             figures["clock_offset_s"] = feed.clock.difference
@@ -100,8 +104,8 @@ def _examine_board(part: str, board: BoardDriver) -> list[Finding]:
     found = []
     for servo, axis, limits in zip(board.servos, board.axis, board.limits(), strict=True):
         if board.axes[axis] != servo.name:
-            what = f"axis {axis} is called {board.axes[axis]!r} by the board"
-            found.append(Finding(Level.NOTE, servo.name, what, "taken by its number; compare with the robot"))
+            what = f"the board's name of its axis {axis} is {board.axes[axis]!r}"
+            found.append(Finding(Level.NOTE, servo.name, what, "found by its number: check it on the robot"))
         ours = (servo.limits.lower, servo.limits.upper)
         if ours[0] is None or ours[1] is None:
             continue
@@ -111,11 +115,9 @@ def _examine_board(part: str, board: BoardDriver) -> list[Finding]:
                 f"the board allows {limits.lower:g} to {limits.upper:g} degrees, "
                 f"the description {lower:g} to {upper:g}"
             )
-            advice = (
-                "put the board's limits into the description: set-points beyond them are cut by the board"
-            )
+            advice = "put the board's limits into the description: the board clips set-points beyond them"
             figures = {"lower_deg": limits.lower, "upper_deg": limits.upper}
             found.append(Finding(Level.WARNING, servo.name, what, advice, figures=figures))
     if not found:
-        found.append(Finding(Level.OK, part, f"{len(board.servos)} joints, named and limited as described"))
+        found.append(Finding(Level.OK, part, f"{len(board.servos)} joints, names and limits as described"))
     return found

@@ -1,4 +1,4 @@
-"""`yarp`: a robot behind YARP, such as iCub: its control boards and the ports of its skin."""
+"""`yarp`: driver of a robot on YARP, such as iCub: its control boards and the ports of its skin."""
 
 from __future__ import annotations
 
@@ -38,34 +38,44 @@ from yarpwire.incoming import Delivery
 from yarpwire.network import Network
 
 FIRST = 3.0
-"""How long [s] a port may take for its first message when the driver is opened. Ours."""
+"""Longest time [s] to wait for the first message of every port when the driver opens. Assumed: ports send at
+least 20 messages a second, and a connection takes less than a second."""
 AWAY = 0.3
-"""How long [s] a port is silent before it is asked again. Ours."""
+"""Time [s] without a message after which a port is connected again. Assumed: longer than gaps in the data of
+a busy network."""
 LOOK = 0.25
-"""How often [s] it is looked whether somebody is silent. Ours."""
+"""Time [s] between two checks for silent ports. Assumed: close to `AWAY`, so that a silent port is connected
+again within about twice that time."""
 REGISTER_AGAIN = 1.0
-"""How often [s] it is looked whether the name server forgot us. Ours."""
+"""Time [s] between two checks that the name server still has the driver's ports, which a restart makes it
+forget. Assumed: data flows without the name server, so a second is soon enough."""
 PATIENCE = 0.9
-"""Frames of the skin that are due within this share of a period are waited for. Ours."""
+"""Fraction of a period within which a reading waits for skin frames that are due. Assumed: the rest is for
+the computation."""
 REFUSED = 3.0
-"""How long [s] a board may refuse a change of mode, or not answer one, before that is an error. Ours."""
+"""Time [s] for which a board may refuse a change of mode, or not answer one, before `write` raises an error.
+Assumed: a board that starts or holds accepts modes again within it."""
 EVENTS = "/skinManager/skin_events:o"
 _numbers = itertools.count()
 
 
 class YarpDriver(Driver):
-    """A driver of a robot on YARP. It is armed only on request. After a restart of the name server, a board
-    or the robot it goes on by itself; meanwhile the joint data is old, and the gate holds."""
+    """A driver of a robot on YARP. It is armed only on request.
+
+    It reconnects by itself after a restart of the name server, a board or the robot. Until then the joint
+    data is old, and the gate holds.
+    """
 
     @raises_driver_errors
     def __init__(
         self, robot: Robot, address: str = "", *, arm: bool = False, joints: bool = True, skin: bool = True
     ) -> None:
-        """Connect to every board and every patch; `address` as in docs/yarp.md.
+        """Connects to every board and every patch. docs/yarp.md describes the `address`.
 
-        Without `joints` or `skin` only the other one is read. Skin alone does not tell the dialect, so the
-        address must. Raises DriverError when a port is not there, sends nothing, or sends what the
-        description does not say.
+        Without `joints` or `skin` only the other one is read. Skin ports do not show their dialect, so
+        without joints the address must name it. Raises DriverError when a port does not exist, sends nothing,
+        or sends values that do not fit the description; MissingExtraError when the address asks for YARP's
+        own bindings and they are not installed.
         """
         options = addresses.parse(address)
         clock = MonotonicClock()
@@ -109,15 +119,15 @@ class YarpDriver(Driver):
 
     @property
     def dialect(self) -> Dialect:
-        """What the robot speaks."""
+        """Dialect of the robot."""
         if self._dialect is not None:
             return self._dialect
         return next(iter(self.boards.values())).board.dialect
 
     @raises_driver_errors
     def skin_events(self) -> tuple[SkinEvent, ...]:
-        """The contacts that the robot's own skinManager says now. Raises DriverError when it is not
-        running."""
+        """Returns the latest contacts that the robot's own skinManager published. Raises DriverError when it
+        is not running."""
         if self._events is None:
             try:
                 self._events = Feed(
@@ -144,16 +154,17 @@ class YarpDriver(Driver):
         if self._joints is None or stamp != self._joints.stamp:
             self._joints = self._joints_at(stamp)
         back = self._away and self.clock.now() - stamp <= self.gate.stale_after
-        if back or self._reconnected.is_set():  # it is not where it was led meanwhile
+        if back or self._reconnected.is_set():  # the robot may have moved by other means in the meantime
             self._away.clear()
             self._reconnected.clear()
             self.gate.drop()
-        for feed in self.skin.values():  # last: what is felt is answered at once
+        for feed in self.skin.values():  # waited for last, so that skin data is as recent as possible
             feed.await_due(until, self.period)
         return Reading(joints=self._joints, skin=tuple(self._frames()))
 
     def _joints_at(self, stamp: float) -> JointReading:
-        """All boards at about one time [s]: the latest of the oldest, and of the others the nearest to it."""
+        """Returns a reading of all boards at about time `stamp` [s]: of each board, the state nearest to
+        it."""
         count = len(self.robot.servos)
         position, velocity, torque = np.full((3, count), np.nan)
         modes: list[Mode | None] = [None] * count
@@ -204,12 +215,14 @@ class YarpDriver(Driver):
         self._bear(now)
 
     def _bear(self, now: float) -> None:
-        """A board that holds, or starts, refuses for a moment: hold too; it is asked again in each period.
-        Raises DriverError when it goes on refusing."""
+        """Holds the gate while a board refuses, at `now` [s]: a board that holds or starts does so for a
+        moment, and gets the request again in each period. Raises DriverError when it refuses for longer than
+        REFUSED."""
         for since, error in self._refused.values():
             if now - since > REFUSED:
                 raise DriverError(
-                    f"{error}; for {now - since:.1f} s; does the robot's own process hold? `tci doctor` looks"
+                    f"{error}, for {now - since:.1f} s now; "
+                    "end what holds the robot on its own side; `tci doctor` shows its state"
                 ) from error
             self.gate.hold(Reason(Code.ROBOT_REFUSES, str(error)))
 
@@ -239,7 +252,9 @@ class YarpDriver(Driver):
         def decode(delivery: Delivery) -> NDArray[np.float64]:
             values = delivery.vector(self.dialect)
             if len(values) != patch.channels:
-                raise WireError(f"{source} sends {len(values)} values; the description says {patch.channels}")
+                raise WireError(
+                    f"{source} sends {len(values)} values; valid: {patch.channels} by the description"
+                )
             if self._compensated:
                 values = patch.sensor.rest + np.copysign(values, patch.sensor.pascal_per_count)
             return read_only(values)
@@ -265,14 +280,15 @@ class YarpDriver(Driver):
     def _wait_for(self, feed: Feed[Any], until: float) -> None:
         if feed.wait(max(0.0, until - time.monotonic())):
             return
-        why = feed.last_error or feed.port.last_error or f"nothing within {FIRST:g} s"
+        why = feed.last_error or feed.port.last_error or f"no message within {FIRST:g} s"
         raise DriverError(
-            f"{feed.source}: {why}; valid: what the description of {self.robot.name} says, "
-            "or a patch left out: yarp:...,without=PATCH"
+            f"{feed.source}: {why}; valid: data that fits the description of {self.robot.name}. "
+            "A patch can be left out: yarp:...,without=PATCH"
         )
 
     def _watch(self) -> None:
-        """Ask silent ports again, and tell a name server that restarted where ours are."""
+        """Runs until the driver closes: connects silent ports again, and registers the driver's ports at a
+        name server that restarted."""
         due = time.monotonic() + REGISTER_AGAIN
         while not self._closed.wait(LOOK):
             now = time.monotonic()

@@ -1,4 +1,4 @@
-"""The edge between yarpwire and TCI: every YarpError leaves this folder as a DriverError."""
+"""Conversion of yarpwire's errors to TCI's: every YarpError leaves this folder as a DriverError."""
 
 from __future__ import annotations
 
@@ -27,8 +27,9 @@ def raises_driver_errors(call: Callable[Arguments, Result]) -> Callable[Argument
 
 
 def driver_error(error: YarpError) -> TciError:
-    """A DriverError with the text of `error`; MissingExtraError if YARP's own bindings are not installed."""
+    """Returns a DriverError with the text of `error`, or a MissingExtraError if YARP's own bindings are not
+    installed."""
     if isinstance(error, BindingsError):
-        advice = f"{error.advice}. Without `bindings` TCI speaks YARP by itself"
+        advice = f"{error.advice}. Without `bindings` TCI needs no YARP"
         return MissingExtraError("yarp:bindings", error.missing, advice)
     return DriverError(str(error))

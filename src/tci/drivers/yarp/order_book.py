@@ -1,4 +1,4 @@
-"""Orders that wait for the next period of the serving loop, and what became of them."""
+"""Orders that wait for the next period of the serving loop, and their results."""
 
 from __future__ import annotations
 
@@ -11,13 +11,19 @@ from tci.messages import Order
 from tci.reasons import Code, Reason
 
 MOST_ORDERS = 256
-"""Orders that wait for the next period at most; beyond, the oldest go. Ours."""
+"""Largest number of orders that wait for the next period; beyond it the oldest are dropped. Assumed: bounds
+memory; a client sends a few orders per period and board."""
 SETTLE = 1.0
-"""How long [s] a caller waits to hear what became of its orders. Ours."""
+"""Longest time [s] that a call waits for the results of its orders. Assumed: a loop answers within a few
+periods, and YARP's own clients wait longer."""
 
 
 class OrderBook:
-    """Connections put orders in, the loop takes them out and says which ones passed."""
+    """Orders on their way from connections to the loop, and the results on their way back.
+
+    Each connection has a thread of its own, which calls `put` and, for calls that are answered, `begin` and
+    `settle`. The loop calls `take`, `refuse` and `judge`.
+    """
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
@@ -28,7 +34,7 @@ class OrderBook:
         self._mine = threading.local()
 
     def put(self, order: Order, undo: Callable[[], None] | None = None) -> None:
-        """Hand in an order; `undo` takes back what counts already, if it is refused."""
+        """Adds an order. `undo` is called if it is refused, to restore the state from before the command."""
         with self._changed:
             self._waiting.append(order)
             if undo is not None:
@@ -40,14 +46,15 @@ class OrderBook:
             self._mine.orders.append(order)
 
     def take(self) -> list[Order]:
-        """Orders since the last call, oldest first."""
+        """Returns the orders since the last call, oldest first."""
         with self._changed:
             waiting, self._waiting = self._waiting, []
             self._given += waiting
         return waiting
 
     def refuse(self, order: Order, reason: Reason) -> bool:
-        """Tell that an order did not even reach the gate; whether it was one of these."""
+        """Records that an order was refused before it reached the gate. Returns True if it was taken from
+        here."""
         with self._changed:
             mine = any(order is given for given in self._given)
             if mine:
@@ -55,7 +62,8 @@ class OrderBook:
         return mine
 
     def judge(self, passed: Sequence[Order], reasons: Sequence[Reason]) -> None:
-        """Tell which of the orders taken before the gate took over."""
+        """Records which of the orders taken before the gate accepted (`passed`), and its `reasons` for
+        refusing the others."""
         if not self._given:
             return
         with self._changed:
@@ -69,24 +77,25 @@ class OrderBook:
             self._changed.notify_all()
 
     def is_busy(self) -> bool:
-        """Whether orders wait for the loop's verdict."""
+        """Returns True while orders wait for their result."""
         return bool(self._waiting or self._given)
 
     def _pending(self) -> list[Order]:
         return [*self._waiting, *self._given]
 
     def begin(self) -> None:
-        """From here on this thread's orders are waited for by `settle`."""
+        """Makes `settle` wait for the orders that this thread puts from now on."""
         self._mine.orders = []
 
     def settle(self) -> None:
-        """Wait until the loop has judged this thread's orders. Raises CommandError for a refused one."""
+        """Waits until this thread's orders have a result. Raises CommandError for a refused one, and after
+        SETTLE."""
         mine, self._mine.orders = self._mine.orders, None
         until = time.monotonic() + SETTLE
         with self._changed:
             while any(order is other for order in mine for other in self._pending()):
                 if not self._changed.wait(max(0.0, until - time.monotonic())):
-                    raise CommandError("the robot's loop does not answer")
+                    raise CommandError(f"the robot's loop has not answered within {SETTLE:g} s")
             reasons = [self._refused.pop(id(order)) for order in mine if id(order) in self._refused]
             if len(self._refused) > MOST_ORDERS:
                 self._refused.clear()
@@ -97,5 +106,5 @@ class OrderBook:
 def _joined(reasons: Collection[Reason]) -> Reason:
     """Returns the reasons as one, with the code of the first."""
     if not reasons:
-        return Reason(Code.OTHER, "the gate did not take it over")
+        return Reason(Code.OTHER, "the gate did not accept it")
     return Reason(next(iter(reasons)).code, "; ".join(reason.text for reason in reasons))

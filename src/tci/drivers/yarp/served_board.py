@@ -1,6 +1,6 @@
-"""One robot part shown as a control board: what it answers, and the orders that it makes of commands.
+"""One robot part served as a control board: its answers to calls, and the orders that commands become.
 
-Both dialects lead here. Degrees on this side of it, radians on the other.
+Both dialects use it. Values of YARP are in degrees, those of TCI in radians.
 """
 
 from __future__ import annotations
@@ -25,50 +25,55 @@ from yarpwire.state import BoardState
 from yarpwire.values import Vocab
 
 FULL_STIFFNESS = 1.0
-"""Stiffness [N m/deg] that counts as all that a servo has. Ours."""
+"""Stiffness [N m/deg] that stands for the full stiffness of a servo. Assumed: TCI sets fractions of it, and
+YARP wants a value with a unit."""
 FULL_DAMPING = 0.1
-"""Damping [N m s/deg] that counts as all that a servo has. Ours."""
+"""Damping [N m s/deg] that stands for the full damping of a servo. Assumed, as FULL_STIFFNESS."""
 SPEED = 10.0
-"""Speed [deg/s] of a joint's moves until somebody sets another; as on iCub."""
+"""Speed [deg/s] of a joint's moves until a client sets another, as on iCub."""
 ACCELERATION = 50.0
-"""Acceleration [deg/s2] that is reported and kept; the gate has its own. Ours."""
+"""Acceleration [deg/s2] that clients read until they set another. Assumed; it has no effect, since the gate
+uses the limits of the description."""
 OVERTAKES = 0.005
-"""How long [s] streamed numbers wait for their change of mode, which comes by another connection. Ours."""
+"""Longest time [s] that streamed values wait for the change to their mode, which arrives on another
+connection and may come later. Assumed: half of a board's period on iCub."""
 THERE = 0.5
-"""How near [deg] to its target a joint's move counts as done. Ours."""
+"""Distance [deg] from its target within which a joint's move counts as done. Assumed: more than encoder noise
+and the sag of a servo under gravity."""
 MODES = {POSITION: Mode.POSITION, DIRECT: Mode.POSITION, VELOCITY: Mode.VELOCITY, TORQUE: Mode.TORQUE}
 STREAMS = {Stream.POSITION: DIRECT, Stream.VELOCITY: VELOCITY, Stream.TORQUE: TORQUE}
 COMMANDS = {Stream.POSITION: Mode.POSITION, Stream.VELOCITY: Mode.VELOCITY, Stream.TORQUE: Mode.TORQUE}
 
 
 class ServedBoard(BoardService):
-    """A robot part as a control board."""
+    """A robot part as a control board. The loop calls `see`, connections call the other methods."""
 
     def __init__(self, part: str, servos: Sequence[Servo]) -> None:
         self.part = part
         self.servos = tuple(servos)
         self.count = len(self.servos)
         self.speeds = np.full(self.count, SPEED)
-        """Speed (n,) [deg/s] of moves."""
+        """Speed (n_joints,) [deg/s] of moves."""
         self.accelerations = np.full(self.count, ACCELERATION)
-        """Kept for those who ask (n,) [deg/s2]."""
+        """Acceleration (n_joints,) [deg/s2] that clients have set; it has no effect."""
         self._index = np.array([servo.index for servo in self.servos], dtype=np.intp)
         self.book = OrderBook()
-        """What was commanded and waits for the loop."""
+        """Orders that wait for the loop."""
         self._words = dict.fromkeys(range(self.count), POSITION)
         self._compliant = [False] * self.count
         self._impedance = np.tile([FULL_STIFFNESS, FULL_DAMPING], (self.count, 1))
         self._targets = np.full(self.count, np.nan)
         self._early: tuple[float, Stream, list[int], Sequence[float]] | None = None
         self.state = BoardState(np.zeros(self.count))
-        """The latest state."""
+        """Latest state of the joints."""
         self.stamp = 0.0
-        """When it was measured [s], as a time of day."""
+        """Time [s] since 1970 at which the state was stored."""
         self.armed = True
-        """Whether orders are taken at all."""
+        """True if the board accepts commands; otherwise it refuses each with CallError."""
 
     def see(self, joints: JointReading, modes: Sequence[Mode]) -> None:
-        """Take over this period's joints, and the control mode that the gate has for every servo."""
+        """Stores the joints of this period, and the gate's control mode (n_servos,) of every servo of the
+        robot."""
         if not self.book.is_busy():
             self._catch_up(modes)
         powered = joints.powered
@@ -88,7 +93,8 @@ class ServedBoard(BoardService):
         self.stamp = time.time()
 
     def _catch_up(self, modes: Sequence[Mode]) -> None:
-        """Believe the gate where it has another mode than was asked for here."""
+        """Takes over the gate's mode of each joint for which it differs from the mode that clients have
+        set."""
         for number, servo in enumerate(self._index.tolist()):
             mode = modes[servo]
             if self._mode(number, MODES[self._words[number]]) is not mode:
@@ -263,7 +269,8 @@ class ServedBoard(BoardService):
     def _switch(
         self, joints: Sequence[int], modes: Sequence[Mode], before: Mapping[int, Vocab] | None = None
     ) -> None:
-        """Switch joints; where that is refused, the words from `before` count again."""
+        """Orders new modes for joints. If the gate refuses one, the joint's previous mode from `before` is
+        restored."""
         for mode in dict.fromkeys(modes):
             chosen = [number for number, wanted in zip(joints, modes, strict=True) if wanted is mode]
             undo = partial(
@@ -280,17 +287,17 @@ class ServedBoard(BoardService):
 
     def _put(self, order: Order, undo: Callable[[], None] | None = None) -> None:
         if not self.armed:
-            raise CallError(f"{self.part} is read-only: serve it with --arm")
+            raise CallError(f"{self.part} is read-only; valid: tci serve --arm")
         self.book.put(order, undo)
 
 
 def _listed(items: object) -> Sequence[Any]:
-    """A list as it is, nothing for what is none."""
+    """Returns `items` if it is a list, else an empty one."""
     return items if isinstance(items, list | tuple) else ()
 
 
 def _finite(numbers: Sequence[Any], count: int) -> Array:
     values = [float(number) for number in _listed(numbers) if isinstance(number, int | float)]
     if not len(values) == len(_listed(numbers)) == count or not np.all(np.isfinite(values)):
-        raise CallError(f"{str(numbers)[:60]} in the place of numbers; valid: {count}, finite")
+        raise CallError(f"{str(numbers)[:60]} in place of numbers; valid: {count} finite numbers")
     return np.array(values)

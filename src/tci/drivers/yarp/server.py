@@ -1,7 +1,7 @@
-"""`tci serve ROBOT --via yarp`: any robot as YARP control boards and skin ports.
+"""`tci serve ROBOT --via yarp`: server of any robot as YARP control boards and skin ports.
 
-YARP's own tools and iCub's software drive it then. Each robot part is a board, `/ROBOT/PART/...`; each patch
-a port, `/ROBOT/skin/PATCH`.
+YARP's own tools and iCub's software can then read and move it. Each robot part is a board, `/ROBOT/PART/...`;
+each patch is a port, `/ROBOT/skin/PATCH`.
 """
 
 from __future__ import annotations
@@ -40,24 +40,27 @@ from yarpwire.state import encode_state
 from yarpwire.streams import obey
 
 PERIOD = 0.01
-"""Time [s] between two states of a board, as on iCub."""
+"""Time [s] between two published states of a board, as on iCub."""
 APART = 0.003
-"""So long [s] after a frame of the skin no states are sent, if they can wait: who answers a touch is not to
-read them just then. Ours."""
+"""Time [s] after a skin frame in which states are sent only if they can't wait any longer. Assumed: a client
+computes its answer to a touch in that time, and reading states would delay it."""
 DEFAULT = ("127.0.0.1", 10000)
-"""Where a name server of our own listens unless an address is given."""
+"""Host and port at which the server's own name server listens if no address is given."""
 REGISTER_AGAIN = 1.0
-"""How often [s] it is looked whether the name server forgot us. Ours."""
+"""Time [s] between two checks that the name server still has the ports, which a restart makes it forget.
+Assumed: data flows without the name server, so a second is soon enough."""
 
 
 class YarpServer(Server):
-    """A robot on YARP. Commands need a driver that is armed."""
+    """Serves the robot of a driver on YARP. It accepts commands only if the driver is armed."""
 
     @raises_driver_errors
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """Open all ports. Without a name server, one of our own is started.
+        """Opens all ports, at a name server of its own if none is found. docs/yarp.md describes the
+        `address`.
 
-        Raises DriverError for a port that is taken and for a name server that doesn't answer.
+        Raises DriverError for a port that is in use and for a name server that does not answer;
+        MissingExtraError when the address asks for YARP's own bindings and they are not installed.
         """
         super().__init__(driver, address)
         options = addresses.parse(address)
@@ -71,9 +74,9 @@ class YarpServer(Server):
         for board in self.boards.values():
             board.see(joints, driver.gate.modes)
         self.last_error = ""
-        """Why the latest command was not obeyed."""
+        """Reason for which the latest refused command was refused."""
         self.refused = 0
-        """Commands that were not obeyed."""
+        """Number of refused commands."""
         self._ports: dict[str, NamedPort] = {}
         self._sequences: dict[str, int] = {}
         self._stamps: dict[str, int] = {}
@@ -106,7 +109,7 @@ class YarpServer(Server):
 
     def orders(self) -> Sequence[Order]:
         if not self._shown:
-            return []  # they wait for the first reading
+            return []  # orders wait until the first reading is published
         return [order for board in self.boards.values() for order in board.book.take()]
 
     def refuse(self, order: Order, reason: Reason) -> None:
@@ -136,7 +139,7 @@ class YarpServer(Server):
         for part, board in self.boards.items():
             board.see(reading.joints, self.driver.gate.modes)
             if f"/{self.prefix}/{part}/state:o" not in self._ports:
-                continue  # it is away
+                continue  # closed by `close_board`
             stamp = self._stamp(part, reading.joints.stamp + offset)
             self._write(f"/{self.prefix}/{part}/state:o", board.state.position, stamp)
             extended = f"/{self.prefix}/{part}/stateExt:o"
@@ -156,8 +159,11 @@ class YarpServer(Server):
             self._own.close()
 
     def _name_server(self, options: YarpAddress) -> tuple[NameServer | None, Network]:
-        """The name server of the address or of yarp.conf, else one here: the network is not asked, since who
-        answers would be told of every port, and each would listen to where it is."""
+        """Returns the network, and the name server if it is started here.
+
+        The name server is that of the address or of yarp.conf, else a new one. The network is not searched
+        for others: one that answers would list every port and make it listen on the network.
+        """
         if options.server is None and not config_file(namespace()).is_file():
             options = replace(options, server=DEFAULT)
         where = options.server or DEFAULT
@@ -176,7 +182,7 @@ class YarpServer(Server):
 
     @raises_driver_errors
     def open_board(self, part: str) -> None:
-        """Show one robot part as a control board. Raises DriverError."""
+        """Opens the ports of one robot part's control board. Raises DriverError for a port that is in use."""
         board = self.boards[part]
         calls = "nws/rpc:i" if self.dialect is V4 else "rpc:i"
         answer = answer_v4 if self.dialect is V4 else answer_v3
@@ -196,7 +202,8 @@ class YarpServer(Server):
 
     @raises_driver_errors
     def close_board(self, part: str) -> None:
-        """Let one control board be away until `open_board`, as one that restarts; for rehearsals."""
+        """Closes the ports of one control board until `open_board`, like a board that restarts. Rehearsals of
+        faults use it."""
         for name in list(self._ports):
             if name.startswith(f"/{self.prefix}/{part}/"):
                 self._ports.pop(name).close()
@@ -229,7 +236,8 @@ class YarpServer(Server):
         self.last_error = reason.text
 
     def _keep_registered(self) -> None:
-        """A name server that restarts forgets its ports; what flows between ports goes on meanwhile."""
+        """Runs until the server closes: registers its ports again at a name server that restarted. Data
+        between ports flows without it."""
         while not self._closed.wait(REGISTER_AGAIN):
             with contextlib.suppress(YarpError):
                 known = {contact.name for contact in self.network.list()}

@@ -1,5 +1,7 @@
-"""The contacts that iCub's skinManager publishes: `((id body link skin) (CoP) (F) (M) (centre) (normal)
-(taxels ..) pressure)`, one list per contact, in the frame of its link.
+"""Contacts as iCub's skinManager publishes them.
+
+Each contact is a list, in the frame of its link: `((id body link skin) (CoP) (F) (M) (centre) (normal)
+(taxels ..) pressure)`.
 """
 
 from __future__ import annotations
@@ -15,39 +17,39 @@ from tci.messages import Contact
 from yarpwire.errors import WireError
 
 NEWTON = 0.05
-"""Force [N] per taxel and unit of pressure, by skinManager's own formula."""
+"""Force [N] per taxel and unit of pressure, in skinManager's own formula."""
 BODY_PARTS = {"torso": 1, "head": 2, "left_arm": 3, "right_arm": 4, "left_leg": 5, "right_leg": 6}
 SEGMENTS = {"hand": (6, 1), "forearm": (4, 2), "upper_arm": (2, 3)}
-"""Number of the link and of the skin part; the right side's skin parts are three more."""
+"""Numbers of the link and of the left skin part of a segment. Right skin parts have numbers three higher."""
 MOST = 1000
-"""Contacts in one event at most. Ours."""
+"""Largest number of contacts in one event. Assumed: bounds memory; an iCub has a few at a time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinEvent:
-    """One contact as skinManager says it."""
+    """One contact that skinManager published."""
 
     id: int
     body_part: int
-    """1 torso, 2 head, 3 and 4 left and right arm, 5 and 6 legs."""
+    """Number of the body part: 1 torso, 2 head, 3 left arm, 4 right arm, 5 left leg, 6 right leg."""
     link: int
-    """Number of the link in its body part."""
+    """Number of the link within its body part."""
     skin_part: int
-    """1 to 3 left hand, forearm, upper arm; 4 to 6 the right ones; 7 chest."""
+    """Number of the skin part: 1 to 3 left hand, forearm and upper arm; 4 to 6 the right ones; 7 chest."""
     cop: Array
-    """Centre of pressure (3,) [m] in the link."""
+    """Centre of pressure (3,) [m] in the frame of the link."""
     force: Array
-    """Force (3,) [N] by skinManager's formula."""
+    """Force (3,) [N] in the frame of the link, by skinManager's formula."""
     normal: Array
-    """Weighted normal (3,), not always of length 1."""
+    """Mean normal (3,) in the frame of the link, weighted by pressure; its length may differ from 1."""
     taxels: tuple[int, ...]
-    """Taxels by their number in the skin part."""
+    """Numbers of the taxels within the skin part."""
     pressure: float
-    """Mean pressure, in the sensor's units."""
+    """Mean pressure of the taxels, in the sensor's own unit."""
 
 
 def encode_events(contacts: Sequence[Contact]) -> list[Any]:
-    """The Bottle for contacts; those on parts that skinManager does not know are left out."""
+    """Returns the Bottle of contacts, without those on parts for which skinManager has no number."""
     return [_encode(number, contact) for number, contact in enumerate(contacts) if contact.part in BODY_PARTS]
 
 
@@ -63,7 +65,7 @@ def _encode(number: int, contact: Contact) -> list[Any]:
 
 
 def decode_events(items: Sequence[Any]) -> tuple[SkinEvent, ...]:
-    """Contacts in a Bottle of skinManager. Raises WireError for one that is none."""
+    """Returns the contacts in a Bottle of skinManager. Raises WireError for an invalid one."""
     if len(items) > MOST:
         raise WireError(f"{len(items)} contacts at once; valid: up to {MOST}")
     return tuple(_decode(item) for item in items)
@@ -71,11 +73,11 @@ def decode_events(items: Sequence[Any]) -> tuple[SkinEvent, ...]:
 
 def _decode(item: Any) -> SkinEvent:
     if not isinstance(item, list) or len(item) != 8 or not all(isinstance(part, list) for part in item[:7]):
-        raise WireError(f"{str(item)[:60]} is no contact; valid: seven lists and a pressure")
+        raise WireError(f"{str(item)[:60]} is no contact; valid: seven lists and a number")
     ids, cop, force, _, _, normal, taxels, pressure = item
     vectors = [np.array([_number(value) for value in vector]) for vector in (cop, force, normal)]
     if len(ids) != 4 or any(len(vector) != 3 for vector in vectors):
-        raise WireError(f"{str(item)[:60]} is no contact; valid: 4 numbers, then vectors of 3")
+        raise WireError(f"{str(item)[:60]} is no contact; valid: 4 numbers, then vectors of 3 numbers")
     whole = [int(_number(value)) for value in (*ids, *taxels)]
     return SkinEvent(
         id=whole[0], body_part=whole[1], link=whole[2], skin_part=whole[3],

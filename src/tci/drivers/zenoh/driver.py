@@ -67,7 +67,7 @@ class ZenohDriver(RemoteDriver):
             where = parse_address(address, robot.name)
             session = open_session(where, "connect")
         except DriverError as error:
-            advice = "is tci serve, or the router, running there? with TLS: do key and certificate fit?"
+            advice = "start tci serve or the router there; with TLS check that key and certificate fit"
             return (Finding(Level.FAULT, "session", str(error), advice),)
         try:
             return (Finding(Level.OK, "session", f"open at {where}"), *_look(session, robot, where.robot))
@@ -93,7 +93,7 @@ class ZenohDriver(RemoteDriver):
         if self._why:
             return self._why
         there = ", ".join(_alive(self.session)) or "none"
-        return f"robots there: {there}; to serve one: tci serve ROBOT --via zenoh"
+        return f"robots served there: {there}; to serve one: tci serve ROBOT --via zenoh"
 
     def _starting(self) -> bool:
         return not self._why and self._address.robot in _alive(self.session)
@@ -164,8 +164,10 @@ def _look(session: zenoh.Session, robot: Robot, name: str) -> Iterator[Finding]:
     """Checks that a robot of that name is served, and that its description is this one."""
     names = _alive(session)
     if name not in names:
-        said = f"{name} is not there; robots there: {', '.join(names) or 'none'}"
-        yield Finding(Level.FAULT, "robot", said, "tci serve ROBOT --via zenoh; is its key readable for you?")
+        said = f"{name} is not served; robots served there: {', '.join(names) or 'none'}"
+        yield Finding(
+            Level.FAULT, "robot", said, "serve it (tci serve ROBOT --via zenoh), or get access to its keys"
+        )
         return
     yield Finding(Level.OK, "robot", f"{name} is alive")
     for reply in session.get(f"tci/{name}/facts", timeout=2.0):
@@ -173,13 +175,13 @@ def _look(session: zenoh.Session, robot: Robot, name: str) -> Iterator[Finding]:
             try:
                 same = read_facts(reply.ok.payload.to_string()).digest == robot.digest
             except (TciError, ValueError) as error:
-                yield Finding(Level.FAULT, "description", f"it answers with what is no description: {error}")
+                yield Finding(Level.FAULT, "description", f"its answer is no description: {error}")
                 return
             advice = "" if same else "use the same description on both machines: tci check FILE"
-            said = "the same there and here" if same else "another one there than here"
+            said = "the same on both sides" if same else "different on the two sides"
             yield Finding(Level.OK if same else Level.FAULT, "description", said, advice)
             return
-    yield Finding(Level.WARNING, "description", "it does not answer tci/NAME/facts", "may you ask that key?")
+    yield Finding(Level.WARNING, "description", "it does not answer tci/NAME/facts", "get access to that key")
 
 
 def _received(subscriber: zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]) -> Iterator[bytes]:

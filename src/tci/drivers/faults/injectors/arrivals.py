@@ -51,7 +51,7 @@ class Duplicates(Injector):
     """Duplication: frames arrive twice."""
 
     number = 12
-    says = "every skin frame comes twice in one reading"
+    says = "every skin frame appears twice in one reading"
 
     def read(self, reading: Reading) -> Reading:
         return replace(reading, skin=reading.skin + reading.skin)

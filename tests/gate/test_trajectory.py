@@ -177,7 +177,7 @@ def test_what_can_not_stop_can_not_be_taken_over() -> None:
     limiter, _ = moving()
     limiter._state[1, 1] = np.nan
     other = OnlineTrajectory(BOUNDS, BOUNDS.nearest(np.zeros(len(ARM)), FREE), PERIOD)
-    words = "these servos can't join the motion now; valid: ask again later"
+    words = "these servos can't join the motion now: they would leave their limits .*; valid: ask again later"
     with pytest.raises(CommandError, match=f"^{words}$"):
         other.take_over([0, 1, 2], limiter, [0, 1, 2])
 

@@ -32,6 +32,7 @@ class BodyGuard:
         """Takes the `period` [s] of one step of a group."""
         self._body = body
         self._period = period
+        self._box = np.zeros((2, 0))
         self._before: dict[JointGroup, Array] = {}
         self._waiting: set[JointGroup] = set()
 
@@ -52,7 +53,9 @@ class BodyGuard:
 
         Servos of no group are at the `measured` (n_servos,) [rad].
         """
-        box = np.array([measured, measured])
+        if (box := self._box).shape[1] != len(measured):
+            box = self._box = np.empty((2, len(measured)))
+        box[:] = measured
         take_room(index, measured, stop.here, stop.span, box)
         for other in others:
             here = other.limiter.whole_state[0]
@@ -71,13 +74,13 @@ class BodyGuard:
         for other in others:
             here = told[other.index] = other.limiter.whole_state[0]
             away[other.index] = measured[other.index] - self._before.get(other, here)
-        duration = stop.way.duration
+        duration = stop.duration
         longest = max((other.limiter.remaining for other in others), default=0.0)
         times = duration * SHARES
         if longest > duration:  # another group still moves when this one rests
             times = np.concatenate([times, duration + (longest - duration) * SHARES[1:]])
         path = told[None].repeat(1 + len(times), axis=0)
-        path[1:, index] = [stop.way.at_time(time)[0] for time in times.tolist()]
+        path[1:, index] = stop.states(times)[:, 0]
         for other in others:
             lead = self._period if other in self._waiting else 0.0
             path[1:, other.index] = other.limiter.stop_at(times + lead)

@@ -15,17 +15,14 @@ from numpy.typing import NDArray
 from tci.errors import TciError
 from tci.frames import Array
 from tci.gate.kernels.motion import (
-    ANGLE,
-    ANGLE_BEFORE,
+    DEAF,
     DISAGREES,
+    FASTEST,
     FOLLOWS,
+    JUMPED,
     LATE,
     OPPOSED,
-    SPEED,
-    SPEED_BEFORE,
-    judge_motion,
-    judge_velocity,
-    largest_change,
+    judge_reading,
 )
 from tci.messages import JointReading, Mode
 from tci.reasons import Code, Reason
@@ -95,19 +92,19 @@ class JointMonitor:
         self.settings = settings or MonitorSettings()
         self._robot = robot
         self._names = [servo.name for servo in robot.servos]
-        speeds = [servo.limits.velocity for servo in robot.servos]
         s = self.settings
         self._numbers = np.array([
             s.following_error, s.lag, s.patience, s.opposing, s.least_speed, s.frozen, s.frozen_travel,
-            s.drift, s.push,
+            s.drift, s.push, s.encoder_step,
         ])  # fmt: skip
         self._worst = np.zeros(2)
         limits = [servo.limits for servo in robot.servos]
         # Without a limit there is no torque mode.
-        self._limits = np.array(
-            [[x.torque or np.inf for x in limits], [x.acceleration or 0.0 for x in limits]]
-        )
-        self._fastest = np.array([np.inf if speed is None else speed for speed in speeds])
+        self._limits = np.array([
+            [x.torque or np.inf for x in limits],
+            [x.acceleration or 0.0 for x in limits],
+            [np.inf if x.velocity is None else x.velocity for x in limits],
+        ])  # fmt: skip
         self.misled = False
         """True after a fault that makes the joint data untrustworthy, until `reset`."""
         self.forget()
@@ -123,10 +120,12 @@ class JointMonitor:
         self._before: JointReading | None = None
         self._modes: tuple[Mode, ...] = ()
         self._kinds = np.zeros((2, 0), dtype=bool)
-        self._readings = np.zeros((4, len(never)))
         self._fresh = np.inf
-        self._memory = np.array([never, never, never, np.zeros(len(never))])
-        self._drifts = np.array([np.zeros(len(never)), never, -never, never])
+        zeros = np.zeros(len(never))
+        self._arrays = (
+            self._limits, self._numbers, np.zeros((4, len(never))), np.array([never, never, never, zeros]),
+            np.array([zeros, never, -never, never]), self._worst,
+        )  # fmt: skip
         self._other_mode = never
         self._well: tuple[object, ...] = ()
 
@@ -138,10 +137,14 @@ class JointMonitor:
         control period.
         """
         before, self._before = self._before, joints
-        readings = self._readings
-        readings[ANGLE_BEFORE], readings[SPEED_BEFORE] = readings[ANGLE], readings[SPEED]
-        readings[ANGLE], readings[SPEED] = joints.position, joints.velocity
-        if before is None or joints.stamp <= before.stamp:
+        elapsed = 0.0 if before is None else joints.stamp - before.stamp
+        self._sort(reference.modes)
+        pushed = np.zeros(len(reference.servos)) if torque is None else torque
+        found = judge_reading(
+            self._arrays, reference.servos, self._kinds, reference.position, reference.velocity, pushed,
+            joints.position, joints.velocity, joints.stamp, elapsed,
+        )  # fmt: skip
+        if before is None or not elapsed > 0.0:
             self._fresh = min(self._fresh, joints.stamp)
             return self._fault_of_state(joints, reference)
         if joints.sequence != before.sequence:
@@ -150,27 +153,23 @@ class JointMonitor:
             self.misled = True
             words = f"joint data is frozen: reading {joints.sequence} comes again under fresh stamps"
             return Reason(Code.JOINTS_REPEATED, words)
-        return (
-            self._fault_of_encoders(joints, before)
-            or self._fault_of_velocities(joints, before, reference, torque)
-            or self._fault_of_state(joints, reference)
-            or self._fault_of_motion(joints, before, reference)
-        )
+        if found == JUMPED:
+            return self._jumped(elapsed)
+        if found in (DISAGREES, DEAF):
+            return self._misled_by(found, reference)
+        fault = self._fault_of_state(joints, reference)
+        return fault if fault is not None or found == FOLLOWS else self._fault_of_motion(found, reference)
 
-    def _fault_of_encoders(self, joints: JointReading, before: JointReading) -> Reason | None:
-        if largest_change(joints.position, before.position) <= self.settings.encoder_step:
-            return None
-        change = np.abs(joints.position - before.position)
-        allowed = self._fastest * (joints.stamp - before.stamp) + self.settings.encoder_step
-        if (change > allowed).any():
-            worst = int(np.argmax(change - allowed))
-            self.misled = True
-            return Reason(
-                Code.ENCODER_JUMPED,
-                f"the angle of {self._names[worst]} jumped by {np.rad2deg(change[worst]):.1f} degrees; "
-                f"possible: {np.rad2deg(allowed[worst]):.1f}",
-            )
-        return None
+    def _jumped(self, elapsed: float) -> Reason:
+        """Returns the reason for an angle that changed too much within `elapsed` [s]."""
+        worst, change = int(self._worst[0]), self._worst[1]
+        self.misled = True
+        allowed = self._limits[FASTEST, worst] * elapsed + self.settings.encoder_step
+        return Reason(
+            Code.ENCODER_JUMPED,
+            f"the angle of {self._names[worst]} jumped by {np.rad2deg(change):.1f} degrees; "
+            f"possible: {np.rad2deg(allowed):.1f}",
+        )
 
     def _fault_of_state(self, joints: JointReading, reference: Reference) -> Reason | None:
         """Checks for servos that are off, or in another mode than they were switched to."""
@@ -196,17 +195,9 @@ class JointMonitor:
             self._well = seen
         return None
 
-    def _fault_of_motion(
-        self, joints: JointReading, before: JointReading, reference: Reference
-    ) -> Reason | None:
-        servos = reference.servos
-        found = judge_motion(
-            servos, self._kinds, self._readings, reference.position, reference.velocity, self._numbers,
-            joints.stamp, joints.stamp - before.stamp, self._memory, self._worst,
-        )  # fmt: skip
-        if found == FOLLOWS:
-            return None
-        name, way = self._names[servos[int(self._worst[0])]], np.rad2deg(self._worst[1])
+    def _fault_of_motion(self, found: int, reference: Reference) -> Reason:
+        """Returns the reason for a servo that does not follow its reference."""
+        name, way = self._names[reference.servos[int(self._worst[0])]], np.rad2deg(self._worst[1])
         if found == LATE:
             causes = "held or pushed, blocked, stalled or limp"
             words = f"{name} does not follow: {way:.1f} degrees from its reference; {causes}"
@@ -218,21 +209,10 @@ class JointMonitor:
         words = f"the encoder of {name} stands still while its reference moved by {way:.1f} degrees"
         return Reason(Code.ENCODER_FROZEN, words)
 
-    def _fault_of_velocities(
-        self, joints: JointReading, before: JointReading, reference: Reference, torque: Array | None
-    ) -> Reason | None:
-        """Checks angles against velocities and torques, for servos that are not judged by a reference."""
-        servos, elapsed = reference.servos, joints.stamp - before.stamp
-        self._sort(reference.modes)
-        pushed = np.zeros(len(servos)) if torque is None else torque
-        found = judge_velocity(
-            servos, self._kinds, self._readings, pushed, self._limits, self._numbers, joints.stamp, elapsed,
-            self._drifts, self._worst,
-        )  # fmt: skip
-        if found == FOLLOWS:
-            return None
+    def _misled_by(self, found: int, reference: Reference) -> Reason:
+        """Returns the reason for an angle that is not the joint's, as velocities and torques tell."""
         self.misled = True
-        name, way = self._names[servos[int(self._worst[0])]], np.rad2deg(self._worst[1])
+        name, way = self._names[reference.servos[int(self._worst[0])]], np.rad2deg(self._worst[1])
         if found == DISAGREES:
             words = f"the angle of {name} is {way:.1f} degrees from where its velocity leads"
             return Reason(Code.ENCODER_DISAGREES, words)

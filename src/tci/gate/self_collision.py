@@ -10,10 +10,11 @@ from functools import lru_cache
 
 import numpy as np
 
+from tci.compiled import entry
 from tci.engine import mujoco
 from tci.errors import TciError
 from tci.frames import Array
-from tci.gate.kernels.clearance_bounds import come_near, follow, stand, to_joints
+from tci.gate.kernels.clearance_bounds import come_near, follow, stand
 from tci.gate.kernels.solids import Solids
 from tci.reasons import Code, Reason
 from tci.robot.clearance import Clearance
@@ -22,27 +23,30 @@ from tci.robot.joint_map import initial_position
 from tci.skin.kernels.arrays import Indices
 
 MARGIN = 0.005
-"""Distance [m] that links keep. Ours: room for the servos' lag and for hulls of reduced meshes."""
+"""Distance [m] that links keep. Assumed: room for the servos' lag and for hulls of reduced meshes."""
 WIDEST = 0.1
-"""Largest margin [m]. Ours."""
+"""Largest margin [m]. Assumed: a hand that may come no nearer to the body can do little."""
 SIGHT = 1.0
-"""Distances [m] beyond this one are not told apart. Ours."""
+"""Distances [m] beyond this one count as this one. Assumed: no period takes a link so far."""
 STRIDE = 0.002
-"""Points of a path are looked at where links may have moved this far [m] since the last. Ours."""
+"""Distance [m] that links may move between two points of a path that are looked at. Assumed: less than half
+of the margin."""
 PATIENCE = 16
-"""Looks until distances are measured anew that did not suffice. Ours."""
+"""Checks until distances that did not suffice are measured anew. Assumed: measuring takes as long as some of
+them."""
 SPECK = 1e-6
-"""Of a shorter way [m] between two links the direction is only rounding."""
+"""Distance [m] between two links below which its direction is only rounding."""
+_come_near, _stand = entry(come_near), entry(stand)
 
 
 @lru_cache(maxsize=8)
 def _solids(robot: Robot) -> Solids:
-    """Nobody writes to them, and each gate asks for them."""
+    """Returns the solids of a robot, read-only and shared by its gates."""
     return Solids.of(Clearance(robot))
 
 
 class SelfCollision:
-    """Looks along a path before it is taken. What it remembers is for speed; no answer depends on it."""
+    """Checks paths for self-collision before they are executed. Caches save time, never change a result."""
 
     def __init__(self, robot: Robot, *, margin: float = MARGIN) -> None:
         """Links keep `margin` [m] apart.
@@ -68,20 +72,20 @@ class SelfCollision:
         )  # fmt: skip
         self._strides = self._clearance.levers[s.servos]
         self._segment = np.zeros(6)
-        self._box = np.zeros((2, joints))
-        self._ends = self._box[0], self._box[1]
+        self._ends = np.zeros((2, joints))
         self._patience = 0
         start = self._of_joints(initial_position(robot))
         self._measure(start, np.arange(pairs, dtype=np.int32), self._axis)
 
     def keeps_margin(self, box: Array) -> bool:
-        """Whether every posture between the angles of `box` (2, n_servos) [rad] surely keeps the margin."""
-        low, high = self._ends
-        to_joints(self._solids.servos, self._solids.zero, box, self._box)
-        count = come_near(self._arrays, self._known, low, high, self.margin)
+        """Returns True if all postures between angles of `box` (2, n_servos) [rad] surely keep the margin.
+
+        `box` is contiguous and of floats: it goes to the compiled loop as it is.
+        """
+        count = self._near(box)
         if count and self._patience <= 0:
-            self._measure((low + high) / 2.0, self._left[:count].copy(), self._axis)
-            count = come_near(self._arrays, self._known, low, high, self.margin)
+            self._measure(self._ends.mean(axis=0), self._left[:count].copy(), self._axis)
+            count = self._near(box)
             self._patience = PATIENCE
         self._patience = self._patience - 1 if count else 0
         return not count
@@ -91,10 +95,9 @@ class SelfCollision:
 
         Links that are nearer than the margin where the path begins may go apart, and no nearer.
         """
-        way = self._of_joints(path)
-        count = come_near(self._arrays, self._known, way.min(axis=0), way.max(axis=0), self.margin)
-        if not count:
+        if not (count := self._near(np.array([path.min(axis=0), path.max(axis=0)], np.float64))):
             return None
+        way = self._of_joints(path)
         self._at[:] = 0
         while asked := follow(
             self._arrays, self._known, count, way, self._strides, STRIDE, self.margin, self._at, self._asked
@@ -119,10 +122,16 @@ class SelfCollision:
                 )
         return None
 
+    def _near(self, box: Array) -> int:
+        """Counts the pairs that may come nearer than the margin between the angles of `box` (2, n_servos)."""
+        servos, zero = self._solids.servos, self._solids.zero
+        count: int = _come_near(self._arrays, self._known, servos, zero, box, self._ends, self.margin)
+        return count
+
     def _measure(self, angles: Array, pairs: Indices, axis: Array | None = None) -> Array:
         """Distances (m,) [m] of some pairs at `angles` (j,) [rad], cut off at SIGHT; keeps their axes."""
         s, data, segment = self._solids, self._data, self._segment
-        stand(self._arrays, angles, self._frames, data.geom_xpos, data.geom_xmat, s.geoms)
+        _stand(self._arrays, angles, self._frames, data.geom_xpos, data.geom_xmat, s.geoms)
         result = np.empty(len(pairs))
         for index, pair in enumerate(pairs.tolist()):
             one, other = s.geoms[s.pairs[pair]].tolist()

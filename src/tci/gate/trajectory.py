@@ -18,19 +18,19 @@ from ruckig import (
 from tci.errors import CommandError
 from tci.frames import Array
 from tci.gate.bounds import MARGIN, Bounds
-from tci.gate.kernels.stops import is_outside
 from tci.gate.kernels.targets import straight_limits
 from tci.gate.stop_plan import StopPlanner, StopTrajectory
 from tci.reasons import Reason
 
 CREEP = 0.1
-"""Share of the speed limit at which a servo that starts outside its limits moves inward. Ours."""
+"""Share of the speed limit at which a servo that starts outside its limits moves inward. Assumed: slow enough
+for a person to step in, since nothing is known of what is there."""
 LEAST_SHARE = 1e-6
 """Least share of the longest way of a straight motion that is told from none; ruckig needs limits above 0."""
 
 
 Guard = Callable[[StopTrajectory], Reason | None]
-"""Looks at a stop before the state where it begins is handed out: why it must not be; empty when it may."""
+"""Judges a stop before the state where it begins is handed out: the reason against it, or None."""
 
 
 class OnlineTrajectory:
@@ -65,10 +65,11 @@ class OnlineTrajectory:
         self._straight = False
         self._otg = Ruckig(count, period)
         self._input, self._output = InputParameter(count), OutputParameter(count)
-        self._input.current_position = list(position)
         self._input.max_acceleration, self._input.max_jerk = list(bounds.acceleration), list(bounds.jerk)
         self._stopper = StopPlanner(bounds, position, period)
-        self._state = np.array([position, np.zeros(count), np.zeros(count)])
+        self._state: Array
+        self._outside: bool
+        self._set_state(np.array([position, np.zeros(count), np.zeros(count)]))
         self._set_interfaces()
 
     @property
@@ -116,18 +117,14 @@ class OnlineTrajectory:
         state = np.array(self.state)
         state[:, places] = np.array(other.state)[:, others]
         self._set_state(state)
-        try:
-            inside, stop = self._stopper.plan(state, self._state[0], self.bounds)
-        except RuckigError as error:
-            raise CommandError("these servos can't join the motion now; valid: ask again later") from error
-        if not inside or not self._stopper.keeps_couplings(stop, self.bounds):
+        if not self._stopper.plan(state, self._state[0]):
             raise CommandError(
                 "these servos can't join the motion now: they would leave their limits if they stopped; "
                 "valid: ask again later"
             )
-        if fault := self._guard(stop):
+        if fault := self._guard(self._stopper.planned):
             raise CommandError(f"these servos can't join the motion now: {fault}", code=fault.code)
-        self._stopper.keep(stop)
+        self._stopper.keep()
         self.target[places] = other.target[others]
         self._speed[places] = other.speed[others]
         self._drive[places] = other.drive[others]
@@ -197,11 +194,10 @@ class OnlineTrajectory:
     def _advance(self) -> bool:
         """Take a step to the target; false, and no step, when a stop from there would leave the bounds."""
         here, output = self._state[0], self._output
-        creeps = is_outside(here, self.bounds.lower, self.bounds.upper)
-        if self._asked or creeps is not self._creeps:
-            self._input.max_velocity = (self._most * (CREEP if creeps else 1.0)).tolist()
+        if self._asked or self._outside is not self._creeps:
+            self._input.max_velocity = (self._most * (CREEP if self._outside else 1.0)).tolist()
             self._input.target_position = self.target.tolist()
-            self._asked, self._creeps = False, creeps
+            self._asked, self._creeps = False, self._outside
         if self._any_driven:
             allowed = self.bounds.allowed_velocity(here, np.nan_to_num(self._drive))
             self._driving = bool(allowed.any())
@@ -209,23 +205,21 @@ class OnlineTrajectory:
             self._input.target_velocity = (np.where(outside, CREEP, 1.0) * allowed).tolist()
         try:
             result = self._otg.update(self._input, output)
-            numbers = output.new_position, output.new_velocity, output.new_acceleration
-            inside, stop = self._stopper.plan(state := np.array(numbers), here, self.bounds)
+            numbers = [*output.new_position, *output.new_velocity, *output.new_acceleration]
         except (RuckigError, ValueError):
             # Rare states have no synchronised way, mostly where a speed limit falls. That a way takes longer
             # than ruckig plans is a result that its Python part does not know.
             return False
-        if not inside:
+        state = np.array(numbers).reshape(3, -1)
+        if not self._stopper.plan(state, here):
             return False
-        if len(self.bounds.coupling) and not self._stopper.keeps_couplings(stop, self.bounds):
-            return False
-        if fault := self._guard(stop):
+        if fault := self._guard(self._stopper.planned):
             self.ended = fault
             self.halt()
             return False
         output.pass_to_input(self._input)
-        self._state = state
-        self._stopper.keep(stop)
+        self._state, self._outside = state, self._stopper.outside
+        self._stopper.keep()
         self._resting = result == Result.Finished and not self._driving
         self._led = True
         return True
@@ -271,7 +265,8 @@ class OnlineTrajectory:
         self._stopper.set_limits(acceleration, jerk)
 
     def _set_state(self, state: Array) -> None:
-        """What is handed out (3, n): positions, velocities, accelerations."""
+        """Hands out positions, velocities, accelerations (3, n)."""
         self._state = state
+        self._outside = bool(((state[0] < self.bounds.lower) | (state[0] > self.bounds.upper)).any())
         i = self._input
         i.current_position, i.current_velocity, i.current_acceleration = state.tolist()

@@ -145,9 +145,28 @@ def test_it_finds_what_numpy_finds_of_velocities(seed: int) -> None:
     assert at.FOLLOWS in found
 
 
-def test_the_largest_change_is_numpy_s() -> None:
+@pytest.mark.parametrize("elapsed", [0.0, 0.01])
+def test_a_reading_is_noted_and_an_angle_that_jumps_is_found(elapsed: float) -> None:
     random = np.random.default_rng(1)
-    for count in (0, 1, 7):
-        now, before = random.normal(size=(2, count))
-        for find in (at.largest_change, at.largest_change.py_func):
-            assert find(now, before) == np.abs(now - before).max(initial=0.0)
+    count, found = 4, set()
+    limits = np.array([[2.0] * count, [10.0] * count, [1.0, 1.0, np.inf, 1.0]])
+    readings, worst = np.zeros((4, count)), np.zeros(2)
+    settings, memory, drifts = np.array([*TOLD, 0.05]), np.zeros((4, count)), np.zeros((4, count))
+    none = np.zeros(0, np.intp), np.zeros((2, 0), bool), *[np.zeros(0)] * 3
+    for _ in range(60):
+        before = readings.copy()
+        angles, speeds = (
+            before[at.ANGLE] + random.choice([0.0, 0.055, -0.065, 0.2], count),
+            random.normal(size=count),
+        )
+        monitor = limits, settings, readings, memory, drifts, worst
+        got = at.judge_reading(monitor, *none, angles, speeds, 1.0, elapsed)
+        assert readings.tolist() == np.array([angles, speeds, before[at.ANGLE], before[at.SPEED]]).tolist()
+        change = np.abs(angles - before[at.ANGLE])
+        beyond = change - (limits[at.FASTEST] * max(elapsed, 1e-9) + 0.05)
+        jumped = elapsed > 0.0 and bool((beyond > 0.0).any())
+        assert got == (at.JUMPED if jumped else at.FOLLOWS)
+        if jumped:
+            assert worst.tolist() == [np.argmax(beyond), change[np.argmax(beyond)]]
+        found.add(got)
+    assert found == ({at.JUMPED, at.FOLLOWS} if elapsed else {at.FOLLOWS})

@@ -11,7 +11,7 @@ import numpy as np
 from numba import float64, int32, int64, void
 from numpy.typing import NDArray
 
-from tci.compiled import compiled, inlined, reads, returns, views, writes
+from tci.compiled import compiled, inlined, reads, returns, writes
 from tci.frames import Array
 from tci.skin.kernels.arrays import Indices
 
@@ -104,23 +104,29 @@ def at_least(shapes: Array, points: Array, frames: Array, pairs: Indices, axis: 
     return found
 
 
-@compiled(void(views(1, int64), reads(1), reads(2), writes(2)))
+@inlined
 def to_joints(servos: NDArray[np.intp], zero: Array, box: Array, ends: Array) -> None:
-    """Write the `ends` (2, j) [rad] between which the model's joints are while servos are between those of
+    """Writes the `ends` (2, j) [rad] between which the model's joints are while servos are between those of
     `box` (2, n_servos) [rad]; `servos` (j,) move the joints, and are at `zero` (j,) where they are at 0."""
     for j in range(len(servos)):
         for k in range(2):
             ends[k, j] = box[k, servos[j]] - zero[j]
 
 
-@compiled(int64(SOLIDS, KNOWN, reads(1), reads(1), float64))
-def come_near(solids: Arrays, known: Arrays, low: Array, high: Array, margin: float) -> int:
-    """How many pairs may come as near as `margin` [m] between the angles `low` and `high` (j,) [rad].
+@compiled(int64(SOLIDS, KNOWN, reads(1, int64), reads(1), reads(2), writes(2), float64))
+def come_near(
+    solids: Arrays, known: Arrays, servos: NDArray[np.intp], zero: Array, box: Array, ends: Array,
+    margin: float,
+) -> int:  # fmt: skip
+    """Counts the pairs that may come as near as `margin` [m] between the angles of `box` (2, n_servos) [rad].
 
-    Their numbers are left in the memory, which is renewed in the middle between the angles.
+    Their numbers are left in the memory, which is renewed in the middle between the angles. `ends` (2, j)
+    gets the angles of the joints: see `to_joints`.
     """
     joints, shapes, points, _, pairs, levers = solids
     posture, distance, axis, left, bound, _, _, frames, middle = known
+    to_joints(servos, zero, box, ends)
+    low, high = ends
     for p in range(len(pairs)):
         bound[p] = distance[p]
     for j in range(len(joints)):

@@ -1,16 +1,16 @@
-"""Whether servos move as they are told, in one compiled loop: what `tci.gate.joint_monitor` says."""
+"""Judges in one compiled loop if servos move as they are told, for `tci.gate.joint_monitor`."""
 
 from __future__ import annotations
 
 from numba import boolean, float64, int64
 
-from tci.compiled import compiled, reads, views, writes
+from tci.compiled import compiled, inlined, reads, returns, views, writes
 from tci.frames import Array
 
-FOLLOWS, LATE, OPPOSED, FROZEN, DISAGREES, DEAF = range(6)
-"""What was found: nothing; a servo far from its reference, moving against it, or standing still; an angle
-that goes elsewhere than its velocity leads; one that no change of torque moves by a bit."""
-FOLLOWING_ERROR, LAG, PATIENCE, OPPOSING, LEAST_SPEED, LONGEST_REPEAT, TRAVEL, FORGETS, PUSH = range(9)
+FOLLOWS, LATE, OPPOSED, FROZEN, DISAGREES, DEAF, JUMPED = range(7)
+"""Findings: nothing; a servo far from its reference, moving against it, or standing still; an angle that goes
+elsewhere than its velocity leads; one that no change of torque moves by a bit; one that jumps."""
+FOLLOWING_ERROR, LAG, PATIENCE, OPPOSING, LEAST_SPEED, LONGEST_REPEAT, TRAVEL, FORGETS, PUSH, STEP = range(10)
 """Places of the settings."""
 ANGLE, SPEED, ANGLE_BEFORE, SPEED_BEFORE = range(4)
 """Rows of two successive readings (4, n_servos): angles [rad] and velocities [rad/s] now, and before."""
@@ -22,36 +22,39 @@ the reference was [rad] when the angle began to repeat."""
 DRIFT, WEAKEST, STRONGEST, PUSHED_SINCE = range(4)
 """Rows of the memory of velocities (4, n_servos): how far they lead away from the angle [rad]; the least and
 the largest torque [N m] since both repeat, and since when [s] these differ."""
-TORQUE_LIMIT, ACCELERATION = range(2)
-"""Rows of what joints may do (2, n_servos)."""
+TORQUE_LIMIT, ACCELERATION, FASTEST = range(3)
+"""Rows of what joints may do (3, n_servos): torque [N m], acceleration [rad/s2], speed [rad/s]."""
 SELDOM = 0.025
 """Readings that are farther apart [s] tell nothing of the way between: a velocity may have changed twice."""
+MONITOR = returns(reads(2), reads(1), writes(2), writes(2), writes(2), writes(1))
+"""Type of what a monitor keeps: limits and settings; readings, memory, memory of velocities; worst."""
 
 
 @compiled(boolean(views(1)))
 def all_finite(values: Array) -> bool:
-    """Whether no value (n,) is infinite or NaN."""
+    """Returns True if no value (n,) is infinite or NaN."""
     sum_of_zeros = 0.0
     for i in range(len(values)):
         sum_of_zeros += 0.0 * values[i]
     return bool(sum_of_zeros == 0.0)
 
 
-@compiled(float64(views(1), views(1)))
-def largest_change(now: Array, before: Array) -> float:
-    """Largest distance between two readings (n,), which are finite; 0 without servos."""
-    largest = 0.0
-    for i in range(len(now)):
-        largest = max(largest, abs(now[i] - before[i]))
-    return largest
+@inlined
+def _jump(readings: Array, limits: Array, step: float, elapsed: float, worst: Array) -> bool:
+    """Returns True if an angle changed by more than its speed limit allows, and by a `step` [rad] beyond.
+
+    Writes into `worst` (2,) the place of the worst servo and its change [rad].
+    """
+    most = 0.0
+    for i in range(readings.shape[1]):
+        change = abs(readings[ANGLE, i] - readings[ANGLE_BEFORE, i])
+        beyond = change - (limits[FASTEST, i] * elapsed + step)
+        if beyond > most:
+            most, worst[0], worst[1] = beyond, i, change
+    return most > 0.0
 
 
-@compiled(
-    int64(
-        views(1, int64), views(2, boolean), reads(2), views(1), views(1), reads(1), float64, float64,
-        writes(2), writes(1),
-    )
-)  # fmt: skip
+@inlined
 def judge_motion(
     servos: Array,
     kinds: Array,
@@ -105,12 +108,7 @@ def judge_motion(
     return found
 
 
-@compiled(
-    int64(
-        views(1, int64), views(2, boolean), reads(2), views(1), reads(2), reads(1), float64, float64,
-        writes(2), writes(1),
-    )
-)  # fmt: skip
+@inlined
 def judge_velocity(
     servos: Array,
     kinds: Array,
@@ -123,7 +121,7 @@ def judge_velocity(
     memory: Array,
     worst: Array,
 ) -> int:
-    """What is wrong with the angles of `servos` (k,), judged by their velocities and by what pushes them.
+    """Returns what is wrong with the angles of `servos` (k,), judged by velocities and by what pushes them.
 
     The readings are `elapsed` [s] apart; a velocity that is NaN tells nothing. Angles that follow a reference
     are not judged by velocities. `torque` (k,) [N m] was sent to those that are loose. Updates the memory,
@@ -167,3 +165,33 @@ def judge_velocity(
         if begin < now and way > max(settings[TRAVEL], worst[1]):
             found, worst[0], worst[1] = DEAF, k, way
     return found
+
+
+@compiled(
+    int64(
+        MONITOR, views(1, int64), views(2, boolean), views(1), views(1), views(1), views(1), views(1),
+        float64, float64,
+    )
+)  # fmt: skip
+def judge_reading(
+    monitor: tuple[Array, ...], servos: Array, kinds: Array, position: Array, velocity: Array, torque: Array,
+    angles: Array, speeds: Array, now: float, elapsed: float,
+) -> int:  # fmt: skip
+    """Takes a reading of all `angles` [rad] and `speeds` [rad/s] (n_servos,), made at time `now` [s]; returns
+    the first finding of `_jump`, `judge_velocity` and `judge_motion`.
+
+    A reading that is not `elapsed` [s] after the one before is only noted. `servos` (k,) were told `position`
+    [rad], `velocity` [rad/s] and `torque` [N m] (k,).
+    """
+    limits, settings, readings, memory, drifts, worst = monitor
+    for i in range(len(angles)):
+        readings[ANGLE_BEFORE, i], readings[SPEED_BEFORE, i] = readings[ANGLE, i], readings[SPEED, i]
+        readings[ANGLE, i], readings[SPEED, i] = angles[i], speeds[i]
+    if not elapsed > 0.0:
+        return FOLLOWS
+    if _jump(readings, limits, settings[STEP], elapsed, worst):
+        return JUMPED
+    found = judge_velocity(servos, kinds, readings, torque, limits, settings, now, elapsed, drifts, worst)
+    if found != FOLLOWS:
+        return found
+    return judge_motion(servos, kinds, readings, position, velocity, settings, now, elapsed, memory, worst)

@@ -1,55 +1,118 @@
-"""What a planned stop passes through."""
+"""Jerk-limited stops of servos: planned, judged and followed in compiled loops."""
 
 from __future__ import annotations
 
 import numpy as np
-from numba import boolean, int64, void
+from numba import boolean, float64, int64, void
 from numpy.typing import NDArray
 
-from tci.compiled import compiled, reads, views, writes
+from tci.compiled import compiled, inlined, reads, returns, views, writes
 from tci.frames import Array
+from tci.gate.kernels.couplings import box_keeps
+
+LOWER, UPPER, ACCELERATION, JERK = range(4)
+"""Rows of the limits (4, n) of servos that stop."""
+(
+    LEAST, MOST, HERE, END, ANGLE, SPEED, PULL, FIRST_JERK, LAST_JERK, RAMP, PLATEAU, RELEASE,
+    STOP_ROWS,
+) = range(13)  # fmt: skip
+"""Rows of a stop (12, n): least and largest angles [rad] on the way; angles one step before it and at its
+end; angles, velocities and accelerations at its start; its jerk while the acceleration ramps up and while it
+is released; how long [s] it ramps up, stays, and is released."""
 
 
-@compiled(boolean(reads(2), reads(1), reads(1), reads(1), reads(1), reads(1), writes(2)))
-def stop_stays_inside(
-    start: Array, end: Array, jerk: Array, here: Array, lower: Array, upper: Array, span: Array
-) -> bool:
-    """Whether a stop stays in `lower`, `upper` (n,) [rad], or outside them no farther than `here` (n,), and
-    does not leave them again once it is inside.
+@inlined
+def _plan(stop: Array, i: int, most: float, jerk: float) -> None:
+    """Plan the time-optimal stop of one servo from where it starts: ramp up, stay, release."""
+    v, a = stop[SPEED, i], stop[PULL, i]
+    final = v + a * abs(a) / (2.0 * jerk)  # velocity if the acceleration were released at once
+    peak = a
+    if final > 0.0:
+        peak = -min(np.sqrt(jerk * v + a * a / 2.0), most)
+    elif final < 0.0:
+        peak = min(np.sqrt(a * a / 2.0 - jerk * v), most)
+    ramp, release = abs(peak - a) / jerk, abs(peak) / jerk
+    gained = (a + peak) / 2.0 * ramp + peak / 2.0 * release
+    plateau = 0.0 if peak == 0.0 else max(-(v + gained) / peak, 0.0)
+    stop[FIRST_JERK, i] = jerk if peak > a else -jerk
+    stop[LAST_JERK, i] = jerk if peak < 0.0 else -jerk
+    stop[RAMP, i], stop[RELEASE, i] = ramp, release
+    # Without a plateau what is left of the velocity is rounding.
+    stop[PLATEAU, i] = plateau if abs(peak) >= most else 0.0
 
-    It goes from `start` (3, n), angles, velocities and accelerations [rad], to `end` (n,) with `jerk` (n,)
-    [rad/s3]. Writes the least and the largest angles (2, n) on the way into `span`. A servo turns back when
-    its acceleration alone takes it through zero velocity, even while `jerk` takes the acceleration away as
-    fast as it may. (`Trajectory.position_extrema` is wrong for a stop: it counts 0 in.)
+
+@inlined
+def _follow(stop: Array, i: int, time: float) -> tuple[float, float, float]:
+    """Angle, velocity and acceleration of a servo `time` [s] after its stop began."""
+    q, v, a = stop[ANGLE, i], stop[SPEED, i], stop[PULL, i]
+    for jerk, lasts in (
+        (stop[FIRST_JERK, i], stop[RAMP, i]),
+        (0.0, stop[PLATEAU, i]),
+        (stop[LAST_JERK, i], stop[RELEASE, i]),
+    ):
+        t = min(time, lasts)
+        q += t * (v + t * (a / 2.0 + t * jerk / 6.0))
+        v += t * (a + t * jerk / 2.0)
+        a += t * jerk
+        time -= t
+    return q, v, a
+
+
+@compiled(
+    returns(boolean, boolean, boolean, float64)(
+        reads(2), views(1), reads(2), views(2), views(1), views(1), writes(2)
+    )
+)
+def plan_stop(
+    state: Array, here: Array, limits: Array, coupling: Array, lows: Array, highs: Array, stop: Array
+) -> tuple[bool, bool, bool, float]:
+    """Plan the `stop` (12, n) from a `state` (3, n), angles, velocities and accelerations [rad].
+
+    Returns three truths and its duration [s]. First: it stays inside the `limits` (4, n), or outside them no
+    farther than `here` (n,) [rad], and does not leave them again once it is inside. Second: the box around it
+    is in bounds, `lows` <= `coupling` @ point <= `highs` (m,). Third: the state itself is outside the limits.
     """
-    inside = True
-    for i in range(len(end)):
-        q, v, a = start[0, i], start[1, i], start[2, i]
-        turn, square = q, a * a - 2.0 * jerk[i] * abs(v)
+    inside, outside, duration = True, False, 0.0
+    for i in range(len(here)):
+        q, v, a, jerk = state[0, i], state[1, i], state[2, i], limits[JERK, i]
+        lower, upper = limits[LOWER, i], limits[UPPER, i]
+        stop[HERE, i], stop[ANGLE, i], stop[SPEED, i], stop[PULL, i] = here[i], q, v, a
+        _plan(stop, i, limits[ACCELERATION, i], jerk)
+        lasts = stop[RAMP, i] + stop[PLATEAU, i] + stop[RELEASE, i]
+        duration = max(duration, lasts)
+        end, _, _ = _follow(stop, i, np.inf)
+        stop[END, i] = end
+        # A servo turns back when its acceleration alone takes it through zero velocity, even while the jerk
+        # takes the acceleration away as fast as it may.
+        turn, square = q, a * a - 2.0 * jerk * abs(v)
         if v * a < 0.0 and square > 0.0:
-            time = (abs(a) - np.sqrt(square)) / jerk[i]
-            turn = q + time * (v + time * (a / 2.0 - time * np.sign(a) * jerk[i] / 6.0))
-        span[0, i] = min(q, turn, end[i])
-        span[1, i] = max(q, turn, end[i])
-        if not (span[0, i] >= min(lower[i], here[i]) and span[1, i] <= max(upper[i], here[i])):
+            time = (abs(a) - np.sqrt(square)) / jerk
+            turn = q + time * (v + time * (a / 2.0 - time * np.sign(a) * jerk / 6.0))
+        stop[LEAST, i] = min(q, turn, end)
+        stop[MOST, i] = max(q, turn, end)
+        if not (stop[LEAST, i] >= min(lower, here[i]) and stop[MOST, i] <= max(upper, here[i])):
             inside = False
         within = False
-        for at in (q, turn, end[i]):
-            if within and not lower[i] <= at <= upper[i]:
+        for at in (q, turn, end):
+            if within and not lower <= at <= upper:
                 inside = False
-            within = within or lower[i] <= at <= upper[i]
-        if not (np.isfinite(q + v + a) and np.isfinite(turn) and np.isfinite(end[i])):
+            within = within or lower <= at <= upper
+        if not (np.isfinite(q + v + a) and np.isfinite(turn) and np.isfinite(end)):
             inside = False  # min and max of numbers that are none depend on their order
-    return inside
+        outside = outside or q < lower or q > upper
+    return inside, box_keeps(stop[: MOST + 1], coupling, lows, highs), outside, duration
 
 
-@compiled(boolean(views(1), views(1), views(1)))
-def is_outside(here: Array, lower: Array, upper: Array) -> bool:
-    """Whether any angle of `here` (n,) is outside `lower`, `upper` (n,)."""
-    outside = False
-    for i in range(len(here)):
-        outside = outside or here[i] < lower[i] or here[i] > upper[i]
-    return outside
+@compiled(void(reads(2), reads(1), writes(3)))
+def follow_stop(stop: Array, times: Array, states: Array) -> None:
+    """Write the `states` (k, 3, n) of a `stop` (12, n), angles, velocities and accelerations [rad], at
+    `times` (k,) [s] after it began."""
+    for k in range(len(times)):
+        for i in range(stop.shape[1]):
+            if times[k] < stop[RAMP, i] + stop[PLATEAU, i] + stop[RELEASE, i]:
+                states[k, 0, i], states[k, 1, i], states[k, 2, i] = _follow(stop, i, times[k])
+            else:
+                states[k, 0, i], states[k, 1, i], states[k, 2, i] = stop[END, i], 0.0, 0.0
 
 
 @compiled(void(views(1, int64), views(1), views(1), reads(2), writes(2)))

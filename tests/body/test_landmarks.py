@@ -35,9 +35,9 @@ def test_distances_around_a_head_are_those_of_its_circumference(name: str) -> No
     assert isinstance(cone, TruncatedCone)
     radius = (cone.r1 + cone.r2) / 2.0
     surface = body.skin.surfaces["head_skin"]
-    spot = body.landmark("head", FRONT)
+    landmark = body.landmark("head", FRONT)
     middle = surface.positions.mean(axis=0)
-    across = spot.p_L - middle
+    across = landmark.p_L - middle
     axis = rotation_rpy(*cone.rpy)[:, 2]
     across = across - axis * (axis @ across)
     side = np.cross(axis, across)
@@ -61,7 +61,7 @@ def unrolled(cone: TruncatedCone, points: Array) -> Array:
 
 
 @pytest.mark.parametrize(
-    ("name", "patch", "spot"),
+    ("name", "patch", "landmark"),
     [
         ("nao-whole", "head_skin", FRONT),
         ("nao-whole", "torso_skin", Landmark("", (-1.0, 0.0, 0.0))),
@@ -72,13 +72,13 @@ def unrolled(cone: TruncatedCone, points: Array) -> Array:
         ("icub-whole", "left_thigh", Landmark("thigh", (0.0, 1.0, 0.0))),
     ],
 )
-def test_distances_are_those_of_the_unrolled_cone(name: str, patch: str, spot: Landmark) -> None:
+def test_distances_are_those_of_the_unrolled_cone(name: str, patch: str, landmark: Landmark) -> None:
     """On an unrolled cone the shortest path is a straight line, whichever way around."""
     body = BODIES[name]
     words = body.robot.patch(patch)
     cone = words.surface
     assert isinstance(cone, TruncatedCone)
-    place = body.landmark(words.part, spot)
+    place = body.landmark(words.part, landmark)
     surface = body.skin.surfaces[patch]
     (start,) = unrolled(cone, place.p_L[None])
     slope = (cone.r2 - cone.r1) / cone.length
@@ -88,7 +88,7 @@ def test_distances_are_those_of_the_unrolled_cone(name: str, patch: str, spot: L
         apart = abs(start[1] - end[1]) % sector
         angle = min(apart, sector - apart)
         exact = np.sqrt(start[0] ** 2 + end[0] ** 2 - 2.0 * start[0] * end[0] * np.cos(angle))
-        found = body.distance(contact_at(body, patch, surface.positions[taxel]), spot)
+        found = body.distance(contact_at(body, patch, surface.positions[taxel]), landmark)
         assert found == pytest.approx(exact, rel=0.03, abs=0.001), (taxel, exact)
 
 
@@ -96,20 +96,20 @@ def test_distances_are_those_of_the_unrolled_cone(name: str, patch: str, spot: L
 def test_spots_lie_where_they_are_said_to(name: str) -> None:
     body = BODIES[name]
     start = initial_position(body.robot)
-    for part, spot, axis, sign in (
+    for part, landmark, axis, sign in (
         ("head", FRONT, 0, 1.0),
         ("torso", Landmark("", (-1.0, 0.0, 0.0)), 0, -1.0),
         ("left_leg", Landmark("thigh", (0.0, 1.0, 0.0)), 1, 1.0),
         ("right_leg", Landmark("thigh", (0.0, 1.0, 0.0)), 1, -1.0),
         ("left_leg", Landmark("foot", (0.0, 0.0, -1.0)), 2, -1.0),
     ):
-        place = body.landmark(part, spot)
+        place = body.landmark(part, landmark)
         link = body.robot.patch(place.patch).link
         position = np.array(start)
         legs = [part for part in body.robot.parts if part.kind == "leg"]
         position[[joint.servo for leg in legs for joint in leg.servos if joint.servo is not None]] = 0.0
         R_TL = body.skin.kinematics.poses(position, [link])[link][:3, :3]
-        assert (R_TL @ place.n_L)[axis] * sign > 0.95, (part, spot)
+        assert (R_TL @ place.n_L)[axis] * sign > 0.95, (part, landmark)
 
 
 def test_a_contact_is_at_no_distance_from_its_own_place_and_none_from_other_skin() -> None:
@@ -128,10 +128,10 @@ def test_a_part_without_skin_there_is_told() -> None:
 
 def test_the_sole_is_a_sheet() -> None:
     body = BODIES["icub-whole"]
-    spot = Landmark("foot", (0.0, 0.0, -1.0))
-    place = body.landmark("left_leg", spot)
+    landmark = Landmark("foot", (0.0, 0.0, -1.0))
+    place = body.landmark("left_leg", landmark)
     surface = body.skin.surfaces[place.patch]
     for taxel in range(0, len(surface.positions), 40):
         straight = float(np.linalg.norm(surface.positions[taxel] - place.p_L))
-        found = body.distance(contact_at(body, place.patch, surface.positions[taxel]), spot)
+        found = body.distance(contact_at(body, place.patch, surface.positions[taxel]), landmark)
         assert straight - 1e-9 <= found <= 1.25 * straight + 0.005

@@ -22,7 +22,7 @@ class OneConditioner:
     """Processes every taxel in every frame, for one patch."""
 
     def __init__(self, patch: SkinPatch, settings: ConditioningSettings, phase: float) -> None:
-        sensor, count = patch.words.sensor, len(patch.surface.areas)
+        sensor, count = patch.description.sensor, len(patch.surface.areas)
         sign = np.sign(sensor.pascal_per_count)
         self.full = sensor.highest - sensor.rest if sign > 0 else sensor.rest - sensor.lowest
         pairs = patch.surface.neighbours
@@ -47,9 +47,9 @@ class OneConditioner:
 
     def see(self, values: np.ndarray, stamp: float) -> np.ndarray:
         """Returns the pressure (n,) [Pa] in the next frame."""
-        self.learn()
+        self.update()
         gap = 0.0 if math.isnan(self.stamp) else min(max(stamp - self.stamp, 0.0), GAP)
-        self.stamp, sensor = stamp, self.patch.words.sensor
+        self.stamp, sensor = stamp, self.patch.description.sensor
         with np.errstate(all="ignore"):
             raw = doubles(values)[self.patch.channels].astype(SINGLE)
         good = (raw >= SINGLE(sensor.lowest)) & (raw <= SINGLE(sensor.highest))
@@ -83,12 +83,12 @@ class OneConditioner:
     def response(self, counts: np.ndarray) -> np.ndarray:
         nodes = self.patch.nodes
         if not nodes.size:
-            return abs(self.patch.words.sensor.pascal_per_count) * counts
+            return abs(self.patch.description.sensor.pascal_per_count) * counts
         k = np.clip(np.searchsorted(nodes[0], counts), 1, nodes.shape[1] - 1)
         slope = (nodes[1, k] - nodes[1, k - 1]) / (nodes[0, k] - nodes[0, k - 1])
         return nodes[1, k - 1] + slope * (counts - nodes[0, k - 1])
 
-    def learn(self) -> None:
+    def update(self) -> None:
         """Updates the estimates from a window that has ended."""
         settings = self.settings.baseline
         if self.elapsed < self.due or self.in_window < settings.frames:

@@ -30,7 +30,7 @@ def skin_patch(
 ) -> SkinPatch:
     """Returns a patch with taxels in a row, in a frame of `width` values."""
     count = len(channels)
-    words = PATCH.model_copy(
+    description = PATCH.model_copy(
         update={
             "name": name, "sensor": sensor, "rate": rate, "segment": segment,
             "channels": (sensor.axes * (int(channels.max(initial=0)) + 1)) if width is None else width,
@@ -40,10 +40,10 @@ def skin_patch(
     place = np.arange(count, dtype=float)[:, None] * [PITCH, 0.0, 0.0]
     normals = np.tile([0.0, 0.0, 1.0], (count, 1))
     surface = Surface(
-        name, words.link, place, normals, np.full(count, PITCH**2), np.asarray(channels, np.intp), pairs,
-        np.zeros((0, 3), np.intp),
+        name, description.link, place, normals, np.full(count, PITCH**2), np.asarray(channels, np.intp),
+        pairs, np.zeros((0, 3), np.intp),
     )  # fmt: skip
-    return SkinPatch(words, surface, NAO.part(PATCH.part), None, calibration)
+    return SkinPatch(description, surface, NAO.part(PATCH.part), None, calibration)
 
 
 def dense(state: SkinState, layout: SkinLayout, p: int) -> np.ndarray:
@@ -59,7 +59,7 @@ class OnePatch:
 
     def __init__(self, patch: SkinPatch, settings: ConditioningSettings | None = None) -> None:
         self.whole = Conditioner(SkinLayout.of([patch]), settings or ConditioningSettings())
-        self.patch: Patch = patch.words
+        self.patch: Patch = patch.description
         self.sequence = 0
         (self.estimator,) = self.whole.estimators
         self.baseline = self.estimator.baseline

@@ -108,7 +108,7 @@ def test_time_constants_do_not_depend_on_the_frame_rate(period: float) -> None:
     assert subject.baseline.offset.mean() == pytest.approx(1.0, abs=0.05)
 
 
-def test_below_rest_is_learnt_quickly() -> None:
+def test_below_rest_is_tracked_quickly() -> None:
     subject = conditioner()
     play(subject, np.full((60, COUNT), -12.0) * (np.arange(COUNT) == 5))
     assert subject.baseline.offset[5] == pytest.approx(-12.0, abs=2.0)  # 3 s, until it counts as quiet

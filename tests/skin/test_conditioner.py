@@ -40,7 +40,7 @@ def patches(seed: int) -> list[SkinPatch]:
 
 def frame(one: SkinPatch, random: np.random.Generator, before: np.ndarray, kind: int) -> np.ndarray:
     """Returns a frame that is unchanged, fluctuating, touched, random, or partly NaN."""
-    size, sensor = one.words.channels, one.words.sensor
+    size, sensor = one.description.channels, one.description.sensor
     values = np.full(size, sensor.rest)
     if kind == 0:
         return before.copy()
@@ -84,7 +84,7 @@ def test_all_at_once_is_each_alone(
     whole = Conditioner(SkinLayout.of(made), config)
     assert whole.layout.dtype == np.uint8
     floating = np.issubdtype(kind, np.floating) and not wholes
-    last = [np.full(one.words.channels, one.words.sensor.rest).astype(kind) for one in made]
+    last = [np.full(one.description.channels, one.description.sensor.rest).astype(kind) for one in made]
     for count in range(300):
         which = [p for p in range(len(SIZES)) if random.random() < 0.9] or [0]
         for p in which:
@@ -97,7 +97,7 @@ def test_all_at_once_is_each_alone(
         for p in which:
             alone[p].see(last[p], stamp)
         for one in alone:
-            one.learn()
+            one.update()
         whole.catch_up()
         same(whole, alone)
         if count == 200:
@@ -178,7 +178,7 @@ def test_a_taxel_that_was_dead_is_trusted_again_when_it_changes() -> None:
         if 100 < count < 4500:
             values[channel] = 100
         alone.see(values, 0.02 * count)
-        whole.step([SkinFrame(one.words.name, 0.02 * count, count, values)])
+        whole.step([SkinFrame(one.description.name, 0.02 * count, count, values)])
         np.testing.assert_array_equal(dense(whole.state, whole.layout, 0), alone.pressure)
         if count == 4400:
             assert whole.state.masked is not None

@@ -231,7 +231,7 @@ def shuffle(skin: FeltSkin, order: np.ndarray) -> FeltSkin:
         faces=place[surface.faces],
     )
     shuffled.layout = SkinLayout.of(
-        replace(one, surface=turned) if one.words.name == PATCH else one for one in skin.layout.patches
+        replace(one, surface=turned) if one.description.name == PATCH else one for one in skin.layout.patches
     )
     return shuffled
 

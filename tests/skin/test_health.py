@@ -55,7 +55,7 @@ def test_taxel_stuck_high_is_masked_and_comes_back(bench: Bench) -> None:
     assert bench.subject.health.coverage == 1.0
 
 
-def test_taxel_stuck_anywhere_all_alone_is_masked_after_two_lessons(bench: Bench) -> None:
+def test_taxel_stuck_anywhere_all_alone_is_masked_after_two_windows(bench: Bench) -> None:
     bench.feed(11.0, t100=200.0)  # a window is 50 frames, 5 s
     assert dict(bench.subject.health.masked) == {100: "stuck"}
     bench.feed(5.0, t100=bench.subject.patch.sensor.rest)

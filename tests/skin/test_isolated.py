@@ -23,7 +23,7 @@ from tci.skin.skin import Skin
 
 ARM = "left_forearm"
 PERIOD = 0.02
-LONE = 100
+ISOLATED = 100
 """A taxel with six neighbours around it."""
 LIGHT, FIRM = 0.3, 9.0
 """Force [N] to which neighbours need not respond, and one to which they must."""
@@ -64,11 +64,11 @@ class Felt:
 def beside_some(count: int) -> Felt:
     """Returns a skin where a taxel has `count` neighbours, all on one side."""
     felt = Felt()
-    beside, at = felt.beside(LONE), felt.surface.positions
+    beside, at = felt.beside(ISOLATED), felt.surface.positions
     nearest = sorted(beside, key=lambda other: float(np.linalg.norm(at[other] - at[beside[0]])))[:count]
-    pairs = np.array([[LONE, other] for other in nearest])
+    pairs = np.array([[ISOLATED, other] for other in nearest])
     patches = [
-        replace(one, surface=replace(one.surface, neighbours=pairs)) if one.words.name == ARM else one
+        replace(one, surface=replace(one.surface, neighbours=pairs)) if one.description.name == ARM else one
         for one in felt.skin.layout.patches
     ]
     felt.skin.layout = SkinLayout.of(patches)
@@ -78,14 +78,14 @@ def beside_some(count: int) -> Felt:
 
 def test_a_taxel_that_is_pressed_hard_beside_silent_ones_is_never_a_touch() -> None:
     felt = Felt()
-    assert not any(felt.see({LONE: FIRM}) for _ in range(100))
+    assert not any(felt.see({ISOLATED: FIRM}) for _ in range(100))
     felt.finder = ContactFinder(felt.skin.layout, ContactSettings(isolated=None))
-    assert len(felt.see({LONE: FIRM})) == 1
+    assert len(felt.see({ISOLATED: FIRM})) == 1
 
 
 def test_a_light_touch_of_one_taxel_comes_later_and_stays() -> None:
     felt = Felt()
-    came = [bool(felt.see({LONE: LIGHT})) for _ in range(40)]
+    came = [bool(felt.see({ISOLATED: LIGHT})) for _ in range(40)]
     assert came.index(True) == pytest.approx(0.2 / PERIOD, abs=1)
     assert all(came[came.index(True) :])
 
@@ -93,53 +93,53 @@ def test_a_light_touch_of_one_taxel_comes_later_and_stays() -> None:
 def test_a_light_touch_of_a_taxel_that_flickers_at_rest_flickers_too() -> None:
     felt = Felt()
     felt.set_noise(1.0)
-    assert not any(felt.see({LONE: LIGHT}) for _ in range(100)), "it is stuck"
-    assert not any(felt.see({LONE: LIGHT + 0.01}) for _ in range(100)), "its rest value was learnt anew"
+    assert not any(felt.see({ISOLATED: LIGHT}) for _ in range(100)), "it is stuck"
+    assert not any(felt.see({ISOLATED: LIGHT + 0.01}) for _ in range(100)), "a new estimate of its rest"
     felt.see({})
-    came = [bool(felt.see({LONE: LIGHT + 0.01 * (i % 2)})) for i in range(40)]
+    came = [bool(felt.see({ISOLATED: LIGHT + 0.01 * (i % 2)})) for i in range(40)]
     assert came.index(True) == pytest.approx(0.2 / PERIOD, abs=1)
 
 
 def test_a_light_touch_that_wavers_begins_to_wait_anew() -> None:
     felt = Felt()
-    flicker = [bool(felt.see({LONE: LIGHT} if i % 10 else {})) for i in range(200)]
+    flicker = [bool(felt.see({ISOLATED: LIGHT} if i % 10 else {})) for i in range(200)]
     assert not any(flicker)
 
 
 def test_a_touch_of_several_taxels_is_felt_at_once_and_to_its_weak_end() -> None:
     felt = Felt()
-    assert len(felt.see({LONE: 1.0, felt.beside(LONE)[0]: 0.2})) == 1
-    assert len(felt.see({LONE: LIGHT})) == 1, "its other taxel has gone, the touch goes on"
-    assert len(felt.see({LONE: LIGHT})) == 1
+    assert len(felt.see({ISOLATED: 1.0, felt.beside(ISOLATED)[0]: 0.2})) == 1
+    assert len(felt.see({ISOLATED: LIGHT})) == 1, "its other taxel has gone, the touch goes on"
+    assert len(felt.see({ISOLATED: LIGHT})) == 1
     assert not felt.see({})
-    assert not felt.see({LONE: LIGHT}), "and it is another touch after it"
+    assert not felt.see({ISOLATED: LIGHT}), "and it is another touch after it"
 
 
 def test_a_touch_over_a_broken_taxel_is_felt_and_leaves_nothing_behind() -> None:
     felt = Felt()
-    touch = dict.fromkeys(felt.beside(LONE), 0.5)
-    assert not felt.see({LONE: FIRM})
-    (over,) = felt.see({LONE: FIRM, **touch})
+    touch = dict.fromkeys(felt.beside(ISOLATED), 0.5)
+    assert not felt.see({ISOLATED: FIRM})
+    (over,) = felt.see({ISOLATED: FIRM, **touch})
     assert len(over.taxels) == 7
-    assert not felt.see({LONE: FIRM}), "the broken one does not go on as a touch"
+    assert not felt.see({ISOLATED: FIRM}), "the broken one does not go on as a touch"
 
 
 def test_a_stuck_taxel_under_a_touch_that_has_ended_goes_on_for_a_moment_only() -> None:
     felt = Felt()
     felt.set_noise(1.0)
-    assert felt.see({LONE: 2.0, felt.beside(LONE)[0]: 0.5})
-    left = [bool(felt.see({LONE: 2.0})) for _ in range(40)]
+    assert felt.see({ISOLATED: 2.0, felt.beside(ISOLATED)[0]: 0.5})
+    left = [bool(felt.see({ISOLATED: 2.0})) for _ in range(40)]
     assert left.index(False) == pytest.approx(0.2 / PERIOD, abs=1)
     assert not any(left[left.index(False) :])
-    felt.see({LONE: 2.0, felt.beside(LONE)[0]: 0.5})
-    assert all(felt.see({LONE: 2.0 + 0.04 * (i % 3)}) for i in range(40)), "a touch lives"
+    felt.see({ISOLATED: 2.0, felt.beside(ISOLATED)[0]: 0.5})
+    assert all(felt.see({ISOLATED: 2.0 + 0.04 * (i % 3)}) for i in range(40)), "a touch lives"
 
 
 def test_a_touch_elsewhere_is_felt_beside_a_broken_taxel() -> None:
     felt = Felt()
-    (contact,) = felt.see({LONE: FIRM, 10: 1.0, felt.beside(10)[0]: 0.4})
+    (contact,) = felt.see({ISOLATED: FIRM, 10: 1.0, felt.beside(10)[0]: 0.4})
     assert 10 in contact.taxels
-    assert LONE not in contact.taxels
+    assert ISOLATED not in contact.taxels
 
 
 @pytest.mark.parametrize("force", [LIGHT, FIRM])
@@ -147,16 +147,16 @@ def test_where_neighbours_tell_nothing_one_taxel_is_a_touch_at_once(force: float
     felt = Felt()
     place = felt.skin.layout.places[ARM]
     estimator, own = felt.skin.conditioner.estimators[place], felt.skin.layout.taxels[place]
-    estimator.health.state[felt.beside(LONE)] = Health.DEAD
+    estimator.health.state[felt.beside(ISOLATED)] = Health.DEAD
     estimator.write(own, felt.skin.conditioner.estimates)
-    assert len(felt.see({LONE: force})) == 1, "masked neighbours"
+    assert len(felt.see({ISOLATED: force})) == 1, "masked neighbours"
     pair = beside_some(1)
-    assert len(pair.see({LONE: force})) == 1, "one neighbour says nothing"
+    assert len(pair.see({ISOLATED: force})) == 1, "one neighbour says nothing"
 
 
 def test_at_a_corner_of_a_skin_where_a_touch_may_be_beside_it_time_tells() -> None:
     felt = beside_some(2)
-    came = [bool(felt.see({LONE: FIRM})) for _ in range(40)]
+    came = [bool(felt.see({ISOLATED: FIRM})) for _ in range(40)]
     assert came.index(True) == pytest.approx(0.2 / PERIOD, abs=1)
 
 
@@ -173,7 +173,7 @@ def test_forces_that_neighbours_must_feel_follow_from_noise_and_distance() -> No
     felt.finder = ContactFinder(felt.skin.layout, AT_ONCE)  # nothing waits for the next frame
 
     def largest() -> float:
-        return float(max(force for force in np.geomspace(0.2, 50.0, 200) if felt.see({LONE: force})))
+        return float(max(force for force in np.geomspace(0.2, 50.0, 200) if felt.see({ISOLATED: force})))
 
     assert largest() == pytest.approx(1.1, abs=0.2)
     felt.set_noise(1.0)
@@ -185,7 +185,7 @@ def test_a_light_touch_is_the_same_from_senders_of_changes() -> None:
     patch, still = robot.patch(ARM), read_only(np.zeros(len(robot.servos)))
     values = np.full(patch.channels, patch.sensor.rest)
     pressed = values.copy()
-    pressed[Skin(robot).surfaces[ARM].channels[LONE]] -= 8.0
+    pressed[Skin(robot).surfaces[ARM].channels[ISOLATED]] -= 8.0
     seen = []
     for keep_alive in (None, 1.0):
         perceiver, touched = Perceiver(GenericBody(robot), keep_alive=keep_alive), []

@@ -54,25 +54,25 @@ class Landmarks:
         self._skin = skin
         self._found: dict[tuple[str, Landmark], _Reach | None] = {}
 
-    def place(self, part: str, spot: Landmark) -> Place:
+    def place(self, part: str, landmark: Landmark) -> Place:
         """Returns a landmark of a part's skin. Raises TciError if it has none, UnknownNameError for an
         unknown part."""
-        reach = self._reach(part, spot)
+        reach = self._reach(part, landmark)
         if reach is None:
-            where = spot.segment or "no segment"
+            where = landmark.segment or "no segment"
             raise TciError(f"{self._skin.robot.name} has no skin on {where} of {part}")
         return reach.place
 
-    def around(self, part: str, spot: Landmark, radius: float) -> tuple[str, NDArray[np.bool_]] | None:
+    def around(self, part: str, landmark: Landmark, radius: float) -> tuple[str, NDArray[np.bool_]] | None:
         """Returns the patch of a landmark, and a mask (n,) of its taxels nearer than `radius` [m]; None
         without skin."""
-        reach = self._reach(part, spot)
+        reach = self._reach(part, landmark)
         return None if reach is None else (reach.place.patch, reach.distances < radius)
 
-    def distance(self, contact: Contact, spot: Landmark) -> float:
+    def distance(self, contact: Contact, landmark: Landmark) -> float:
         """Returns the geodesic distance [m] of a contact from a landmark of its part; infinite on other
         skin."""
-        reach = self._reach(contact.part, spot)
+        reach = self._reach(contact.part, landmark)
         if reach is None or reach.place.patch != contact.patch:
             return np.inf
         surface = self._skin.surfaces[contact.patch]
@@ -80,23 +80,23 @@ class Landmarks:
         place = reach.place
         if _is_near(place.p_L, place.n_L, point, normal):
             return float(_lengths(place.p_L, place.n_L, point, normal))
-        around, ways = _around(surface, point, normal)
-        return float((reach.distances[around] + ways).min())
+        around, lengths = _around(surface, point, normal)
+        return float((reach.distances[around] + lengths).min())
 
-    def _reach(self, part: str, spot: Landmark) -> _Reach | None:
-        if (part, spot) not in self._found:
-            self._found[part, spot] = self._find(part, spot)
-        return self._found[part, spot]
+    def _reach(self, part: str, landmark: Landmark) -> _Reach | None:
+        if (part, landmark) not in self._found:
+            self._found[part, landmark] = self._find(part, landmark)
+        return self._found[part, landmark]
 
-    def _find(self, name: str, spot: Landmark) -> _Reach | None:
+    def _find(self, name: str, landmark: Landmark) -> _Reach | None:
         robot = self._skin.robot
         part = robot.part(name)
-        patches = [p for p in robot.patches if p.part == name and p.segment == spot.segment]
+        patches = [p for p in robot.patches if p.part == name and p.segment == landmark.segment]
         patches = [p for p in patches if len(self._skin.surfaces[p.name].faces)]
         best: tuple[float, Patch, Array, Array] | None = None
         for patch in patches:
             surface = self._skin.surfaces[patch.name]
-            direction = self._direction(part, patch, spot)
+            direction = self._direction(part, patch, landmark)
             middle = (surface.positions.min(axis=0) + surface.positions.max(axis=0)) / 2.0
             # A sheet has no inside: its landmark is its middle, if the direction comes from its outer side.
             reach = leave_surface(surface, middle, direction)
@@ -113,13 +113,13 @@ class Landmarks:
         place = Place(patch.name, read_only(point), read_only(normal))
         return _Reach(place, _geodesics(surface, point, normal))
 
-    def _direction(self, part: GenericPart, patch: Patch, spot: Landmark) -> Array:
+    def _direction(self, part: GenericPart, patch: Patch, landmark: Landmark) -> Array:
         """Returns the landmark's direction, a unit vector (3,), in the patch's link."""
         skin = self._skin
         joints = joint_map(skin.robot, part.name)
         position = np.array(initial_position(skin.robot))
         position[joints.servos] = joints.to_robot(np.zeros(len(part.servos)), position)
-        towards = np.array(spot.towards) / np.linalg.norm(spot.towards)
+        towards = np.array(landmark.towards) / np.linalg.norm(landmark.towards)
         if part.side == "right":
             towards = towards * [1.0, -1.0, 1.0]
         direction: Array = skin.kinematics.poses(position, [patch.link])[patch.link][:3, :3].T @ towards
@@ -130,7 +130,7 @@ def _geodesics(surface: Surface, point: Array, normal: Array) -> Array:
     """Returns the distance (n,) [m] of every taxel from a point (3,) [m] of the surface, with its normal
     (3,)."""
     count = len(surface.positions)
-    one, other = _ways(count, surface.faces).T
+    one, other = _edges(count, surface.faces).T
     lengths = _lengths(
         surface.positions[one], surface.normals[one], surface.positions[other], surface.normals[other]
     )
@@ -144,7 +144,7 @@ def _geodesics(surface: Surface, point: Array, normal: Array) -> Array:
     return read_only(found)
 
 
-def _ways(count: int, faces: NDArray[np.intp]) -> NDArray[np.intp]:
+def _edges(count: int, faces: NDArray[np.intp]) -> NDArray[np.intp]:
     """Returns pairs (m, 2) of taxels at most STEPS face edges apart, so that paths do not zigzag."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     near = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(count, count)).tocsr()
@@ -153,8 +153,8 @@ def _ways(count: int, faces: NDArray[np.intp]) -> NDArray[np.intp]:
     for _ in range(STEPS - 1):
         reach = reach + reach @ near
     rows, columns = reach.nonzero()
-    ways: NDArray[np.intp] = np.column_stack([rows, columns])[rows < columns]
-    return ways
+    pairs: NDArray[np.intp] = np.column_stack([rows, columns])[rows < columns]
+    return pairs
 
 
 def _lengths(one: Array, normal: Array, other: Array, its_normal: Array) -> Array:

@@ -90,9 +90,13 @@ def _within(robot: Robot, shoulder: Shoulder, wanted: Array, position: Array) ->
 
     def distance(angles: Array) -> tuple[float, Array]:
         # 3 - trace is 2 (1 - cos): smooth where the angle itself is not. The second result is its gradient.
-        apart = shoulder.rotation(angles) @ wanted.T
-        twist = [apart[2, 1] - apart[1, 2], apart[0, 2] - apart[2, 0], apart[1, 0] - apart[0, 1]]
-        return 3.0 - float(np.trace(apart)), np.array(twist) @ shoulder.spin(angles)
+        relative = shoulder.rotation(angles) @ wanted.T
+        twist = [
+            relative[2, 1] - relative[1, 2],
+            relative[0, 2] - relative[2, 0],
+            relative[1, 0] - relative[0, 1],
+        ]
+        return 3.0 - float(np.trace(relative)), np.array(twist) @ shoulder.spin(angles)
 
     constraints = [LinearConstraint(matrix, low, high)] if len(matrix) else []
     starts = [np.clip(start, shoulder.lower, shoulder.upper) for start in (*ways, position[servos])]

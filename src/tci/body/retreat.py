@@ -29,7 +29,7 @@ EARLY = (0.01, 0.02)
 a path may begin in another direction than it ends."""
 SHARES = (0.25, 0.5, 0.75, 1.0)
 """Later times, as fractions of the motion's duration."""
-LOOKS = len(EARLY) + len(SHARES)
+TIMES = len(EARLY) + len(SHARES)
 UNKNOWN = 100.0
 """Stands for a limit [rad/s, rad/s2, rad/s3] that the robot does not state; its gate refuses such a
 motion."""
@@ -73,7 +73,7 @@ class Retreat:
         The robot's servos are at `position` (n_servos,) [rad]. In position and impedance mode they arrive
         together, in others each as fast as it can. Raises UnknownNameError for an unknown part.
         """
-        result = np.zeros((2, LOOKS, len(contacts)))
+        result = np.zeros((2, TIMES, len(contacts)))
         motions = self._motions()
         if part not in motions:
             raise UnknownNameError("generic part", part, motions)
@@ -81,7 +81,7 @@ class Retreat:
         if motion.joints.servos.size and len(contacts):
             after = np.array([self._after[site.patch] for site in contacts.sites])
             retreats(
-                self._way(motion, position, target, mode),
+                self._angles(motion, position, target, mode),
                 self._path,
                 self._chain.steps,
                 self._chain.sums,
@@ -94,7 +94,7 @@ class Retreat:
             )
         return result
 
-    def _way(self, motion: _Motion, position: Array, target: Array, mode: Mode) -> Array:
+    def _angles(self, motion: _Motion, position: Array, target: Array, mode: Mode) -> Array:
         """Returns the angles (k + 1, n_servos) [rad] of all servos: now, and at each time."""
         joints, servos, bounds = motion.joints, motion.joints.servos, motion.bounds
         here, goal = position[servos], joints.to_robot(target, position)
@@ -109,17 +109,17 @@ class Retreat:
         plan.max_velocity = np.minimum(bounds.velocity, joints.speeds(position)).tolist()
         together = mode in (Mode.POSITION, Mode.IMPEDANCE)
         plan.synchronization = Synchronization.Time if together else Synchronization.No
-        way = np.empty((LOOKS + 1, len(position)))
-        way[:] = position
+        angles = np.empty((TIMES + 1, len(position)))
+        angles[:] = position
         try:
             motion.planner.calculate(plan, motion.trajectory)
         except RuckigError:  # rare states have no synchronised trajectory
-            way[1:, servos] += np.linspace(0.0, 1.0, LOOKS + 1)[1:, None] * (goal - here)
-            return way
+            angles[1:, servos] += np.linspace(0.0, 1.0, TIMES + 1)[1:, None] * (goal - here)
+            return angles
         at_time, duration = motion.trajectory.at_time, motion.trajectory.duration
         moments = [*EARLY, *(duration * share for share in SHARES)]
-        way[1:, servos] = [at_time(moment)[0] for moment in moments]
-        return way
+        angles[1:, servos] = [at_time(moment)[0] for moment in moments]
+        return angles
 
     def _motions(self) -> dict[str, _Motion]:
         """Returns the motions of all parts, for this thread."""

@@ -19,7 +19,7 @@ from tci.robot.gravity import Gravity
 from tci.robot.joint_map import joint_map
 from tci.skin.skin import Skin
 
-FELT = 1.0
+LOADED = 1.0
 """Force [N] above which a sole counts as loaded. Assumed; a resting foot presses with far more, noise with
 less."""
 
@@ -44,7 +44,7 @@ class StaticStability:
         for contact in contacts:
             if contact.segment == SOLE:
                 forces[contact.part] += contact.force
-        others = [p for p in self._soles if p.part != part and forces[p.part] >= FELT]
+        others = [p for p in self._soles if p.part != part and forces[p.part] >= LOADED]
         if self._gravity is None or not others:
             return Support(forces, -np.inf)
         joints = joint_map(self._skin.robot, part)

@@ -100,14 +100,14 @@ def _clouds(recording: Recording, body: GenericBody, begin: float, end: float) -
         try:
             state = perceiver.step(tick.reading, tick.now).skin
             assert state is not None  # as a Perceiver made it
-            felt = state.by_patch(names)
-            points = [body.skin.positions(name, tick.reading.joints, frame="torso") for name in felt]
+            pressures = state.by_patch(names)
+            points = [body.skin.positions(name, tick.reading.joints, frame="torso") for name in pressures]
         except TciError:
             continue
         if not points:
             continue
         due = tick.now + 1.0 / CLOUDS - 1e-6
-        pressure = np.concatenate([*felt.values()])
+        pressure = np.concatenate([*pressures.values()])
         cloud = np.empty((len(pressure), 4), dtype="<f4")
         cloud[:, :3] = np.round(np.concatenate(points) / FINEST) * FINEST
         cloud[:, 3] = pressure

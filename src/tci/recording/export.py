@@ -58,8 +58,8 @@ def tables(recording: Recording, robot: Robot | None = None) -> dict[str, Table]
     found = {name: _table(some) for name, some in rows.items()}
     found |= {f"skin_{patch}": _skin(patch, some) for patch, some in frames.items()}
     if robot is not None:
-        felt, contacts = _felt(recording, robot, frames)
-        for patch, columns in felt.items():
+        perceived, contacts = _perceived_tables(recording, robot, frames)
+        for patch, columns in perceived.items():
             found[f"skin_{patch}"] |= columns
         found["contacts"] = contacts
     return found
@@ -128,12 +128,12 @@ def _skin(patch: str, frames: list[SkinFrame]) -> Table:
     }
 
 
-def _felt(
+def _perceived_tables(
     recording: Recording, robot: Robot, frames: dict[str, list[SkinFrame]]
 ) -> tuple[dict[str, Table], Table]:
     """Computes pressure and force for the `frames` of each patch, and the contacts in them."""
     row = {patch: {(f.stamp, f.sequence): k for k, f in enumerate(some)} for patch, some in frames.items()}
-    felt: dict[str, Table] = {}
+    perceived: dict[str, Table] = {}
     contacts: dict[tuple[str, float, int, int], tuple[Any, ...]] = {}
     skins, names = Skin(robot), [patch.name for patch in robot.patches]
     for period in perceive(recording, robot):
@@ -143,10 +143,10 @@ def _felt(
             if k is None:
                 continue  # none, or a repeated frame of a skin that sends on change
             pressure, areas = skin.on(p), skins.surfaces[patch].areas
-            if patch not in felt:
+            if patch not in perceived:
                 shape = len(frames[patch]), pressure.size
-                felt[patch] = {name: np.full(shape, np.nan) for name in ("pressure_pa", "force_n")}
-            felt[patch]["pressure_pa"][k], felt[patch]["force_n"][k] = pressure, pressure * areas
+                perceived[patch] = {name: np.full(shape, np.nan) for name in ("pressure_pa", "force_n")}
+            perceived[patch]["pressure_pa"][k], perceived[patch]["force_n"][k] = pressure, pressure * areas
         for c in period.perception.contacts:
             contacts.setdefault(
                 (c.patch, c.stamp, c.sequence, c.identity),
@@ -156,7 +156,7 @@ def _felt(
                 ),
             )  # fmt: skip
     columns = zip(*contacts.values(), strict=True) if contacts else [()] * len(CONTACT)
-    return felt, {name: np.array(values) for name, values in zip(CONTACT, columns, strict=True)}
+    return perceived, {name: np.array(values) for name, values in zip(CONTACT, columns, strict=True)}
 
 
 def _wide(table: Table) -> Table:

@@ -111,8 +111,8 @@ class Clearance:
         data = self._data
         data.qpos[self._addresses] = position[self._servos]
         mujoco.mj_kinematics(self._model, data)
-        apart = data.geom_xpos[self._pairs[:, 0]] - data.geom_xpos[self._pairs[:, 1]]
-        least: Array = np.sqrt(np.einsum("ij,ij->i", apart, apart)) - self._reach
+        offset = data.geom_xpos[self._pairs[:, 0]] - data.geom_xpos[self._pairs[:, 1]]
+        least: Array = np.sqrt(np.einsum("ij,ij->i", offset, offset)) - self._reach
         return least
 
     def _distance(self, pair: int, cutoff: float) -> float:

@@ -74,10 +74,10 @@ class Shoulder:
         if np.linalg.norm((ends[1] - ends[0])[:3]) < SHORT:
             raise _fault(robot, part, "its upper_arm and forearm begin at the same place")
         along = self.axes[2] * np.sign(self.axes[2] @ (ends[1] - ends[0])[:3])
-        bend = flexion * turns[:, 3]
-        if abs(along @ bend) > SLANT:
+        flexion_axis = flexion * turns[:, 3]
+        if abs(along @ flexion_axis) > SLANT:
             raise _fault(robot, part, "its elbow's axis is not square to its upper arm")
-        z, y = -along, -(bend - (bend @ along) * along)
+        z, y = -along, -(flexion_axis - (flexion_axis @ along) * along)
         y /= np.linalg.norm(y)
         self._at_zero = np.column_stack([np.cross(y, z), y, z])
         self._limits = [self.lower.tolist(), self.upper.tolist()]
@@ -173,8 +173,8 @@ class Shoulder:
 def nearest_point(on_first: Array, on_second: Array, first: Array, second: Array) -> Array:
     """Returns the point (3,) of a line that is nearest to another line, each given by a point (3,) and a unit
     direction (3,)."""
-    apart, slant = on_second - on_first, float(first @ second)
-    along = (float(first @ apart) - slant * float(second @ apart)) / (1.0 - slant**2)
+    offset, slant = on_second - on_first, float(first @ second)
+    along = (float(first @ offset) - slant * float(second @ offset)) / (1.0 - slant**2)
     result: Array = on_first + along * first
     return result
 

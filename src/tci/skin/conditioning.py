@@ -129,9 +129,9 @@ class Conditioner:
         )
         self._sequence = np.full(patches, -1, np.int64)
         self._shears = {
-            p: Shear(patch.words, patch.surface)
+            p: Shear(patch.description, patch.surface)
             for p, patch in enumerate(layout.patches)
-            if patch.words.sensor.axes == AXES
+            if patch.description.sensor.axes == AXES
         }
         self._vectors = {p: np.zeros((0, 3)) for p in self._shears}
         self._ended: list[int] = []
@@ -234,7 +234,7 @@ class Conditioner:
             if name not in places:
                 raise FrameError(f"no skin patch {name!r}; valid: {', '.join(places) or '(none)'}")
         self._which = np.array([places[name] for name in names], np.int64)
-        self._sizes = [(self.layout.patches[p].words.channels,) for p in self._which.tolist()]
+        self._sizes = [(self.layout.patches[p].description.channels,) for p in self._which.tolist()]
         self._all = self._which.tolist() == [*range(len(places))]
         self._names = names
 

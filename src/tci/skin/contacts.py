@@ -134,11 +134,11 @@ class ContactFinder:
     def _turn(self, made: ContactArrays, state: SkinState, vectors: Array, poses: Array) -> None:
         """Writes the force vectors of contacts on three-axis taxels."""
         for row, p in enumerate(made.site.tolist()):
-            if self.layout.patches[p].words.sensor.axes == AXES:
+            if self.layout.patches[p].description.sensor.axes == AXES:
                 own = slice(*state.begin[p : p + 2])
                 taxels = made.taxel[made.begin[row] : made.begin[row + 1]]
-                felt = vectors[own][np.searchsorted(state.active[own], taxels)]
-                made.f_T[row] = poses[self.layout.arrays.on[p, 0]][:3, :3] @ felt.sum(axis=0)
+                own_vectors = vectors[own][np.searchsorted(state.active[own], taxels)]
+                made.f_T[row] = poses[self.layout.arrays.on[p, 0]][:3, :3] @ own_vectors.sum(axis=0)
 
 
 def empty_contacts(count: int, taxels: int) -> ContactArrays:

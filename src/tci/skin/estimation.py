@@ -33,9 +33,9 @@ class PatchEstimator:
     """Estimates rest values, noise and health of the taxels of one patch from estimation windows."""
 
     def __init__(self, patch: SkinPatch, baseline: BaselineSettings, health: HealthSettings) -> None:
-        sensor, pairs = patch.words.sensor, patch.surface.neighbours
+        sensor, pairs = patch.description.sensor, patch.surface.neighbours
         count, sign = len(patch.surface.areas), float(np.sign(sensor.pascal_per_count))
-        self.sole = patch.words.segment == SOLE
+        self.sole = patch.description.segment == SOLE
         self.full = (sensor.highest - sensor.rest) if sign > 0 else (sensor.rest - sensor.lowest)
         """Largest deviation [counts] that the sensor can send."""
         self.gain, self.nodes = abs(sensor.pascal_per_count), patch.nodes

@@ -48,7 +48,7 @@ def normal_channels(patch: Patch, surface: Surface) -> NDArray[np.intp]:
 class SkinPatch:
     """Static description of one patch: its sensor, geometry, limb and calibration."""
 
-    words: Patch
+    description: Patch
     """Description of the patch."""
     surface: Surface
     part: GenericPart
@@ -60,14 +60,14 @@ class SkinPatch:
     @property
     def channels(self) -> NDArray[np.intp]:
         """Place (n,) in the raw frame of the value along each taxel's normal."""
-        return normal_channels(self.words, self.surface)
+        return normal_channels(self.description, self.surface)
 
     @property
     def nodes(self) -> Array:
         """Deviation [counts] and pressure [Pa] (2, m) at the nodes of its response curve; (2, 0) if it is
         linear."""
         measured = () if self.calibration is None else self.calibration.response
-        response = measured or self.words.sensor.response
+        response = measured or self.description.sensor.response
         return np.array(response).T.copy() if response else np.zeros((2, 0))
 
 
@@ -131,29 +131,31 @@ class SkinLayout:
         for one in patches:
             if one.calibration is not None:
                 one.calibration.check(len(one.channels))
-        links = tuple(dict.fromkeys(link for one in patches for link in (one.words.link, _limb_link(one))))
-        parts = tuple(dict.fromkeys(one.words.part for one in patches if one.segment is not None))
+        links = tuple(
+            dict.fromkeys(link for one in patches for link in (one.description.link, _limb_link(one)))
+        )
+        parts = tuple(dict.fromkeys(one.description.part for one in patches if one.segment is not None))
         on = [
             (
-                links.index(one.words.link),
+                links.index(one.description.link),
                 links.index(_limb_link(one)),
-                0 if one.segment is None else parts.index(one.words.part),
+                0 if one.segment is None else parts.index(one.description.part),
             )
             for one in patches
         ]
         arrays = _arrays(patches, np.array(on, np.int64).reshape(-1, 3))
-        words = [one.words for one in patches]
+        descriptions = [one.description for one in patches]
         return SkinLayout(
             patches=patches,
-            sites=tuple(Site(one.name, one.part, one.segment) for one in words),
-            places=MappingProxyType({one.name: p for p, one in enumerate(words)}),
+            sites=tuple(Site(one.name, one.part, one.segment) for one in descriptions),
+            places=MappingProxyType({one.name: p for p, one in enumerate(descriptions)}),
             links=links,
             parts=parts,
-            segments=frozen(np.array([_segment(one.segment) for one in words], np.int64)),
+            segments=frozen(np.array([_segment(one.segment) for one in descriptions], np.int64)),
             taxels=_slices(arrays.begin[:, TAXEL]),
             channels=_slices(arrays.begin[:, CHANNEL]),
             starts=read_only(arrays.begin[:, TAXEL], np.int64),
-            dtype=_dtype([one.sensor for one in words]),
+            dtype=_dtype([one.sensor for one in descriptions]),
             arrays=arrays,
         )
 
@@ -177,7 +179,7 @@ def _arrays(patches: Sequence[SkinPatch], on: Places) -> LayoutArrays:
     counts = [
         (
             len(surface.areas),
-            one.words.channels,
+            one.description.channels,
             -(-len(surface.areas) // BLOCK_SIZE),
             len(grid[1]) - 1,
             one.nodes.shape[1],
@@ -193,13 +195,13 @@ def _arrays(patches: Sequence[SkinPatch], on: Places) -> LayoutArrays:
     cells = np.cumsum([0, *_joined([np.diff(one[1]) for one in grids], 0)])
     channels = [one.channels + start for one, start in zip(patches, begin[:-1, CHANNEL], strict=True)]
     gains = [
-        np.full(len(one.channels), 1.0 if one.nodes.size else abs(one.words.sensor.pascal_per_count))
+        np.full(len(one.channels), 1.0 if one.nodes.size else abs(one.description.sensor.pascal_per_count))
         for one in patches
     ]
     made = LayoutArrays(
         begin=begin.astype(np.int64),
-        sensor=np.array([_sensor(one.words.sensor) for one in patches], np.float32).reshape(-1, 5),
-        rate=np.array([one.words.rate for one in patches], np.float64),
+        sensor=np.array([_sensor(one.description.sensor) for one in patches], np.float32).reshape(-1, 5),
+        rate=np.array([one.description.rate for one in patches], np.float64),
         channel=_joined(channels, 0).astype(np.int64),
         span=np.array([span for own in channels for span in _spans(own)], np.int64).reshape(-1, 3),
         gain=_joined(gains, 0),
@@ -227,7 +229,7 @@ def _slices(bounds: Places) -> tuple[slice, ...]:
 
 
 def _limb_link(one: SkinPatch) -> str:
-    return one.words.link if one.segment is None else one.segment.link
+    return one.description.link if one.segment is None else one.segment.link
 
 
 def _segment(name: str) -> int:

@@ -62,6 +62,6 @@ def _inside(a: Array, b: Array, c: Array, points: Array) -> Array:
 def _distance2(weights: Array, a: Array, b: Array, c: Array, points: Array) -> Array:
     """Returns the squared distance (k, f) of each point from the point of each face with these weights."""
     there = weights[..., :1] * a + weights[..., 1:2] * b + weights[..., 2:] * c
-    apart = points[:, None] - there
-    result: Array = np.einsum("kfi,kfi->kf", apart, apart)
+    offset = points[:, None] - there
+    result: Array = np.einsum("kfi,kfi->kf", offset, offset)
     return result

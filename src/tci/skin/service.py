@@ -143,8 +143,8 @@ class SkinReader:
             forces = {self._region.name: self.figures(state).force}
         else:
             surfaces = self._service.skin.surfaces
-            felt = state.by_patch(patch.name for patch in self._service.skin.robot.patches)
-            forces = {name: float(felt[name] @ surfaces[name].areas) for name in felt}
+            pressure = state.by_patch(patch.name for patch in self._service.skin.robot.patches)
+            forces = {name: float(pressure[name] @ surfaces[name].areas) for name in pressure}
         before = self._forces
         same = before is not None and before.keys() == forces.keys()
         if before is not None and same and all(abs(forces[n] - before[n]) <= self._step for n in forces):

@@ -57,9 +57,9 @@ class Skin:
         Raises UnknownNameError for an unknown patch, TciError for one that lies on no limb.
         """
         points_S = self.positions(patch, joints, frame="limb")
-        words = self.robot.patch(patch)
-        part = self.robot.part(words.part)
-        length = part.segment(words.segment).length
+        description = self.robot.patch(patch)
+        part = self.robot.part(description.part)
+        length = part.segment(description.segment).length
         u, theta = limb_coordinates(points_S, length, _side(part))
         return u, theta, np.hypot(points_S[:, 0], points_S[:, 1])
 
@@ -72,24 +72,24 @@ class Skin:
 
         Raises UnknownNameError for an unknown part or segment, TciError for one that is on no generic limb.
         """
-        words = self.robot.part(part)
-        place = words.segment(segment)
-        return segment_pose(words, place, self.link_pose(place.link, joints), posture)
+        description = self.robot.part(part)
+        place = description.segment(segment)
+        return segment_pose(description, place, self.link_pose(place.link, joints), posture)
 
     def _pose(self, patch: str, joints: JointReading, frame: FrameName) -> Array:
         """Returns the pose (4, 4) of the patch's link in `frame`."""
-        words = self.robot.patch(patch)
+        description = self.robot.patch(patch)
         if frame == "link":
             return np.eye(4)
-        T_TL = self.link_pose(words.link, joints)
+        T_TL = self.link_pose(description.link, joints)
         if frame == "torso":
             return T_TL
         if frame != "limb":
             raise UnknownNameError("frame", frame, ("link", "limb", "torso"))
-        if self.robot.limb_segment(words) is None:
+        if self.robot.limb_segment(description) is None:
             raise TciError(f"skin patch {patch!r} is on no limb; valid frames: link, torso")
-        posture = generic_posture(self.robot, joints)[words.part]
-        T_TS = self.segment_pose(words.part, words.segment, joints, posture)
+        posture = generic_posture(self.robot, joints)[description.part]
+        T_TS = self.segment_pose(description.part, description.segment, joints, posture)
         pose: Array = invert(T_TS) @ T_TL
         return pose
 

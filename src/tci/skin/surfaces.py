@@ -94,17 +94,17 @@ def build_surface(robot: Robot, patch: Patch, kinematics: KinematicChain) -> Sur
     the patch has fewer channels than its taxels need; UnknownNameError for a link or frame that the model
     lacks.
     """
-    words = patch.surface
+    description = patch.surface
     across: Array | None = None
     kinematics.poses(np.zeros(len(robot.servos)), [patch.link])  # raises when there is no such link
-    if isinstance(words, TruncatedCone):
-        positions, normals, areas, faces = _cone(words)
+    if isinstance(description, TruncatedCone):
+        positions, normals, areas, faces = _cone(description)
         channels = np.arange(len(positions))
     else:
-        if isinstance(words, TriangularModules):
-            positions, normals, areas, channels = _modules(robot, patch, words, kinematics)
+        if isinstance(description, TriangularModules):
+            positions, normals, areas, channels = _modules(robot, patch, description, kinematics)
         else:
-            layout = read_table(robot, patch, words)
+            layout = read_table(robot, patch, description)
             channels = layout.taxels
             across = None if layout.tangents is None else read_only(layout.tangents[channels])
             positions, normals, areas = (
@@ -206,8 +206,8 @@ def _frames(
 ) -> list[Array]:
     """Returns `T_LF` (4, 4) of each module's frame F in the patch's link."""
     found = []
-    for bend in (0.0, 0.3):
-        poses = kinematics.poses(np.full(len(robot.servos), bend), [patch.link, *modules.frames])
+    for angle in (0.0, 0.3):
+        poses = kinematics.poses(np.full(len(robot.servos), angle), [patch.link, *modules.frames])
         T_LT = invert(poses[patch.link])
         found.append([T_LT @ poses[frame] for frame in modules.frames])
     moving = [
@@ -274,8 +274,8 @@ def find_neighbours(positions: Array, normals: Array) -> NDArray[np.intp]:
     facing = np.einsum("pi,pi->p", normals[pairs[:, 0]], normals[pairs[:, 1]]) > 0.0
     pairs = pairs[facing]
     one, other = positions[pairs[:, 0]], positions[pairs[:, 1]]
-    apart = np.linalg.norm(one - other, axis=1)
-    nothing_between = tree.query(0.5 * (one + other))[0] >= 0.5 * apart * (1.0 - 1e-9)
-    pairs = pairs[(apart <= NEIGHBOUR_DISTANCE) | nothing_between]
+    gap = np.linalg.norm(one - other, axis=1)
+    nothing_between = tree.query(0.5 * (one + other))[0] >= 0.5 * gap * (1.0 - 1e-9)
+    pairs = pairs[(gap <= NEIGHBOUR_DISTANCE) | nothing_between]
     result: NDArray[np.intp] = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     return result

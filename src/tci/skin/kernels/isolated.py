@@ -35,7 +35,7 @@ the straight edge of a triangular lattice, 0.67 and more at corners."""
 
 
 @inlined
-def _must_be_felt(taxel: int, force: float, layout: LayoutArrays, least: Array, limits: Array) -> int:
+def _must_respond(taxel: int, force: float, layout: LayoutArrays, least: Array, limits: Array) -> int:
     """Returns 1 if neighbours would respond to a touch of one taxel, 0 if they need not, -1 if they can't
     tell.
 
@@ -49,12 +49,12 @@ def _must_be_felt(taxel: int, force: float, layout: LayoutArrays, least: Array, 
     tip = limits[TIP] * force ** (1.0 / 3.0)
     variance = limits[COVER] ** 2 + area / 12.0 + tip**2 / 4.0
     found, across, along, up = 0, 0.0, 0.0, 0.0
-    felt = 0
+    response = 0
     for edge in range(graph[taxel], graph[taxel + 1]):
         other = graph[edge]
         a, b, c = taxels[other, 0] - x, taxels[other, 1] - y, taxels[other, 2] - z
-        apart = a * a + b * b + c * c
-        if not least[other] < np.inf or apart > limits[REACH] ** 2 or apart == 0.0:
+        distance2 = a * a + b * b + c * c
+        if not least[other] < np.inf or distance2 > limits[REACH] ** 2 or distance2 == 0.0:
             continue
         out = a * nx + b * ny + c * nz
         a, b, c = a - out * nx, b - out * ny, c - out * nz
@@ -62,11 +62,11 @@ def _must_be_felt(taxel: int, force: float, layout: LayoutArrays, least: Array, 
         if length > 0.0:
             across, along, up = across + a / length, along + b / length, up + c / length
         found += 1
-        pressure = force / area * np.exp(-apart / (2.0 * variance))
-        felt |= pressure >= limits[SURE] * max(least[other], limits[FLOOR] / taxels[other, AREA])
+        pressure = force / area * np.exp(-distance2 / (2.0 * variance))
+        response |= pressure >= limits[SURE] * max(least[other], limits[FLOOR] / taxels[other, AREA])
     if found < 2:
         return -1
-    return 0 if across**2 + along**2 + up**2 > (ONE_SIDED * found) ** 2 else int(felt)
+    return 0 if across**2 + along**2 + up**2 > (ONE_SIDED * found) ** 2 else int(response)
 
 
 @inlined
@@ -137,9 +137,9 @@ def reject_isolated(
             end, keep = bound[c + 1], True
             if end - begin == 1:
                 i, force = member[begin], forces[begin]
-                felt = _must_be_felt(i, force, layout, estimates.least, limits)
-                keep = felt < 0
-                if felt == 0:
+                response = _must_respond(i, force, layout, estimates.least, limits)
+                keep = response < 0
+                if response == 0:
                     now, stamp = fresh[waits], state.stamp[p]
                     waits += 1
                     if not _wait_on(i, stamp, force, waiting, now):

@@ -24,9 +24,9 @@ def nearest(point: Vector, p: int, layout: LayoutArrays, p_L: Array, n_L: Array)
     scale, first_cell = box[3], layout.begin[p, CELL]
     if nx * ny * nz == 0:
         for i in range(layout.begin[p, TAXEL], layout.begin[p + 1, TAXEL]):
-            apart = _square(taxels[i, 0] - point[0], taxels[i, 1] - point[1], taxels[i, 2] - point[2])
-            if apart < best:
-                best = apart
+            distance2 = _square(taxels[i, 0] - point[0], taxels[i, 1] - point[1], taxels[i, 2] - point[2])
+            if distance2 < best:
+                best = distance2
                 for axis in range(3):
                     p_L[axis], n_L[axis] = taxels[i, axis], taxels[i, 3 + axis]
         return
@@ -77,14 +77,14 @@ def _closer(
         ux * ux + uy * uy + uz * uz, ux * vx + uy * vy + uz * vz, vx * vx + vy * vy + vz * vz,
         wx * ux + wy * uy + wz * uz, wx * vx + wy * vy + wz * vz,
     )  # fmt: skip
-    apart: float = _square(wx - s * ux - t * vx, wy - s * uy - t * vy, wz - s * uz - t * vz)
-    if not apart < best:
+    distance2: float = _square(wx - s * ux - t * vx, wy - s * uy - t * vy, wz - s * uz - t * vz)
+    if not distance2 < best:
         return best
     r = 1.0 - s - t
     for i in range(3):
         p_L[i] = r * taxels[a, i] + s * taxels[b, i] + t * taxels[c, i]
         n_L[i] = r * taxels[a, 3 + i] + s * taxels[b, 3 + i] + t * taxels[c, 3 + i]
-    return apart
+    return distance2
 
 
 @inlined

@@ -38,7 +38,7 @@ def readings(count: int) -> list[Reading]:
 
 
 @pytest.mark.parametrize("times", [1, 3, 20])
-def test_when_it_learns_plays_no_part(times: int) -> None:
+def test_the_time_of_an_update_plays_no_part(times: int) -> None:
     patient, idle = FeltSkin(NAO), FeltSkin(NAO)
     for reading in readings(260):
         one, other = patient.update(reading), idle.update(reading)
@@ -54,26 +54,26 @@ def test_when_it_learns_plays_no_part(times: int) -> None:
         assert np.ptp(one.baseline.noise) > 0.0 or patch.name == "head"
 
 
-def test_one_lesson_at_a_time_between_two_frames(monkeypatch: pytest.MonkeyPatch) -> None:
-    perceiver, learnt = Perceiver(GenericBody(NAO)), []
+def test_one_window_at_a_time_between_two_frames(monkeypatch: pytest.MonkeyPatch) -> None:
+    perceiver, updated = Perceiver(GenericBody(NAO)), []
     update = PatchEstimator.update
     monkeypatch.setattr(
-        PatchEstimator, "update", lambda one, *a: (learnt.append(id(one)), update(one, *a))[1]
+        PatchEstimator, "update", lambda one, *a: (updated.append(id(one)), update(one, *a))[1]
     )
     most = 0
     for number, reading in enumerate(readings(260)):
-        before = len(learnt)
+        before = len(updated)
         perceiver.step(reading, number / 50.0)
-        assert len(learnt) == before
+        assert len(updated) == before
         for period in range(1, 20):
-            before = len(learnt)
+            before = len(updated)
             perceiver.step(reading, number / 50.0 + period / 1000.0)
-            most = max(most, len(learnt) - before)
+            most = max(most, len(updated) - before)
     assert most == 1
-    assert len({*learnt}) == len(NAO.patches)
+    assert len({*updated}) == len(NAO.patches)
 
 
-def test_no_period_learns_a_whole_lesson(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_period_processes_a_whole_window(monkeypatch: pytest.MonkeyPatch) -> None:
     perceiver, done = Perceiver(GenericBody(NAO)), []
     for owner, name in ((Baseline, "update"), (TaxelHealth, "judge")):
         step = getattr(owner, name)

@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from golden.cases import CASES, FOLDER, perceived
+from golden.cases import CASES, FOLDER, described, perceived
 from tci.drivers.replay import ReplayDriver
 from tci.reasons import NO_REASON
 from tci.recording.recording import Recording
 from tci.recording.schemas import DECISION, TEXTS, decision_bytes
-from tci.robot.catalogue import load_robot
 from tci.rosmsg.cdr import decode
 from tci.runtime.loop import Tick, run
 
@@ -26,7 +25,7 @@ def test_a_recording_replays_to_the_same_numbers(name: str) -> None:
     case, path = CASES[name], FOLDER / f"{name}.mcap"
     recorded = [tick.decision for tick in Recording(path).ticks() if tick.decision is not None]
     ticks: list[Tick] = []
-    with ReplayDriver(load_robot(str(FOLDER / "robots" / case.robot)), str(path)) as driver:
+    with ReplayDriver(described(case.robot), str(path)) as driver:
         run(driver, case.capability(), duration=case.duration, observe=ticks.append)
     assert len(ticks) == len(recorded) > 100
     for tick, then in zip(ticks, recorded, strict=True):

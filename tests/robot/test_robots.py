@@ -169,9 +169,9 @@ def test_mapped_servos_can_be_moved(robot: Robot) -> None:
     mapped = {generic.servo for part in robot.parts for generic in part.servos if generic.servo is not None}
     for index in mapped:
         servo = robot.servos[index]
-        figures = servo.limits.model_dump(exclude={"ours"})
+        figures = servo.limits.model_dump(exclude={"assumed"})
         assert None not in figures.values(), servo.name
-        assert {"acceleration", "jerk"} <= set(servo.limits.ours), "nobody publishes these"
+        assert {"acceleration", "jerk"} <= set(servo.limits.assumed), "nobody publishes these"
 
 
 def test_left_and_right_mirror_each_other(robot: Robot) -> None:

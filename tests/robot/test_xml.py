@@ -24,7 +24,7 @@ GOOD = """<?xml version="1.0"?>
 <generic_robot version="1" name="tester" angle_unit="deg">
   <robot_part name="LArm">
     <servo id="0" name="pitch"><position min="-90" max="90"/><velocity max="200"/></servo>
-    <servo id="1" name="roll"><position min="-20" max="80"/><jerk max="9000" origin="ours"/></servo>
+    <servo id="1" name="roll"><position min="-20" max="80"/><jerk max="9000" origin="assumed"/></servo>
   </robot_part>
   <robot_part name="Neck"><servo id="0" name="neck"/></robot_part>
   <coupling name="cable" min="-100" max="100">
@@ -110,7 +110,7 @@ def test_units_become_si_and_everything_is_read(tmp_path: Path) -> None:
     np.testing.assert_allclose([a.offset, a.initial, c.fixed], [np.pi / 2, 1.0, np.deg2rad(12)])
     np.testing.assert_allclose(a.speed, np.deg2rad(20))
     assert (a.stiffness, a.damping) == (0.5, 0.1)
-    assert robot.servos[1].limits.ours == ("jerk",)
+    assert robot.servos[1].limits.assumed == ("jerk",)
     np.testing.assert_allclose(robot.servos[1].limits.upper, np.deg2rad(80))
     assert robot.couplings[0].coefficients == (1.0, -1.0)
     assert len(robot.digest) == 64

@@ -144,24 +144,24 @@ def _limits(joint: etree._Element, inertia: float) -> Limits:
     limit = joint.find("limit")
     given = {key: float(limit.get(key, 0.0)) for key in ("lower", "upper", "velocity", "effort")} if (
         limit is not None) else dict.fromkeys(("lower", "upper", "velocity", "effort"), 0.0)  # fmt: skip
-    ours = ["acceleration", "jerk"]
+    assumed = ["acceleration", "jerk"]
     lower, upper = given["lower"], given["upper"]
     if joint.get("type") == "continuous" or not lower < upper or max(-lower, upper) > 2.0 * np.pi:
         lower, upper = -np.pi, np.pi
-        ours += ["lower", "upper"]
+        assumed += ["lower", "upper"]
     velocity, torque = given["velocity"], given["effort"]
     if not 0.0 < velocity < FASTEST:
         velocity = float(SPEED)
-        ours.append("velocity")
+        assumed.append("velocity")
     if not 0.0 < torque < STRONGEST:
         torque = TORQUE
-        ours.append("torque")
+        assumed.append("torque")
     able = torque / max(inertia, 1e-6)
     acceleration = float(np.clip(0.25 * able, min(ACCELERATION[0], MOST_TORQUE * able), ACCELERATION[1]))
     acceleration = float(np.deg2rad(10.0 * np.floor(np.rad2deg(acceleration) / 10.0 + 1e-9)))
     return Limits(
         lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, jerk=JERK * acceleration,
-        torque=torque, ours=tuple(ours),
+        torque=torque, assumed=tuple(assumed),
     )  # fmt: skip
 
 

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 
 COMMENT = """Proposed by tci new-robot from {file}: look it over.
-From that file: joints, limits of position, speed and torque where nothing says ours.
-Ours: limits of acceleration and jerk, the sleeves of skin (cones around the file's own shapes), the sensors'
-response, the initial posture, the zero of pronation, which is the robot's own."""
+From that file: joints, limits of position, speed and torque where nothing says assumed.
+Assumed: limits of acceleration and jerk, the sleeves of skin (cones around the file's own shapes), the
+sensors' response, the initial posture, the zero of pronation, which is the robot's own."""
 
 
 def new_robot(
@@ -44,7 +44,7 @@ def new_robot(
     """Propose the description of a humanoid from its URDF.
 
     Finds arms, hands, head, torso and legs by their geometry, takes limits from the file and puts sleeves of
-    skin around the arms. Look the result over; what no file says is marked as ours in it.
+    skin around the arms. Look the result over; what no file says is marked as assumed in it.
 
     Example:  tci new-robot my_robot.urdf
     """

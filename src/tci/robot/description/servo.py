@@ -21,7 +21,7 @@ class Limits(Description):
     """Largest jerk [rad/s3]."""
     torque: float | None = None
     """Largest torque [N m]."""
-    ours: tuple[str, ...] = ()
+    assumed: tuple[str, ...] = ()
     """Names of the fields above whose value is assumed, since no manufacturer published it."""
 
 

@@ -60,7 +60,7 @@ LENGTH = Number(most=3.0, positive=True, unit="m")
 POINT = Three(Number(-10.0, 10.0, unit="m"))
 ORIENTATION = Three(Angle())
 RATE = Number(most=1e4, positive=True, unit="Hz")
-ORIGIN = Choice(("published", "ours"))
+ORIGIN = Choice(("published", "assumed"))
 
 # The largest plausible limits are assumed: far above any servo's, and below the placeholders (50000) that
 # CAD exports put where a figure is missing.
@@ -87,8 +87,8 @@ LIMITS: dict[str, Element] = {
 }
 
 SERVO = Element(
-    "One joint, and its limits. `joint` is its name in the model. A limit with `origin=\"ours\"` is a figure "
-    "that no maker published. A servo without limits is known, but the gate never moves it.",
+    "One joint, and its limits. `joint` is its name in the model. A limit with `origin=\"assumed\"` is a "
+    "figure that no maker published. A servo without limits is known, but the gate never moves it.",
     needs={"id": ID, "name": NAME}, may={"joint": NAME}, once=LIMITS, describes=Servo,
 )  # fmt: skip
 

@@ -134,15 +134,15 @@ def _mentioned(root: Node, servos: Servos) -> None:
 
 def _limits(node: Node, faults: Faults) -> Limits:
     figures: dict[str, float] = {}
-    ours: list[str] = []
+    assumed: list[str] = []
     for tag in LIMITS:
         limit = node.first(tag)
         if limit is None or not limit.ok:
             continue
         if tag != "position" or check_range(limit, f"position of servo {node.get('name', '?')!r}", faults):
             figures |= limit.fields
-            ours += limit.fields if limit.get("origin") == "ours" else []
-    return Limits(**figures, ours=tuple(ours))
+            assumed += limit.fields if limit.get("origin") == "assumed" else []
+    return Limits(**figures, assumed=tuple(assumed))
 
 
 def check_range(node: Node, what: str, faults: Faults) -> bool:

@@ -79,7 +79,7 @@ def _servo(part: _Written, servo: Servo) -> None:
     for tag, grammar in LIMITS.items():
         fields = set(grammar.fields.values())
         if all(getattr(limits, field) is not None for field in fields):
-            written.add(tag, limits, origin=None if fields.isdisjoint(limits.ours) else "ours")
+            written.add(tag, limits, origin=None if fields.isdisjoint(limits.assumed) else "assumed")
 
 
 def _part(root: _Written, robot: Robot, part: GenericPart) -> None:

@@ -125,7 +125,7 @@ def test_leaves_begin_in_one_mode_per_part() -> None:
         )
 
     assert len(modes(Mode.VELOCITY, Mode.VELOCITY).begin(seen(), BODY)) == 1
-    with pytest.raises(TciError, match="leaf 1 wants left_arm in impedance mode"):
+    with pytest.raises(TciError, match="the leaf 'leaf 1' needs left_arm in impedance mode"):
         modes(Mode.VELOCITY, Mode.IMPEDANCE).begin(seen(), BODY)
 
 

@@ -144,7 +144,7 @@ def test_a_standing_robot_keeps_its_legs_and_says_why() -> None:
     assert not commands
     assert "stands" in memory.refused["left_leg"].reason
     assert BodyWithdrawal().notes(memory) == (
-        f"left_leg was touched and stays: {memory.refused['left_leg'].reason}",
+        f"left_leg was touched and does not move: {memory.refused['left_leg'].reason}",
     )
     commands, memory = step(BodyWithdrawal(stance="supported"), shin)
     assert [command.part for command in commands] == ["left_leg"]
@@ -157,7 +157,7 @@ def test_weight_under_a_sole_is_believed_before_anybody() -> None:
     sole = press("right_leg", 20.0, segment="foot")
     commands, memory = step(reflex, see(shank, sole, at=SHIN.spot))
     assert not commands
-    assert "20.0 N: it carries the robot" in memory.refused["left_leg"].reason
+    assert "20.0 N: right_leg carries the robot" in memory.refused["left_leg"].reason
     light = press("right_leg", 2.0, segment="foot")
     assert step(reflex, see(shank, light, at=SHIN.spot))[0]
 
@@ -219,7 +219,7 @@ def test_all_faults_of_a_field_are_told(tmp_path: Path) -> None:
 
 def test_a_joint_that_the_kind_lacks_is_refused() -> None:
     field = FACE.model_dump() | {"motion_deg": {"knee_pitch": 5.0}}
-    with pytest.raises(ValueError, match="a head has pitch, roll, yaw"):
+    with pytest.raises(ValueError, match="which a head lacks; valid: pitch, roll, yaw"):
         BodyFields.model_validate({"force": {"threshold_n": 0.1, "saturation_n": 1.0}, "field": [field]})
 
 

@@ -47,15 +47,18 @@ def seen(
 
 def test_a_motion_into_the_touch_is_refused_and_told() -> None:
     for away, told in (
-        ((-0.001, 0.02), "press left_arm_forearm 1 mm into what touches it"),
+        ((-0.001, 0.02), "press left_arm_forearm 1 mm into the object that touches it"),
         ((0.001, -0.02), "press left_arm_forearm 20 mm"),
-        ((0.0, 0.0001), "would take left_arm_forearm 0.1 mm away from what touches it; valid: 1 mm"),
+        (
+            (0.0, 0.0001),
+            "would take left_arm_forearm 0.1 mm away from the object that touches it; valid: 1 mm or more",
+        ),
     ):
         commands, memory = REFLEX.step(REFLEX.init(BODY), *seen(Room({1: away}), *touches(1)))
         assert commands == ()
         assert not memory
         (note,) = REFLEX.notes(memory)
-        assert note.startswith("left_arm was touched and stays: its motion would")
+        assert note.startswith("left_arm was touched and does not move: its motion would")
         assert told in note
     commands, memory = REFLEX.step(REFLEX.init(BODY), *seen(Room({1: (0.001, 0.02)}), *touches(1)))
     assert len(commands) == 1
@@ -140,7 +143,7 @@ def test_a_withdrawal_ends_where_it_meets_something_and_stays_there_until_nothin
         sent += [(tick, command.values) for command in commands]
     assert [tick for tick, _ in sent] == [0, 2]
     np.testing.assert_allclose(sent[1][1], POSTURE + 0.02)
-    assert "left_arm was touched and stays" in REFLEX.notes(memory)[0]
+    assert "left_arm was touched and does not move" in REFLEX.notes(memory)[0]
     for stamp in (1.0, 2.0):
         commands, memory = REFLEX.step(memory, *seen(free, stamp=stamp))
         assert not commands

@@ -124,9 +124,11 @@ def test_a_robot_without_torque_says_so_before_anything_moves() -> None:
 
 
 def test_settings_and_parts_are_checked() -> None:
-    with pytest.raises(TciError, match="in position mode; valid: velocity, torque"):
+    with pytest.raises(TciError, match="mode position; valid: velocity, torque"):
         SoftReaction(mode=Mode.POSITION)
     with pytest.raises(TciError, match="mobility -1"):
         SoftReaction(mobility=-1.0)
-    with pytest.raises(TciError, match="soft reaction of 'tail'; this robot has left_arm, right_arm"):
+    with pytest.raises(
+        TciError, match="soft reaction: the robot has no part 'tail'; valid: left_arm, right_arm"
+    ):
         SoftReaction(parts=("tail",)).step({}, *seen())

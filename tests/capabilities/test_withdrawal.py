@@ -395,12 +395,12 @@ def test_a_contact_of_another_segment_or_part_is_not_answered() -> None:
 
 def test_wrong_settings_are_refused() -> None:
     for refractory in (0.0, -1.0, np.nan, np.inf):
-        with pytest.raises(TciError, match="refractory period"):
+        with pytest.raises(TciError, match="withdrawal: refractory"):
             WithdrawalReflex(refractory=refractory)
     with pytest.raises(TciError, match="valid: linear, cosine"):
         WithdrawalReflex(distance_discount="square")
 
 
 def test_a_part_that_is_no_generic_arm_is_refused() -> None:
-    with pytest.raises(CommandError, match="left_arm has 4 joints"):
+    with pytest.raises(CommandError, match="left_arm has 4 generic joints; valid: 5"):
         REFLEX.step(REFLEX.init(BODY), see(poke(FIELD, 5.0), posture={"left_arm": np.zeros(4)}), BODY)

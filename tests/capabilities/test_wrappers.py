@@ -88,7 +88,7 @@ def test_a_blind_field_is_a_fault_of_what_runs_the_reflex(name: str) -> None:
 def test_notes_are_those_of_the_reflex(name: str) -> None:
     capability = wrapped(Refusing())[name]
     _, memory = capability.step(capability.init(BODY), see(), BODY)
-    assert capability.notes(memory) == ("left_leg was touched and stays: it carries",)
+    assert capability.notes(memory) == ("left_leg was touched and does not move: it carries",)
 
 
 def test_a_gesture_without_a_reflex_needs_no_skin() -> None:
@@ -110,5 +110,5 @@ def test_one_command_of_what_runs_inside_counts_as_a_tuple_of_one(name: str) -> 
 @pytest.mark.parametrize("name", wrapped(Sleepy()))
 def test_what_is_no_answer_is_refused_by_the_name_of_what_gave_it(name: str) -> None:
     capability = wrapped(Sleepy())[name]
-    with pytest.raises(CommandError, match="Sleepy: step gave NoneType; valid: its commands, and the mem"):
+    with pytest.raises(CommandError, match="Sleepy: step returned NoneType; valid: the pair"):
         capability.step(capability.init(BODY), see(), BODY)

@@ -88,7 +88,7 @@ def test_the_terminal_breaks_the_lines_of_help(name: str) -> None:
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["demo", "--fault", "stall@0.3", "--via", "zenoh"], "valid beside it: ROBOT, --json"),
+        (["demo", "--fault", "stall@0.3", "--via", "zenoh"], "valid with it: one ROBOT, --json"),
         (["demo", "--via", "sim"], "no server named 'sim'; valid: lcm"),
         (["demo", "icub", "--via", "naoqi"], "no binding of icub named 'naoqi'"),
         (["run", "withdrawal", "nao", "--duration", "-1"], "valid: above 0 s"),
@@ -99,12 +99,12 @@ def test_the_terminal_breaks_the_lines_of_help(name: str) -> None:
         (["run", "math:pi", "nao"], "valid: a subclass of tci.Capability"),
         (["view", "--port", "99999"], "less than or equal to 65535"),
         (["describe", "nao.txt"], "or the path of a description (.xml)"),
-        (["check", "nao", "--only", "left_arm"], "valid: with --hardware"),
+        (["check", "nao", "--only", "left_arm"], "valid: add --hardware"),
         (["check", "nao", "--hardware", "--taxels", "-5"], "greater than or equal to -1"),
         (["new-robot", "none.urdf"], "no such file"),
         (["skin", "locate", "nao", "--patch", "left_forearm", "--wrong", "-5"], "greater than or equal to 0"),
-        (["gesture", "record", "none/wave.csv", "nao"], "a .csv file in a folder that is there"),
-        (["gesture", "convert", "none.bvh", "wave.txt"], "a .csv file in a folder that is there"),
+        (["gesture", "record", "none/wave.csv", "nao"], "a .csv file in a folder that exists"),
+        (["gesture", "convert", "none.bvh", "wave.txt"], "a .csv file in a folder that exists"),
         (["zenoh", "router", "none.json5"], "does not exist"),
     ],
     ids=" ".join,
@@ -168,7 +168,7 @@ def test_a_robot_that_is_not_installed_is_no_part_of_the_json(
     assert load_robots([]) == []
     told = capsys.readouterr()
     assert not told.out
-    assert "without icub" in told.err
+    assert "icub is left out" in told.err
 
 
 def test_brackets_in_a_name_are_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -29,7 +29,7 @@ def test_a_robot_that_can_not_be_reached_is_a_fault() -> None:
     text = tci("doctor", "nao", "--via", "replay:/no/such/file.mcap", status=1)
     assert "No such file" in text
     assert "1 fault" in text
-    assert "which robot" in tci("doctor", "--via", "sim", status=1)
+    assert "needs the robot's name" in tci("doctor", "--via", "sim", status=1)
     assert "valid: " in tci("doctor", "nao", "--via", "smoke", status=1)
 
 
@@ -51,7 +51,7 @@ def test_at_a_keyboard_nothing_moves_without_a_yes_and_nobody_there_is_an_error(
         for answers, words in (
             ("?\nn\nn\n", "not moved: the operator did not permit it"),
             ("n\n", "does not agree with its encoders"),
-            ("", "nobody answers"),
+            ("", "a question had no answer"),
         ):
             run = subprocess.run(command, input=answers, capture_output=True, text=True, check=False)
             said = " ".join((run.stdout + run.stderr).split())

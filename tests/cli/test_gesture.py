@@ -52,7 +52,7 @@ def test_what_was_shown_before_the_robot_went_away_is_kept(breaking: type[Breaki
     assert isinstance(result.exception, DriverError)
     gesture, _ = read_csv(file)
     assert breaking.END - 0.05 < gesture.duration < breaking.END
-    assert f"holds the {len(gesture.times)} postures" in result.stderr
+    assert f"has the {len(gesture.times)} postures before the error" in result.stderr
 
 
 def test_sigterm_ends_it_as_ctrl_c_does(
@@ -105,5 +105,5 @@ def test_a_gesture_that_exists_is_kept(command: str, tmp_path: Path) -> None:
     words = [str(target), "nao", "--duration", "0.1"] if command == "record" else [str(source), str(target)]
     result = CliRunner().invoke(app, ["gesture", command, *words])
     assert isinstance(result.exception, CommandError)
-    assert f"{target} exists; valid: a name that is free" in str(result.exception)
+    assert f"{target} exists and is not replaced; valid: a new file name" in str(result.exception)
     assert target.read_text() == "mine"

@@ -42,7 +42,7 @@ def test_record_look_cut_export_and_replay(tmp_path: Path) -> None:
     assert json.loads(tci("log", "info", str(tmp_path / "cut.mcap"), "--json"))["periods"] == 100
     assert "exists" in tci("log", "cut", path, path, status=1)
     assert tci("log", "info", "no.mcap", status=1).strip() == "tci: no.mcap: No such file or directory"
-    assert "valid: 0.000 to 0.598 s" in tci("log", "cut", path, f"{path}.x", "--from", "7", status=1)
+    assert "valid: within 0.000 to 0.598 s" in tci("log", "cut", path, f"{path}.x", "--from", "7", status=1)
     assert "valid: 0.000 to 0.598 s" in tci("plot", path, "--from", "7", "--to", "8", status=1)
     matrices = tmp_path / "touch.npz"  # the name says the format
     tci("log", "export", path, str(matrices))
@@ -58,7 +58,7 @@ def test_an_export_says_why_it_has_no_forces(tmp_path: Path) -> None:
         recorder.tick(0.0, Reading(joints, (SkinFrame("foot", 0.0, 0, np.zeros(3)),)))
     words = ["log", "export", str(tmp_path / "a.mcap"), str(tmp_path / "tables")]
     result = CliRunner().invoke(app, words)
-    assert "raw values only, no forces: the recording has no robot" in result.output
+    assert "raw values only, without forces: the recording does not name its robot" in result.output
     assert [path.name for path in (tmp_path / "tables").iterdir()] == ["skin_foot.csv"]
 
 
@@ -66,4 +66,4 @@ def test_record_a_robot_that_nobody_commands(tmp_path: Path) -> None:
     path = str(tmp_path / "rest.mcap")
     assert json.loads(tci("record", path, "nao", "--duration", "0.1", "--json"))["periods"] == 50
     assert "exists" in tci("record", path, "nao", status=1)
-    assert "none was recorded" in tci("run", "withdrawal", "nao", "--via", f"replay:{path}")
+    assert "the recording has none" in tci("run", "withdrawal", "nao", "--via", f"replay:{path}")

@@ -46,7 +46,7 @@ def test_a_run_that_ends_in_motion_says_so() -> None:
     told = json.loads(told_by(*POKED[:-1], "0.33", "--json"))
     assert told["worst"] == told["state"] == "run"
     assert kinds(told) == ["touch", "command", "at rest"]
-    assert "cut short" in told["events"][-1]["words"]
+    assert "the run ended during a motion" in told["events"][-1]["words"]
     assert told["loop"]["cut_short"]
 
 
@@ -70,7 +70,7 @@ def test_a_person_sees_what_happened_and_why_the_robot_holds() -> None:
     assert "dropped-frames (fault 10: dropped frames)" in text
     held = text.index("HOLD")
     assert "ms old" in text[held:]
-    assert "clears by itself" in text[held:]
+    assert "until the cause is gone" in text[held:]
     assert held < text.index("at rest") < text.index("over") < text.index("RUN", held), "it goes on"
     assert "HOLD 50 ms after dropped-frames" in " ".join(text[text.index("outcome") :].split())
 
@@ -209,7 +209,7 @@ class Forgets(Fails):
     ("name", "words"),
     [
         ("Fails", "KeyError: 'memory' (faulty_own.py, line 9)"),
-        ("Forgets", "Forgets: step gave NoneType; valid: its commands, and the memory"),
+        ("Forgets", "Forgets: step returned NoneType; valid: the pair (commands, memory)"),
     ],
 )
 def test_a_capability_that_fails_is_told_with_its_place(
@@ -261,4 +261,4 @@ def test_why_a_touched_leg_stays_is_told_once(
     told = json.loads(capsys.readouterr().out)
     notes = [event["words"] for event in told["events"] if event["kind"] == "NOTE"]
     assert len(notes) == 1
-    assert "left_leg was touched and stays: the robot stands" in notes[0]
+    assert "left_leg was touched and does not move: the robot stands on its legs" in notes[0]

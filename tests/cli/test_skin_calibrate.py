@@ -163,9 +163,9 @@ def test_bad_arguments_write_nothing(tmp_path: Path) -> None:
     with Recorder(tmp_path / "no-skin.mcap", load_robot("nao")) as recorder:
         angles = initial_position(load_robot("nao"))
         recorder.tick(0.0, Reading(JointReading(0.0, 0, angles, np.zeros_like(angles)), ()))
-    with pytest.raises(TciError, match="left_forearm: no frame in the recording"):
+    with pytest.raises(TciError, match="left_forearm: the recording has no frame of it"):
         run("nao", "--patch", "left_forearm", "--via", f"replay:{tmp_path / 'no-skin.mcap'}", *log, *out)
-    with pytest.raises(TciError, match="--weight or --force-log"):
+    with pytest.raises(TciError, match="--weight and --force-log exclude each other"):
         run("nao", "--patch", "left_forearm", "--weight", "1", "--force-log", "x.csv", *out)
     assert not (tmp_path / "x.json").exists()
 

@@ -79,7 +79,7 @@ def test_a_duration_ends_it() -> None:
 
 def test_mistakes_are_told() -> None:
     words = ("view", "nao", "--port", "0", "--headless")
-    assert "1 robots and 2 --via" in tci(*words, "--via", "sim", "--via", "sim", status=1)
+    assert "2 --via for 1 robots" in tci(*words, "--via", "sim", "--via", "sim", status=1)
     assert "no capability named 'dance'" in tci(*words, "--run", "dance", status=1)
     assert "no such file" in tci(*words, "--via", "replay:/no/such.mcap", status=1).lower()
     assert "valid: a free port" in tci(

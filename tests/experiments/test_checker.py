@@ -54,11 +54,11 @@ def test_a_coupling_is_watched() -> None:
 def test_unknown_limits_and_stray_servos_are_named() -> None:
     sent, measured = motion(coupled=False)
     unknown = make_robot(limits=LIMITS.model_copy(update={"jerk": None}), coupled=False)
-    assert any("jerk is not known" in fault for fault in command_violations(unknown, sent, measured, PERIOD))
+    assert any("jerk is unknown" in fault for fault in command_violations(unknown, sent, measured, PERIOD))
     part = make_robot().parts[0]
     few = part.model_copy(update={"servos": part.servos[:1]})
     robot = make_robot().model_copy(update={"parts": (few,)})
-    assert stray_servos(robot, "left_arm", sent) == ["joint2: commanded, but left_arm does not map it"]
+    assert stray_servos(robot, "left_arm", sent) == ["joint2: commanded, although it is no servo of left_arm"]
 
 
 def test_the_physics_is_watched_too() -> None:

@@ -53,8 +53,8 @@ def test_a_proposed_robot_is_proved_as_it_is(name: str, tmp_path: Path) -> None:
 def test_a_robot_without_shapes_and_with_wrong_limits_is_found_out(tmp_path: Path) -> None:
     file = "simple_humanoid_description/urdf/simple_humanoid.urdf"
     proof = prove(proposed("simple", file, tmp_path))
-    assert any("Are signs and offsets right?" in fault for fault in proof.faults)
-    assert any("nothing to poke" in fault for fault in proof.faults)
+    assert any("Check the signs (gamma) and offsets (sigma)" in fault for fault in proof.faults)
+    assert any("so the reflex can't be tested" in fault for fault in proof.faults)
 
 
 def test_a_wrong_sign_is_found_out() -> None:

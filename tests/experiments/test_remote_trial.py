@@ -87,6 +87,6 @@ def test_a_process_that_ends_in_the_middle_of_a_trial_is_told() -> None:
         def end(tick: Tick) -> None:
             elsewhere._process.kill()
 
-        with pytest.raises(DriverError, match=r"the reflex in another process, zenoh.*: ended"):
+        with pytest.raises(DriverError, match=r"the process with the reflex, connected by zenoh.*: ended"):
             poke(World(robot), "left_arm", reflex.fields[0], Stimulus(), reflex=reflex, seed=3,
                  watch=end, elsewhere=elsewhere)  # fmt: skip

@@ -41,7 +41,7 @@ def test_taxels_of_three_axes_are_found_by_what_presses_them() -> None:
 
 
 def test_three_taxels_make_no_surface() -> None:
-    with pytest.raises(TciError, match="head: no surface between its 3 taxels"):
+    with pytest.raises(TciError, match="head: its 3 taxels form no surface"):
         calibrate_in_simulation(load_robot("nao"), "head", touches=3)
 
 

@@ -146,7 +146,7 @@ def test_03_a_dead_patch_stops_the_robot_since_its_fields_are_blind(kind: str) -
     answers, ticks = felt(kind, "dead-patch", 62.0)
     last = ticks[-1].sent
     assert last.state is GateState.STOP
-    assert "is blind: 0% of its taxels can be trusted; valid: 50% or more" in str(last.reason)
+    assert "is blind: 0% of its taxels are healthy; valid: 50% or more" in str(last.reason)
     assert PLACES[kind][0] in str(last.reason)
     assert len(answers) <= 1
 

@@ -56,9 +56,7 @@ def test_03_a_dead_patch_stops_the_robot_since_its_fields_are_blind() -> None:
     felt = Felt(NoisySkin(), "dead-patch", at=LEARNT, duration=LEARNT + 80.0)
     last = felt.ticks[-1].sent
     assert last.state is GateState.STOP
-    assert f"of {PATCH.part} is blind: 0% of its taxels can be trusted; valid: 50% or more" in str(
-        last.reason
-    )
+    assert f"of {PATCH.part} is blind: 0% of its taxels are healthy; valid: 50% or more" in str(last.reason)
     assert len(felt.answers(PATCH.part)) <= 1
 
 

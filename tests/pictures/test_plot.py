@@ -77,7 +77,7 @@ def test_bad_formats_and_recordings_without_a_robot_are_told(recorded: Path, tmp
     log = tmp_path / "data.log"
     log.write_text("1 0.5 240 230\n2 0.52 240 231\n")
     tci("log", "import", str(log), str(tmp_path / "foot.mcap"))
-    assert "has no robot" in tci("plot", str(tmp_path / "foot.mcap"), status=1)
+    assert "does not name its robot" in tci("plot", str(tmp_path / "foot.mcap"), status=1)
 
 
 def test_a_film_shows_the_run(tmp_path: Path) -> None:

@@ -157,7 +157,7 @@ def _at(reading: Reading, stamp: float) -> Reading:
 def test_the_command_imports_and_plots_a_bag(ticks: list[Tick], tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", ticks, "mcap")
     out = str(tmp_path / "out.mcap")
-    assert "which robot" in tci("log", "import", str(bag), out, status=1)
+    assert "does not name its robot; valid: tci log import" in tci("log", "import", str(bag), out, status=1)
     assert f"{len(ticks)} periods" in tci("log", "import", str(bag), out, "nao")
     told = json.loads(tci("plot", out, "--json"))
     assert [touch["patch"] for touch in told["touches"]] == ["left_forearm"]

@@ -287,7 +287,7 @@ def test_a_step_that_gives_no_pair_is_told_what_to_give(driver: SimulatedDriver,
         ) -> tuple[tuple[Order, ...], int]:
             return answer  # type: ignore[return-value]
 
-    with pytest.raises(CommandError, match=f"Odd: step gave {type(answer).__name__}; valid: its commands"):
+    with pytest.raises(CommandError, match=f"Odd: step returned {type(answer).__name__}; valid: the pair"):
         run(driver, Odd(), duration=0.1)
     assert driver.gate.state is GateState.STOP
 

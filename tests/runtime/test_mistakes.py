@@ -186,7 +186,7 @@ def test_9_one_command_in_place_of_a_tuple(driver: SimulatedDriver) -> None:
     ("answer", "words"), [(None, "None"), (("head",), "the word 'head'"), (3.0, "a float")]
 )
 def test_9_what_is_no_command(driver: SimulatedDriver, answer: Any, words: str) -> None:
-    with pytest.raises(CommandError, match=f"Ask: step gave {words} as a command; valid: a tuple of comm"):
+    with pytest.raises(CommandError, match=f"Ask: step returned {words} as a command; valid: a tuple"):
         tci.run(driver, Ask(answer), duration=0.01)
     driver.gate.reset()
 
@@ -196,9 +196,7 @@ def test_9_two_commands_and_no_memory(driver: SimulatedDriver) -> None:
         def step(self, memory: int, perception: tci.Perception, body: tci.GenericBody) -> Any:
             return head(0.1, 0.0, 0.0), head(0.2, 0.0, 0.0)
 
-    with pytest.raises(
-        CommandError, match="Forgets: step gave two commands; valid: its commands, and the mem"
-    ):
+    with pytest.raises(CommandError, match="Forgets: step returned two commands; valid: the pair"):
         tci.run(driver, Forgets(), duration=0.01)
 
 

@@ -1,4 +1,4 @@
-"""The force-distance model (eqs 5-7) for all contacts and all fields, compiled."""
+"""The force-distance model (eqs 5-7) for all contacts and receptive fields, compiled."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _phi, _psi, _psi_cosine = [inlined(f) for f in (discounts.phi, discounts.psi, di
 
 
 def field_table(fields: Sequence[ReceptiveField]) -> Array:
-    """The fields in numbers (8, m), as `find_answers` reads them."""
+    """Returns the fields as a table of numbers (8, m), as `find_answers` reads them."""
     rows = [
         (
             SEGMENTS.index(f.segment), *generic_limb_point(f.u, f.theta), f.radius, f.threshold, f.saturation,
@@ -38,12 +38,12 @@ def field_table(fields: Sequence[ReceptiveField]) -> Array:
 
 @lru_cache(maxsize=16)
 def segments_of(sites: tuple[Site, ...]) -> NDArray[np.int64]:
-    """The place (p,) of each site's segment in SEGMENTS; -1 for none of these."""
+    """Returns the index (p,) of each site's segment in SEGMENTS; -1 if the segment is not in it."""
     return read_only([SEGMENTS.index(s.segment) if s.segment in SEGMENTS else -1 for s in sites], np.int64)
 
 
 class Touches(NamedTuple):
-    """The arrays of `Contacts` that fields answer by."""
+    """The arrays of `Contacts` that the response of a field depends on."""
 
     site: NDArray[np.int64]
     begin: NDArray[np.int64]
@@ -61,7 +61,10 @@ def touches(contacts: Contacts) -> Touches:
 
 @inlined
 def _felt(fields: Array, closest: int, contacts: Touches, c: int) -> float:
-    """The force [N] of a contact that a field compares, see `tci.skin.contacts.weighted_force`."""
+    """Returns the force [N] of a contact that a field compares with its thresholds.
+
+    For `weighted` that is the force of eq. 7, see `tci.skin.contacts.weighted_force`.
+    """
     if fields[_MEASURE, closest] == 1.0:
         return contacts.force[c]
     if fields[_MEASURE, closest] == 2.0:
@@ -80,7 +83,10 @@ def _felt(fields: Array, closest: int, contacts: Touches, c: int) -> float:
 
 @inlined
 def _squares(fields: Array, segment: float, u: float, y: float, z: float, squares: Array) -> None:
-    """Squared distance from each field that a contact lies in, infinite from others; several at once."""
+    """Writes the `squares` (m,) of the distances of a contact to the centres of the fields that it lies in.
+
+    Infinite for the other fields. The loop has no branch, so that the compiler vectorises it.
+    """
     places, xs, ys, zs, radii = fields[_SEGMENT], fields[_X], fields[_Y], fields[_Z], fields[_RADIUS]
     for i in range(len(squares)):
         dx, dy, dz = xs[i] - u, ys[i] - y, zs[i] - z
@@ -102,10 +108,16 @@ def find_answers(
     nearest: NDArray[np.int64],
     gains: Array,
 ) -> None:
-    """Of each contact the `nearest` (c,) of the `fields` (8, m) that it lies in, -1 for none, and the
-    `gains` (c,) phi(F) psi(d).
+    """Writes for each contact the index of the `nearest` field that it lies in, and the gain phi(F) psi(d).
 
-    `segments` (p,) are those of the contacts' sites; `squares` (m,) is room to work in.
+    Args:
+        fields: Table (8, m) of `field_table`.
+        cosine: Uses `psi_cosine` instead of `psi`.
+        segments: Indices (p,) of the sites' segments, from `segments_of`.
+        contacts: Arrays of c contacts.
+        squares: Scratch array (m,).
+        nearest: Output (c,); -1 if the contact lies in no field.
+        gains: Output (c,), 0..1.
     """
     for c in range(len(contacts.site)):
         point = contacts.limb_point[c]

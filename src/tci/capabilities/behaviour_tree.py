@@ -1,7 +1,7 @@
 """Capabilities composed in a behaviour tree, in the sense of the paper's task description language (TDL).
 
-The tree is py-trees' own: selectors, sequences, parallels and decorators as in its manual. What TCI adds are
-leaves that are capabilities, and the tree as a capability of its own, which `run` takes like any other::
+The tree is one of py-trees, with selectors, sequences, parallels and decorators as in its manual. TCI adds
+leaves that run capabilities, and a capability that ticks the tree, which `run` takes like any other::
 
     def tree():
         return Selector("arm", memory=False, children=[
@@ -11,7 +11,7 @@ leaves that are capabilities, and the tree as a capability of its own, which `ru
 
     tci.run(driver, BehaviourTree(tree))
 
-The reflex comes first in each tick. While it is busy, the task is interrupted; then it is handed back.
+The reflex is ticked first. While it is busy, the task is interrupted; afterwards the task continues.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ with needs("a behaviour tree", "behaviours"):
 
 
 class Leaf(Behaviour):
-    """A capability in a tree. Its memory stays when it is interrupted."""
+    """A capability in a tree. It keeps its memory when it is interrupted."""
 
     def __init__(self, name: str, capability: Capability[Any]) -> None:
         super().__init__(name)
@@ -44,11 +44,11 @@ class Leaf(Behaviour):
         self.seen: tuple[Perception, GenericBody] | None = None
         """Perception of this tick and the body; None outside of a tree."""
         self.orders: list[Order] = []
-        """What the capability wanted in this tick."""
+        """Orders of the capability in this tick."""
 
     def _now(self) -> tuple[Perception, GenericBody]:
         if self.seen is None:
-            raise TciError(f"the leaf {self.name!r} was ticked alone; valid: in a BehaviourTree")
+            raise TciError(f"the leaf {self.name!r} was ticked outside of a BehaviourTree; valid: within one")
         return self.seen
 
     def _step(self) -> Perception:
@@ -59,13 +59,13 @@ class Leaf(Behaviour):
 
 
 class Reflex(Leaf):
-    """A capability that has something to do now and then: running while it is busy, failure otherwise.
+    """A capability that is busy from time to time: its status is running while it is busy, failure otherwise.
 
-    It must be ticked in every tick to feel anything, so it stands first in a selector without memory.
+    It sees touches only in the ticks that reach it, so it must come first, in a selector without memory.
     """
 
     def __init__(self, name: str, capability: Capability[Any], *, busy: Callable[[Any], bool] = bool) -> None:
-        """`busy` tells by its memory whether the capability moves anything now."""
+        """Takes `busy`, a function of the memory that returns True while the capability moves a part."""
         super().__init__(name, capability)
         self._busy = busy
 
@@ -75,15 +75,16 @@ class Reflex(Leaf):
 
 
 class Task(Leaf):
-    """A capability that goes on until it is done: running, then success. Ticked again it starts anew.
+    """A capability that runs until it is done: its status is running, then success.
 
-    After an interruption it goes on from its memory, and its last motion of each part is ordered again.
+    Ticked after success it starts from the beginning. After an interruption it continues from its memory, and
+    its last motion of each part is commanded again.
     """
 
     def __init__(
         self, name: str, capability: Capability[Any], *, done: Callable[[Any, Perception], bool]
     ) -> None:
-        """`done` tells by its memory and what is seen whether the capability has done its work."""
+        """Takes `done`, a function of memory and perception that returns True when the task is finished."""
         super().__init__(name, capability)
         self._done = done
         self._wanted: dict[str, Order] = {}
@@ -109,13 +110,13 @@ class Task(Leaf):
 
 @dataclass(frozen=True)
 class BehaviourTree(Capability[Behaviour]):
-    """A tree as a capability. Raises TciError for a tree without leaves of TCI.
+    """A capability that ticks a behaviour tree. Raises TciError for a tree without a `Task` or a `Reflex`.
 
-    Its memory is the tree itself, which a step uses up: for a replay begin with `init`.
+    Its memory is the tree, which each step changes in place: begin a replay with `init`.
     """
 
     tree: Callable[[], Behaviour]
-    """Makes the tree, a new one in each call."""
+    """Function that returns a new tree in each call."""
 
     def __post_init__(self) -> None:
         if not any(_leaves(self.tree())):
@@ -128,7 +129,7 @@ class BehaviourTree(Capability[Behaviour]):
         return tree
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
-        """What all leaves begin with. Raises TciError where two want the same part in other modes."""
+        """Returns the first orders of all leaves. Raises TciError if two need a part in different modes."""
         begun: list[Order] = []
         modes: dict[str, SwitchMode] = {}
         for leaf in _leaves(self.tree()):
@@ -137,8 +138,8 @@ class BehaviourTree(Capability[Behaviour]):
                     first = modes.setdefault(order.part, order)
                     if first.mode is not order.mode:
                         raise TciError(
-                            f"{leaf.name} wants {order.part} in {order.mode.value} mode, another leaf in "
-                            f"{first.mode.value}; valid: one mode for each part"
+                            f"the leaf {leaf.name!r} needs {order.part} in {order.mode.value} mode, another "
+                            f"leaf in {first.mode.value} mode; valid: one mode for each part"
                         )
                     if first is not order:
                         continue
@@ -148,7 +149,7 @@ class BehaviourTree(Capability[Behaviour]):
     def step(
         self, memory: Behaviour, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Order, ...], Behaviour]:
-        """One tick of the tree. Where two leaves move the same part in it, the first one's motion counts."""
+        """Ticks the tree once. If two leaves move the same part, the order of the first one is used."""
         leaves = list(_leaves(memory))
         for leaf in leaves:
             leaf.seen, leaf.orders = (perception, body), []
@@ -163,17 +164,17 @@ class BehaviourTree(Capability[Behaviour]):
         return tuple(orders), memory
 
     def notes(self, memory: Behaviour) -> tuple[str, ...]:
-        """What all leaves note."""
+        """Returns the notes of all leaves."""
         return tuple(note for leaf in _leaves(memory) for note in leaf.capability.notes(leaf.memory))
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """The first fault of a leaf."""
+        """Returns the first fault that a leaf reports; None if there is none."""
         reasons = (leaf.capability.fault(perception, body) for leaf in _leaves(self.tree()))
         return next(filter(None, reasons), None)
 
 
 def _leaves(tree: Behaviour) -> Iterator[Leaf]:
-    """Leaves of TCI in the order of the tree, the first child first."""
+    """Yields the leaves of TCI in the order in which the tree is ticked."""
     if isinstance(tree, Leaf):
         yield tree
     for child in tree.children:
@@ -181,7 +182,7 @@ def _leaves(tree: Behaviour) -> Iterator[Leaf]:
 
 
 def _moved(order: Order) -> str:
-    """The generic part that an order moves; empty for none, or for the robot's own joints."""
+    """Returns the generic part that an order moves; empty if it moves none, or native joints."""
     if isinstance(order, CartesianCommand) or (
         isinstance(order, GenericCommand) and order.mode in CONTROL_MODES
     ):

@@ -1,4 +1,4 @@
-"""Receptive fields of head, torso, hands and legs: discs on the skin, and the file that holds them."""
+"""Receptive fields of head, torso, hands and legs: discs on the skin, read from a TOML file."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ JOINTS = {
 }
 """Generic joints of each kind of part, by index.
 
-Of head and torso pitch nods forward, roll leans right, yaw turns left. Of legs and hands signs are the same
-on both sides: flexion of hip, knee and wrist, abduction, internal rotation, toes up, sole inwards, thumb
-forward. Zero is standing with straight legs, or the wrist straight.
+Positive directions. Head and torso: pitch nods forward, roll leans right, yaw turns left. Legs and hands,
+equal on both sides: flexion of hip, knee and wrist, abduction, internal rotation, toes up, sole inwards,
+thumb forward. Zero is standing upright with straight legs and straight wrists.
 """
 Kind = Literal["head", "torso", "hand", "leg"]
 
 
 class BodyField(Description):
-    """A disc on a part's skin, and the motion that a touch there provokes (eqs 5-6)."""
+    """A disc on the skin of a part, and the motion in response to a touch there (eqs 5-6)."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
-    """Its name, unique in a set of fields."""
+    """Name of the field, unique in a set of fields."""
     kind: Kind
-    """Kind of the part that it lies on."""
+    """Kind of the generic part that the field lies on."""
     segment: str = ""
-    """Segment of the part; empty for all that is on none."""
+    """Segment of the part; empty for skin that belongs to no segment."""
     towards: Annotated[Vector, Field(strict=False)]
-    """Place of its centre, see `tci.messages.Landmark`."""
+    """Direction (3,) of the centre, see `tci.messages.Landmark`."""
     radius_m: Annotated[float, Field(gt=0.0, le=1.0)]
     """Geodesic radius r_i [m]."""
     motion_deg: dict[str, float]
@@ -50,24 +50,26 @@ class BodyField(Description):
     def _fits(self) -> Self:
         valid = JOINTS[self.kind]
         if unknown := [joint for joint in self.motion_deg if joint not in valid]:
-            raise ValueError(f"motion_deg names {', '.join(unknown)}; a {self.kind} has {', '.join(valid)}")
+            raise ValueError(
+                f"motion_deg names {', '.join(unknown)}, which a {self.kind} lacks; valid: {', '.join(valid)}"
+            )
         if not any(self.motion_deg.values()) or not any(self.towards):
             raise ValueError("motion_deg and towards must not be all zero")
         return self
 
     @property
     def spot(self) -> Landmark:
-        """Its centre."""
+        """Centre of the field, as a landmark of the body surface."""
         return Landmark(self.segment, self.towards)
 
     @property
     def motion(self) -> tuple[float, ...]:
-        """Theta_i [rad] of every generic joint of the kind."""
+        """Base motion Theta_i (n,) [rad], one angle for each generic joint of the kind."""
         return tuple(radians(self.motion_deg.get(joint, 0.0)) for joint in JOINTS[self.kind])
 
 
 class BodyFields(Description):
-    """A set of fields with the forces between which their responses grow."""
+    """A set of fields, and the range of force over which their responses grow."""
 
     force: ForceRange
     field: Annotated[tuple[BodyField, ...], Field(min_length=1, strict=False)]
@@ -81,13 +83,13 @@ class BodyFields(Description):
 
 
 def default_body_fields() -> BodyFields:
-    """The fields that come with TCI. Their values are ours."""
+    """Returns the fields that come with TCI. Their values are assumed: nobody has published any."""
     with as_file(files("tci.capabilities") / "body_withdrawal.toml") as path:
         return load_body_fields(path)
 
 
 def load_body_fields(path: str | Path) -> BodyFields:
-    """The fields of a file. Raises DescriptionError with every fault at once."""
+    """Reads the fields from a TOML file. Raises DescriptionError with every fault of the file at once."""
     try:
         raw: dict[str, Any] = tomllib.loads(Path(path).read_text(encoding="utf-8"))
         return BodyFields.model_validate(raw)

@@ -1,9 +1,9 @@
-"""Withdrawal of head, torso, hands and legs (§4, beyond the arm): what is touched moves away (eqs 5-6).
+"""Withdrawal of head, torso, hands and legs (§4, beyond the arm): a touched part moves away (eqs 5-6).
 
-The distance in eq. 5 is along the skin, since these parts are no limbs, and the force is that of all taxels
-of a contact. A leg that carries the robot must not give way: legs answer only when somebody says that the
-robot is supported and no sole feels its weight, or when the other legs carry it: their soles feel its
-weight, and its centre of mass would stay above them.
+The distance d in eq. 5 is measured along the skin, since these parts are no limbs; the force F is the sum
+over all taxels of a contact. A leg that carries the robot must not give way. Legs respond only in two cases:
+the `stance` is supported and no sole measures the robot's weight; or other legs carry the robot, that is,
+their soles measure its weight and the centre of mass would stay above them.
 """
 
 from __future__ import annotations
@@ -26,35 +26,37 @@ from tci.reasons import Reason
 from tci.robot.description import SOLE
 
 ALONE = (
-    "the robot stands: a leg answers only where stance is supported, or where another leg's sole feels "
-    "{weight:g} N and carries it alone"
+    "the robot stands on its legs; a leg moves only if stance is 'supported', or if the sole of another leg "
+    "measures {weight:g} N or more and that leg carries the robot alone"
 )
 
 
 BodyMemory = Withdrawals[BodyField]
-"""The withdrawal of each part that has one, by name; and why touched parts stay."""
+"""Current withdrawals by part, and the reasons why other touched parts do not move."""
 
 
 @dataclass(frozen=True)
 class BodyWithdrawal(Capability[BodyMemory]):
     """Moves every touched head, torso, hand and leg away from the touch, once per touch.
 
-    Raises TciError for settings that make no reflex. Defaults are ours.
+    Raises TciError for a setting out of range. The defaults are assumed, for the paper's reflex has arms
+    only; each says why it has its value.
     """
 
     fields: BodyFields = field(default_factory=default_body_fields)
     """Receptive fields; `load_body_fields` reads others from a file."""
     refractory: float = 0.5
-    """How long [s] the skin of a part must be quiet before it can withdraw again."""
+    """Time [s] without a response that ends a touch, after which the part can withdraw again. Assumed: a hand
+    that slides or shakes makes contact again sooner."""
     stance: Literal["standing", "supported"] = "standing"
-    """Whether the robot stands on its legs, or hangs, sits or lies, so that they carry nothing."""
+    """`standing`: the legs carry the robot. `supported`: it hangs, sits or lies, and they carry nothing."""
     weight: float = 15.0
-    """Force [N] under the sole of a leg from which it carries the robot, whatever `stance` says; a touch that
-    the sole withdraws from is lighter."""
+    """Force [N] on a sole from which its leg carries the robot, whatever `stance` is. Assumed: below half the
+    weight of the lightest robot, and above the touches of a sole that the reflex responds to."""
 
     margin: float = 0.01
-    """How far [m] inside the soles that stay the centre of mass must be for a leg of a standing robot to
-    answer."""
+    """Least distance [m] of the centre of mass from the edge of the soles that stay on the ground, for a leg
+    of a standing robot to move. Assumed: covers the errors of the masses in a description."""
 
     def __post_init__(self) -> None:
         for name in ("refractory", "weight", "margin"):
@@ -71,9 +73,9 @@ class BodyWithdrawal(Capability[BodyMemory]):
     def step(
         self, memory: BodyMemory, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Order, ...], BodyMemory]:
-        """One command for each part whose target changed."""
+        """Returns one command for each part whose target changed, and the withdrawals that go on."""
         whole, heavy = perception, self._heavy(perception.contacts)
-        if heavy:  # what a sole feels while the robot stands is the ground
+        if heavy:  # while the robot stands, the contacts of its soles are with the ground
             contacts = Contacts.of(touch for touch in perception.contacts if touch.segment != SOLE)
             perception = replace(perception, contacts=contacts)
 
@@ -88,11 +90,11 @@ class BodyWithdrawal(Capability[BodyMemory]):
         return new_targets(memory, after), after
 
     def notes(self, memory: BodyMemory) -> tuple[str, ...]:
-        """Which parts stay though they were touched, and why."""
+        """Returns a sentence for each touched part that does not move, with the reason."""
         return memory.notes
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """Returns the field that has lost most of the skin that it feels with, as a reason to stop."""
+        """Returns a reason to stop if a field has lost half of its taxels or more; else None."""
         if perception.skin is None or perception.skin.masked is None:
             return None
         for part in perception.posture:
@@ -104,13 +106,13 @@ class BodyWithdrawal(Capability[BodyMemory]):
         return None
 
     def _own(self, part: str, body: GenericBody) -> list[BodyField]:
-        """Fields of a part's kind for whose motion this robot has a joint."""
+        """Returns the fields of a part's kind for whose motion the robot has at least one joint."""
         has = body.has_joint(part)
         own = [one for one in self.fields.field if part in body.parts(one.kind)]
         return [one for one in own if len(one.motion) == len(has) and np.any(one.motion * has)]
 
     def _wishes(self, perception: Perception, body: GenericBody) -> dict[str, list[Wish[BodyField]]]:
-        """Returns, by part, the closest field that each touch lies in, and its gain."""
+        """Returns the wishes of the contacts by part: the closest field that each lies in, and the gain."""
         wishes: dict[str, list[Wish[BodyField]]] = {}
         for index, touch in enumerate(perception.contacts):
             if touch.part not in perception.posture:
@@ -132,7 +134,7 @@ class BodyWithdrawal(Capability[BodyMemory]):
         return wishes
 
     def _heavy(self, contacts: Sequence[Contact]) -> dict[str, float]:
-        """Legs on which the robot stands, and what their soles feel [N]."""
+        """Returns the force [N] on the soles of each leg that carries the robot."""
         felt: dict[str, float] = {}
         for contact in contacts:
             if contact.segment == SOLE:
@@ -147,12 +149,14 @@ class BodyWithdrawal(Capability[BodyMemory]):
         perception: Perception,
         body: GenericBody,
     ) -> str:
-        """Why a leg must not go to generic angles (n,) [rad]; empty when it may: where nothing stands on a
-        leg, or the other legs carry the robot."""
+        """Returns the reason why a leg must not move to generic angles `target` (n,) [rad]; empty if it may.
+
+        It may if the robot stands on no leg, or if the other legs carry it.
+        """
         if not heavy:
             return "" if self.stance == "supported" else ALONE.format(weight=self.weight)
         leg = part if part in heavy else max(heavy, key=lambda name: heavy[name])
-        told = f"the sole of {leg} feels {heavy[leg]:.1f} N: it carries the robot"
+        told = f"the sole of {leg} measures {heavy[leg]:.1f} N: {leg} carries the robot"
         if leg == part:
             return told
         margin = body.support(perception, part, target).margin
@@ -161,4 +165,7 @@ class BodyWithdrawal(Capability[BodyMemory]):
         if not np.isfinite(margin):
             return told
         where = f"{abs(margin) * 1e3:.0f} mm {'inside' if margin >= 0.0 else 'outside'}"
-        return f"{told}, whose centre of mass would be {where} of it; valid: {self.margin * 1e3:g} mm inside"
+        return (
+            f"{told}, and its centre of mass would be {where} the edge of that sole; valid: "
+            f"{self.margin * 1e3:g} mm inside or more"
+        )

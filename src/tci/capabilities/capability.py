@@ -1,4 +1,4 @@
-"""What every capability has in common: frozen settings, explicit memory (Fig. 2, L4)."""
+"""The base class of capabilities: frozen settings, explicit memory (Fig. 2, L4)."""
 
 from __future__ import annotations
 
@@ -13,21 +13,20 @@ Memory = TypeVar("Memory")
 
 
 class Capability(ABC, Generic[Memory]):
-    """A behaviour on the generic body. It knows no robot, no clock and no wire.
+    """A behaviour on the generic body. It does not depend on a robot, a clock or a middleware.
 
-    Settings are frozen in the object, and all that changes is in the memory that the caller hands
-    in and gets back. The same memory and perception give the same commands, bit for bit, so a
-    recording can be replayed through it.
+    Settings are frozen in the object. All that changes is in the memory, which the caller passes in and gets
+    back. Equal memory and perception give equal commands, bit for bit, so that recordings can be replayed.
     """
 
     @abstractmethod
     def init(self, body: GenericBody) -> Memory:
-        """The memory to start with."""
+        """Returns the memory before the first step."""
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
-        """What it asks for once, before its first step: control modes, stiffness. Nothing, mostly.
+        """Returns the orders to execute once before the first step, such as control modes. None by default.
 
-        Where the robot refuses any of it, the capability is not run.
+        If the robot refuses one of them, the capability is not run.
         """
         return ()
 
@@ -35,21 +34,20 @@ class Capability(ABC, Generic[Memory]):
     def step(
         self, memory: Memory, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Order, ...], Memory]:
-        """Commands for this instant, and the memory for the next one.
+        """Returns the commands for this instant and the memory for the next one. Changes no argument.
 
-        Commands are given when they change: the gate goes on towards the last one. Neither argument
-        is changed.
+        A command is needed only when the target changes: the gate keeps moving towards the last one.
 
-        A contact may be on any part of any robot, also on one that this behaviour does not know, such as the
-        switches on NAO's head. Pass over it: keep the contacts whose `part` is among the parts that you move,
-        and look others up with `.get`.
+        Contacts may be on any part of the robot, also on one that this behaviour does not move, such as the
+        switches on NAO's head. Ignore those: use only contacts whose `part` is among the parts that you move,
+        and look up other parts with `.get`.
         """
 
     def notes(self, memory: Memory) -> tuple[str, ...]:
-        """What a person should know of what it did, or why it did nothing; mostly nothing."""
+        """Returns messages for a person, such as the reason why a touched part does not move."""
         return ()
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """Returns why the robot must stop: something that this behaviour needs is gone. None while all is
-        well."""
+        """Returns the reason why the robot must stop, such as blind skin that this behaviour depends on; None
+        if there is none."""
         return None

@@ -1,4 +1,4 @@
-"""A contact stop around another behaviour: what is touched stops, and goes on when the touch is gone."""
+"""A contact stop around another behaviour: a touched part stops, and continues after the touch."""
 
 from __future__ import annotations
 
@@ -28,30 +28,31 @@ Motion = GenericCommand | CartesianCommand
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StopMemory(Generic[Memory]):
-    """What goes on."""
+    """Memory of a contact stop."""
 
     inner: Memory
-    """The other behaviour's memory."""
+    """Memory of the other behaviour."""
     wanted: Mapping[str, Motion]
-    """The last motion that it wanted of each part, by name."""
+    """Last motion that the other behaviour commanded, by part."""
     touched: Mapping[str, float]
-    """When each part that stands still was touched last [s], by name."""
+    """Time [s] of the latest touch of each stopped part, by part."""
 
 
 @dataclass(frozen=True)
 class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
-    """Runs `behaviour`, but a part that is touched stops where it is. Defaults are ours.
+    """Runs `behaviour`, but a part that is touched stops where it is.
 
-    The behaviour goes on meanwhile; what it wants of a part that stands still counts when the part is
-    free again. Raises TciError for settings that make no sense.
+    The behaviour continues meanwhile. Its last command for a stopped part is executed when the part is free
+    again. Raises TciError for a setting out of range.
     """
 
     behaviour: Capability[Memory]
-    """What runs while nothing touches."""
+    """Behaviour to run."""
     threshold: float = 1.0
-    """Force [N] from which a contact stops its part."""
+    """Force [N] from which a contact stops its part. Assumed: a light push of a finger."""
     quiet: float = 0.5
-    """How long [s] a part must not be touched before it goes on."""
+    """Time [s] without touch after which a part continues. Assumed: a hand that slides or shakes makes
+    contact again sooner."""
 
     def __post_init__(self) -> None:
         for name in ("threshold", "quiet"):
@@ -62,15 +63,15 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
         return StopMemory(self.behaviour.init(body), {}, {})
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
-        """What the behaviour begins with."""
+        """Returns the first orders of the behaviour."""
         return begin_of(self.behaviour, perception, body)
 
     def step(
         self, memory: StopMemory[Memory], perception: Perception, body: GenericBody
     ) -> tuple[tuple[Order, ...], StopMemory[Memory]]:
-        """The behaviour's commands, but for parts that stand still; raises what it raises.
+        """Returns the behaviour's commands without those for stopped parts. Raises what the behaviour raises.
 
-        Raises CommandError for a command in the robot's own joints: which part it moves is not known here.
+        Raises CommandError for a command in the robot's own joints, since its generic part is not known here.
         """
         now = perception.stamp
         touched = {part: since for part, since in memory.touched.items() if now - since < self.quiet}
@@ -83,7 +84,9 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
         fresh = set()
         for command in inner:
             if isinstance(command, PlatformCommand):
-                raise CommandError("the contact stop moves generic parts only; valid: commands to those")
+                raise CommandError(
+                    "contact stop: a command in the robot's own joints; valid: commands to generic parts"
+                )
             if isinstance(command, CartesianCommand) or (
                 isinstance(command, GenericCommand) and command.mode in CONTROL_MODES
             ):
@@ -100,16 +103,17 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
         return tuple(commands), StopMemory(memory_after, wanted, touched)
 
     def notes(self, memory: StopMemory[Memory]) -> tuple[str, ...]:
-        """The behaviour's."""
+        """Returns the notes of the behaviour."""
         return self.behaviour.notes(memory.inner)
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """The behaviour's."""
+        """Returns the fault of the behaviour."""
         return self.behaviour.fault(perception, body)
 
 
 def _hold(command: Motion, perception: Perception) -> GenericCommand:
-    """Instead of a motion: stay where the part is; no velocity, no torque."""
+    """Returns the command that stops a part in the mode of its motion: present posture, zero velocity or
+    torque."""
     if isinstance(command, CartesianCommand):
         return GenericCommand(command.part, Mode.POSITION, perception.posture[command.part])
     if command.mode in (Mode.POSITION, Mode.IMPEDANCE):

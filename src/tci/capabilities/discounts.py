@@ -1,7 +1,8 @@
 """The force-distance model (eqs 5 and 6), one function per factor.
 
-Printed, eq. 5 reads phi F psi d Theta: nothing at a field's centre and most at its edge, against the
-text beside it. Read with its lost parentheses, phi(F) psi(d) Theta, it does what the text says.
+Eq. 5 is printed without parentheses, as phi F psi d Theta. As a product it would be zero at the centre of a
+field and largest at its edge, which contradicts the text. TCI reads it as phi(F) psi(d) Theta, as the text
+says.
 """
 
 from __future__ import annotations
@@ -10,9 +11,9 @@ import math
 
 
 def phi(force: float, threshold: float, saturation: float) -> float:
-    """Force discount 0..1 (eq. 5): (F - delta_f) / (F_sat - delta_f), clipped.
+    """Returns the force discount, 0 to 1 (eq. 5): (F - delta_f) / (F_sat - delta_f), clipped.
 
-    All in [N], saturation > threshold. 0 up to the threshold, 1 from the saturation on, 0 for NaN.
+    All arguments in [N], saturation > threshold. 0 up to the threshold, 1 from the saturation on, 0 for NaN.
     """
     if not force > threshold:
         return 0.0
@@ -20,7 +21,7 @@ def phi(force: float, threshold: float, saturation: float) -> float:
 
 
 def psi(distance: float, radius: float) -> float:
-    """Distance discount 0..1 (eqs 5-6): 1 - d / r.
+    """Returns the distance discount, 0 to 1 (eqs 5-6): 1 - d / r.
 
     Both in the same unit, radius > 0. 1 at the centre, 0 from the edge on, 0 for NaN.
     """
@@ -28,7 +29,7 @@ def psi(distance: float, radius: float) -> float:
 
 
 def psi_cosine(distance: float, radius: float) -> float:
-    """Distance discount 0..1 (eqs 5-6): cos^2(pi d / 2 r), flat at the centre and at the edge.
+    """Returns the distance discount, 0 to 1 (eqs 5-6): cos^2(pi d / 2 r), flat at the centre and at the edge.
 
     Both in the same unit, radius > 0. 1 at the centre, 0 from the edge on, 0 for NaN.
     """

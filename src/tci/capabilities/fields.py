@@ -1,6 +1,6 @@
-"""Receptive fields and their base motions (§4.1), and the file that holds them.
+"""Receptive fields and their base motions (§4.1), read from a TOML file.
 
-They live on the generic limb and the generic arm, so one file serves every robot and both sides.
+They are defined on the generic limb and the generic arm, so one file serves every robot and both sides.
 """
 
 from __future__ import annotations
@@ -30,25 +30,25 @@ Motion = Annotated[tuple[float, ...], Field(strict=False), AfterValidator(_one_a
 
 
 class Circle(Description):
-    """Where a field is, in words that file and program share."""
+    """Place and size of a field: the keys that the file and `ReceptiveField` share."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
-    """Its name, unique in a set of fields."""
+    """Name of the field, unique in a set of fields."""
     segment: Literal["upper_arm", "forearm"]
-    """Segment of the arm that it lies on."""
+    """Segment of the arm that the field lies on."""
     u: Annotated[float, Field(ge=0.0, le=1.0)]
-    """Centre along the segment: 0 at its proximal, 1 at its distal joint."""
+    """Centre along the segment: 0 at the proximal joint, 1 at the distal joint."""
     radius: Annotated[float, Field(gt=0.0)]
-    """r_i of eqs 5-7 [limb lengths]."""
+    """Radius r_i of eqs 5-7 [segment lengths]."""
 
 
 class ForceRange(Description):
-    """Between which forces a response grows."""
+    """Range of force over which a response grows."""
 
     threshold_n: Annotated[float, Field(ge=0.0)]
-    """delta_f [N]: no response up to here."""
+    """delta_f [N]: no response up to this force."""
     saturation_n: float
-    """F_sat [N]: the full response from here on."""
+    """F_sat [N]: full response from this force on."""
 
     @model_validator(mode="after")
     def _rises(self) -> Self:
@@ -58,16 +58,17 @@ class ForceRange(Description):
 
 
 class ReceptiveField(Circle):
-    """A place on the generic limb, and the motion that a touch there provokes (eqs 5-6)."""
+    """A place on the generic limb, and the motion in response to a touch there (eqs 5-6)."""
 
     theta: float
     """Centre around the segment [rad]: 0 flexor, +pi/2 lateral, pi extensor, -pi/2 medial."""
     measure: Measure = "weighted"
-    """Which force of a contact is compared with the two below (eq. 7)."""
+    """Force of a contact that is compared with `threshold` and `saturation`: that of eq. 7, the sum over its
+    taxels, or the largest of one taxel."""
     threshold: Annotated[float, Field(ge=0.0)]
-    """delta_f [N]: no response up to here."""
+    """delta_f [N]: no response up to this force."""
     saturation: float
-    """F_sat [N]: the full response from here on."""
+    """F_sat [N]: full response from this force on."""
     motion: Motion
     """Theta_i (5,) [rad]: base motion of the generic arm."""
 
@@ -79,27 +80,27 @@ class ReceptiveField(Circle):
 
 
 class _FieldTable(Circle):
-    """A `[[field]]` of the file: a person's units."""
+    """A `[[field]]` of the file, with angles in degrees."""
 
     theta_deg: float
     motion_deg: Motion
 
 
 class _FieldsFile(Description):
-    """The whole file."""
+    """The contents of the file."""
 
     force: dict[Measure, ForceRange]
     field: Annotated[list[_FieldTable], Field(min_length=1)]
 
 
 def default_fields(*, measure: Measure = "weighted") -> tuple[ReceptiveField, ...]:
-    """The five fields that come with TCI. Their values are ours."""
+    """Returns the five fields that come with TCI. Their values are assumed: nobody has published any."""
     with as_file(files("tci.capabilities") / "withdrawal.toml") as path:
         return load_fields(path, measure=measure)
 
 
 def load_fields(path: str | Path, *, measure: Measure = "weighted") -> tuple[ReceptiveField, ...]:
-    """The fields of a file, with the thresholds that it states for `measure`.
+    """Reads the fields from a TOML file, with the thresholds that it states for `measure`.
 
     Raises DescriptionError with every fault of the file at once.
     """
@@ -149,7 +150,7 @@ def _structure_faults(raw: dict[str, Any]) -> list[str]:
 
 
 def _sentence(raw: dict[str, Any], fault: Any) -> str:
-    """Place, what would be valid, and the value: `field 2 (forearm_lateral), radius: ...`."""
+    """Formats a fault with its place and value: `field 2 (forearm_lateral), radius: ...; got -1`."""
     keys = [key for key in fault["loc"] if key != "[key]"]
     place = ""
     table_type: type[Description] = ForceRange if keys[0] == "force" else _FieldsFile

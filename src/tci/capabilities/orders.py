@@ -1,6 +1,6 @@
-"""Answers of capabilities: one command counts as a tuple of one, and what is no answer is refused.
+"""Checked calls of `Capability.begin` and `step`, for the loop and for capabilities that run others.
 
-The loop and every capability that runs another one ask through these functions.
+A single command is accepted as a tuple of one. Any other type is refused.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from tci.messages import Order, Perception
 
 
 def begin_of(capability: Capability[Memory], perception: Perception, body: GenericBody) -> tuple[Order, ...]:
-    """Returns what a capability begins with. Raises CommandError as `as_orders` does."""
+    """Returns the first orders of a capability. Raises CommandError as `as_orders` does."""
     return as_orders(capability.begin(perception, body), f"{type(capability).__name__}: begin")
 
 
@@ -23,7 +23,7 @@ def step_of(
 ) -> tuple[tuple[Order, ...], Memory]:
     """Returns the commands of a capability's step, and its memory.
 
-    Raises CommandError for an answer that is no pair of these, and as `as_orders` does.
+    Raises CommandError if the step does not return this pair, and as `as_orders` does.
     """
     answer: object = capability.step(memory, perception, body)
     name = type(capability).__name__
@@ -32,13 +32,13 @@ def step_of(
         if not (isinstance(commands, Order) and isinstance(after, Order)):
             return as_orders(commands, f"{name}: step"), after
     gave = "two commands" if isinstance(answer, tuple) and len(answer) == 2 else type(answer).__name__
-    raise CommandError(f"{name}: step gave {gave}; valid: its commands, and the memory")
+    raise CommandError(f"{name}: step returned {gave}; valid: the pair (commands, memory)")
 
 
 def as_orders(given: object, source: str) -> tuple[Order, ...]:
-    """Returns the commands of a capability as a tuple, also a single one. `source` says who gave them.
+    """Returns the commands of a capability as a tuple, also a single one.
 
-    Raises CommandError for what is no command.
+    `source` names the capability and its method. Raises CommandError for an object that is no command.
     """
     if isinstance(given, tuple) and not given:
         return given
@@ -46,13 +46,13 @@ def as_orders(given: object, source: str) -> tuple[Order, ...]:
     for order in orders:
         if not isinstance(order, Order):
             raise CommandError(
-                f"{source} gave {named(order)} as a command; valid: a tuple of commands, () for none"
+                f"{source} returned {named(order)} as a command; valid: a tuple of commands, () for none"
             )
     return orders
 
 
 def named(given: object) -> str:
-    """Names what was given: `the class Shrug`, `a Robot`, `the word 'nao'`."""
+    """Describes an object for a message: `the class Shrug`, `a Robot`, `the word 'nao'`."""
     if isinstance(given, type):
         return f"the class {given.__name__}"
     if isinstance(given, str):

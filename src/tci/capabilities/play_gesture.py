@@ -1,7 +1,7 @@
-"""Reproduces a gesture (the paper's second example of a capability), and lets a reflex interrupt it.
+"""Playback of a gesture (the paper's second example of a capability), which a reflex may interrupt.
 
-While a reflex moves a part the gesture's time stands still. When it is over, the parts go back to where
-the gesture stopped, and it goes on from there.
+While a reflex moves a part, the gesture is paused. Afterwards the parts return to the posture at which it was
+paused, and the gesture continues from there.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from tci.reasons import Reason
 
 
 class Phase(Enum):
-    """What is going on."""
+    """Phase of a playback."""
 
     APPROACH = "approach"
-    """The parts go to where the gesture begins, or goes on."""
+    """The parts move to the posture at which the gesture begins or continues."""
     PLAY = "play"
     INTERRUPTED = "interrupted"
     """The reflex moves a part."""
@@ -35,35 +35,38 @@ class Phase(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GestureMemory:
-    """What goes on."""
+    """Memory of a playback."""
 
     phase: Phase
     time: float
-    """How far the gesture is [s]."""
+    """Present time [s] in the gesture."""
     since: float | None
-    """When the phase began [s]; None before the first step."""
+    """Time [s] at which the phase began; None before the first step."""
     stamp: float
     """Time of the latest step [s]."""
     reflex: Any
-    """The reflex' memory."""
+    """Memory of the reflex."""
     interruptions: int
-    """Times that the reflex took over."""
+    """Number of interruptions by the reflex."""
 
 
 @dataclass(frozen=True)
 class PlayGesture(Capability[GestureMemory]):
-    """Plays a gesture that was fitted to the robot. Defaults are ours. Raises TciError for settings."""
+    """Plays a gesture that was fitted to the robot. Raises TciError for a setting out of range."""
 
     fitted: Fitted
     """The gesture, fitted to the robot (`tci.gestures.gesture.fit`)."""
     reflex: Capability[Any] | None = None
-    """Moves parts away from what touches them: its memory names the parts that it moves now."""
+    """Reflex that may interrupt the gesture. Iterating its memory must give the parts that it moves now."""
     near: float = float(np.deg2rad(1.0))
-    """Distance [rad] of every joint at which the gesture begins, or goes on."""
+    """Distance [rad] of every joint below which the gesture begins or continues. Assumed: it is not
+    visible."""
     patience: float = 3.0
-    """Longest time [s] to wait for that: something may be in the way."""
+    """Longest time [s] of an approach; then the gesture continues anyway. Assumed: an obstacle may keep a
+    part from its posture for ever."""
     ease: float = 0.4
-    """Time [s] in which the gesture's clock gets up to speed."""
+    """Time [s] over which the gesture accelerates to its full speed. Assumed: a faster start looks like a
+    jerk."""
 
     def __post_init__(self) -> None:
         for name in ("near", "patience", "ease"):
@@ -72,7 +75,7 @@ class PlayGesture(Capability[GestureMemory]):
 
     @property
     def gesture(self) -> Gesture:
-        """Where the robot should be, in its own generic joints."""
+        """The motion that the robot should follow, in its own generic joints."""
         return self.fitted.gesture
 
     def init(self, body: GenericBody) -> GestureMemory:
@@ -80,13 +83,13 @@ class PlayGesture(Capability[GestureMemory]):
         return GestureMemory(Phase.APPROACH, 0.0, None, 0.0, inner, 0)
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
-        """What the reflex begins with."""
+        """Returns the first orders of the reflex."""
         return () if self.reflex is None else begin_of(self.reflex, perception, body)
 
     def step(
         self, memory: GestureMemory, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Order, ...], GestureMemory]:
-        """Commands of gesture or reflex; never both for one part."""
+        """Returns the commands of the gesture and of the reflex; for each part only one of them."""
         now = perception.stamp
         inner, orders, busy = memory.reflex, tuple[Order, ...](), frozenset[str]()
         if self.reflex is not None:
@@ -118,15 +121,16 @@ class PlayGesture(Capability[GestureMemory]):
         return orders + self._lead(time, 0.0 if done else pace), memory
 
     def notes(self, memory: GestureMemory) -> tuple[str, ...]:
-        """The reflex's."""
+        """Returns the notes of the reflex."""
         return () if self.reflex is None else self.reflex.notes(memory.reflex)
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """The reflex's: a gesture needs no skin."""
+        """Returns the fault of the reflex; a gesture itself needs no skin."""
         return None if self.reflex is None else self.reflex.fault(perception, body)
 
     def _lead(self, time: float, pace: float) -> tuple[Order, ...]:
-        """To where the robot should be, and ahead by the share `pace` of what a stop takes."""
+        """Returns commands to the posture at `time` [s]. They lead it by the fraction `pace` of the stopping
+        distance, since the gate brings the robot to rest at every target."""
         here, ahead = self.gesture.at(time), self.fitted.targets.at(time)
         return tuple(
             GenericCommand(part, Mode.POSITION, read_only(angles + pace * (ahead[part] - angles)))
@@ -134,7 +138,7 @@ class PlayGesture(Capability[GestureMemory]):
         )
 
     def _hold(self, perception: Perception, busy: frozenset[str]) -> tuple[Order, ...]:
-        """The gesture's other parts stay where they are."""
+        """Returns commands that hold the parts of the gesture that the reflex does not move."""
         return tuple(
             GenericCommand(part, Mode.POSITION, perception.posture[part])
             for part in self.gesture.postures

@@ -1,7 +1,7 @@
-"""Where a motion leads: nothing moves because of a touch if that would press what is touched.
+"""Check of a motion in response to a touch: it must not press the skin into an object that touches it.
 
-Each capability that answers touches asks here first. The contact's normal says where away is; the
-directions of its fields, and what the generic body is taken to look like, do not.
+Each capability that responds to touches asks here first. The direction "away" is that of the contact normals,
+not that of the receptive fields, and does not depend on the shape of the generic body.
 """
 
 from __future__ import annotations
@@ -13,11 +13,13 @@ from tci.frames import Array
 from tci.messages import Mode, Perception
 
 PRESSED = 1e-5
-"""Depth [m] up to which a motion counts as one along the skin: rounding."""
+"""Depth [m] up to which a motion counts as tangential to the skin: rounding."""
 LEAST = 1e-3
-"""How far [m] the point of the contact that is answered must get away. Assumed: less gets nothing free."""
+"""Least distance [m] that the contact point must move away from the object. Assumed: less would not end the
+contact with a soft object."""
 STEEP = 0.2
-"""Least share of its way across the skin that it goes away. Assumed: no skin is smoother than that."""
+"""Least ratio of the motion away from the object to the motion across it. Assumed: the friction coefficient
+of skin is larger, so a flatter motion would drag the object along."""
 
 
 def why_not(
@@ -29,10 +31,11 @@ def why_not(
     mode: Mode = Mode.POSITION,
     answers: Sequence[int] = (),
 ) -> str:
-    """Why a part must not go to generic angles `target` (n,) in a mode; empty when it may.
+    """Returns the reason why a part must not move to generic angles `target` (n,) [rad]; empty if it may.
 
-    Nowhere on the way may anything that the robot feels be pressed, whichever part it touches, and the
-    contacts that it `answers`, by their places in `perception.contacts`, must not all stay.
+    No contact of the robot, on any part, may be pressed anywhere on the way. Of the contacts that the motion
+    `answers`, given by their indices in `perception.contacts`, at least one must get away. `mode` is the
+    control mode of the motion.
     """
     inwards, across = body.retreat(perception, part, target, mode)
     if not inwards.size:
@@ -41,18 +44,27 @@ def why_not(
     worst = int(deepest.argmin())
     if deepest[worst] < -PRESSED:
         patch = perception.contacts[worst].patch
-        return f"its motion would press {patch} {-deepest[worst] * 1e3:.2g} mm into what touches it"
+        return (
+            f"its motion would press {patch} {-deepest[worst] * 1e3:.2g} mm into the object that touches it; "
+            "valid: a motion away from it"
+        )
     reasons = [_why_kept(perception.contacts[one].patch, inwards[:, one], across[:, one]) for one in answers]
     return reasons[0] if reasons and all(reasons) else ""
 
 
 def _why_kept(patch: str, way: Array, across: Array) -> str:
-    """Why the point of a contact does not get away by a `way` (k,) [m]; empty when it does."""
+    """Returns the reason why a contact point does not get away from the object; empty if it does.
+
+    Args:
+        patch: Patch of the contact.
+        way: Displacement (k,) [m] away from the object at k points of the motion.
+        across: Displacement (k,) [m] tangential to the skin.
+    """
     if way[-1] < LEAST:
         return (
-            f"its motion would take {patch} {way[-1] * 1e3:.2g} mm away from what touches it; "
-            f"valid: {LEAST * 1e3:g} mm"
+            f"its motion would take {patch} {way[-1] * 1e3:.2g} mm away from the object that touches it; "
+            f"valid: {LEAST * 1e3:g} mm or more"
         )
     if (way < STEEP * across).any():
-        return f"its motion would drag {patch} along what touches it"
+        return f"its motion would drag {patch} along the object that touches it; valid: a motion away from it"
     return ""

@@ -1,8 +1,8 @@
-"""A soft reaction: a touched part gives way along the force, like a limb that is pushed.
+"""A soft reaction: a touched part yields in the direction of the force, like a limb that is pushed.
 
-The force at the contact becomes torques of the generic joints through the Jacobian's transpose,
-tau = J^T f (Khatib 1987). In torque mode these are sent, in velocity mode, which every robot has, the
-joints move at a velocity in their proportion (admittance control, Hogan 1985).
+The transposed Jacobian turns the contact force into torques of the generic joints, tau = J^T f (Khatib 1987).
+In torque mode these torques are sent. In velocity mode, which every robot has, the joint velocities are
+proportional to them (admittance control, Hogan 1985).
 """
 
 from __future__ import annotations
@@ -20,53 +20,57 @@ from tci.frames import Array, read_only
 from tci.messages import Command, GenericCommand, Mode, Perception, SwitchMode
 
 AHEAD = 0.1
-"""Time [s] of a motion that is judged: what is felt is known again long before."""
+"""Time [s] over which a motion is checked. Assumed: the next skin frame comes much sooner."""
 MODES = (Mode.VELOCITY, Mode.TORQUE)
-"""Forms of the soft reaction."""
+"""Control modes in which the soft reaction can run."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Posture:
-    """Where a part was, and where it stays when nothing touches it."""
+    """Last posture of a part, and the posture that it holds without touch."""
 
     stamp: float
-    """When it was seen [s]."""
+    """Time [s] of the last posture."""
     angles: Array
-    """Generic angles (n,) [rad] then."""
+    """Last generic angles (n,) [rad]."""
     home: Array
-    """Generic angles (n,) [rad] that torque mode holds; where the last touch left it."""
+    """Generic angles (n,) [rad] that torque mode holds: those at the end of the last touch."""
     refused: str = ""
-    """Why it stays though it is touched; empty when it goes along."""
+    """Reason why the touched part does not yield; empty if it yields."""
 
 
 Postures = Mapping[str, Posture]
-"""The memory: of each part that reacts, by name."""
+"""Memory of a soft reaction, by part."""
 
 
 @dataclass(frozen=True)
 class SoftReaction(Capability[Postures]):
-    """Lets every part with skin yield to touches. Defaults are ours. Raises TciError for settings."""
+    """Lets its parts yield to touches. Raises TciError for a setting out of range.
+
+    The defaults are assumed: nobody has published such values for these robots.
+    """
 
     parts: tuple[str, ...] = ("left_arm", "right_arm")
-    """Generic parts that react."""
+    """Generic parts that yield."""
     mode: Mode = Mode.VELOCITY
-    """Velocity or torque. In torque mode the robot must carry its own weight."""
+    """Control mode: velocity or torque. In torque mode the robot must compensate gravity itself."""
     mobility: float = 3.0
-    """Velocity per torque [rad/s per N m] in velocity mode."""
+    """Velocity per torque [rad/s per N m], in velocity mode."""
     gain: float = 1.0
-    """Torque beside the touch's own, as a share of it, in torque mode: above 0 the part goes along."""
+    """Commanded torque as a multiple of the torque of the touch, in torque mode. It adds to the touch, so
+    that the part yields more easily than by the push alone."""
     stiffness: float = 8.0
-    """With which torque mode holds a part that is not touched [N m/rad]."""
+    """Stiffness [N m/rad] with which torque mode holds a part that is not touched."""
     damping: float = 0.4
-    """Of all motion in torque mode [N m s/rad]."""
+    """Damping [N m s/rad] of all motion in torque mode."""
     threshold: float = 0.3
-    """Force [N] from which a contact counts."""
+    """Least force [N] of a contact that is answered."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mode", Mode.of(self.mode))
         if self.mode not in MODES:
             valid = ", ".join(mode.value for mode in MODES)
-            raise TciError(f"a soft reaction in {self.mode.value} mode; valid: {valid}")
+            raise TciError(f"soft reaction: mode {self.mode.value}; valid: {valid}")
         for name in ("mobility", "gain", "stiffness", "damping", "threshold"):
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise TciError(f"soft reaction: {name} {getattr(self, name)}; valid: 0 or more, finite")
@@ -75,17 +79,19 @@ class SoftReaction(Capability[Postures]):
         return {}
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Command, ...]:
-        """The control mode of its parts."""
+        """Returns the orders that switch its parts to the control mode."""
         return tuple(SwitchMode(part, self.mode) for part in self.parts)
 
     def step(
         self, memory: Postures, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Command, ...], Postures]:
-        """A command for each part. Raises TciError when a part is not the robot's."""
+        """Returns a command for each part. Raises TciError for a part that the robot does not have."""
         commands, postures = [], {}
         for part in self.parts:
             if part not in perception.posture:
-                raise TciError(f"soft reaction of {part!r}; this robot has {', '.join(perception.posture)}")
+                raise TciError(
+                    f"soft reaction: the robot has no part {part!r}; valid: {', '.join(perception.posture)}"
+                )
             angles = perception.posture[part]
             torque = np.zeros(angles.size)
             touches = [
@@ -96,7 +102,7 @@ class SoftReaction(Capability[Postures]):
             velocity = self.mobility * torque
             target = angles + AHEAD * velocity
             reason = why_not(perception, body, part, target, mode=self.mode) if velocity.any() else ""
-            if reason:  # between two touches
+            if reason:  # it is held between two objects
                 torque, velocity = np.zeros(angles.size), np.zeros(angles.size)
             before = memory.get(part, Posture(perception.stamp, angles, angles))
             home = angles if touches else before.home
@@ -111,9 +117,9 @@ class SoftReaction(Capability[Postures]):
         return tuple(commands), postures
 
     def notes(self, memory: Postures) -> tuple[str, ...]:
-        """Which parts stay though they are touched, and why."""
+        """Returns a sentence for each touched part that does not yield, with the reason."""
         return tuple(
-            f"{part} was touched and stays: {posture.refused}"
+            f"{part} was touched and does not move: {posture.refused}"
             for part, posture in memory.items()
             if posture.refused
         )

@@ -1,6 +1,6 @@
-"""The protective withdrawal reflex (§4): a touched arm moves away from what touches it (eqs 5-7).
+"""The protective withdrawal reflex (§4): a touched arm moves away from the touch (eqs 5-7).
 
-Once per touch, and never towards it: see `withdrawal_rule`.
+It moves once per touch and never towards the object: see `withdrawal_rule`.
 """
 
 from __future__ import annotations
@@ -33,63 +33,68 @@ from tci.reasons import Reason
 from tci.robot.generic_arm import JOINTS
 
 DISCOUNTS = ("linear", "cosine")
-"""Distance discounts: `discounts.psi` and `psi_cosine`."""
+"""Names of the distance discounts `discounts.psi` and `psi_cosine`."""
 MODES = (Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE)
-"""Forms of the reflex."""
+"""Control modes in which the reflex can run."""
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What one contact asks for."""
+    """Response to one contact."""
 
     field: ReceptiveField
-    """The closest of the fields that it lies in."""
+    """The closest of the fields that the contact lies in."""
     gain: float
     """phi(F) psi(d), above 0 and at most 1 (eq. 5)."""
 
 
 WithdrawalMemory = Withdrawals[ReceptiveField]
-"""The withdrawal of each arm that has one, by generic part; and why touched arms stay."""
+"""Current withdrawals by generic part, and the reasons why other touched arms do not move."""
 
 
 @dataclass(frozen=True)
 class WithdrawalReflex(Capability[WithdrawalMemory]):
     """Moves every touched arm away from the touch, once per touch.
 
-    Raises TciError for settings that make no reflex.
+    Raises TciError for a setting out of range.
     """
 
     fields: Sequence[ReceptiveField] = field(default_factory=default_fields)
-    """Receptive fields; `load_fields` reads others from a file. None: no reflex."""
+    """Receptive fields; `load_fields` reads others from a file. Without fields there is no reflex."""
     refractory: float = 0.5
-    """How long [s] the skin of an arm must be quiet before it can withdraw again. Ours."""
+    """Time [s] without a response that ends a touch, after which the arm can withdraw again. Assumed: a hand
+    that slides or shakes makes contact again sooner."""
     distance_discount: Literal["linear", "cosine"] = "linear"
-    """Which psi of eq. 5: 1 - d / r, or cos^2(pi d / 2 r)."""
+    """Form of psi in eq. 5: 1 - d / r, or cos^2(pi d / 2 r)."""
     mode: Mode = Mode.POSITION
-    """Control mode of the arms: position, velocity (drives to the same target) or impedance (soft arms that
-    yield to the touch at once, and withdraw to the same target)."""
+    """Control mode of the arms. All three withdraw to the same target; in impedance mode the arms are soft
+    and also yield to the touch at once."""
     approach: float = 0.08
-    """Time constant [s] with which an arm in velocity mode comes to its target. Ours."""
+    """Time constant [s] with which an arm in velocity mode approaches its target. Assumed: twice the
+    longest control period of a driver, so that the loop stays stable."""
     softness: float = 0.4
-    """Share of full stiffness that arms in impedance mode have. Ours."""
+    """Stiffness of the arms in impedance mode, relative to full stiffness. Assumed: soft enough to yield to a
+    hand, stiff enough to reach the target against gravity."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fields", tuple(self.fields))
         object.__setattr__(self, "mode", Mode.of(self.mode))
         if not 0.0 < self.refractory < np.inf:
-            raise TciError(f"refractory period {self.refractory} s; valid: above 0 and finite")
+            raise TciError(f"withdrawal: refractory {self.refractory} s; valid: above 0 and finite")
         if self.distance_discount not in DISCOUNTS:
-            raise TciError(f"distance discount {self.distance_discount!r}; valid: {', '.join(DISCOUNTS)}")
+            raise TciError(
+                f"withdrawal: distance_discount {self.distance_discount!r}; valid: {', '.join(DISCOUNTS)}"
+            )
         if self.mode not in MODES:
             valid = ", ".join(mode.value for mode in MODES)
-            raise TciError(f"a withdrawal in {self.mode.value} mode; valid: {valid}")
+            raise TciError(f"withdrawal: mode {self.mode.value}; valid: {valid}")
         if not 0.0 < self.approach < np.inf:
-            raise TciError(f"approach {self.approach} s; valid: above 0 and finite")
+            raise TciError(f"withdrawal: approach {self.approach} s; valid: above 0 and finite")
         if not 0.0 < self.softness <= 1.0:
-            raise TciError(f"softness {self.softness}; valid: above 0, at most 1")
+            raise TciError(f"withdrawal: softness {self.softness}; valid: above 0, at most 1")
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Command, ...]:
-        """The control mode of every arm, unless it is position."""
+        """Returns the orders that set mode and stiffness of every arm; none in position mode."""
         if self.mode is Mode.POSITION:
             return ()
         commands: list[Command] = []
@@ -106,10 +111,10 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     def step(
         self, memory: WithdrawalMemory, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Command, ...], WithdrawalMemory]:
-        """One command for each arm whose target changed, in velocity mode for each that is not there yet;
-        what goes on on each arm.
+        """Returns the commands and the withdrawals that go on.
 
-        Raises CommandError when a touched part does not have the five joints of a base motion.
+        There is one command for each arm whose target changed; in velocity mode, one for each arm that
+        withdraws. Raises CommandError if a touched part does not have the five joints of a base motion.
         """
         wishes = self._wishes(perception.contacts) if perception.contacts else {}
         after = withdraw_all(memory, wishes, perception, body, refractory=self.refractory, mode=self.mode)
@@ -121,11 +126,11 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         return tuple(GenericCommand(p, Mode.VELOCITY, read_only(v)) for p, v in velocities.items()), after
 
     def notes(self, memory: WithdrawalMemory) -> tuple[str, ...]:
-        """Which arms stay though they were touched, and why."""
+        """Returns a sentence for each touched arm that does not move, with the reason."""
         return memory.notes
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """Returns the field that has lost most of the skin that it feels with, as a reason to stop."""
+        """Returns a reason to stop if a field has lost half of its taxels or more; else None."""
         if perception.skin is None or perception.skin.masked is None:
             return None
         places = [LimbPlace(one.segment, one.u, one.theta) for one in self.fields]
@@ -136,15 +141,16 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         return None
 
     def answer(self, contact: Contact) -> Answer | None:
-        """The closest field's answer to one contact (eqs 5-7); None when there is none.
+        """Returns the response of the closest field to one contact (eqs 5-7); None if there is none.
 
-        The sum of overlapping fields would have no bound.
+        Only the closest field responds, since the sum over overlapping fields would have no bound.
         """
         ((_, closest, gain),) = self._find(Contacts.of((contact,)))
         return Answer(self.fields[closest], gain) if gain > 0.0 else None
 
     def _find(self, table: Contacts) -> Iterable[tuple[int, int, float]]:
-        """Of each contact its site, the field that is nearest, and the gain; 0: no answer."""
+        """Returns for each contact the index of its site, the index of the nearest field, and the gain, which
+        is 0 without response."""
         closest, gains = np.empty(len(table), np.int64), np.empty(len(table))
         find_answers(
             self._table, self.distance_discount == "cosine", segments_of(table.sites), touches(table),
@@ -153,7 +159,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         return zip(table.site.tolist(), closest.tolist(), gains.tolist(), strict=True)
 
     def _wishes(self, contacts: Contacts) -> dict[str, list[Wish[ReceptiveField]]]:
-        """Answers that contacts ask for, by part."""
+        """Returns the responses that the contacts ask for, by part."""
         wishes: dict[str, list[Wish[ReceptiveField]]] = {}
         for row, (site, nearest, gain) in enumerate(self._find(contacts)):
             if gain > 0.0:

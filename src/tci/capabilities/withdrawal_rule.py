@@ -1,8 +1,8 @@
-"""The rules of a withdrawal, of whatever part: once per touch, and never towards what touches.
+"""The rules of a withdrawal of any part: once per touch, and never towards the object that touches it.
 
-A touch that answers in a field starts a *withdrawal* of its part. Until the part's skin has been quiet
-for the refractory period, every touch of it counts as the same one: the gain may still grow, at most
-to 1, but no other field answers and nothing is added twice.
+A touch in a receptive field starts a *withdrawal* of its part. Until the part has been free of such touches
+for the refractory period, every touch of it counts as one touch: the gain may grow, at most to 1, but no
+other field responds and no motion is added twice.
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ from tci.messages import GenericCommand, Mode, Perception
 from tci.reasons import Code, Reason
 
 ANEW = 0.02
-"""Time [s] after which a refusal is judged anew though the skin feels as before: the robot may have moved."""
+"""Time [s] after which a refusal is computed again although no skin frame has come: the robot may have moved.
+Assumed: one frame of the slowest skin."""
 
 LEAST_COVERAGE = 0.5
-"""Fraction of a field's taxels below which it must not be relied on. Assumed: more is felt than lost."""
+"""Fraction of healthy taxels below which a field is blind. Assumed: most touches of it are then missed."""
 
 
 class Field(Protocol):
@@ -32,83 +33,83 @@ class Field(Protocol):
 
     @property
     def name(self) -> str:
-        """Its name."""
+        """Name of the field."""
 
     @property
     def motion(self) -> tuple[float, ...]:
-        """Theta_i [rad] of every generic joint."""
+        """Base motion Theta_i (n,) [rad] of the generic joints."""
 
 
 F = TypeVar("F", bound=Field)
 
 
 class Wish(NamedTuple, Generic[F]):
-    """The answer that one contact asks for."""
+    """The response that one contact asks for."""
 
     field: F
-    """The closest of the fields that it lies in."""
+    """The closest of the fields that the contact lies in."""
     gain: float
     """phi(F) psi(d), above 0 and at most 1 (eq. 5)."""
     contact: int
-    """Its place in `Perception.contacts`."""
+    """Index in `Perception.contacts`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Withdrawal(Generic[F]):
-    """One part that withdraws."""
+    """Withdrawal of one part."""
 
     field: F
     """Field that started it."""
     origin: Array
-    """Generic posture (n,) [rad] when it started."""
+    """Generic posture (n,) [rad] at its start."""
     gain: float
     """Largest gain so far."""
     started: float
-    """When it started [s]."""
+    """Time [s] of its start."""
     touched: float
-    """When a touch of this part last answered [s]."""
+    """Time [s] of the latest touch in a field of this part."""
     quiet: bool = False
-    """True if a step without an answer has come since."""
+    """True if there has been a step without such a touch since."""
     met: frozenset[int] = frozenset()
-    """Identities of the contacts that it is known not to press: those of the latest look."""
+    """Identities of the contacts at the latest check, which the motion does not press."""
     ended: Array | None = None
-    """Generic posture (n,) [rad] where something came into its way; None: nothing did."""
+    """Generic posture (n,) [rad] at which an object in the way ended the motion; None if there was none."""
 
     @property
     def target(self) -> Array:
-        """Target of the part (n,) [rad]: one gain for all joints keeps the direction of Theta_i."""
+        """Target posture (n,) [rad]. One gain for all joints keeps the direction of Theta_i."""
         if self.ended is not None:
             return self.ended
         return frozen(self.origin + self.gain * np.array(self.field.motion))
 
     def goes_as(self, before: Withdrawal[F] | None) -> bool:
-        """Whether it goes where it went `before`."""
+        """Returns True if the target is that of the withdrawal `before`."""
         if before is None or before.ended is not self.ended:
             return False
         return (before.started, before.gain) == (self.started, self.gain)
 
 
 class Refusal(NamedTuple):
-    """The reason why a touched part stays. A touch that lasts is not judged anew in each period."""
+    """Reason why a touched part does not move. It is kept, so that a touch is not checked in each period."""
 
     reason: str
     frames: bytes
-    """Sequences of the skin frames that it was judged by."""
+    """Sequence numbers of the skin frames at the check."""
     stamp: float
-    """Time of that [s]."""
+    """Time [s] of the check."""
 
     def stands(self, perception: Perception) -> bool:
-        """Tells if it need not be judged anew: no skin frame has come since, and it is recent."""
+        """Returns True if no new check is needed: it is recent, and no skin frame has come since."""
         return perception.stamp - self.stamp < ANEW and _frames(perception) == self.frames
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Withdrawals(Mapping[str, Withdrawal[F]]):
-    """Withdrawals under way, by part, and the reasons why other parts stay."""
+    """Current withdrawals by part, and the reasons why other touched parts do not move."""
 
     motions: Mapping[str, Withdrawal[F]]
     refused: Mapping[str, Refusal]
-    """Reasons why touched parts stay, by name, for the latest touch."""
+    """Reasons by part, for the latest touch of it."""
 
     def __getitem__(self, part: str) -> Withdrawal[F]:
         return self.motions[part]
@@ -121,8 +122,10 @@ class Withdrawals(Mapping[str, Withdrawal[F]]):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Messages to a person about parts that stay."""
-        return tuple(f"{part} was touched and stays: {one.reason}" for part, one in self.refused.items())
+        """A sentence for each touched part that does not move."""
+        return tuple(
+            f"{part} was touched and does not move: {one.reason}" for part, one in self.refused.items()
+        )
 
 
 def withdraw_all(
@@ -135,10 +138,19 @@ def withdraw_all(
     mode: Mode = Mode.POSITION,
     forbids: Callable[[str, Array], str] | None = None,
 ) -> Withdrawals[F]:
-    """Returns the withdrawals of all parts after this instant; `wishes` are those of each touched part.
+    """Returns the withdrawals of all parts after this instant.
 
-    `forbids` tells why a part must not go to generic angles (n,) for a reason of its own; empty if it may.
-    Raises CommandError for a touched part that has not as many joints as a base motion.
+    Args:
+        memory: Withdrawals before.
+        wishes: Responses that the contacts ask for, by part.
+        perception: Perception of this instant.
+        body: The generic body.
+        refractory: Time [s] without such a contact that ends a touch.
+        mode: Control mode of the motions.
+        forbids: Function of a part and its target (n,) [rad] that returns a further reason why the part must
+            not move there; empty if it may.
+
+    Raises CommandError for a touched part whose number of joints is not that of a base motion.
     """
     motions: dict[str, Withdrawal[F]] = {}
     refused = memory.refused
@@ -148,14 +160,16 @@ def withdraw_all(
             continue
         if own and posture.size != len(own[0].field.motion):
             valid = len(own[0].field.motion)
-            raise CommandError(f"{part} has {posture.size} joints; a base motion has {valid}")
+            raise CommandError(
+                f"{part} has {posture.size} generic joints; valid: {valid}, as the base motions of its fields"
+            )
         after, reason = withdraw(
             before, own, perception, body, part,
             refractory=refractory, refused=refused.get(part), mode=mode,
         )  # fmt: skip
         if own and after is not None and forbids is not None and (why := forbids(part, after.target)):
             reason = refusal(why, perception)
-            # The touch that a part has answered goes on, though it may not move further.
+            # The touch is the one that the part has responded to, so its withdrawal stays, but must not grow.
             same = before is not None and before.started == after.started
             after = replace(after, gain=before.gain) if same and before is not None else None
         refused = told(refused, part, after, reason)
@@ -176,13 +190,15 @@ def new_targets(
 
 
 def blind_field(part: str, fields: Iterable[Field], shares: Array) -> Reason | None:
-    """Returns the first field that has lost most of its skin, as a reason to stop; `shares` (m,) are the
-    fractions of their taxels that are trusted."""
+    """Returns a reason to stop for the first blind field; None if there is none.
+
+    `shares` (m,) are the fractions of healthy taxels of the `fields`.
+    """
     for one, share in zip(fields, shares.tolist(), strict=True):
         if share < LEAST_COVERAGE:
             return Reason(
                 Code.SKIN_BLIND,
-                f"the field {one.name} of {part} is blind: {share:.0%} of its taxels can be trusted; "
+                f"the field {one.name} of {part} is blind: {share:.0%} of its taxels are healthy; "
                 f"valid: {LEAST_COVERAGE:.0%} or more",
             )
     return None
@@ -199,11 +215,13 @@ def withdraw(
     refused: Refusal | None = None,
     mode: Mode = Mode.POSITION,
 ) -> tuple[Withdrawal[F] | None, Refusal | None]:
-    """The withdrawal of a part after this instant, and why it stays where a touch asks for more; what was
-    `refused` before may stand."""
+    """Returns the withdrawal of one part after this instant, and the reason if a requested motion is refused.
+
+    `refused` is the last refusal, which is kept while it `stands`. Other arguments as in `withdraw_all`.
+    """
     now = perception.stamp
     stands = refused if refused is not None and refused.stands(perception) else None
-    # What answers in every step is one touch, however far apart the steps are.
+    # Responses in every step are one touch, even if the steps are far apart.
     if before is not None and (before.quiet or not wishes) and now - before.touched >= refractory:
         before = None
     if before is None:
@@ -229,14 +247,18 @@ def withdraw(
 
 
 def refusal(reason: str, perception: Perception) -> Refusal | None:
-    """A refusal for a reason; None for none."""
+    """Returns a refusal for a reason; None for an empty reason."""
     return Refusal(reason, _frames(perception), perception.stamp) if reason else None
 
 
 def told(
     refused: Mapping[str, Refusal], part: str, withdrawal: Withdrawal[F] | None, reason: Refusal | None
 ) -> Mapping[str, Refusal]:
-    """What is `refused`, by part, after a part has gone on with a `withdrawal` or stays for a reason."""
+    """Returns the refusals by part after a step of one part, with its `withdrawal` and its new refusal, if
+    any.
+
+    A refusal is removed when its part moves again.
+    """
     if reason is not None:
         return refused if refused.get(part) is reason else {**refused, part: reason}
     if part not in refused or withdrawal is None or withdrawal.quiet or withdrawal.ended is not None:
@@ -247,16 +269,16 @@ def told(
 def _begin(
     wishes: Sequence[Wish[F]], perception: Perception, body: GenericBody, part: str, mode: Mode
 ) -> tuple[Withdrawal[F] | None, str]:
-    """The strongest wish of a motion that leads away; why the strongest does not where none does."""
+    """Starts the strongest wish whose motion is permitted; else returns the reason for the strongest."""
     posture, first = perception.posture[part], ""
     if not np.isfinite(posture).all():
         return None, ""
     origin, now, met = frozen(posture.copy()), perception.stamp, _identities(perception)
     ways: dict[tuple[float, ...], list[Wish[F]]] = {}
-    # Names settle a draw, so that the order of contacts plays no part.
+    # Equal gains are sorted by name, so that the result does not depend on the order of contacts.
     for wish in sorted(wishes, key=lambda wish: (wish.gain, wish.field.name), reverse=True):
         ways.setdefault(wish.field.motion, []).append(wish)
-    for same in ways.values():  # one look for each, however many touches there are
+    for same in ways.values():  # one check for each motion, not for each touch
         field, gain, _ = same[0]
         begun = Withdrawal(field, origin, gain, now, now, met=met)
         answers = [wish.contact for wish in same]
@@ -275,7 +297,10 @@ def _meet(
     mode: Mode,
     reason: str,
 ) -> tuple[Withdrawal[F], str]:
-    """The same, ended where the part is if the rest of it would press something that it has met since."""
+    """Ends a withdrawal at the present posture if its remaining motion would press a new contact.
+
+    Returns the withdrawal, and the reason if it was ended, else `reason`.
+    """
     met = _identities(perception)
     if withdrawal.ended is not None or met <= withdrawal.met:
         return withdrawal, reason
@@ -285,7 +310,7 @@ def _meet(
 
 
 def _frames(perception: Perception) -> bytes:
-    """Sequences of the skin frames; as bytes they equal those of a copy."""
+    """Returns the sequence numbers of the skin frames, as bytes, which compare by value."""
     return b"" if perception.skin is None else perception.skin.sequence.tobytes()
 
 
@@ -294,5 +319,5 @@ def _identities(perception: Perception) -> frozenset[int]:
 
 
 def _is_same(one: F, other: F) -> bool:
-    # Whole fields take long to compare.
+    # Comparing whole fields is slow, so identity and name come first.
     return one is other or (one.name == other.name and one == other)

@@ -1,6 +1,6 @@
-"""`tci` on the command line.
+"""The command line, `tci`.
 
-`main` gathers the commands, each declared once in the file of its name with the `options` that several share.
-Such a file imports what is heavy inside its functions, so that --help and completion stay quick.
-The other files hold the work of the commands of `skin`, and what `run` and `check` print.
+`main` registers the commands. Each one is declared in the file of its name; options that several commands
+share are in `options`. Heavy modules are imported inside functions, so that --help and completion are fast.
+The other files carry out the commands of `tci skin` and print the output of `run` and `check`.
 """

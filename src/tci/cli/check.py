@@ -20,35 +20,38 @@ if TYPE_CHECKING:
 def check(
     robot: RobotName,
     simulate: Annotated[
-        bool, typer.Option("--simulate", help="Prove it in simulation: axes, limits, reflexes.")
+        bool, typer.Option("--simulate", help="Test it in simulation: axes, limits, reflexes.")
     ] = False,
     hardware: Annotated[
-        bool, typer.Option("--hardware", help="Prove it on the robot itself, joint by joint, taxel by taxel.")
+        bool, typer.Option("--hardware", help="Test it on the robot, joint by joint and taxel by taxel.")
     ] = False,
     via: Annotated[
         str,
         typer.Option(
-            help="With --hardware: driver that reaches it, NAME or NAME:ADDRESS.",
+            help="With --hardware: driver that reaches the robot, NAME or NAME:ADDRESS.",
             autocompletion=completion.drivers,
         ),
     ] = "sim",
     only: Annotated[
         list[str] | None,
-        typer.Option(help="With --hardware: a part, a joint or a patch; repeat for several."),
+        typer.Option(help="With --hardware: test only this part, joint or patch; repeat for several."),
     ] = None,
-    taxels: Annotated[int, typer.Option(min=-1, help="With --hardware: taxels of each patch; -1: all.")] = 12,
+    taxels: Annotated[
+        int, typer.Option(min=-1, help="With --hardware: taxels to press on each patch; -1: all.")
+    ] = 12,
     as_json: AsJson = False,
 ) -> None:
-    """Check a robot description: every fault at once, each with its line and what would be valid.
+    """Check a robot description. Lists every fault at once, each with its line and the valid values.
 
-    With --simulate the axes of its arms are compared with the generic arm's, both arms are sent far outside
-    their limits, every field of the withdrawal reflexes is poked, and every patch in its middle: what is
-    touched must move away from the finger.
+    --simulate compares the axes of its arms with the generic arm, commands both arms far outside their
+    limits, and pokes every receptive field of the withdrawal reflexes and the middle of every patch. The
+    touched part must move away from the finger.
 
-    With --hardware the robot itself is looked at; then each joint moves by 2 degrees, slowly, after you were
-    asked, and you are asked what you saw; then you press its skin. Wrong signs, zeros, limits and units show.
+    --hardware tests the robot itself. It first reads joints and skin. Then it asks before each motion, moves
+    one joint by 2 degrees, slowly, and asks what you saw. Then it asks you to press the skin. This finds
+    wrong signs, zeros, limits and units.
 
-    Exit status 0 when the file is valid and proved, 1 when it is not.
+    Exit status: 0 if the file is valid and the tests passed, else 1.
 
     Example:  tci check my-robot.xml --simulate
 
@@ -60,7 +63,7 @@ def check(
         check_hardware(robot, via=via, parts=only or [], taxels=taxels, as_json=as_json)
         return
     if via != "sim" or only or taxels != 12:
-        raise CommandError("--via, --only and --taxels look at a robot itself; valid: with --hardware")
+        raise CommandError("--via, --only and --taxels need a robot to test; valid: add --hardware")
     from tci.robot.catalogue import load_robot
 
     found = load_robot(robot)
@@ -99,20 +102,20 @@ def _say_proof(proof: Proof) -> None:
 
     for axes in proof.axes:
         console.print(
-            f"{axes.part}: axes within {axes.worst_deg:.2g} degrees of the generic arm's, in "
+            f"{axes.part}: axes at most {axes.worst_deg:.2g} degrees from the generic arm's, compared in the "
             f"{axes.within_limits} of {POSTURES} postures that the limits allow",
             highlight=False,
         )
     answered = sum(trial.responded for trial in proof.trials)
     console.print(f"reflexes: {answered} of {len(proof.trials)} pokes answered", highlight=False)
     moved = sum(patch.answered for patch in proof.patches)
-    console.print(f"skin: {moved} of {len(proof.patches)} patches move away from a poke in their middle")
+    console.print(f"skin: {moved} of {len(proof.patches)} patches moved away from a poke in their middle")
     for patch in proof.patches:
         if not patch.answered:
             why = escape(
-                patch.reason or "no receptive field lies there; to add one: docs/withdrawal-reflex.md"
+                patch.reason or "no receptive field covers this place; to add one: docs/withdrawal-reflex.md"
             )
-            console.print(f"  note: {patch.patch} stays: {why}", style="yellow", highlight=False)
+            console.print(f"  note: {patch.patch} did not move: {why}", style="yellow", highlight=False)
     for fault in proof.faults:
         console.print(f"  [red]{escape(fault)}[/]", highlight=False)
     end = (
@@ -133,23 +136,28 @@ def _say(name: str, robot: Robot, notes: list[str]) -> None:
 
 
 def remarks(robot: Robot) -> list[str]:
-    """What is allowed but worth knowing: a servo without limits can't be moved, and so on."""
+    """Lists valid but notable properties of a description, such as a servo that has no limits.
+
+    The gate refuses to move such a servo.
+    """
     needed = ("lower", "upper", "velocity", "acceleration", "jerk")
     notes = []
     for part in robot.parts:
         for generic in part.servos:
             if generic.servo is None:
-                notes.append(f"{part.name}: the robot lacks {generic.name}; it reads as fixed")
+                notes.append(
+                    f"{part.name} {generic.name}: the robot has no such joint; its angle is read as constant"
+                )
                 continue
             servo = robot.servos[generic.servo]
             missing = [name for name in needed if getattr(servo.limits, name) is None]
             if missing:
                 notes.append(
                     f"{part.name} {generic.name}: {servo.name} has no limit of {', '.join(missing)}, "
-                    "so the gate will refuse to move it"
+                    "so the gate refuses to move it; add the limit to the description"
                 )
     if robot.model is None:
-        notes.append("no kinematic model: no simulation, no skin in space")
+        notes.append("no kinematic model: the robot can't be simulated, and its skin has no place in space")
     if not robot.bindings:
-        notes.append("no binding: no driver can reach it")
+        notes.append("no binding: no driver can reach the robot; add <binding middleware=.../>")
     return notes

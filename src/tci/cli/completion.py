@@ -1,4 +1,4 @@
-"""Words that a shell completes. They are looked up without loading what they name, so that Tab is quick."""
+"""Shell completion of names. It reads entry points and file names and loads none, so that Tab is fast."""
 
 from __future__ import annotations
 
@@ -6,24 +6,24 @@ from importlib.metadata import entry_points
 
 
 def robots(incomplete: str) -> list[str]:
-    """Names of robots; where none fits, the shell offers files."""
+    """Lists robots whose name begins with `incomplete`. If there is none, the shell offers files."""
     from tci.robot.catalogue import robot_names
 
     return _beginning(incomplete, robot_names())
 
 
 def drivers(incomplete: str) -> list[str]:
-    """Names of drivers, without an address."""
+    """Lists drivers whose name begins with `incomplete`, without an address."""
     return _entries("tci.drivers", incomplete)
 
 
 def servers(incomplete: str) -> list[str]:
-    """Names of servers, without an address."""
+    """Lists servers whose name begins with `incomplete`, without an address."""
     return _entries("tci.servers", incomplete)
 
 
 def capabilities(incomplete: str) -> list[str]:
-    """Names of capabilities."""
+    """Lists capabilities whose name begins with `incomplete`."""
     return _entries("tci.capabilities", incomplete)
 
 

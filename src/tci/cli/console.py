@@ -1,4 +1,4 @@
-"""How tables and JSON are printed."""
+"""Terminal output: tables on the console, JSON for programs."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ console = Console()
 
 
 def print_json(value: Any) -> None:
-    """Print JSON for programs: no colours, no wrapping."""
+    """Prints JSON without colours and without line wrapping. Raises ValueError for NaN and infinity."""
     print(json.dumps(value, indent=2, allow_nan=False))
 
 
 @contextmanager
 def told_here() -> Iterator[None]:
-    """Keeps the log of a run off the screen, for a command that prints the same itself."""
+    """Keeps the log of `tci` off the screen, for a command that prints the same events itself."""
     log, quiet = logging.getLogger("tci"), logging.NullHandler()
     log.addHandler(quiet)
     try:

@@ -1,4 +1,4 @@
-"""`tci demo`: the main job, its table, its picture and its report."""
+"""`tci demo`: pokes simulated robots; writes a table, a picture and a report."""
 
 from __future__ import annotations
 
@@ -33,35 +33,35 @@ def demo(
     mode: Annotated[
         str, typer.Option(help="Form of the reflex: position, velocity, or impedance (soft arms).")
     ] = "position",
-    out: Annotated[Path, typer.Option(help="Folder for report.json and demo.png.")] = Path("out"),
+    out: Annotated[Path, typer.Option(help="Folder to write report.json and demo.png to.")] = Path("out"),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the pokes' timing.")] = 0,
     headless: Annotated[
-        bool, typer.Option("--headless", help="Never open the picture; nothing here needs a screen.")
+        bool, typer.Option("--headless", help="Do not open the picture or a browser.")
     ] = False,
     skin_rate: Annotated[
-        float | None, typer.Option(help="Skin frames per second instead of the robot's own \\[Hz].")
+        float | None, typer.Option(help="Rate of the skin \\[Hz]. \\[default: that of each robot]")
     ] = None,
     via: Annotated[
         str | None,
         typer.Option(
-            help="Let the reflex run in another process, behind this middleware: NAME or NAME:ADDRESS.",
+            help="Run the reflex in another process, through this middleware: NAME or NAME:ADDRESS.",
             autocompletion=completion.servers,
         ),
     ] = None,
     fault: Faults = None,
     view: Annotated[
-        bool, typer.Option("--view", help="Then show the robots in the browser, to poke them yourself.")
+        bool, typer.Option("--view", help="Afterwards show the robots in the browser, to poke them yourself.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Poke simulated robots and watch the same withdrawal reflex answer on each of them.
+    """Poke simulated robots: the same withdrawal reflex answers on each of them.
 
-    A compliant finger pokes five sites of both arms, with the reflex and without it. The table tells
-    what was measured; OUT/demo.png shows it and OUT/report.json has every figure.
+    A compliant finger pokes five sites of both arms, with the reflex and without it. The table lists what was
+    measured. OUT/demo.png shows it and OUT/report.json has every number.
 
-    With --fault, one poke of one robot is rehearsed with that fault, and told as it happens.
+    --fault pokes one robot once, injects that fault, and prints what happens as it happens.
 
-    With --via, the robot is served as by tci serve, in real time, and the reflex reaches it from outside.
+    --via serves the robot as tci serve does, in real time; the reflex then runs in another process.
 
     Example:  tci demo nao --out /path/to/folder
 
@@ -71,7 +71,9 @@ def demo(
         from tci.cli.run import run_capability
 
         if view or via or skin_rate or mode != "position" or len(robot or ()) > 1:
-            raise CommandError("--fault rehearses one poke of one robot; valid beside it: ROBOT, --json")
+            raise CommandError(
+                "--fault injects a fault into one poke of one robot; valid with it: one ROBOT, --json"
+            )
         name = (robot or ["nao"])[0]
         run_capability("withdrawal", name, rehearsal=True, poke=True, faults=fault, as_json=as_json)
         return
@@ -98,10 +100,10 @@ def _run_trials(
     via: str | None,
     as_json: bool,
 ) -> None:
-    """Runs every trial on every robot, then prints, draws and writes what was measured.
+    """Runs every trial on every robot, then prints, draws and writes the measurements.
 
-    Raises UnknownNameError for a mode that the reflex does not have, and for a middleware that does not
-    reach a robot; what `try_server` raises.
+    Raises UnknownNameError for a mode that the reflex does not have and for a middleware that a robot has no
+    binding for, and the errors of `try_server`.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -149,7 +151,7 @@ def _run_trials(
 
 
 def _mode(name: str) -> Mode:
-    """The form of the reflex by name."""
+    """Returns the control mode of the reflex by name. Raises UnknownNameError for any other."""
     from tci.capabilities.withdrawal import MODES
 
     for mode in MODES:
@@ -163,8 +165,9 @@ def _table(report: Report, mode: str) -> Table:
 
     table = Table(
         title=f"One reflex on every robot, in {mode} mode: a finger pokes, the arm withdraws",
-        caption="Times count from first contact; lost: the finger no longer touches. CoP: error of the "
-        "centre of pressure. Away: how far the skin withdrew; without: with the reflex switched off.",
+        caption="Times count from the first contact. command: first command of the reflex; lost: the finger "
+        "no longer touches; CoP: error of the centre of pressure; away: distance that the skin withdrew; "
+        "without: that distance with the reflex switched off.",
         box=box.SIMPLE_HEAD,
         pad_edge=False,
         collapse_padding=True,
@@ -201,14 +204,16 @@ def _summary(report: Report, robots: Sequence[Robot]) -> None:
     trials = report.trials
     responded = sum(trial.responded for trial in trials)
     lost = sum(trial.contact_lost_ms is not None for trial in trials)
-    console.print(f"{responded} of {len(trials)} pokes answered, contact lost in {lost}")
+    console.print(
+        f"{responded} of {len(trials)} pokes answered by the reflex; the arm left the finger in {lost}"
+    )
     if len(robots) > 1:
         same = report.same_stimulus
         console.print(
-            f"the same touch on {' and '.join(robot.name for robot in robots)}: generic motions differ by "
-            f"{same.max_generic_difference_rad:.0e} rad, hand directions by at most "
-            f"{max(same.hand_direction_deg.values()):.1f} degrees seen from the shoulder, "
-            f"{max(same.hand_direction_torso_deg.values()):.1f} from the torso"
+            f"identical touches on {' and '.join(robot.name for robot in robots)}: generic motions differ by "
+            f"{same.max_generic_difference_rad:.0e} rad, directions of the hands by at most "
+            f"{max(same.hand_direction_deg.values()):.1f} degrees relative to the shoulder, "
+            f"{max(same.hand_direction_torso_deg.values()):.1f} degrees relative to the torso"
         )
     for trial in trials:
         for what in (*trial.violations, *trial.halts):

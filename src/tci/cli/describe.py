@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 FORMATS = ("table", "json", "dh", "urdf", "kdl")
-"""What `tci describe` can print."""
+"""Output formats of `tci describe`."""
 
 
 def describe(
@@ -31,13 +31,13 @@ def describe(
         typer.Option(
             "--format",
             "-f",
-            help="table; json: every fact, SI units; dh: Denavit-Hartenberg tables; "
+            help="table; json: all facts, SI units; dh: Denavit-Hartenberg tables; "
             "urdf: a model for Pinocchio and others; kdl: chains for OROCOS KDL.",
         ),
     ] = "table",
     as_json: AsJson = False,
 ) -> None:
-    """Show a robot: its generic parts with their maps and limits, and its skin.
+    """Show a robot: its generic parts with joint maps and limits, and its skin.
 
     Example:  tci describe nao --format dh
     """
@@ -84,8 +84,8 @@ def _print_tables(robot: Robot) -> None:
         console.print(_skin_table(patches))
     for binding in robot.bindings:
         console.print(
-            f"driver [bold]{binding.middleware}[/]: {binding.rate:g} commands/s, "
-            f"joint data older than {binding.stale_after * 1000:g} ms means hold"
+            f"driver [bold]{binding.middleware}[/]: {binding.rate:g} commands/s; the robot holds when joint "
+            f"data is older than {binding.stale_after * 1000:g} ms"
         )
 
 
@@ -110,7 +110,7 @@ def _part_table(robot: Robot, part: GenericPart) -> Table:
     other = f", or without a gamma {' or '.join(others)}" if others else ""
     table = _table(
         f"{part.name} ({part.kind}{side}), mount {mount}",
-        f"degrees; generic = gamma * robot + sigma{other}; lower, upper and speed are the robot's",
+        f"degrees; generic = gamma * robot + sigma{other}; lower, upper and speed: of the robot's joint",
         "generic joint", "robot's joint", "gamma", "sigma", "lower", "upper", "speed", "initial",
     )  # fmt: skip
     for generic in part.servos:
@@ -146,7 +146,7 @@ def _dh_table(robot: Robot, facts: DHTable) -> Table:
 
 
 def _pose(matrix: Matrix) -> str:
-    """Origin [mm] and rotation vector [degrees] of a frame."""
+    """Formats a pose (4, 4) as origin [mm] and rotation vector [degrees]."""
     import numpy as np
     from scipy.spatial.transform import Rotation
 
@@ -165,7 +165,7 @@ def _degrees(angle: float | None) -> str:
 def _skin_table(patches: tuple[PatchFacts, ...]) -> Table:
     table = _table(
         "skin",
-        "length, r1, r2, rms and max: the paper's truncated cone (eq. 4) fitted to the taxels, and its error",
+        "length, r1, r2: the paper's truncated cone (eq. 4) fitted to the taxels; rms, max: its error",
         "patch", "from", "taxels", "Hz", "cm2", "length", "r1", "r2", "rms", "max mm",
     )  # fmt: skip
     for patch in patches:

@@ -1,4 +1,4 @@
-"""`tci doctor`: what works, what does not, and what to do about it. Nothing moves."""
+"""`tci doctor`: diagnoses this machine and the connection to a robot. Nothing moves."""
 
 from __future__ import annotations
 
@@ -29,13 +29,15 @@ MARKS = {Level.OK: "[green]ok[/]", Level.NOTE: "[cyan]note[/]", Level.WARNING: "
 def doctor(
     robot: OptionalRobot = None,
     via: OptionalVia = None,
-    duration: Annotated[float, typer.Option(help="How long to read the robot \\[s].", min=0.1)] = 2.0,
+    duration: Annotated[float, typer.Option(help="Time to read the robot \\[s].", min=0.1)] = 2.0,
     as_json: AsJson = False,
 ) -> None:
-    """Find out what works, what does not, and what to do about it. Nothing moves.
+    """Find out what works, what does not, and how to mend it. Nothing moves.
 
-    Without a robot: this machine. With one: what can be reached, rates, lost frames, ages, and where
-    robot and description disagree. Exit status 1 when there is a fault.
+    Without a robot it examines this machine. With a robot it examines the connection: what can be reached,
+    rates, lost frames, age of the data, and differences between robot and description.
+
+    Exit status 1 if there is a fault.
 
     Example:  tci doctor
 
@@ -48,7 +50,7 @@ def doctor(
         _tell("this machine", examine_machine(), (), as_json=as_json)
         return
     if robot is None:
-        raise DriverError(f"which robot is at {via}? valid: tci doctor ROBOT --via {via}")
+        raise DriverError(f"--via {via} needs the robot's name; valid: tci doctor ROBOT --via {via}")
     via = via or "sim"
     findings, streams = _examine(load_robot(robot), via, duration, quiet=as_json)
     _tell(f"{robot} via {via}", findings, streams, as_json=as_json)
@@ -57,7 +59,10 @@ def doctor(
 def _examine(
     robot: Robot, via: str, duration: float, *, quiet: bool
 ) -> tuple[tuple[Finding, ...], tuple[Stream, ...]]:
-    """Returns the findings on the way to the robot, and then through the driver."""
+    """Examines the way to the robot, then the robot through its driver for `duration` [s].
+
+    Returns the findings and the streams that were measured; no streams where the driver can't be opened.
+    """
     from rich.progress import BarColumn, Progress, TextColumn
 
     from tci.commissioning.doctor import judge
@@ -129,5 +134,5 @@ def _table(title: str, findings: Sequence[Finding]) -> Table:
 
 
 def _finite(value: object) -> object:
-    """JSON has no infinity: a source that never sent anything has no age."""
+    """Returns None for an infinite value, which JSON lacks: the age of a source that never sent anything."""
     return None if isinstance(value, float) and value in (float("inf"), float("-inf")) else value

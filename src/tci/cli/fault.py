@@ -1,4 +1,4 @@
-"""`tci fault list`: what can go wrong, what TCI does then, and what can be rehearsed."""
+"""`tci fault list`: the catalogue of faults, the reaction to each, and the name that injects it."""
 
 from __future__ import annotations
 
@@ -7,20 +7,21 @@ import typer
 from tci.cli.options import AsJson
 
 app = typer.Typer(
-    help="Faults: what is expected, which test shows it, what can be rehearsed.", no_args_is_help=True
+    help="Faults: the reaction that is expected, the test that shows it, the name that injects it.",
+    no_args_is_help=True,
 )
 
 
 @app.callback()
 def fault() -> None:
-    """Faults: what is expected, which test shows it, what can be rehearsed."""
+    """Faults: the reaction that is expected, the test that shows it, the name that injects it."""
 
 
 @app.command("list")
 def list_faults(
     as_json: AsJson = False,
 ) -> None:
-    """List the catalogue of faults; those with a name can be rehearsed with --fault NAME@TIME."""
+    """List the catalogue of faults. Inject one that has a name with --fault NAME@TIME."""
     from rich import box
     from rich.table import Table
 
@@ -45,11 +46,11 @@ def list_faults(
             ]
         )
         return
-    table = Table(title="Faults, and what TCI does", box=box.SIMPLE_HEAD, pad_edge=False)
-    for head in ("#", "fault", "expected", "rehearse as", "state"):
+    table = Table(title="Faults, and the reaction of TCI", box=box.SIMPLE_HEAD, pad_edge=False)
+    for head in ("#", "fault", "expected reaction", "name", "state"):
         table.add_column(head, justify="right" if head == "#" else "left")
     for known in FAULTS.values():
         state = f"[yellow]open: {known.missing}[/]" if known.missing else "[green]tested[/]"
         table.add_row(str(known.number), known.fault, known.expected, "\n".join(names[known.number]), state)
     console.print(table)
-    console.print("rehearse one:  tci run withdrawal nao --poke --fault stall@0.5")
+    console.print("inject one:  tci run withdrawal nao --poke --fault stall@0.5")

@@ -1,4 +1,4 @@
-"""`tci gesture`: record a gesture on one robot, play it on any other."""
+"""`tci gesture`: records a gesture on one robot and plays it on any other."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def record(
     duration: Duration = None,
     as_json: AsJson = False,
 ) -> None:
-    """Record the posture of a robot that somebody moves, for an hour at most. Nothing is commanded.
+    """Record the posture of a robot while a person moves it, for at most one hour. Nothing is commanded.
 
     Example:  tci gesture record wave.csv nao --via replay:wave.mcap
     """
@@ -64,10 +64,12 @@ def record(
     except Exception:
         if len(times) >= 2:
             write()
-            typer.echo(f"tci: {file} holds the {len(times)} postures until the error", err=True)
+            typer.echo(f"tci: {file} has the {len(times)} postures before the error", err=True)
         raise
     if len(times) < 2:
-        raise CommandError(f"{len(times)} postures came from {robot}; valid: 2 or more")
+        raise CommandError(
+            f"{robot} sent {len(times)} postures, too few for a gesture; valid: 2 or more, record longer"
+        )
     gesture = write()
     told = {"file": str(file), "postures": len(times), "duration_s": gesture.duration,
             "parts": list(gesture.postures)}  # fmt: skip
@@ -83,11 +85,11 @@ def record(
 
 @app.command()
 def convert(
-    source: Annotated[Path, typer.Argument(help="Motion capture (.bvh) or a gesture (.csv).")],
+    source: Annotated[Path, typer.Argument(help="File of motion capture (.bvh) or a gesture (.csv).")],
     target: NewGesture,
     as_json: AsJson = False,
 ) -> None:
-    """Turn motion capture into a gesture.
+    """Convert motion capture to a gesture.
 
     Example:  tci gesture convert wave.bvh wave.csv
     """
@@ -106,17 +108,24 @@ def convert(
 
 @app.command()
 def play(
-    file: Annotated[Path, typer.Argument(help="Gesture (.csv) or motion capture (.bvh).")],
+    file: Annotated[Path, typer.Argument(help="Gesture (.csv) or file of motion capture (.bvh).")],
     robot: RobotName,
     via: Via = "sim",
     plain: Annotated[
-        bool, typer.Option("--plain", help="Take generic angles as they are, instead of retargeting exactly.")
+        bool,
+        typer.Option(
+            "--plain", help="Send the generic angles as they are. \\[default: solve for exact directions]"
+        ),
     ] = False,
-    reflex: Annotated[bool, typer.Option("--reflex", help="Let the withdrawal reflex interrupt it.")] = False,
+    reflex: Annotated[
+        bool, typer.Option("--reflex", help="Let the withdrawal reflex interrupt the gesture.")
+    ] = False,
     arm: Arm = False,
     as_json: AsJson = False,
 ) -> None:
-    """Play a gesture, in the time that the robot's limits allow, and tell how close it came.
+    """Play a gesture as fast as the robot's limits allow, and print the errors of its joints.
+
+    Exit status 1 if it did not reach the end.
 
     Example:  tci gesture play wave.csv icub --reflex
     """
@@ -144,7 +153,8 @@ def play(
         console.print(_table(fitted, following))
         if following.stopped:
             console.print(
-                f"[yellow]the robot's own body was in the way: {', '.join(following.stopped)}[/]",
+                "[yellow]the gate stopped motions that came too close to the robot's own body: "
+                f"{', '.join(following.stopped)}[/]",
                 highlight=False,
             )
         again = f", interrupted {following.interruptions} times" if following.interruptions else ""
@@ -154,15 +164,18 @@ def play(
 
 
 def _writable(path: Path) -> None:
-    """Raises CommandError, before anybody moves a robot, where a gesture can't be written."""
+    """Raises CommandError if a gesture can't be written to `path`, before anybody moves a robot."""
     if path.suffix.lower() != ".csv" or not path.parent.is_dir():
-        raise CommandError(f"{path} is no place for a gesture; valid: a .csv file in a folder that is there")
+        raise CommandError(f"{path} can't hold a gesture; valid: a .csv file in a folder that exists")
     if path.exists():
-        raise CommandError(f"{path} exists; valid: a name that is free")
+        raise CommandError(f"{path} exists and is not replaced; valid: a new file name")
 
 
 def load(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
-    """A gesture of any kind, and its joints' names by part. Raises CommandError, DescriptionError."""
+    """Reads a gesture (.csv) or motion capture (.bvh), and the names of its joints by generic part.
+
+    Raises CommandError for another kind of file, DescriptionError for one that can't be read.
+    """
     from tci.gestures.bvh import read_bvh
     from tci.gestures.files import read_csv
     from tci.robot.generic_arm import JOINTS
@@ -173,7 +186,7 @@ def load(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
     if kind == ".bvh":
         gesture = read_bvh(path)
         return gesture, {part: list(JOINTS) for part in gesture.postures}
-    raise CommandError(f"{path}: a gesture is a .csv or a .bvh file")
+    raise CommandError(f"{path} is no gesture; valid: a .csv or a .bvh file")
 
 
 def _announce(robot: Robot, gesture: Gesture, fitted: Fitted) -> None:
@@ -181,11 +194,13 @@ def _announce(robot: Robot, gesture: Gesture, fitted: Fitted) -> None:
 
     console.print(
         f"{robot.name}: {', '.join(fitted.gesture.postures)} in {fitted.gesture.duration:.1f} s, "
-        f"{fitted.slower:.2f} times the gesture's own {gesture.duration:.1f} s",
+        f"{fitted.slower:.2f} times as long as recorded ({gesture.duration:.1f} s)",
         highlight=False,
     )
     for part in fitted.left_out:
-        console.print(f"  note: {robot.name} has no {part}; it is left out", style="yellow", highlight=False)
+        console.print(
+            f"  note: {robot.name} has no {part}; its motion is left out", style="yellow", highlight=False
+        )
 
 
 def _table(fitted: Fitted, following: Following) -> object:
@@ -194,7 +209,7 @@ def _table(fitted: Fitted, following: Following) -> object:
     from rich.table import Table
 
     table = Table("joint", title="Errors \\[degrees]", box=box.SIMPLE_HEAD)
-    for column in ("limits take off", "following, RMS", "following, largest"):
+    for column in ("cut off by limits", "following, RMS", "following, largest"):
         table.add_column(column, justify="right")
     for name in dict.fromkeys((*following.rms, *fitted.missed)):
         values = (fitted.missed.get(name, 0.0), following.rms.get(name), following.largest.get(name))

@@ -1,4 +1,4 @@
-"""`tci check ROBOT --hardware`: the first minutes with a real robot; its operator is asked before motions."""
+"""`tci check ROBOT --hardware`: first tests of a real robot. The operator is asked before each motion."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Terminal:
     """The operator at a keyboard."""
 
     def __init__(self, shown: Console) -> None:
-        """Questions go to `shown`."""
+        """Prints questions on `shown`."""
         self._shown = shown
 
     def may(self, what: str) -> bool:
@@ -43,11 +43,16 @@ class Terminal:
         try:
             return self._shown.input(f"[bold]?[/] {escape(question)}").strip().lower()[:1]
         except EOFError:
-            raise CommandError("nobody answers; valid: run it in a terminal, beside the robot") from None
+            raise CommandError(
+                "a question had no answer, for the input has ended; valid: a terminal, beside the robot"
+            ) from None
 
 
 class Simulation:
-    """The operator of a simulated robot: a finger presses; what its encoders say is what the physics does."""
+    """The operator of a simulated robot: its finger presses the skin, and each answer is the expected one.
+
+    The encoders of the simulation report the angles of the physics, so nobody needs to look.
+    """
 
     def __init__(self, driver: SimulatedDriver) -> None:
         self._driver = driver
@@ -73,10 +78,17 @@ class Simulation:
 
 
 def check_hardware(name: str, *, via: str, parts: list[str], taxels: int, as_json: bool) -> None:
-    """Look, ask, move, touch; exit status 1 when something is wrong.
+    """Reads the robot, moves its joints after asking, and has its skin pressed. Exit status 1 after a fault.
 
-    Raises DriverError when the robot can't be reached or armed, UnknownNameError, CommandError without
-    answers.
+    Args:
+        name: Robot by name or description file.
+        via: Driver that reaches it.
+        parts: Parts, joints or patches to test; empty for all.
+        taxels: Taxels to press on each patch; -1 for all, 0 for none.
+        as_json: Prints JSON instead of text.
+
+    Raises DriverError when the robot can't be reached or armed, UnknownNameError for a part that it lacks,
+    CommandError when nobody answers a question.
     """
     import numpy as np
 
@@ -93,8 +105,8 @@ def check_hardware(name: str, *, via: str, parts: list[str], taxels: int, as_jso
         operator = Simulation(driver) if isinstance(driver, SimulatedDriver) else Terminal(shown)
         if not as_json:
             console.print(
-                "Stand beside the robot, its own stop in reach. Nothing moves further than 2 degrees; "
-                "Ctrl-C ends it.",
+                "Stand beside the robot with its emergency stop in reach. No joint moves by more than 2 "
+                "degrees. Ctrl-C ends the test.",
                 style="bold",
             )
         found, largest = first_minutes(
@@ -118,7 +130,7 @@ def check_hardware(name: str, *, via: str, parts: list[str], taxels: int, as_jso
         )
     else:
         console.print(
-            f"{counts[Level.OK]} right, {counts[Level.FAULT]} wrong, "
+            f"{counts[Level.OK]} passed, {counts[Level.FAULT]} failed, "
             f"{counts[Level.NOTE] + counts[Level.WARNING]} to look at; "
             f"largest motion {np.rad2deg(largest):.2f} degrees",
             highlight=False,

@@ -1,4 +1,4 @@
-"""`tci log`: look into recordings, cut them, and give them to other programs."""
+"""`tci log`: shows, cuts, exports and imports recordings."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ app = typer.Typer(help="Recordings: what is in them, cut, export, import.", no_a
 
 @app.command()
 def info(file: RecordingFile, as_json: AsJson = False) -> None:
-    """Say what a recording holds, and whether it was closed or cut off.
+    """Show the contents of a recording, and if it is complete or was cut off.
 
     Example:  tci log info touch.mcap
     """
@@ -43,7 +43,7 @@ def info(file: RecordingFile, as_json: AsJson = False) -> None:
     if as_json:
         print_json(whole)
         return
-    state = "[green]closed[/]" if recording.complete else "[yellow]cut off; what is there is whole[/]"
+    state = "[green]complete[/]" if recording.complete else "[yellow]cut off; readable up to there[/]"
     span = f"{times[0]:.3f} to {times[-1]:.3f} s" if times else "empty"
     head = f"[bold]{escape(file.name)}[/]  {whole['bytes'] / 1e6:.2f} MB, {len(times)} periods"
     console.print(f"{head}, {span}, {state}", highlight=False)
@@ -65,7 +65,7 @@ def cut(
     end: End = float("inf"),
     as_json: AsJson = False,
 ) -> None:
-    """Write a part of a recording, or all of one that was cut off, closed and packed.
+    """Copy a time span of a recording to a new, compressed file. Without a span, mend one that was cut off.
 
     Example:  tci log cut touch.mcap poke.mcap --from 0.2 --to 0.9
     """
@@ -75,17 +75,19 @@ def cut(
     from tci.robot.catalogue import load_robot
 
     if out.exists():
-        raise RecordingError(f"{out} exists; valid: a name that is free")
+        raise RecordingError(f"{out} exists and is not replaced; valid: a new file name")
     if not begin < end:
-        raise RecordingError(f"from {begin} s to {end} s; valid: an end after the begin")
+        raise RecordingError(f"--from {begin} s --to {end} s; valid: --to later than --from")
     recording = Recording(file)
     first, last = recording.span()
     if begin > last or end <= first:
-        raise RecordingError(f"nothing from {begin} to {end} s; valid: {first:.3f} to {last:.3f} s")
+        raise RecordingError(
+            f"{file} has nothing from {begin} to {end} s; valid: within {first:.3f} to {last:.3f} s"
+        )
     about = recording.about
     try:
         robot = load_robot(about.get("robot", "")) if "/" not in about.get("robot", "/") else None
-    except Exception:  # a robot that is not installed here: no clouds of points then
+    except Exception:  # a robot that is not installed here: the file then has no point clouds
         robot = None
     if robot is not None and robot.digest != about.get("description_sha256"):
         robot = None
@@ -96,16 +98,19 @@ def cut(
 @app.command()
 def export(
     file: RecordingFile,
-    out: Annotated[Path, typer.Argument(help="Folder to write; for npz the file.")],
+    out: Annotated[Path, typer.Argument(help="Folder to write to; with npz the file.")],
     robot: RecordedRobot = None,
     form: Annotated[
-        str | None, typer.Option("--format", "-f", help="csv, npz or parquet; npz if OUT ends so, else csv.")
+        str | None,
+        typer.Option(
+            "--format", "-f", help="csv, npz or parquet. \\[default: npz if OUT ends in .npz, else csv]"
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write a recording as tables: joints, decisions, contacts, and of the skin a row for each frame.
+    """Write a recording as tables: joints, decisions of the gate, contacts, and one row for each skin frame.
 
-    A frame has the raw values as they came, and pressures \\[Pa] and forces \\[N] of all taxels.
+    A skin frame has the raw values that were received, and pressures \\[Pa] and forces \\[N] of all taxels.
 
     Example:  tci log export touch.mcap tables --format csv
     """
@@ -118,7 +123,7 @@ def export(
     recording, left_out = Recording(file), ""
     try:
         found = recorded_robot(recording, robot)
-        left_out = "" if found else "the recording has no robot"
+        left_out = "" if found else "the recording does not name its robot; give it as ROBOT"
     except TciError as error:
         if robot is not None:
             raise
@@ -128,7 +133,7 @@ def export(
         print_json({"files": [str(path) for path in files], "left_out": left_out})
         return
     if left_out:
-        typer.secho(f"raw values only, no forces: {left_out}", fg="yellow", err=True)
+        typer.secho(f"raw values only, without forces: {left_out}", fg="yellow", err=True)
     for path in files:
         console.print(str(path), highlight=False, markup=False)
 
@@ -142,14 +147,14 @@ def import_(
     robot: Annotated[
         str | None,
         typer.Argument(
-            help="For an iCub's contact list or a ROS bag: robot by name, or a description file.",
+            help="Robot, by name or description file: needed for an iCub's contact list and for a ROS bag.",
             autocompletion=completion.robots,
         ),
     ] = None,
-    patch: Annotated[str, typer.Option(help="Name of the patch of skin that sent it.")] = "skin",
+    patch: Annotated[str, typer.Option(help="Name to give the patch of skin.")] = "skin",
     as_json: AsJson = False,
 ) -> None:
-    """Make a recording of a log of YARP's yarpdatadumper, or of a ROS bag (extra ros2).
+    """Convert a log of YARP's yarpdatadumper or a ROS bag (extra ros2) to a recording.
 
     Example:  tci log import data.log foot.mcap --patch right_foot
 
@@ -164,7 +169,9 @@ def import_(
 
     if is_bag(log):
         if robot is None:
-            raise RecordingError(f"{log} is a ROS bag; say which robot it was: tci log import LOG OUT ROBOT")
+            raise RecordingError(
+                f"{log} is a ROS bag, which does not name its robot; valid: tci log import {log} {out} ROBOT"
+            )
         _told(out, {"periods": import_ros_bag(log, out, load_robot(robot))}, as_json=as_json)
     elif robot is not None:
         periods, left_out = import_skin_events(log, out, load_robot(robot))
@@ -174,7 +181,7 @@ def import_(
 
 
 def _told(out: Path, counts: dict[str, int], *, as_json: bool) -> None:
-    """What was written, and what is in it."""
+    """Prints the file that was written, its size and the number of its messages."""
     from tci.cli.console import console, print_json
 
     size = out.stat().st_size

@@ -1,4 +1,4 @@
-"""The `tci` command. Each command imports what it needs when it runs, so that --help is quick."""
+"""The `tci` command. Each command imports its modules when it runs, so that --help is fast."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ app.add_typer(zenoh_app, name="zenoh")
 
 
 def _flow(commands: typer.Typer) -> None:
-    """Leave it to the terminal where lines of help are broken: Typer would keep the breaks of the source."""
+    """Joins the lines of help texts into paragraphs: Typer would keep the line breaks of the source."""
     for command in commands.registered_commands:
         words = inspect.getdoc(command.callback) or ""
         command.help = re.sub(r"(?<!\n)\n(?!\n)", " ", words)
@@ -72,31 +72,34 @@ def main_options(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print TCI's version.")
     ] = False,
 ) -> None:
-    """Options before any command."""
+    """Options that stand before a command."""
 
 
 INTERRUPTED = 130
-"""Exit status of a command that Ctrl-C ended before it had anything to tell."""
+"""Exit status of a command that Ctrl-C ended: 128 + SIGINT, as shells report it."""
 
 
 def _said(error: TciError | OSError) -> str:
-    """An error in words; of a file its name and what the system says."""
+    """Returns the message of an error; of a file error the file's name and the system's message."""
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return f"{error.filename}: {error.strerror}"
     return str(error)
 
 
 def _printable(text: str) -> str:
-    """Words in which nothing, such as the name of a file, can steer a terminal."""
+    """Escapes control characters: the name of a file, for example, must not control the terminal."""
     return "".join(one if one.isprintable() or one == "\n" else ascii(one)[1:-1] for one in text)
 
 
 def main() -> None:
-    """Entry point: errors of TCI and of files become one message and status 1; SIGTERM is as Ctrl-C."""
+    """Entry point. Prints errors of TCI and of files as one message, with exit status 1.
+
+    SIGTERM acts as Ctrl-C.
+    """
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     as_json = "--json" in sys.argv
     try:
-        status = app(standalone_mode=not as_json)  # without, wrong words are raised instead of printed
+        status = app(standalone_mode=not as_json)  # when False, usage errors are raised
         if status == INTERRUPTED:
             _say({"error": "interrupted"})
         raise SystemExit(status)
@@ -115,7 +118,7 @@ def main() -> None:
 
 
 def _say(told: dict[str, Any]) -> None:
-    """Print JSON; where that can't be, on a full disk, at least the error in words."""
+    """Prints JSON. If that fails, as on a full disk, prints the error as text instead."""
     try:
         print(json.dumps(told, indent=2), flush=True)
     except OSError:

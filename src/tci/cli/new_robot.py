@@ -1,4 +1,4 @@
-"""`tci new-robot`: from a URDF to a robot description that a person looks over."""
+"""`tci new-robot`: proposes a robot description from a URDF, for a person to review."""
 
 from __future__ import annotations
 
@@ -17,25 +17,27 @@ if TYPE_CHECKING:
     from tci.robot.description import Robot
 
 
-COMMENT = """Proposed by tci new-robot from {file}: look it over.
-From that file: joints, limits of position, speed and torque where nothing says assumed.
-Assumed: limits of acceleration and jerk, the sleeves of skin (cones around the file's own shapes), the
-sensors' response, the initial posture, the zero of pronation, which is the robot's own."""
+COMMENT = """Proposed by tci new-robot from {file}: review it.
+From that file: joints; limits of position, speed and torque, except those marked assumed.
+Assumed: limits of acceleration and jerk, the sleeves of skin (cones around the file's shapes), the sensors'
+response, the initial posture, the zero of pronation (that of the robot)."""
 
 
 def new_robot(
-    urdf: Annotated[Path, typer.Argument(help="The robot's URDF.")],
-    name: Annotated[str | None, typer.Option(help="Name of the robot \\[default: the file's].")] = None,
+    urdf: Annotated[Path, typer.Argument(help="URDF file of the robot.")],
+    name: Annotated[str | None, typer.Option(help="Name of the robot. \\[default: that of the file]")] = None,
     package: Annotated[
-        str | None, typer.Option(help="Installed Python package that brought the URDF, if one did.")
+        str | None, typer.Option(help="Installed Python package that contains the URDF, if one does.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Description to write \\[default: robot.xml beside the URDF].")
+        Path | None, typer.Option(help="Description to write. \\[default: robot.xml beside the URDF]")
     ] = None,
     mount: Annotated[
         bool,
         typer.Option(
-            "--mount", help="Eq. 1 on a mount for shoulders that are the generic one but for a small turn."
+            "--mount",
+            help="Use eq. 1 and a rotated mount for shoulders that differ from the generic one by a small "
+            "rotation.",
         ),
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace a description that exists.")] = False,
@@ -43,8 +45,8 @@ def new_robot(
 ) -> None:
     """Propose the description of a humanoid from its URDF.
 
-    Finds arms, hands, head, torso and legs by their geometry, takes limits from the file and puts sleeves of
-    skin around the arms. Look the result over; what no file says is marked as assumed in it.
+    Finds arms, hands, head, torso and legs by their geometry, reads limits from the file and puts sleeves of
+    skin around the arms. Review the result: values that the file does not have are marked as assumed in it.
 
     Example:  tci new-robot my_robot.urdf
     """
@@ -73,7 +75,7 @@ def new_robot(
     for note in remarks(robot):
         console.print(f"  note: {note}", style="yellow", highlight=False, markup=False)
     console.print(
-        f"next: look it over, then [bold]tci check --simulate {escape(str(target))}[/]", highlight=False
+        f"next: review the file, then [bold]tci check --simulate {escape(str(target))}[/]", highlight=False
     )
 
 
@@ -82,19 +84,25 @@ def _plain(stem: str) -> str:
 
 
 def _beside(urdf: Path, target: Path) -> str:
-    """The model's place as seen from the description's folder."""
+    """Returns the path of the model relative to the description's folder.
+
+    Raises CommandError for a model outside that folder.
+    """
     folder = target.absolute().parent.resolve()
     path = urdf.resolve()
     if not path.is_relative_to(folder):
         raise CommandError(
-            f"{urdf} is not in {folder} or below, where a description finds its model; valid: --out there, "
-            "or --package with the installed Python package that brought the model"
+            f"{urdf} is outside {folder}, and a description finds its model only in its own folder or below; "
+            "valid: --out beside the URDF, or --package with the installed Python package that has the model"
         )
     return path.relative_to(folder).as_posix()
 
 
 def _in_package(urdf: Path, package: str) -> str:
-    """The end of the model's path in a package."""
+    """Returns the end of the model's path in an installed package.
+
+    Raises CommandError when the package is not installed or has no such file.
+    """
     try:
         files = distribution(package).files or ()
     except PackageNotFoundError:
@@ -104,11 +112,11 @@ def _in_package(urdf: Path, package: str) -> str:
     for entry in files:
         if entry.name == urdf.name and Path(str(entry.locate())).resolve() == urdf.resolve():
             return "/".join(entry.parts[-3:])
-    raise CommandError(f"the package {package!r} did not bring {urdf}")
+    raise CommandError(f"the package {package!r} does not contain {urdf}; valid: a file that it installed")
 
 
 def _found(robot: Robot) -> list[str]:
-    """What a person should compare with the robot, line by line."""
+    """Lists the parts, joint maps and patches that were found, one line each, to compare with the robot."""
     import numpy as np
 
     assert robot.model is not None

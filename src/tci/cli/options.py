@@ -12,45 +12,51 @@ from tci.cli import completion
 
 
 def _above_zero(seconds: float | None) -> float | None:
-    """A time that can pass."""
+    """Raises BadParameter for a duration [s] that is not finite and above 0."""
     if seconds is None or 0.0 < seconds < math.inf:
         return seconds
-    raise typer.BadParameter(f"{seconds} s; valid: above 0 s")
+    raise typer.BadParameter(f"{seconds} s; valid: above 0 s and finite")
 
 
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of words.")]
-_robot = typer.Argument(help="Robot by name, or a description file.", autocompletion=completion.robots)
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
+_robot = typer.Argument(
+    help="Robot: a name from tci robots, or a description file.", autocompletion=completion.robots
+)
 RobotName = Annotated[str, _robot]
 OptionalRobot = Annotated[str | None, _robot]
 SomeRobots = Annotated[
     list[str] | None,
     typer.Argument(
-        help="Robots by name, or description files. "
-        "\\[default: the paper's two, nao and icub, where installed]",
+        help="Robots: names from tci robots, or description files. "
+        "\\[default: nao and icub, the robots of the paper, if installed]",
         autocompletion=completion.robots,
     ),
 ]
 RecordedRobot = Annotated[
     str | None,
     typer.Argument(
-        help="Robot that was recorded, by name or description file, where the recording's own words will not "
-        "do.",
+        help="Robot that was recorded: a name or a description file. \\[default: as the recording says]",
         autocompletion=completion.robots,
     ),
 ]
-_via = typer.Option(help="Driver that reaches it, NAME or NAME:ADDRESS.", autocompletion=completion.drivers)
+_via = typer.Option(
+    help="Driver that reaches the robot, NAME or NAME:ADDRESS.", autocompletion=completion.drivers
+)
 Via = Annotated[str, _via]
 OptionalVia = Annotated[str | None, _via]
-Arm = Annotated[bool, typer.Option("--arm", help="Let it move; a simulated robot always may.")]
+Arm = Annotated[bool, typer.Option("--arm", help="Allow the robot to move; a simulated robot always may.")]
 Duration = Annotated[
-    float | None, typer.Option(help="How long \\[s]; else until interrupted.", callback=_above_zero)
+    float | None, typer.Option(help="Duration \\[s]. \\[default: until Ctrl-C]", callback=_above_zero)
 ]
 Faults = Annotated[
     list[str] | None,
-    typer.Option(help="NAME@TIME or NAME@TIME:DURATION \\[s]; names: tci fault list; repeat for several."),
+    typer.Option(
+        help="Fault to inject: NAME@TIME or NAME@TIME:DURATION \\[s]; repeat for several; names: "
+        "tci fault list."
+    ),
 ]
 RecordingFile = Annotated[Path, typer.Argument(help="Recording (.mcap).")]
-NewRecording = Annotated[Path, typer.Argument(help="The recording to write.")]
-NewGesture = Annotated[Path, typer.Argument(help="The gesture to write (.csv).")]
-Begin = Annotated[float, typer.Option("--from", help="Begin \\[s] on its clock.")]
-End = Annotated[float, typer.Option("--to", help="End \\[s].")]
+NewRecording = Annotated[Path, typer.Argument(help="Recording to write (.mcap), a new file.")]
+NewGesture = Annotated[Path, typer.Argument(help="Gesture to write (.csv), a new file.")]
+Begin = Annotated[float, typer.Option("--from", help="Begin \\[s], on the clock of the recording.")]
+End = Annotated[float, typer.Option("--to", help="End \\[s], on the clock of the recording.")]

@@ -1,4 +1,4 @@
-"""`tci plot`: the figure of a recording."""
+"""`tci plot`: draws a figure of a recording."""
 
 from __future__ import annotations
 
@@ -18,12 +18,14 @@ def plot(
         Path | None, typer.Option(help="File to write: png, pdf or svg. \\[default: beside the recording]")
     ] = None,
     robot: RecordedRobot = None,
-    part: Annotated[str | None, typer.Option(help="Part to draw. \\[default: the one touched first]")] = None,
+    part: Annotated[
+        str | None, typer.Option(help="Generic part to draw. \\[default: the one touched first]")
+    ] = None,
     begin: Begin = float("-inf"),
     end: End = float("inf"),
     as_json: AsJson = False,
 ) -> None:
-    """Draw a recording for a paper: forces, response, joint angles, the skin unrolled, latencies.
+    """Draw a recording as a figure for a paper: forces, response, joint angles, unrolled skin, latencies.
 
     Example:  tci plot touch.mcap --out touch.pdf
     """
@@ -37,10 +39,12 @@ def plot(
     recording = Recording(file)
     found = recorded_robot(recording, robot)
     if found is None:
-        raise RecordingError(f"{file} has no robot; look at its raw frames with tci log export")
+        raise RecordingError(
+            f"{file} does not name its robot; valid: tci plot {file} ROBOT; its raw frames: tci log export"
+        )
     out = out or file.with_suffix(".png")
     with Progress(console=console, transient=True, disable=as_json or not console.is_terminal) as progress:
-        task = progress.add_task("feeling again what was felt", total=None)
+        task = progress.add_task("computing contacts from the recorded frames", total=None)
         periods = []
         for period in perceive(recording, found):
             periods.append(period)

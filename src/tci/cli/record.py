@@ -1,16 +1,14 @@
-"""`tci record`: what a robot senses, into a file. Nothing is commanded."""
+"""`tci record`: writes the sensor data of a robot to a file. Nothing is commanded."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from tci.cli.console import console, print_json
-from tci.cli.options import AsJson, Duration, RobotName, Via
+from tci.cli.options import AsJson, Duration, NewRecording, RobotName, Via
 
 if TYPE_CHECKING:
     from tci.capabilities.capability import Capability
@@ -19,7 +17,14 @@ if TYPE_CHECKING:
 
 
 def recorder_for(path: Path, driver: Driver, via: str, about: Mapping[str, str]) -> Recorder:
-    """A recording of a driver. Raises RecordingError."""
+    """Opens a recorder for the readings of a driver. Raises RecordingError as `Recorder` does.
+
+    Args:
+        path: File to write.
+        driver: Driver whose robot, period and facts are recorded.
+        via: NAME or NAME:ADDRESS by which the driver was opened.
+        about: Further facts about the recording, by key.
+    """
     from tci.drivers.registry import JOIN
     from tci.recording.recorder import Recorder
 
@@ -35,20 +40,20 @@ def recorder_for(path: Path, driver: Driver, via: str, about: Mapping[str, str])
 
 
 def about_capability(name: str, capability: Capability[object]) -> dict[str, str]:
-    """What a recording says of the behaviour that ran."""
+    """Returns the metadata of a recording that name the behaviour that ran, and its settings."""
     return {"capability": name, "settings": repr(capability)}
 
 
 def record(
-    file: Annotated[Path, typer.Argument(help="The recording to write (.mcap), a new file.")],
+    file: NewRecording,
     robot: RobotName,
     via: Via = "sim",
     duration: Duration = None,
     as_json: AsJson = False,
 ) -> None:
-    """Record what a robot senses, raw. Nothing is commanded, and no robot has to be armed.
+    """Record the raw sensor data of a robot. Nothing is commanded and the robot stays unarmed.
 
-    `tci run --record` records a behaviour too. Look with tci log; replay with --via replay:FILE.
+    To record a behaviour too, use tci run --record. Replay a recording with --via replay:FILE.
 
     Example:  tci record touch.mcap nao --duration 10
     """
@@ -73,7 +78,7 @@ def record(
 
 
 def told(recorder: Recorder, *, as_json: bool) -> None:
-    """Print what was written."""
+    """Prints the file that was written, its number of periods and its size, or why recording failed."""
     size = recorder.path.stat().st_size
     if as_json:
         print_json(summary(recorder))
@@ -86,7 +91,7 @@ def told(recorder: Recorder, *, as_json: bool) -> None:
 
 
 def summary(recorder: Recorder) -> dict[str, object]:
-    """The same as plain values."""
+    """Returns the facts that `told` prints, as JSON values."""
     return {
         "file": str(recorder.path),
         "periods": recorder.ticks,

@@ -21,7 +21,7 @@ PAPER = ("icub", "nao")
 
 
 def robots(as_json: AsJson = False) -> None:
-    """List the robots that TCI knows."""
+    """List the robots that have a description."""
     from rich.table import Table
 
     from tci.robot.catalogue import robot_names
@@ -31,7 +31,7 @@ def robots(as_json: AsJson = False) -> None:
         print_json({"robots": rows})
         return
     table = Table(
-        "robot", "what", "generic parts", "servos", "skin", "drivers", title="Robots", box=box.SIMPLE_HEAD
+        "name", "robot", "generic parts", "servos", "skin", "drivers", title="Robots", box=box.SIMPLE_HEAD
     )
     for row in rows:
         if "missing" in row:
@@ -46,7 +46,7 @@ def robots(as_json: AsJson = False) -> None:
                 ", ".join(row["drivers"]),
             )
     console.print(table)
-    console.print("Look at one with [bold]tci describe NAME[/]; add your own: docs/robot-description.md")
+    console.print("show one: [bold]tci describe NAME[/]; add your own: docs/robot-description.md")
 
 
 def _row(name: str) -> dict[str, Any]:
@@ -67,7 +67,7 @@ def _row(name: str) -> dict[str, Any]:
 
 
 def load_robots(names: Sequence[str]) -> list[Robot]:
-    """The robots asked for, or those of the paper that are installed."""
+    """Loads the robots of these names; without names those of the paper that are installed."""
     from tci.robot.catalogue import load_robot
 
     if names:
@@ -77,5 +77,5 @@ def load_robots(names: Sequence[str]) -> list[Robot]:
         try:
             robots.append(load_robot(name))
         except MissingExtraError as error:
-            typer.secho(f"without {name}: {error}", fg="yellow", err=True)
+            typer.secho(f"{name} is left out: {error}", fg="yellow", err=True)
     return robots

@@ -1,4 +1,4 @@
-"""`tci run`: a capability on a robot, with what gate and loop do told as it happens."""
+"""`tci run`: runs a capability on a robot and prints the events of gate and loop as they happen."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
     from tci.runtime.result import RunResult
 
 REHEARSAL = 1.5
-"""Least length [s] of a rehearsal: one poke and its answer."""
+"""Shortest run [s] with an injected fault: long enough for one poke and the response."""
 FLICKER = 0.4
-"""Counts by which simulated skin flickers in a rehearsal: most values stay, some change by one."""
+"""Noise [counts] of the simulated skin in a rehearsal: most rounded values stay, some change by one."""
 POKE_DELAY = 0.3
-"""Time [s] from the start to the finger's touch."""
+"""Time [s] from the start of the run to the finger's touch. The robot is at rest by then."""
 
 
 def run(
@@ -48,19 +48,23 @@ def run(
     via: Via = "sim",
     duration: Duration = None,
     arm: Arm = False,
-    poke: Annotated[bool, typer.Option("--poke", help="A simulated finger pokes the left forearm.")] = False,
+    poke: Annotated[
+        bool, typer.Option("--poke", help="Poke the left forearm with a simulated finger.")
+    ] = False,
     fault: Faults = None,
-    record: Annotated[Path | None, typer.Option(help="Record all of it to this new file (.mcap).")] = None,
+    record: Annotated[Path | None, typer.Option(help="Record the run to this new file (.mcap).")] = None,
     film: Annotated[
         Path | None,
-        typer.Option(help="Film a simulated robot, 3x slower: .gif, .webp, .png; .mp4 (extra: video)."),
+        typer.Option(
+            help="Film a simulated robot in slow motion (3x): .gif, .webp, .png; .mp4 needs the extra video."
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Run a capability on a robot, and tell what gate and loop do.
+    """Run a capability on a robot. Prints touches, commands, holds, refusals and clamps as they happen.
 
-    Exit status 1 when the robot had to stop, or when every command was refused. A real robot is read-only
-    without --arm.
+    A real robot is only read, unless you give --arm. Exit status 1 when the robot had to stop, or when every
+    command was refused.
 
     Example:  tci run withdrawal nao --duration 1 --poke --fault stall@0.32
 
@@ -94,12 +98,23 @@ def run_capability(
     as_json: bool = False,
     rehearsal: bool = False,
 ) -> None:
-    """Run, tell, and exit with status 1 when the gate has stopped or has refused every command.
+    """Runs a capability and prints its events. Exit status 1 after a stop, or if every command was refused.
 
-    A `rehearsal` is as long as its faults need, and the simulated skin flickers as a real one does.
+    Args:
+        name: Capability by name or MODULE:CLASS.
+        robot: Robot by name or description file.
+        via: Driver, NAME or NAME:ADDRESS.
+        duration: Time [s]; None runs until Ctrl-C.
+        arm: Allows a real robot to move.
+        poke: Pokes the left forearm with the simulated finger.
+        faults: Faults to inject, NAME@TIME or NAME@TIME:DURATION [s].
+        record: Recording to write.
+        film: Film to write.
+        as_json: Prints JSON instead of text.
+        rehearsal: Runs as long as the faults need, with noise on the simulated skin as on a real one.
 
-    Raises UnknownNameError, DriverError, CommandError for a fault's times or a poke that can't be, and what
-    the capability raises.
+    Raises UnknownNameError, DriverError, CommandError for invalid times of a fault or for a poke of a real
+    robot, and the errors of the capability.
     """
     from rich.live import Live
 
@@ -174,13 +189,13 @@ def run_capability(
                 teller.worst = GateState.STOP
                 teller.tell(now, "STOP", words, COLOURS[GateState.STOP])
             if result is not None and result.refused_all:
-                words = "every command was refused: the capability moved nothing"
+                words = "every command was refused, so the capability moved nothing"
                 teller.tell(driver.clock.now(), "refused", words, "bold red")
             if report.cut_short:
-                words = "the run has ended: motions that were not over were cut short by a hold"
+                words = "the run ended during a motion; a hold stopped it"
                 teller.tell(driver.clock.now(), "at rest", words, "dim")
             if heard.counts[OTHERS]:
-                teller.tell(driver.clock.now(), "NOTE", "further notes were left out", "yellow")
+                teller.tell(driver.clock.now(), "NOTE", "further notes are not shown", "yellow")
     if filmed is not None:
         filmed.save()
     counts = driver.gate.counts
@@ -210,11 +225,11 @@ def run_capability(
         if result is not None:
             console.print(result.summary, highlight=False, markup=False)
         console.print(
-            f"{report.ticks} periods, {report.overruns} overruns ({report.missed} missed); "
-            f"work p50 {report.work.quantile(0.5) * 1e3:.2f}, "
+            f"{report.ticks} periods, {report.overruns} overruns ({report.missed} periods missed); "
+            f"computing time p50 {report.work.quantile(0.5) * 1e3:.2f}, "
             f"p99.9 {report.work.quantile(0.999) * 1e3:.2f} ms; "
             f"gate: {counts.holds} holds, {counts.stops} stops, {counts.refusals} refusals; "
-            f"at the end [{COLOURS[driver.gate.state]}]{driver.gate.state.name}[/]",
+            f"state at the end: [{COLOURS[driver.gate.state]}]{driver.gate.state.name}[/]",
             highlight=False,
         )
         for line in _said(recorder, inner):
@@ -226,7 +241,7 @@ def run_capability(
 
 
 def _place(error: BaseException, capability: Capability[Any]) -> str:
-    """Where an error arose in the file that the capability is from; empty when it was elsewhere."""
+    """Returns the file and line of an error in the capability's own file; empty for an error elsewhere."""
     file = sys.modules[type(capability).__module__].__file__
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
     return f" ({Path(str(file)).name}, line {lines[-1]})" if lines else ""
@@ -234,7 +249,7 @@ def _place(error: BaseException, capability: Capability[Any]) -> str:
 
 @contextlib.contextmanager
 def quiet_rehearsals() -> Iterator[None]:
-    """A thread that fails on purpose leaves no traceback: what came of it is told."""
+    """Suppresses the traceback of a thread that an injected fault ends on purpose."""
     from tci.drivers.faults.injectors import THREAD
 
     usual = threading.excepthook
@@ -251,25 +266,25 @@ def quiet_rehearsals() -> Iterator[None]:
 
 
 def _said(recorder: Recorder | None, driver: Driver) -> list[str]:
-    """What is to be said of a recording made, and of one replayed."""
+    """Returns the lines to print about the recording that was written and the one that was replayed."""
     from tci.drivers.replay import ReplayDriver
 
     lines = []
     if recorder is not None:
-        end = f"[red]{escape(recorder.failed)}[/]" if recorder.failed else "closed"
+        end = f"[red]{escape(recorder.failed)}[/]" if recorder.failed else "complete"
         lines.append(f"recording {escape(str(recorder.path))}: {recorder.ticks} periods, {end}")
     if isinstance(driver, ReplayDriver):
-        same = "the same, bit for bit" if not driver.different else (
+        same = "all identical, bit for bit" if not driver.different else (
             f"[yellow]{len(driver.different)} differ, first at {driver.different[0]:.3f} s[/]")  # fmt: skip
-        same = same if driver.compared else "none was recorded"
-        lines.append(f"replay: {driver.compared} decisions compared: {same}")
+        same = same if driver.compared else "the recording has none"
+        lines.append(f"replay: {driver.compared} decisions of the gate compared: {same}")
         if driver.different and driver.changed:
-            lines.append(escape(f"recorded with other versions: {'; '.join(driver.changed)}"))
+            lines.append(escape(f"it was recorded with other versions: {'; '.join(driver.changed)}"))
     return lines
 
 
 def _film(driver: Driver, path: Path) -> Film:
-    """A film of a simulated arm. Raises CommandError for a real robot."""
+    """Begins a film of a simulated left arm. Raises CommandError for a real robot."""
     from tci.capabilities.fields import default_fields
     from tci.drivers.simulated import SimulatedDriver
     from tci.pictures.film import Film
@@ -280,7 +295,7 @@ def _film(driver: Driver, path: Path) -> Film:
 
 
 def poke_forearm(driver: Driver) -> None:
-    """Let the simulated finger poke the left forearm. Raises CommandError for a real robot."""
+    """Pokes the left forearm with the simulated finger. Raises CommandError for a real robot."""
     from tci.body.places import find_place
     from tci.capabilities.fields import default_fields
     from tci.drivers.simulated import SimulatedDriver

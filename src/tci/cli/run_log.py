@@ -23,24 +23,25 @@ from tci.runtime.loop_report import LoopReport
 
 COLOURS = {GateState.RUN: "green", GateState.HOLD: "yellow", GateState.STOP: "bold red"}
 MEANING = {
-    GateState.RUN: "commands pass, within limits; what was running before is forgotten",
-    GateState.HOLD: "the robot stops and keeps its position; clears by itself",
+    GateState.RUN: "commands pass, within limits; motions from before are not resumed",
+    GateState.HOLD: "the robot stops and keeps its position until the cause is gone",
     GateState.STOP: "the robot stops and stays stopped until an operator resets it",
 }
 LULL = 0.5
-"""A touch of a place that was touched less long ago [s] is not told again."""
+"""Time [s] that a place must be free of contact before its next touch is printed. Assumed: a hand that
+slides makes and breaks contact faster."""
 STILL = 1e-6
-"""Commanded speed [rad/s] that is only rounding."""
+"""Commanded speed [rad/s] below which a joint counts as at rest: rounding only."""
 
 
 class RunLog:
-    """Prints what changes, and keeps one line about now."""
+    """Prints each change as one line, and below them a line with the current state."""
 
     def __init__(self, driver: Driver, report: LoopReport, live: Live | None) -> None:
         self.events: list[dict[str, Any]] = []
-        """All that was told: time [s], kind and words."""
+        """All events that were printed: time [s], kind and text."""
         self.worst = GateState.RUN
-        """STOP once there was one, else HOLD once there was one."""
+        """Worst state so far: STOP before HOLD before RUN."""
         self.refused, self.clamped = ReasonCounter(), ReasonCounter()
         self._driver, self._report, self._live = driver, report, live
         self._state: tuple[GateState, Reason | None] = (GateState.RUN, None)
@@ -54,7 +55,7 @@ class RunLog:
         self._ended: float | None = None
 
     def see(self, tick: Tick) -> None:
-        """One tick of the loop."""
+        """Prints the changes of one tick of the loop."""
         self.tell_faults(tick.now)
         self._touches(tick)
         self._skin(tick)
@@ -62,14 +63,14 @@ class RunLog:
         now_state = (state, tick.sent.reason if state is GateState.STOP else None)
         if now_state != self._state:
             self._state = now_state
-            reason = tick.sent.reason or "all is well again"
+            reason = tick.sent.reason or "no fault any more"
             self.tell(tick.now, state.name, f"{reason} ({MEANING[state]})", COLOURS[state])
             self._ended = None if state is GateState.RUN else self._ended or tick.now
         if state is GateState.STOP or self.worst is GateState.RUN:
             self.worst = state
         if self._ended is not None and not (np.abs(tick.sent.velocity) > STILL).any():
             late = (tick.now - self._ended) * 1e3
-            self.tell(tick.now, "at rest", f"all servos were told to stand still within {late:.0f} ms", "dim")
+            self.tell(tick.now, "at rest", f"all servos are commanded to rest after {late:.0f} ms", "dim")
             self._ended = None
         self._judged(tick)
         for command in tick.commands:
@@ -79,7 +80,7 @@ class RunLog:
             self._live.update(self._line(tick))
 
     def tell_faults(self, now: float) -> None:
-        """Faults that began or ended since the last call."""
+        """Prints the faults that began or ended since the last call."""
         if not isinstance(self._driver, FaultInjector):
             return
         for plan in self._driver.begun[len(self._begun) :]:
@@ -92,13 +93,13 @@ class RunLog:
                 self.tell(now, "over", f"{plan.name} has ended", "magenta")
 
     def tell(self, now: float, kind: str, words: str, colour: str) -> None:
-        """One line that stays."""
+        """Prints one event as a line, and stores it."""
         self.events.append({"time_s": round(now, 4), "kind": kind, "words": words})
         if self._live is not None:
             console.print(_row(f"{now:8.3f} s", kind, words, colour))
 
     def outcome(self) -> list[dict[str, Any]]:
-        """Of each fault: when it began, what is expected, and what the gate did first after it."""
+        """Returns for each fault its begin [s], the expected reaction, and the first reaction of the gate."""
         told = []
         for begin, plan in self._begun:
             after = [event for event in self.events if event["time_s"] >= round(begin, 4)]
@@ -118,7 +119,7 @@ class RunLog:
         return told
 
     def conclude(self) -> None:
-        """One line for each fault with what came of it, and for each refusal and clamp that came again."""
+        """Prints one line for each repeated refusal or clamp, and for each fault with its outcome."""
         for kind, reasons in (("refused", self.refused), ("clamped", self.clamped)):
             for notice in reasons.notices():
                 if notice.count > 1:
@@ -131,11 +132,11 @@ class RunLog:
                 words = f"{one['answer']} {late} after {one['fault']}: {one['why']}"
             elif shows:
                 words = (
-                    f"{one['fault']}: nothing had to be done. It takes {shows:g} s until it can be known, of "
-                    f"skin that was felt for some seconds before, as with {one['fault']}@5"
+                    f"{one['fault']}: the gate did not react. It detects this fault {shows:g} s after its "
+                    f"begin, on skin that it has read for some seconds; try {one['fault']}@5"
                 )
             else:
-                words = f"{one['fault']}: the gate saw no reason to hold"
+                words = f"{one['fault']}: the gate had no reason to hold"
             console.print(_row("", "outcome", f"{words}; expected: {one['expected']}", "bold"))
 
     def _touches(self, tick: Tick) -> None:
@@ -155,8 +156,8 @@ class RunLog:
             if masked != self._masked.get(name, 0):
                 self._masked[name] = masked
                 count = own.stop - own.start
-                others = "no other is left" if masked == count else "the others are used"
-                words = f"{name}: {masked} of {count} taxels are not believed, {others}"
+                others = "none is left" if masked == count else "the others are used"
+                words = f"{name}: {masked} of {count} taxels are masked as faulty; {others}"
                 self.tell(tick.now, "MASK", words, "yellow")
 
     def _judged(self, tick: Tick) -> None:
@@ -185,7 +186,7 @@ class RunLog:
 
 
 def _row(time: str, kind: str, words: str, colour: str) -> RenderableType:
-    """Three columns; words that need more lines stay in theirs."""
+    """Lays out an event in three columns. Text that needs more than one line stays in its column."""
     table = Table.grid(padding=(0, 2, 0, 0))
     table.add_column(width=10, justify="right", no_wrap=True)
     table.add_column(width=7, no_wrap=True)

@@ -1,4 +1,4 @@
-"""`tci serve`: a robot shown to other programs, behind the gate of this process."""
+"""`tci serve`: offers a robot to other programs, behind the gate of this process."""
 
 from __future__ import annotations
 
@@ -18,13 +18,16 @@ def serve(
     robot: RobotName,
     via: Annotated[
         str,
-        typer.Option(help="How others reach it: NAME or NAME:ADDRESS.", autocompletion=completion.servers),
+        typer.Option(
+            help="Middleware by which others reach the robot: NAME or NAME:ADDRESS.",
+            autocompletion=completion.servers,
+        ),
     ],
     source: Annotated[
         str,
         typer.Option(
             "--from",
-            help="Driver to the robot itself, NAME or NAME:ADDRESS.",
+            help="Driver that reaches the robot itself, NAME or NAME:ADDRESS.",
             autocompletion=completion.drivers,
         ),
     ] = "sim",
@@ -32,9 +35,9 @@ def serve(
     duration: Duration = None,
     as_json: AsJson = False,
 ) -> None:
-    """Show a robot, real or simulated, to other programs. Gate and lease are those of this process.
+    """Offer a robot, real or simulated, to other programs. Their commands pass the gate of this process.
 
-    Exit status 1 when the robot had to stop.
+    A real robot is only read, unless you give --arm. Exit status 1 when the robot had to stop.
 
     Example:  tci serve nao --via zenoh
     """
@@ -89,7 +92,7 @@ def serve(
             highlight=False,
         )
         if left_out := told.counts[OTHERS]:
-            console.print(f"{left_out} lines of {OTHERS} were left out", highlight=False)
+            console.print(f"{left_out} further messages ({OTHERS}) are not shown", highlight=False)
     if state is GateState.STOP and report.ended == "done":
         status = 1
     if status:

@@ -1,4 +1,4 @@
-"""`tci skin`: real skins, from their calibration files."""
+"""`tci skin`: fits, checks, locates, calibrates and draws skins."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import typer
 from tci.cli import completion
 from tci.cli.options import AsJson, RobotName, Via
 
-app = typer.Typer(help="Look at skins: cones through them, and pictures.", no_args_is_help=True)
+app = typer.Typer(help="Skins: fit, check, locate, calibrate, draw.", no_args_is_help=True)
 
 
 @app.command()
@@ -18,23 +18,26 @@ def fit(
     skin: Annotated[
         str,
         typer.Argument(
-            help="Skin file (.txt as iCub's, .csv, .urdf), robot by name, or description.",
+            help="Skin file (.txt as iCub's, .csv, .urdf), name of a robot, or description file.",
             autocompletion=completion.robots,
         ),
     ],
     axis: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(help="Of a file: the kinematic axis, distally, in its frame. \\[default: 0 0 1]"),
+        typer.Option(
+            help="For a file: direction of the limb's axis towards the hand, in its frame. \\[default: 0 0 1]"
+        ),
     ] = None,
     origin: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(help="Of a file: a point on that axis \\[m], in its frame. \\[default: 0 0 0]"),
+        typer.Option(help="For a file: a point \\[m] on that axis, in its frame. \\[default: 0 0 0]"),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fit the paper's truncated cone to a skin, and say how far the taxels are from it.
+    """Fit the paper's truncated cone to a skin, and print the distances of the taxels from it.
 
-    The axis is kept, then may move sideways, then tilt as well. A robot's axes are those of its segments.
+    There are three fits: the axis is kept; it may move sideways; it may also tilt. The axes of a robot are
+    those of its segments.
 
     Example:  tci skin fit left_forearm.txt --axis 0.9659 0 0.2588
 
@@ -49,14 +52,15 @@ def fit(
 def check(
     robot: RobotName,
     file: Annotated[
-        Path | None, typer.Option(help="Skin file to check, in place of the robot's own skin.")
+        Path | None, typer.Option(help="Skin file to check instead of the robot's own skin.")
     ] = None,
-    link: Annotated[str | None, typer.Option(help="Link that the file's skin is on.")] = None,
+    link: Annotated[str | None, typer.Option(help="Link that carries the skin of the file.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Measure how far taxels are from the surface of their link, and find the correction for a wrong frame.
+    """Measure the distances of taxels from the surface of their link, and find the correction of a wrong
+    frame.
 
-    Exit status 1 when a skin is not where it should be.
+    Exit status 1 if a skin does not fit its link.
 
     Example:  tci skin check icub --file right_arm.txt --link r_upper_arm
     """
@@ -68,23 +72,23 @@ def check(
 @app.command()
 def locate(
     robot: RobotName,
-    patch: Annotated[str, typer.Option(help="Patch of its skin.")],
+    patch: Annotated[str, typer.Option(help="Patch of skin to locate.")],
     touches: Annotated[
         Path | None,
         typer.Option(
             help="Touches (.csv): x y z \\[m] and nx ny nz in the patch's link, then the raw frame."
         ),
     ] = None,
-    count: Annotated[int, typer.Option(min=3, max=100000, help="Touches, in simulation.")] = 200,
+    count: Annotated[int, typer.Option(min=3, max=100000, help="Number of touches, in simulation.")] = 200,
     wrong: Annotated[
-        float, typer.Option(min=0.0, max=0.1, help="Error \\[m] of the places before, in simulation.")
+        float, typer.Option(min=0.0, max=0.1, help="Error \\[m] of the initial positions, in simulation.")
     ] = 0.010,
-    out: Annotated[Path | None, typer.Option(help="Write the places found to this table (.csv).")] = None,
+    out: Annotated[Path | None, typer.Option(help="Table to write the positions to (.csv).")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find where taxels are, from touches at known places: spatial self-calibration.
+    """Find the positions of taxels from touches at known places (spatial self-calibration).
 
-    Without --touches a simulated probe touches a skin whose map is wrong, and the error is told.
+    Without --touches a simulated probe touches a skin with a wrong map, and the remaining error is printed.
 
     Example:  tci skin locate nao --patch left_forearm
     """
@@ -96,25 +100,27 @@ def locate(
 @app.command()
 def calibrate(
     robot: RobotName,
-    patch: Annotated[str, typer.Option(help="Skin patch to calibrate.")],
+    patch: Annotated[str, typer.Option(help="Patch of skin to calibrate.")],
     via: Via = "sim",
     weight: Annotated[
-        list[float] | None, typer.Option(help="A known load \\[N]; repeat for several, light ones first.")
+        list[float] | None, typer.Option(help="Known load \\[N]; repeat for several, light ones first.")
     ] = None,
     force_log: Annotated[
         Path | None,
-        typer.Option(help="Instead: a force sensor's stream, CSV with time,force on the driver's clock."),
+        typer.Option(
+            help="Instead of weights: readings of a force sensor, CSV with time,force on the driver's clock."
+        ),
     ] = None,
-    frames: Annotated[int, typer.Option(min=20, help="Frames to take at rest.")] = 200,
+    frames: Annotated[int, typer.Option(min=20, help="Number of frames to take at rest.")] = 200,
     out: Annotated[
-        Path | None, typer.Option(help="File to write. \\[default: beside the robot's description]")
+        Path | None, typer.Option(help="Calibration to write. \\[default: beside the robot's description]")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON and ask nothing.")] = False,
 ) -> None:
-    """Measure a patch's rest values and noise, and its response under known loads, step by step.
+    """Measure a patch's rest values and noise, and its response to known loads, step by step.
 
-    Without loads the description's response stays. A simulated robot is pressed by its finger. What was
-    found is stored beside the description, and used from then on.
+    Without loads the response in the description is kept. A simulated robot is pressed by the simulated
+    finger. The result is stored beside the description and used from then on.
 
     Example:  tci skin calibrate nao --patch left_forearm --weight 0.5 --weight 2 --out nao.skin.json
 
@@ -133,13 +139,13 @@ def show(
     skin: Annotated[
         str,
         typer.Argument(
-            help="Skin file, robot by name, or robot description.", autocompletion=completion.robots
+            help="Skin file, name of a robot, or description file.", autocompletion=completion.robots
         ),
     ],
-    out: Annotated[Path, typer.Option(help="The picture to write (.png).")] = Path("skin.png"),
+    out: Annotated[Path, typer.Option(help="Picture to write (.png).")] = Path("skin.png"),
     as_json: AsJson = False,
 ) -> None:
-    """Draw a skin unrolled, x along the limb and theta around it, each taxel with its channel's number.
+    """Draw an unrolled skin: x along the limb, theta around it, each taxel with the number of its channel.
 
     Example:  tci skin show left_forearm.txt --out forearm.png
     """

@@ -1,4 +1,5 @@
-"""`tci skin calibrate`: rest, noise and response of a patch, with somebody who puts weights on it."""
+"""`tci skin calibrate`: measures rest values, noise and response of a patch, with weights that a person puts
+on."""
 
 from __future__ import annotations
 
@@ -38,11 +39,13 @@ from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface, build_surface
 
 SILENCE = 5.0
-"""How long [s] a patch may send no frame. Ours."""
+"""Longest time [s] without a frame of the patch. Assumed: a person notices the end of the data by then."""
 SETTLE = 0.6
-"""How long [s] the simulated finger presses before frames are taken. Ours."""
+"""Time [s] that the simulated finger presses before frames are taken. Assumed: finger and arm are at rest
+then."""
 PLACES = 4
-"""Places that the simulated finger presses with each force. Ours."""
+"""Number of places that the simulated finger presses with each force. Assumed: averages over the taxels'
+grid."""
 
 
 def calibrate_patch(
@@ -56,21 +59,27 @@ def calibrate_patch(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Measure, write the calibration and say how good it is. Raises TciError for what can't be."""
+    """Measures a patch, writes its calibration, and prints the remaining errors. Options as in `tci skin`.
+
+    Raises CommandError for options that exclude each other, UnknownNameError for a patch, DriverError without
+    frames, TciError for a file that can't be read or written.
+    """
     robot = load_robot(robot_name)
     words = robot.patch(patch)
     if weights and force_log is not None:
-        raise CommandError("loads come from weights or from a force sensor; valid: --weight or --force-log")
+        raise CommandError("--weight and --force-log exclude each other; valid: one of them")
     for weight in weights:
         if not 0.0 < weight < np.inf:
-            raise CommandError(f"a weight of {weight} N; valid: above 0 and finite")
+            raise CommandError(f"--weight {weight} N; valid: above 0 and finite")
     stream = read_force_log(force_log) if force_log is not None else None
     if stream is not None and not via.startswith("replay:"):
-        raise CommandError("--force-log is of a robot that was recorded meanwhile; valid: --via replay:FILE")
+        raise CommandError(
+            "--force-log needs a recording of the robot made at the same time; valid: --via replay:FILE"
+        )
     surface = build_surface(robot, words, KinematicChain(robot))
     target = out or calibration_path(Path(robot.source))
     if not os.access(target if target.exists() else target.absolute().parent, os.W_OK):
-        raise CommandError(f"{target} can't be written; valid: --out FILE in a folder where you may")
+        raise CommandError(f"{target} can't be written; valid: --out FILE in a folder that you may write to")
     before = read_calibration(target) if target.is_file() else None
     with connect(robot, via, arm=False) as driver:
         session = _Session(driver, patch, normal_channels(words, surface), quiet=as_json)
@@ -78,7 +87,7 @@ def calibrate_patch(
             driver.world.finger.retire()
         loads: Sequence[Load]
         if stream is None:
-            session.ask("Nothing may touch the skin now.")
+            session.ask("Take everything off the skin.")
             _, rest = session.take(frames, "at rest")
             loads = list(_pressed(session, surface, weights))
         else:
@@ -97,7 +106,7 @@ def calibrate_patch(
 
 
 class _Session:
-    """Frames of one patch from a driver, and questions to who stands beside the robot."""
+    """Takes frames of one patch from a driver, and asks the person beside the robot."""
 
     def __init__(self, driver: Driver, patch: str, channels: NDArray[np.intp], *, quiet: bool) -> None:
         self.driver = driver
@@ -107,15 +116,19 @@ class _Session:
         self._sequence = -1
 
     def ask(self, words: str) -> None:
-        """Wait for Enter; a simulation and programs need no question."""
+        """Prints a request and waits for Enter; not for a simulated robot, and not for programs.
+
+        Raises CommandError without a terminal.
+        """
         if self._quiet or isinstance(self.driver, SimulatedDriver):
             return
         if not sys.stdin.isatty():
-            raise CommandError("nobody can press Enter here; valid: a terminal, --json, or --force-log")
-        console.input(f"{words} [dim]Enter when ready[/] ")
+            raise CommandError("no terminal to press Enter in; valid: a terminal, --json, or --force-log")
+        console.input(f"{words} [dim]Press Enter when ready.[/] ")
 
     def take(self, count: int, what: str) -> tuple[Array, Array]:
-        """Stamps (count,) [s] and raw values (count, taxels) of the next frames."""
+        """Returns stamps (count,) [s] and raw values (count, taxels) of the next frames. Raises
+        DriverError."""
         stamps, values = [], []
         with Progress(
             console=console, transient=True, disable=self._quiet or not console.is_terminal
@@ -127,13 +140,15 @@ class _Session:
                 progress.advance(task)
                 if len(values) == count:
                     return np.array(stamps), np.array(values)
-        raise DriverError(f"{self.patch}: {len(values)} frames {what}; {count} are needed")
+        raise DriverError(
+            f"{self.patch}: the data ended after {len(values)} frames {what}; valid: {count} frames"
+        )
 
     def take_all(self) -> tuple[Array, Array]:
-        """All that the driver has, to the end of a recording."""
+        """Returns stamps (n,) [s] and raw values (n, taxels) of all frames, to the end of the recording."""
         found = list(self._frames())
         if not found:
-            raise DriverError(f"{self.patch}: no frame in the recording")
+            raise DriverError(f"{self.patch}: the recording has no frame of it; valid: a recorded patch")
         stamps, values = zip(*found, strict=True)
         return np.array(stamps), np.array(values)
 
@@ -146,11 +161,14 @@ class _Session:
                 self._sequence, last = frame.sequence, now
                 yield frame.stamp, frame.values[self._channels].astype(np.float64)
             elif now - last > SILENCE:
-                raise DriverError(f"{self.patch} has sent no frame for {SILENCE:g} s")
+                raise DriverError(
+                    f"{self.patch}: no frame for {SILENCE:g} s; see tci doctor {self.driver.robot.name}"
+                )
 
 
 def _pressed(session: _Session, surface: Surface, weights: Sequence[float]) -> Iterator[Load]:
-    """Loads of known force, one after the other: a person's weights, or the simulated finger."""
+    """Yields loads of known force, one after the other: weights put on by a person, or the simulated
+    finger."""
     driver = session.driver
     generator = np.random.default_rng(0)
     for weight in weights:
@@ -166,7 +184,7 @@ def _pressed(session: _Session, surface: Surface, weights: Sequence[float]) -> I
             try:
                 finger.poke(session.patch, int(taxel), speed=0.1, depth=weight / STIFFNESS)
             except TciError:
-                continue  # no room for the finger there
+                continue  # the finger has no room there
             driver.world.advance(driver.clock.now() + SETTLE)
             felt = session.take(10, f"under {weight:g} N")[1]
             yield Load(driver.world.contact_truth(session.patch).force, felt)
@@ -177,7 +195,7 @@ def _pressed(session: _Session, surface: Surface, weights: Sequence[float]) -> I
 
 
 def read_force_log(path: Path) -> tuple[Array, Array]:
-    """Stamps (n,) [s] and forces (n,) [N] of a CSV file `time,force`, on the driver's clock.
+    """Reads stamps (n,) [s] and forces (n,) [N] from a CSV file `time,force`, on the driver's clock.
 
     Raises TciError with the line of the fault.
     """
@@ -187,7 +205,7 @@ def read_force_log(path: Path) -> tuple[Array, Array]:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise TciError(f"{path} can't be read: {error}") from None
     if not rows or [cell.strip().lower() for cell in rows[0]] != ["time", "force"]:
-        raise TciError(f"{path}: line 1; valid: the header time,force, in s and N")
+        raise TciError(f"{path}: line 1; valid: the header time,force (in s and N)")
     values: list[tuple[float, float]] = []
     for line, row in enumerate(rows[1:], start=2):
         try:
@@ -197,16 +215,17 @@ def read_force_log(path: Path) -> tuple[Array, Array]:
                 f"{path}: line {line}: {row}; valid: two numbers, time [s] and force [N]"
             ) from None
         if values and time <= values[-1][0]:
-            raise TciError(f"{path}: line {line}: {row}; valid: finite numbers, times that rise")
+            raise TciError(f"{path}: line {line}: {row}; valid: a time later than that of the line before")
         values.append((time, force))
     if len(values) < 2:
-        raise TciError(f"{path}: {len(values)} rows; valid: 2 or more")
+        raise TciError(f"{path}: {len(values)} rows of numbers; valid: 2 or more")
     stamps, forces = np.array(values).T
     return stamps, forces
 
 
 def _row(sensor: Any, areas: Array, found: PatchCalibration, load: Load) -> dict[str, float]:
-    """A load, and the force that description and calibration make of it."""
+    """Returns the force [N] of a load, and that measured with the description's and the calibrated
+    response."""
     counts = np.sign(sensor.pascal_per_count) * (load.values - np.array(found.rest))
     counts = np.where(counts > 3.0 * np.array(found.noise), counts, 0.0)
     after = sensor.model_copy(update={"response": found.response})
@@ -218,7 +237,8 @@ def _table(patch: str, found: PatchCalibration, rows: list[dict[str, float]]) ->
     noise = float(np.median(found.noise))
     table = Table(
         title=f"{patch}: {len(found.rest)} taxels, median noise {noise:.2f} counts",
-        caption="force on the skin, and what it felt with the description's response and the calibrated one",
+        caption="load: force on the skin; before, after: force measured with the response of the description "
+        "and with the calibrated response",
         box=box.SIMPLE_HEAD,
     )
     for column in ("load [N]", "before [N]", "after [N]", "error [%]"):

@@ -1,4 +1,4 @@
-"""`tci skin check`: does a skin lie on its link?"""
+"""`tci skin check`: compares the positions of taxels with the mesh of their link."""
 
 from __future__ import annotations
 
@@ -22,10 +22,13 @@ from tci.skin.surfaces import build_surface
 
 
 def check(name: str, file: Path | None, link: str | None, *, as_json: bool) -> None:
-    """Check one file on one link, or every patch of a robot. Raises CommandError for half of that."""
+    """Checks one skin file on one link, or every patch of a robot, and prints the distances.
+
+    Raises CommandError for a file without a link, or a link without a file. Exit status 1 if a skin is wrong.
+    """
     robot = load_robot(name)
     if (file is None) != (link is None):
-        raise CommandError("a file needs a link, and a link a file; valid: --file FILE --link LINK")
+        raise CommandError("--file and --link need each other; valid: --file FILE --link LINK")
     rows: list[dict[str, Any]] = []
     skins = _patches(robot) if file is None or link is None else [(file.name, link, _taxels(file))]
     with console.status("comparing taxels with meshes"):
@@ -78,7 +81,7 @@ def _facts(found: Registration) -> dict[str, Any]:
 def _table(robot: Robot, rows: list[dict[str, Any]]) -> Table:
     table = Table(
         title=f"taxels of {robot.name} against the meshes of their links",
-        caption="mm; corrected: after the best rigid correction that was found",
+        caption="distances in mm; corrected: mean after the best rigid correction",
         box=box.SIMPLE_HEAD,
     )
     for column in ("skin", "link", "taxels", "mean", "max", "corrected", "verdict"):
@@ -94,7 +97,7 @@ def _table(robot: Robot, rows: list[dict[str, Any]]) -> Table:
 
 
 def _advise(row: dict[str, Any]) -> None:
-    """What to do about a skin that is not where it should be."""
+    """Prints the correction of a skin in a wrong frame, or the reason why there is none."""
     if row["verdict"] == "not checked":
         console.print(f"{row['skin']}: {row['reason']}", style="yellow", highlight=False, markup=False)
     elif row["verdict"] == "wrong" and row["correction"]["mends"]:
@@ -102,13 +105,14 @@ def _advise(row: dict[str, Any]) -> None:
         xyz = " ".join(f"{value:.4f}" for value in correction["xyz_m"])
         rpy = " ".join(f"{value:.2f}" for value in correction["rpy_deg"])
         console.print(
-            f"{row['skin']} is in another frame. This puts it {correction['mean_mm']:.2f} mm off:\n"
+            f"{row['skin']} is in a wrong frame. This correction leaves a mean distance of "
+            f"{correction['mean_mm']:.2f} mm:\n"
             f'  <table file="..." format="icub" xyz="{xyz}" rpy="{rpy}" type="deg"/>\n'
-            "  Look at it before you trust it: round limbs allow more than one.",
+            "  Look at the result before you use it (tci view): round limbs allow more than one correction.",
             highlight=False, markup=False, soft_wrap=True,
         )  # fmt: skip
     elif row["verdict"] == "wrong":
         console.print(
-            f"{row['skin']}: no rigid correction puts it on {row['link']}; another link, or robot?",
+            f"{row['skin']}: no rigid correction puts it on {row['link']}; check the link and the robot",
             highlight=False, markup=False,
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""`tci skin fit`: the paper's truncated cone through any skin."""
+"""`tci skin fit`: fits the paper's truncated cone to a skin."""
 
 from __future__ import annotations
 
@@ -27,7 +27,11 @@ Skin = tuple[str, int, Array, Array, Array]
 
 
 def fit(skin: str, axis: ArrayLike | None, origin: ArrayLike | None, *, as_json: bool) -> None:
-    """Fit the cones of one file, or of every patch of a robot that is on a limb. Raises TciError."""
+    """Fits cones to one skin file, or to every patch on a limb of a robot, and prints them.
+
+    `axis` (3,) and `origin` (3,) [m] belong to a file. Raises CommandError for an axis of a robot, TciError
+    for a robot without skin on limbs.
+    """
     told = [_fits(one) for one in _skins(skin, axis, origin)]
     if as_json:
         print_json({"file": skin, **told[0]} if Path(skin).is_file() and len(told) == 1 else {"skins": told})
@@ -49,11 +53,11 @@ def _skins(skin: str, axis: ArrayLike | None, origin: ArrayLike | None) -> Itera
         return
     robot = load_robot(skin)
     if axis is not None or origin is not None:
-        raise CommandError("a robot's axes are known; valid: --axis and --origin with a skin file")
+        raise CommandError("--axis and --origin are for skin files only; valid: without them for a robot")
     kinematics = KinematicChain(robot)
     limbs = [patch for patch in robot.patches if robot.limb_segment(patch)]
     if not limbs:
-        raise TciError(f"{robot.name} has no skin on a limb")
+        raise TciError(f"{robot.name} has no skin on a limb to fit a cone to; valid: a skin file")
     for patch in limbs:
         surface = build_surface(robot, patch, kinematics)
         yield patch.name, patch.channels, surface.positions, *limb_axis(robot, surface, kinematics)
@@ -86,7 +90,7 @@ def _fits(skin: Skin) -> dict[str, Any]:
 
 
 def _table(rows: list[dict[str, Any]]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, caption="mm; tilt in degrees against the axis that was given")
+    table = Table(box=box.SIMPLE_HEAD, caption="mm; tilt: degrees from the given axis")
     for column in ("axis", "length", "r1", "r2", "rms", "max", "tilt"):
         table.add_column(column, justify="left" if column == "axis" else "right")
     for row in rows:

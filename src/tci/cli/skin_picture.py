@@ -21,22 +21,22 @@ from tci.skin.surfaces import build_surface
 
 @dataclass(frozen=True)
 class Map:
-    """One skin on paper."""
+    """Unrolled map of one skin."""
 
     title: str
     channels: NDArray[np.intp]
-    """Number (n,) of each taxel in the raw frame."""
+    """Channel (n,) of each taxel in the raw frame."""
     across: Array
-    """Place (n,) on the paper: x [mm] along the limb."""
+    """Horizontal coordinate (n,): x [mm] along the limb."""
     up: Array
-    """Place (n,) on the paper: theta [deg] around it, or y [mm] for a flat skin."""
+    """Vertical coordinate (n,): theta [deg] around the limb, or y [mm] for a flat skin."""
     flat: bool
     depth: Array
     """Distance (n,) [mm] from the limb's axis; zero for a flat skin."""
 
 
 def maps(skin: str) -> list[Map]:
-    """The maps of a calibration file, or of every patch of a robot. Raises TciError."""
+    """Returns the map of a skin file, or of every patch of a robot. Raises TciError."""
     path = Path(skin)
     if path.is_file() and path.suffix != ".xml":
         file = read_layout(path)
@@ -44,7 +44,9 @@ def maps(skin: str) -> list[Map]:
         return [_map(f"{path.name} ({file.name})", file.taxels, positions, best_cone(positions))]
     robot = load_robot(skin)
     if not robot.patches:
-        raise TciError(f"{robot.name} has no skin to show")
+        raise TciError(
+            f"{robot.name} has no skin to show; valid: a robot with skin (tci robots), or a skin file"
+        )
     kinematics = KinematicChain(robot)
     result = []
     for patch in robot.patches:
@@ -65,7 +67,7 @@ def _map(title: str, channels: NDArray[np.intp], positions: Array, cone: ConeFit
 
 
 def draw(found: list[Map], out: Path) -> None:
-    """Write one picture with a map for each skin. Raises TciError when it can't be written."""
+    """Writes one picture with a map for each skin. Raises TciError if the file can't be written."""
     figure = Figure(figsize=(14.0, 8.0 * len(found)), dpi=110, layout="constrained")
     for axes, one in zip(figure.subplots(len(found), 1, squeeze=False)[:, 0], found, strict=True):
         dots = axes.scatter(one.across, one.up, c=one.depth, s=190, cmap="viridis", alpha=0.45, linewidths=0)

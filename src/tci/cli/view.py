@@ -1,4 +1,4 @@
-"""`tci view`: robots in the browser."""
+"""`tci view`: shows robots in the browser."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 REPLAY = "replay:"
 SIMULATED = {"step": 0.002, "rate": 100.0}
-"""Physics step [s] and control rate [Hz] of robots that are simulated to be looked at: the rate is that of
-their skins."""
+"""Physics step [s] and control rate [Hz] of simulated robots in the viewer. The rate is that of NAO's skin,
+the faster of the paper's two: no frame is lost, and a faster loop would only take time from drawing."""
 
 
 def needs_viewer() -> None:
@@ -40,7 +40,7 @@ def view(
     via: Annotated[
         list[str] | None,
         typer.Option(
-            help="Driver, NAME or NAME:ADDRESS: one for all robots, or one for each. \\[default: sim]",
+            help="Driver, NAME or NAME:ADDRESS; give one for all robots or one for each. \\[default: sim]",
             autocompletion=completion.drivers,
         ),
     ] = None,
@@ -48,22 +48,22 @@ def view(
         str,
         typer.Option(
             "--run",
-            help="Capability that runs on every robot, by name or MODULE:CLASS.",
+            help="Capability to run on every robot: a name or MODULE:CLASS.",
             autocompletion=completion.capabilities,
         ),
     ] = "withdrawal",
     arm: Arm = False,
     host: Annotated[
-        str, typer.Option(help="Address to listen on; off this machine a token is asked for.")
+        str, typer.Option(help="Address to listen on. Browsers on other machines need the token.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 takes a free one.")] = 8080,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 chooses a free one.")] = 8080,
     out: Annotated[Path, typer.Option(help="Folder for recordings.")] = Path("recordings"),
     duration: Duration = None,
     headless: Annotated[bool, typer.Option("--headless", help="Do not open the browser.")] = False,
 ) -> None:
-    """Show robots in the browser, side by side: poke their skin, move their arms, make faults happen, record.
+    """Show robots in the browser, side by side: poke their skin, move their arms, inject faults, record.
 
-    Needs the extra `viewer`. A real robot is read-only without --arm.
+    Needs the extra viewer. A real robot is only read, unless you give --arm.
 
     Example:  tci view nao icub
 
@@ -97,7 +97,7 @@ def view(
 
 
 def _sources(names: Sequence[str], vias: Sequence[str], capability: str, *, arm: bool) -> list[Source]:
-    """A session for each robot, a player for each recording."""
+    """Creates a session for each robot and a player for each recording."""
     from tci.cli.record import about_capability
     from tci.cli.robots import load_robots
     from tci.drivers.registry import HARMLESS, connect
@@ -124,7 +124,7 @@ def _sources(names: Sequence[str], vias: Sequence[str], capability: str, *, arm:
 
 
 def _player(file: str, robot: str | None) -> Player:
-    """A recording, felt again. Raises RecordingError, also for one without a robot."""
+    """Opens a recording and computes its perceptions. Raises RecordingError, also if its robot is unknown."""
     from rich.progress import Progress
 
     from tci.recording.perceived import recorded_robot
@@ -134,16 +134,21 @@ def _player(file: str, robot: str | None) -> Player:
     recording = Recording(file)
     found = recorded_robot(recording, robot)
     if found is None:
-        raise RecordingError(f"{file} has no robot to show; look at its raw frames with tci log export")
+        raise RecordingError(
+            f"{file} does not name its robot; valid: tci view ROBOT --via replay:{file}; its raw frames: "
+            "tci log export"
+        )
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(f"reading {file}", total=None)
         return Player(recording, found, progress=lambda now: progress.advance(task))
 
 
 def _one_each(vias: Sequence[str], robots: int) -> list[str]:
-    """A via for each robot."""
+    """Returns one `via` for each robot. Raises CommandError unless there is one for all or one for each."""
     if len(vias) == 1:
         return list(vias) * robots
     if len(vias) != robots:
-        raise CommandError(f"{robots} robots and {len(vias)} --via; valid: one, or one for each robot")
+        raise CommandError(
+            f"{len(vias)} --via for {robots} robots; valid: one for all robots, or one for each"
+        )
     return list(vias)

@@ -1,4 +1,4 @@
-"""`tci zenoh`: secure configuration files, and a router between networks."""
+"""`tci zenoh`: writes configuration files for secure networks and runs a router between networks."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ Users = Annotated[list[str] | None, typer.Option(help="NAME=ROBOT or NAME=ROBOT,
 def secure(
     folder: Annotated[Path, typer.Argument(help="A new folder for the files.")],
     robot: Annotated[list[str], typer.Argument(help="Names of the robots on the network.")],
-    endpoint: Annotated[str, typer.Option(help="The router as all others reach it: tls/HOST:PORT.")],
+    endpoint: Annotated[str, typer.Option(help="Address at which others reach the router: tls/HOST:PORT.")],
     commander: Users = None,
     watcher: Users = None,
     as_json: AsJson = False,
 ) -> None:
-    """Make certificates, passwords and configuration files: who may command, or only see, which robot.
+    """Write certificates, passwords and configuration files: who may command or only read which robot.
 
     Example:  tci zenoh secure keys kitchen --endpoint tls/10.0.0.1:7447 --commander reflex=kitchen
     """
@@ -47,7 +47,7 @@ def secure(
     console.print(
         f"start the router:  tci zenoh router {files[0]}\n"
         f"serve a robot:     tci serve nao --via zenoh:{robot[0]}@{files[1]}\n"
-        "Copy to each machine only its own file, ca.pem and its two .pem files, to the same path.",
+        "copy to each machine only its own file, ca.pem and its own two .pem files, to the same path",
         highlight=False, markup=False,
     )  # fmt: skip
 
@@ -56,7 +56,7 @@ def secure(
 def router(
     file: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="Configuration file of Zenoh.")],
 ) -> None:
-    """Run a router until interrupted, as zenohd does, for machines without it."""
+    """Run a router until Ctrl-C. It does the work of zenohd, for machines that have no zenohd."""
     _needs_zenoh()
     from tci.drivers.remote.address import RemoteAddress
     from tci.drivers.zenoh.session import close_session, open_session
@@ -72,7 +72,7 @@ def _users(told: Sequence[str] | None) -> dict[str, list[str]]:
     for text in told or ():
         name, equals, robots = text.partition("=")
         if not equals or not robots:
-            raise DriverError(f"{text!r}; valid: NAME=ROBOT or NAME=ROBOT,ROBOT")
+            raise DriverError(f"user {text!r}; valid: NAME=ROBOT or NAME=ROBOT,ROBOT")
         users[name] = robots.split(",")
     return users
 

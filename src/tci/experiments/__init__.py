@@ -1,5 +1,5 @@
-"""The experiments whose figures `tci demo` and `tci check` print.
+"""The experiments whose results `tci demo` and `tci check` print.
 
-Each pokes simulated robots at known places, with and without a reflex, and measures what came of it. The
-checker judges every sent command by the description alone and shares nothing with the gate.
+Each pokes simulated robots at known places, with and without a reflex, and measures their response. The
+`checker` compares every command sent with the limits of the description and shares no code with the gate.
 """

@@ -1,4 +1,4 @@
-"""Pokes of head, torso, hands and legs: what `experiment` is for arms."""
+"""Pokes of head, torso, hands and legs, as `experiment` pokes arms."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from tci.simulation.world import World
 
 
 def answerable(body: GenericBody, field: BodyField) -> list[str]:
-    """The parts of a robot that can answer in a field: with skin there, and a joint for the motion."""
+    """Returns the parts of a robot that can respond in a field: with skin there, and a joint for the
+    motion."""
     found = []
     for part in body.robot.parts:
         if part.kind != field.kind or not (np.array(field.motion) * body.has_joint(part.name)).any():
@@ -32,7 +33,7 @@ def answerable(body: GenericBody, field: BodyField) -> list[str]:
 
 
 def deaf(reflex: BodyWithdrawal) -> BodyWithdrawal:
-    """The same with fields that feel no force below 1 MN."""
+    """Returns the reflex with thresholds of 1 MN, which no touch reaches: the part holds its posture."""
     force = reflex.fields.force.model_copy(update={"threshold_n": 1e6, "saturation_n": 2e6})
     return replace(reflex, fields=reflex.fields.model_copy(update={"force": force}))
 
@@ -40,7 +41,11 @@ def deaf(reflex: BodyWithdrawal) -> BodyWithdrawal:
 def body_trials_of(
     robot: Robot, reflex: BodyWithdrawal, *, stimulus: Stimulus | None = None, seed: int = 0
 ) -> Iterator[Trial]:
-    """Poke the centre of every field that a part of the robot can answer in, with the reflex and without."""
+    """Pokes the centre of every field in which a part of the robot can respond, with the reflex and without.
+
+    Yields one trial for each field and part. `stimulus` is the motion of the finger, by default `Stimulus()`;
+    `seed` is that of the first trial, and each further trial adds 1. Raises what `poke_place` raises.
+    """
     world, body = World(robot, seed=seed), GenericBody(robot)
     stimulus = stimulus or Stimulus()
     for field in reflex.fields.field:

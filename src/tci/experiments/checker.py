@@ -1,6 +1,6 @@
-"""The second pair of eyes: what was sent and what the physics did, against the description.
+"""Independent check of the commands that were sent, and of the simulated motion, against the description.
 
-Nothing here is shared with the gate; it reads the limits from the description by itself.
+It shares no code with the gate and reads the limits from the description itself.
 """
 
 from __future__ import annotations
@@ -15,21 +15,26 @@ from tci.messages import Mode
 from tci.robot.description import Coupling, Robot, Servo
 
 COMMAND_TOLERANCE = 1e-6
-"""Relative: rounding of the differences below."""
+"""Relative tolerance of limits: rounding error of the finite differences below."""
 HELD = 1e-9
-"""Change of a position [rad] that is only rounding."""
+"""Change [rad] of a position that is only rounding error."""
 STOP_TOLERANCE = float(np.deg2rad(0.1))
-"""How far [rad] a joint of the physics may press into its end stop, which is soft there."""
+"""Angle [rad] by which a simulated joint may exceed its end stop, since MuJoCo's stops are soft."""
 
 
 def command_violations(
     robot: Robot, sent: Sequence[SafeCommand], measured: Sequence[Array], period: float
 ) -> list[str]:
-    """Limits that the commands break, one sentence per servo and limit.
+    """Returns the limits that the commands violate, one sentence per servo and limit.
 
-    `sent` is all that was written, one command per `period` [s], `measured` the joint angles
-    (servos,) [rad] at each of them. Velocity, acceleration and jerk are differences of successive
-    positions; before its first command a servo is taken to rest where it was measured.
+    Args:
+        robot: Description with the limits.
+        sent: All commands that were written, one per period.
+        measured: Joint angles (n_servos,) [rad] at each of them.
+        period: Period [s] of the commands.
+
+    Velocity, acceleration and jerk are finite differences of successive positions. Before its first command a
+    servo counts as at rest at its measured angle.
     """
     series: dict[int, list[float]] = {}
     for command, here in zip(sent, measured, strict=True):
@@ -57,30 +62,30 @@ def _servo_faults(servo: Servo, angles: Array, period: float) -> list[str]:
     faults = []
     for name, values, lower, upper in derivatives:
         if lower is None or upper is None:
-            faults.append(f"{servo.name}: commanded, but its limit of {name} is not known")
+            faults.append(f"{servo.name}: commanded, although its limit of {name} is unknown")
         elif not np.all(np.isfinite(values) & (values >= lower) & (values <= upper)):
             worst = values[np.argmax(np.maximum(values - upper, lower - values))]
-            faults.append(f"{servo.name}: {name} {worst:.6g} sent, allowed {lower:.6g} .. {upper:.6g}")
+            faults.append(f"{servo.name}: {name} {worst:.6g} sent; valid: {lower:.6g} to {upper:.6g}")
     return faults
 
 
 def _coupling_faults(coupling: Coupling, sent: Sequence[SafeCommand], measured: Sequence[Array]) -> list[str]:
-    """The first time that the commands leave a coupling; a servo without command is where it is measured."""
+    """Returns the first violation of a coupling; a servo without command counts with its measured angle."""
     for command, here in zip(sent, measured, strict=True):
         angles = here.copy()
         angles[command.servos] = command.position
         value = float(angles[list(coupling.servos)] @ np.array(coupling.coefficients))
         if not coupling.lower - COMMAND_TOLERANCE <= value <= coupling.upper + COMMAND_TOLERANCE:
-            bounds = f"{coupling.lower:.6g} .. {coupling.upper:.6g}"
-            return [f"{coupling.name}: {value:.6g} sent, allowed {bounds}"]
+            bounds = f"{coupling.lower:.6g} to {coupling.upper:.6g}"
+            return [f"coupling {coupling.name}: {value:.6g} sent; valid: {bounds}"]
     return []
 
 
 def stray_servos(robot: Robot, part: str, sent: Sequence[SafeCommand]) -> list[str]:
-    """Servos that were moved although the generic `part` does not map them.
+    """Returns the servos that were moved although the generic `part` does not map to them, one sentence each.
 
-    In position mode nothing at all may be sent to them. In another mode, to which both arms are
-    switched, they may be held.
+    In position mode no command may be sent to them. In other modes, to which both arms are switched, they may
+    be held.
     """
     mapped = {servo.servo for servo in robot.part(part).servos}
     first: dict[int, float] = {}
@@ -90,11 +95,16 @@ def stray_servos(robot: Robot, part: str, sent: Sequence[SafeCommand]) -> list[s
             held = mode is not Mode.POSITION and abs(angle - first.setdefault(servo, angle)) <= HELD
             if servo not in mapped and not held:
                 stray.add(servo)
-    return [f"{robot.servos[index].name}: commanded, but {part} does not map it" for index in sorted(stray)]
+    return [
+        f"{robot.servos[index].name}: commanded, although it is no servo of {part}" for index in sorted(stray)
+    ]
 
 
 def physics_violations(robot: Robot, positions: Array, velocities: Array) -> list[str]:
-    """Limits that the simulated joints break: `positions` and `velocities` (samples, servos)."""
+    """Returns the limits that the simulated joints violate, one sentence each.
+
+    `positions` [rad] and `velocities` [rad/s] have the shape (samples, n_servos).
+    """
     faults = []
     for servo in robot.servos:
         limits = servo.limits
@@ -102,7 +112,9 @@ def physics_violations(robot: Robot, positions: Array, velocities: Array) -> lis
         if limits.lower is not None and limits.upper is not None:
             outside = np.maximum(angles - limits.upper, limits.lower - angles).max()
             if not outside <= STOP_TOLERANCE:
-                faults.append(f"{servo.name}: {np.rad2deg(outside):.2f} degrees outside its limits")
+                faults.append(f"{servo.name}: moved {np.rad2deg(outside):.2f} degrees beyond its limits")
         if limits.velocity is not None and not speeds.max() <= limits.velocity:
-            faults.append(f"{servo.name}: {speeds.max():.3f} rad/s, allowed {limits.velocity:.3f}")
+            faults.append(
+                f"{servo.name}: moved at {speeds.max():.3f} rad/s; valid: at most {limits.velocity:.3f}"
+            )
     return faults

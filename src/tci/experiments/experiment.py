@@ -1,4 +1,4 @@
-"""All trials of the demo: every robot, side and site; then the same stimulus on all robots."""
+"""The trials of the demo: every robot, side and site; then one stimulus on all robots."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ SIDES = ("left", "right")
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What `report.json` holds."""
+    """Contents of `report.json`."""
 
     trials: tuple[Trial, ...]
     same_stimulus: SameStimulus
 
     def to_json(self) -> dict[str, Any]:
-        """As a dictionary of plain values."""
+        """Returns the report as JSON values."""
         return asdict(self)
 
 
 def trials_of(
     robot: Robot, reflex: WithdrawalReflex, *, stimulus: Stimulus, seed: int, via: str | None = None
 ) -> Iterator[Trial]:
-    """Poke the centre of every field of `reflex`, on both arms of one robot, with the reflex and without.
+    """Pokes the centre of every field of `reflex`, on both arms of one robot, with the reflex and without.
 
-    Without it the arms are in the same control mode and hold their posture. With `via` the reflex, which
-    must have its usual fields, is in another process that reaches the robot through that middleware.
+    Without the reflex the arms hold their posture in the same control mode. With `via` the reflex runs in
+    another process, which reaches the robot through that middleware; it must then have its default fields.
     """
     nothing = replace(reflex, fields=())
     world = World(robot, seed=seed)
@@ -58,9 +58,15 @@ def run_experiment(
     via: str | None = None,
     progress: Callable[[Trial], None] = lambda trial: None,
 ) -> Report:
-    """Run every trial on every robot, telling `progress` after each, then compare the robots.
+    """Runs every trial on every robot, then compares the robots.
 
-    `via` as `trials_of` takes it.
+    Args:
+        robots: Descriptions of the robots.
+        reflex: The reflex.
+        stimulus: Motion of the finger; None for the default one.
+        seed: Seed of the times of the pokes.
+        via: Middleware between reflex and robot, as in `trials_of`; None for a reflex in this process.
+        progress: Called with each trial when it is done.
     """
     trials = []
     for robot in robots:

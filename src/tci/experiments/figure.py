@@ -23,7 +23,7 @@ from tci.errors import TciError
 from tci.pictures.paint import PRESSURE_COLOURS, FieldLook
 from tci.pictures.render import background
 
-# All looks are ours. Lengths are pixels of the picture.
+# Sizes and colours are free choices that change the picture only. Lengths are in pixels of the picture.
 _DPI = 150
 _GAP = 8
 _TITLE = 54
@@ -38,15 +38,15 @@ class Panel:
     image: NDArray[np.uint8]
     """Picture (h, w, 3); all panels of a figure have the same size."""
     title: str
-    """What it shows: `NAO: forearm, flexor side`."""
+    """Title, such as `NAO: forearm, flexor side`."""
     detail: str = ""
-    """Second line: `180 ms: withdrawn 34 mm`."""
+    """Second line, such as `180 ms: withdrawn 34 mm`."""
     close_up: NDArray[np.uint8] | None = None
-    """A smaller picture (h, w, 3), laid over the emptiest corner."""
+    """A smaller picture (h, w, 3), drawn over the emptiest corner."""
     spot: tuple[float, float] | None = None
-    """Pixel to circle: what the close-up shows."""
+    """Pixel (x, y) of a circle that marks the place of the close-up."""
     arrow: tuple[tuple[float, float], tuple[float, float]] | None = None
-    """Pixels between which an arrow shows how something moved."""
+    """Start and end (x, y) [pixels] of an arrow that shows a displacement."""
 
 
 def draw_figure(
@@ -58,11 +58,11 @@ def draw_figure(
     full_scale: float,
     caption: str = "",
 ) -> None:
-    """Write the panels, row by row in `columns`, as a PNG to `path`.
+    """Writes the panels, row by row in `columns`, as a PNG to `path`.
 
-    Below them: a bar of the colours of pressure up to `full_scale` [Pa], the names of the receptive
-    fields in their colours, and the `caption`. Every pixel of a panel is one pixel of the file.
-    Raises TciError when there is no panel, or when they differ in size.
+    Below them are a colour bar of the pressure up to `full_scale` [Pa], the names of the receptive fields in
+    their colours, and the `caption`. Every pixel of a panel is one pixel of the file. Raises TciError if
+    there is no panel, or if they differ in size.
     """
     sizes = {panel.image.shape for panel in panels}
     if len(sizes) != 1 or columns < 1:
@@ -75,7 +75,7 @@ def draw_figure(
     FigureCanvasAgg(figure)
 
     def area(left: float, top: float, wide: float, high: float) -> Axes:
-        """Axes on a rectangle [pixels], measured from the top left corner."""
+        """Adds axes on a rectangle [pixels], measured from the top left corner."""
         bottom = total_height - top - high
         return figure.add_axes(
             (left / total_width, bottom / total_height, wide / total_width, high / total_height)
@@ -121,7 +121,7 @@ def _draw_marks(axes: Axes, panel: Panel) -> None:
 
 
 def _emptiest_corner(image: NDArray[np.uint8], width: int, height: int) -> tuple[int, int]:
-    """Where (x, y) [pixels] a smaller picture hides least of `image` (h, w, 3)."""
+    """Returns the place (x, y) [pixels] at which a smaller picture hides least of `image` (h, w, 3)."""
     total_height, total_width, _ = image.shape
     drawn = np.abs(image / 255.0 - background(total_height)[:, None]).max(axis=2) > 0.01
     corners = [

@@ -1,4 +1,4 @@
-"""How closely a robot follows a gesture."""
+"""Playback of a gesture with a measurement of the tracking error."""
 
 from __future__ import annotations
 
@@ -20,30 +20,31 @@ from tci.reasons import Reason
 from tci.runtime.loop import Tick, run
 
 MOST = 60.0
-"""Time [s] beside the gesture's own that approaching it and interruptions may take. Ours."""
+"""Time [s] for the approach and for interruptions, in addition to the duration of the gesture. Assumed: ends
+a playback that a touch interrupts for ever."""
 
 NEAR = re.compile(r"stopped on the way: (\S+) would come .* near ([^\s;]+)")
-"""What the gate says when the robot's own body is in the way."""
+"""Message of the gate when a motion would come too close to the robot's own body."""
 
 
 @dataclass(frozen=True, slots=True)
 class Following:
-    """What was seen while a gesture was played; interruptions do not count as errors."""
+    """Tracking errors while a gesture was played. Interruptions do not count."""
 
     phase: Phase
-    """How it ended."""
+    """Phase at the end: DONE if the gesture was played to its end."""
     duration: float
-    """From first step to last [s]."""
+    """Time [s] from the first step to the last."""
     interruptions: int
     rms: dict[str, float]
-    """Root mean square error [rad] of every joint by `part.joint`, against where it should have been then."""
+    """Root mean square of the error [rad] between gesture and measured angle, by `part.joint`."""
     largest: dict[str, float]
-    """Largest error [rad] of every joint."""
+    """Largest error [rad], by `part.joint`."""
     stopped: tuple[str, ...] = ()
-    """Pairs of links, `one near other`, before which the gate stopped an arm on its way, each once."""
+    """Pairs of links, `one near other`, because of which the gate stopped an arm; each pair once."""
 
     def to_json(self) -> dict[str, Any]:
-        """As a dictionary of plain values."""
+        """Returns the errors as JSON values."""
         return {
             "phase": self.phase.value, "duration_s": self.duration, "interruptions": self.interruptions,
             "rms_rad": self.rms, "largest_rad": self.largest, "stopped": list(self.stopped),
@@ -52,7 +53,7 @@ class Following:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
-    """The gesture's memory, and its errors until now."""
+    """Memory of the gesture, and its errors so far."""
 
     inner: GestureMemory
     first: float | None
@@ -63,7 +64,7 @@ class _Seen:
 
 @dataclass(frozen=True)
 class _Followed(Capability[_Seen]):
-    """A gesture that is played, and watched."""
+    """A gesture, with its errors measured in each step."""
 
     play: PlayGesture
 
@@ -72,13 +73,13 @@ class _Followed(Capability[_Seen]):
         return _Seen(self.play.init(body), None, 0, zero, zero)
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
-        """What the gesture begins with."""
+        """Returns the first orders of the gesture."""
         return self.play.begin(perception, body)
 
     def step(
         self, memory: _Seen, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Order, ...], _Seen]:
-        """The gesture's."""
+        """Returns the commands of the gesture, and the memory with the errors of this step."""
         orders, inner = self.play.step(memory.inner, perception, body)
         first = perception.stamp if memory.first is None else memory.first
         if inner.phase is not Phase.PLAY:
@@ -90,18 +91,19 @@ class _Followed(Capability[_Seen]):
         return orders, _Seen(inner, first, memory.count + 1, squares, largest)
 
     def notes(self, memory: _Seen) -> tuple[str, ...]:
-        """The gesture's."""
+        """Returns the notes of the gesture."""
         return self.play.notes(memory.inner)
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """The gesture's."""
+        """Returns the fault of the gesture."""
         return self.play.fault(perception, body)
 
 
 def follow(driver: Driver, play: PlayGesture, *, observe: Callable[[Tick], None] | None = None) -> Following:
-    """Play a gesture to its end on a robot; `observe` is called after each period.
+    """Plays a gesture to its end on a robot and measures how closely the robot follows it.
 
-    Raises what `run` raises, and CommandError when the robot sends nothing.
+    `observe` is called after each period. Raises what `run` raises, and CommandError if the robot sends no
+    valid reading.
     """
     stopped: dict[str, None] = {}
 
@@ -121,7 +123,9 @@ def follow(driver: Driver, play: PlayGesture, *, observe: Callable[[Tick], None]
     )
     memory = result.memory
     if memory.first is None:
-        raise CommandError(f"{driver.robot.name} sent nothing that fits it; nothing was played")
+        raise CommandError(
+            f"{driver.robot.name} sent no valid reading, so the gesture was not played; look with: tci doctor"
+        )
     robot = driver.robot
     names = {part: [joint.name for joint in robot.part(part).servos] for part in play.gesture.postures}
     count = max(memory.count, 1)

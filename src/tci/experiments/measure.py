@@ -11,49 +11,51 @@ from tci.experiments.poke import Trace
 from tci.robot.description import Robot
 
 MOTION = float(np.deg2rad(0.05))
-"""Smallest difference [rad] of a joint to the same trial without reflex that counts as motion."""
+"""Smallest difference [rad] of a joint angle from the trial without reflex that counts as motion. Assumed:
+above the compliance of servos, below the motion in one control period."""
 
 AWAY = 1.0
-"""Least way [mm] of the skin along its inward normal, beyond that without reflex, that leads away from the
-finger. Assumed: more than servos yield."""
+"""Least displacement [mm] of the skin along its inward normal, relative to the trial without reflex, that
+counts as a withdrawal. Assumed: more than servos yield to the finger."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One row of the report. Times count from first contact."""
+    """One row of the report. Times count from the first contact."""
 
     robot: str
     side: str
     site: str
     taxels: int
-    """Taxels of the poked patch."""
+    """Number of taxels of the poked patch."""
     responded: bool
-    """The reflex commanded this part, and no other, and its skin moved away from the finger."""
+    """True if the reflex commanded this part, and no other, and its skin moved away from the finger."""
     trigger_ms: float | None
-    """Until the reflex's first command."""
+    """Time [ms] of the first command of the reflex; None if there was none."""
     first_motion_ms: float | None
-    """Until a joint moved 0.05 degrees in the physics, against the same trial without reflex."""
+    """Time [ms] at which a joint differed by 0.05 degrees from the trial without reflex; None if none did."""
     contact_lost_ms: float | None
-    """Until the finger no longer touched, for the rest of the trial."""
+    """Time [ms] of the end of the last contact; None if the finger touched until the end."""
     contact_lost_without_reflex_ms: float | None
-    """The same without the reflex: None, for the finger stays."""
+    """Time [ms] of the end of the last contact in the trial without reflex; normally None."""
     peak_force_n: float
-    """Largest contact force of the physics."""
+    """Largest contact force [N] in the physics."""
     cop_error_mm: float | None
-    """Distance along the skin between TCI's centre of pressure and the physics' contact point, in
+    """Distance [mm] along the skin between TCI's centre of pressure and the contact point of the physics, in
     the frame with the largest force."""
     withdrawn_mm: float
-    """How far the skin at the field's centre moved along the inward normal by the end."""
+    """Displacement [mm] of the skin at the field's centre along the inward normal, at the end."""
     withdrawn_without_reflex_mm: float
     limit_violations: int
     violations: tuple[str, ...]
-    """What the separate checker found, in words."""
+    """Violated limits that `checker` found, one sentence each."""
     halts: tuple[str, ...]
-    """Why the gate held or stopped the robot in the meantime."""
+    """Reasons for which the gate held or stopped the robot during the trial."""
 
 
 def measure(robot: Robot, part: str, site: str, acted: Trace, held: Trace) -> Trial:
-    """The figures of one trial: `acted` with the reflex, `held` without it."""
+    """Returns the figures of one trial of a part at a site, from its trace with the reflex (`acted`) and
+    without it (`held`)."""
     period = 1.0 / robot.binding("sim").rate
     contact = acted.first_contact
     commanded = [stamp for stamp, _ in acted.commanded]
@@ -102,7 +104,8 @@ def _withdrawn(trace: Trace) -> float:
 
 
 def cop_error(trace: Trace) -> float | None:
-    """Tangential distance [mm] between the centre of pressure and the physics' contact point."""
+    """Returns the tangential distance [mm] between the centre of pressure and the contact point of the
+    physics, in the frame with the largest force; None if there is no such frame."""
     stamps = [stamp for stamp in trace.contacts if stamp in trace.center]
     if not stamps:
         return None

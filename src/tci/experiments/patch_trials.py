@@ -1,4 +1,4 @@
-"""One poke in the middle of every patch: what is felt there must not be pressed, whatever answers."""
+"""One poke in the middle of every patch: no response may press the skin against the finger."""
 
 from __future__ import annotations
 
@@ -18,38 +18,41 @@ from tci.robot.description import Robot
 from tci.simulation.world import World
 
 PRESSED = 0.1
-"""How much more [N] the finger may feel than without the reflex. Assumed: two simulations differ by less."""
+"""Force [N] by which the peak may exceed that without the reflex. Assumed: two simulations differ by less."""
 
 
 @dataclass(frozen=True, slots=True)
 class PatchTrial:
-    """What came of one poke."""
+    """Result of one poke of a patch."""
 
     patch: str
     part: str
     answered: bool
-    """The reflex commanded this part, and no other, and its skin moved away from the finger."""
+    """True if the reflex commanded this part, and no other, and its skin moved away from the finger."""
     reason: str
-    """Why the part stays; empty where it moved, or nothing answers there."""
+    """Reason why the part did not move; empty if it moved, or if no field covers the place."""
     peak_force_n: float
-    """Largest force on the finger."""
+    """Largest force [N] on the finger."""
     peak_force_without_reflex_n: float
 
     @property
     def fault(self) -> str:
-        """What is wrong with it; empty when nothing is."""
+        """The fault as a sentence; empty if there is none."""
         if self.peak_force_n <= self.peak_force_without_reflex_n + PRESSED:
             return ""
         return (
-            f"{self.patch}: {self.part} moves towards the finger, which feels {self.peak_force_n:.1f} N; "
-            f"valid: at most the {self.peak_force_without_reflex_n:.1f} N without the reflex"
+            f"{self.patch}: {self.part} moves towards the finger and presses it with {self.peak_force_n:.1f} "
+            f"N; valid: at most the {self.peak_force_without_reflex_n:.1f} N without the reflex"
         )
 
 
 def patch_trials_of(
     robot: Robot, arms: WithdrawalReflex, others: BodyWithdrawal, *, seed: int = 0
 ) -> Iterator[PatchTrial]:
-    """Poke the taxel in the middle of every patch, with the reflex of its part and without."""
+    """Pokes the taxel in the middle of every patch, with the reflex of its part and without.
+
+    `arms` is the reflex of arms, `others` that of all other parts. Yields one trial per patch.
+    """
     world = World(robot, seed=seed)
     for patch in robot.patches:
         surface = world.surfaces[patch.name]
@@ -61,7 +64,7 @@ def patch_trials_of(
         try:
             held = poke_place(world, place, Stimulus(), reflex=without, seed=seed)
             acted = poke_place(world, place, Stimulus(), reflex=reflex, seed=seed)
-        except TciError as error:  # no room for the finger, as under another patch
+        except TciError as error:  # the finger has no room there, as under another patch
             yield PatchTrial(patch.name, patch.part, False, str(error), 0.0, 0.0)
             continue
         trial = measure(robot, patch.part, patch.name, acted, held)

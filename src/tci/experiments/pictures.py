@@ -1,4 +1,4 @@
-"""What the demo draws: two pokes of each robot's left forearm, when it hurts most and at the end."""
+"""The picture of the demo: two pokes of each robot's left forearm, at the largest force and at the end."""
 
 from __future__ import annotations
 
@@ -20,19 +20,21 @@ from tci.robot.description import Robot
 from tci.runtime.loop import Tick
 from tci.simulation.world import World
 
-# All looks are ours.
+# Views, sizes and the caption are free choices that change the picture only.
 PART = "left_arm"
 VIEWS = {"forearm_extensor": (0.95, 0.0), "forearm_medial": (-0.30, 0.30)}
-"""Sites that are poked, as in the paper's Figure 6 (below, and inside), and from where [rad] we look."""
+"""Poked sites, as in the paper's Figure 6 (from below and from inside), and the azimuth and elevation [rad]
+of the view on each."""
 WIDTH, HEIGHT = 440, 480
 CLOSE_UP = 170
 """Size of a close-up [pixels]."""
 TILT = np.deg2rad(55.0)
-"""A close-up is taken this far off the skin's normal, past the finger."""
+"""Angle [rad] between the view of a close-up and the skin's normal, so that the finger does not hide the
+skin."""
 
 
 def draw_demo(robots: Sequence[Robot], reflex: WithdrawalReflex, path: Path, *, seed: int) -> None:
-    """Write the figure: a row for each robot, before and after each of two pokes."""
+    """Writes the figure: one row for each robot, with two pokes, each at the largest force and at the end."""
     looks = field_looks(reflex.fields)
     sites = [field for field in reflex.fields if field.name in VIEWS]
     panels = [panel for robot in robots for panel in _row(robot, reflex, sites, looks, seed)]
@@ -42,8 +44,8 @@ def draw_demo(robots: Sequence[Robot], reflex: WithdrawalReflex, path: Path, *, 
         path,
         fields=list(zip(names, looks, strict=True)),
         full_scale=FULL_SCALE,
-        caption="The same reflex, from the same source, on each robot. Left of a pair: the largest force "
-        "that the skin felt. Right: withdrawn.\nReceptive fields and base motions are ours.",
+        caption="The same reflex, with the same code, on each robot. Left of each pair: the moment of the "
+        "largest force. Right: withdrawn.\nReceptive fields and base motions: not published; our choice.",
     )
 
 
@@ -83,7 +85,7 @@ def _row(
 def _moments(
     world: World, reflex: WithdrawalReflex, site: ReceptiveField, seed: int
 ) -> tuple[Moment, Moment, Trace]:
-    """The moment of the largest force that the skin reported, the last one, and the whole poke."""
+    """Returns the moment of the largest force that the skin measured, the last moment, and the trace."""
     strongest = 0.0
     moments: list[Moment] = []
 
@@ -102,7 +104,7 @@ def _moments(
 def _camera(
     portrait: Portrait, moments: Sequence[Moment], robot: Robot, azimuth: float, elevation: float
 ) -> Camera:
-    """Upper body and the poked arm at all `moments`."""
+    """Returns a camera that shows the upper body and the poked arm at all `moments`."""
     reach = sum(segment.length for segment in robot.part(PART).segments)
     points = np.concatenate([portrait.outline(moment, part=PART, lowest=-0.5 * reach) for moment in moments])
     return fit(
@@ -116,14 +118,14 @@ def _camera(
 
 
 def _spot(portrait: Portrait, camera: Camera, moment: Moment, trace: Trace) -> tuple[float, float]:
-    """The pixel on which the poked point of the skin falls."""
+    """Returns the pixel (x, y) of the poked point of the skin."""
     point_T = trace.point[trace.time.index(moment.time)]
     pixels, _ = project(camera, apply(portrait.torso(moment), point_T[None]))
     return float(pixels[0, 0]), float(pixels[0, 1])
 
 
 def _close_up(portrait: Portrait, moment: Moment, trace: Trace, camera: Camera) -> NDArray[np.uint8]:
-    """The poked point from near, from the side of the finger that faces the panel's `camera`."""
+    """Draws the poked point from a short distance, seen from the side that faces the panel's `camera`."""
     T_WT = portrait.torso(moment)
     towards: Array = -T_WT[:3, :3].T @ camera.T_WC[:3, 2]
     aside = towards - (towards @ trace.normal) * trace.normal

@@ -1,4 +1,4 @@
-"""One poke of one site, recorded: the finger comes, the reflex answers or is switched off."""
+"""One recorded poke of one site by the simulated finger, with a reflex or without."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from tci.skin.skin import Skin
 
 @dataclass(frozen=True, slots=True)
 class Stimulus:
-    """What the finger does. Speeds and depths are ours: a firm, quick poke."""
+    """Motion of the finger. The defaults are assumed: a firm, quick poke by a person."""
 
     speed: float = 0.25
     """Speed of the finger's base [m/s]."""
     depth: float = 0.010
-    """How far [m] the base goes beyond the skin's place at rest; it never retreats."""
+    """Distance [m] that the base moves beyond the skin's place at rest; it never retreats."""
     gap: float = 0.004
     """Distance [m] between finger and skin at the start."""
     duration: float = 1.0
@@ -37,53 +37,54 @@ class Stimulus:
 
 @dataclass(slots=True)
 class Trace:
-    """What happened, sampled once per control period on the simulation's clock."""
+    """Record of a poke, sampled once per control period on the simulation's clock."""
 
     place: Place
     """The poked point of the skin."""
     normal: Array
-    """Outward unit normal (3,) there at the start, seen from the torso."""
+    """Outward unit normal (3,) there at the start, in the torso frame."""
     taxels: int
-    """Taxels of the patch."""
+    """Number of taxels of the patch."""
     start: float = 0.0
-    """When the finger left [s]."""
+    """Time [s] at which the finger started."""
     first_contact: float | None = None
-    """When the finger first touched [s], to the physics' step."""
+    """Time [s] of the first contact, to the step of the physics; None if there was none."""
     contact_lost: float | None = None
-    """When it last ceased to touch [s]; None when it touched to the end."""
+    """Time [s] of the end of the last contact; None if the finger touched until the end."""
     peak_force: float = 0.0
-    """Largest contact force of the physics [N]."""
+    """Largest contact force [N] in the physics."""
     time: list[float] = field(default_factory=list)
     """Time of each sample [s]."""
     force: list[float] = field(default_factory=list)
-    """Contact force [N] of the physics."""
+    """Contact force [N] in the physics."""
     center: dict[float, Array] = field(default_factory=dict)
-    """Force-weighted contact point (3,) [m] of the physics, seen from the torso, by time [s]."""
+    """Force-weighted contact point (3,) [m] of the physics in the torso frame, by time [s]."""
     point: list[Array] = field(default_factory=list)
-    """Where `place` is (3,) [m], seen from the torso."""
+    """Position (3,) [m] of `place` in the torso frame."""
     away: list[float] = field(default_factory=list)
-    """How far [m] it is from where it began, along the inward normal, seen from the world: torsos move."""
+    """Displacement [m] of `place` along the inward normal since the start, in the world frame: the torso may
+    move too."""
     positions: list[Array] = field(default_factory=list)
-    """Joint angles of the physics (n,) [rad]."""
+    """Joint angles (n_servos,) [rad] of the physics."""
     velocities: list[Array] = field(default_factory=list)
-    """Joint velocities of the physics (n,) [rad/s]."""
+    """Joint velocities (n_servos,) [rad/s] of the physics."""
     sent: list[SafeCommand] = field(default_factory=list)
-    """All that was written."""
+    """All commands that were written."""
     commanded: list[tuple[float, str]] = field(default_factory=list)
-    """When the reflex gave a command [s], and to which part."""
+    """Time [s] and generic part of each command of the reflex."""
     notes: tuple[str, ...] = ()
-    """What the reflex told in the end; empty where it was in another process."""
+    """Notes of the reflex at the end; empty if it ran in another process."""
     contacts: dict[float, Contact] = field(default_factory=dict)
-    """The strongest contact that TCI found, by the time of its frame [s]."""
+    """Strongest contact that TCI found, by the time [s] of its frame."""
 
 
 def moves(command: Order) -> TypeGuard[GenericCommand]:
-    """Whether a command moves anything: a switch of mode or a stiffness does not."""
+    """Returns True if an order moves a generic part; a switch of mode or a stiffness does not."""
     return isinstance(command, GenericCommand) and command.mode in CONTROL_MODES
 
 
 class _Poke(Trial):
-    """The finger's way to one place, and what happens."""
+    """A poke of one place, and its trace."""
 
     def __init__(
         self, world: World, place: Place, stimulus: Stimulus, seed: int,
@@ -98,7 +99,7 @@ class _Poke(Trial):
         self._world, self._watch = world, watch
 
     def begin(self, now: float) -> None:
-        """The finger leaves."""
+        """Starts the finger."""
         self.trace.start = now
         self._world.finger.poke(self.place.patch, self.place.p_L, self.place.n_L, **self._way)
 
@@ -127,7 +128,7 @@ class _Poke(Trial):
             self._watch(tick)
 
     def end(self) -> Trace:
-        """What happened."""
+        """Returns the complete trace."""
         finger = self._world.finger
         self.trace.first_contact, self.trace.contact_lost = finger.first_contact, finger.contact_lost
         self.trace.peak_force = finger.peak_force
@@ -145,11 +146,19 @@ def poke(
     watch: Callable[[Tick], None] | None = None,
     elsewhere: RemoteTrial | None = None,
 ) -> Trace:
-    """Poke the centre of `site` on the arm `part` and record what happens.
+    """Pokes the centre of `site` on an arm, and records the poke.
 
-    The world is reset first. `seed` shifts the first contact against the skin's frames, by up to
-    20 ms. A `reflex` without fields only holds the arm's posture. `watch` is called after each tick.
-    With `elsewhere` the reflex there answers instead. Raises what `run` and `RemoteTrial.run` raise.
+    Args:
+        world: Simulation; it is reset first.
+        part: Generic arm.
+        site: Receptive field to poke.
+        stimulus: Motion of the finger.
+        reflex: Behaviour that runs; one without fields only holds the arm's posture.
+        seed: Seed of a random delay of up to 20 ms of the first contact relative to the skin's frames.
+        watch: Called after each tick.
+        elsewhere: Trial whose reflex in another process runs instead of `reflex`.
+
+    Raises what `run` and `RemoteTrial.run` raise.
     """
     world.reset()
     place = find_place(Skin(world.robot), part, site.segment, site.u, site.theta, world.joints())
@@ -166,7 +175,7 @@ def poke_place(
     watch: Callable[[Tick], None] | None = None,
     elsewhere: RemoteTrial | None = None,
 ) -> Trace:
-    """The same at any place of the skin."""
+    """Pokes any place of the skin. Arguments and errors as in `poke`."""
     world.reset()
     trial = _Poke(world, place, stimulus, seed, watch)
     if elsewhere is not None:

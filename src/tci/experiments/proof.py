@@ -1,4 +1,4 @@
-"""Proves a description in simulation: the axes of its arms, its limits, and the reflex on its skin."""
+"""Tests of a description in simulation: the axes of its arms, its limits, and the reflexes on its skin."""
 
 from __future__ import annotations
 
@@ -29,56 +29,63 @@ from tci.robot.kinematics import KinematicChain
 from tci.simulation.world import World
 
 RANGE = np.deg2rad([[-10, 95], [0, 75], [-30, 65], [15, 90], [-60, 60]])
-"""Generic angles [rad] in which axes are compared: what humanoid arms share."""
+"""Range [rad] of the generic angles (shoulder to pronation) in which axes are compared. Assumed: a range that
+most humanoid arms share."""
 POSTURES = 400
-"""Postures in which they are."""
+"""Number of random postures in which axes are compared. Assumed: five joints are covered, in under a
+second."""
 LEAST_SHARE = 0.25
-"""Share of these postures that the limits must leave."""
+"""Least fraction of these postures within the limits. Assumed: a wrong sign or offset leaves far fewer."""
 AXIS = 0.5
-"""Most angle [degrees] between an axis and the generic arm's."""
+"""Largest angle [degrees] between an axis and that of the generic arm. Assumed: rounding in published models
+is smaller, a wrong mount larger."""
 SLOWEST = {50.0: 43.0, 100.0: 33.0}
-"""Longest time [ms] from touch to motion, by the skin's rate [Hz]."""
+"""Longest time [ms] from touch to motion, by the skin's rate [Hz]: one frame of the skin, and 23 ms for gate
+and servo. The demo keeps within it."""
 TARGETS, PACE = 8, 0.4
-"""Random targets far outside the limits, and time [s] for each."""
+"""Number of random targets far outside the limits, and time [s] for each. Assumed: long enough to reach a
+limit at full speed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Axes:
-    """How well the axes of one arm agree with the generic arm's, in its mount frame."""
+    """Agreement of one arm's axes with those of the generic arm, in its mount frame."""
 
     part: str
     within_limits: int
-    """Postures that the limits allow, of POSTURES."""
+    """Number of the POSTURES that the limits allow."""
     worst_deg: float
-    """Largest angle."""
+    """Largest angle [degrees] between two axes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """What was found. A description is proved when there are no faults."""
+    """Results of all tests. A description has passed if there are no faults."""
 
     robot: str
     axes: tuple[Axes, ...]
     trials: tuple[Trial, ...]
     patches: tuple[PatchTrial, ...]
-    """One poke of every patch, whichever part it is on."""
+    """One poke of every patch."""
     faults: tuple[str, ...]
-    """In words, each with what would be valid."""
+    """Faults, one sentence each, with the valid values."""
 
     def to_json(self) -> dict[str, Any]:
-        """As a dictionary of plain values."""
+        """Returns the results as JSON values."""
         return asdict(self)
 
 
 def prove(robot: Robot, *, progress: Callable[[str], None] = lambda what: None) -> Proof:
-    """Try a robot in simulation, telling `progress` before each step.
+    """Runs all tests of a robot in simulation. `progress` is called with the name of each step.
 
     Raises DescriptionError for a robot that can't be simulated.
     """
     faults: list[str] = []
     arms = [f"{side}_arm" for side in SIDES]
     if missing := [name for name in arms if name not in {part.name for part in robot.parts}]:
-        return Proof(robot.name, (), (), (), (f"no generic part {' and '.join(missing)}",))
+        return Proof(
+            robot.name, (), (), (), (f"no part {' and '.join(missing)}; valid: a robot with two arms",)
+        )
     axes = []
     for name in arms:
         progress(f"axes of {name}")
@@ -86,11 +93,14 @@ def prove(robot: Robot, *, progress: Callable[[str], None] = lambda what: None) 
         axes.append(found)
         if found.within_limits < LEAST_SHARE * POSTURES:
             faults.append(
-                f"{name}: limits leave {found.within_limits} of {POSTURES} postures; valid: at least "
-                f"{LEAST_SHARE:.0%}. Are signs and offsets right?"
+                f"{name}: its limits allow {found.within_limits} of {POSTURES} common postures; valid: at "
+                f"least {LEAST_SHARE:.0%}. Check the signs (gamma) and offsets (sigma) of its joints"
             )
         if not found.worst_deg <= AXIS:
-            faults.append(f"{name}: an axis is {found.worst_deg:.1f} degrees off; valid: at most {AXIS}")
+            faults.append(
+                f"{name}: an axis is {found.worst_deg:.1f} degrees from that of the generic arm; valid: at "
+                f"most {AXIS}. Check its mount and the order of its joints"
+            )
     progress("limits")
     faults += limit_faults(robot)
     patches: list[PatchTrial] = []
@@ -108,7 +118,9 @@ def prove(robot: Robot, *, progress: Callable[[str], None] = lambda what: None) 
         if (part, field.segment) not in places
     ]
     if bare:
-        faults.append(f"no skin on {', '.join(dict.fromkeys(bare))}: nothing to poke")
+        faults.append(
+            f"no skin on {', '.join(dict.fromkeys(bare))}, so the reflex can't be tested; add a patch there"
+        )
         return Proof(robot.name, tuple(axes), (), tuple(patches), tuple(faults))
     trials = []
     progress("reflexes")
@@ -121,12 +133,13 @@ def prove(robot: Robot, *, progress: Callable[[str], None] = lambda what: None) 
             faults += [f"{trial.side} {trial.site}: {fault}" for fault in trial_faults(robot, trial)]
             progress(f"reflex, {trial.side} {trial.site.replace('_', ' ')}")
     except TciError as error:  # a place without skin, or without room for the finger
-        faults.append(f"after {len(trials)} pokes: {error}")
+        faults.append(f"poke {len(trials) + 1} failed: {error}")
     return Proof(robot.name, tuple(axes), tuple(trials), tuple(patches), tuple(faults))
 
 
 def compare_axes(robot: Robot, part: GenericPart) -> Axes:
-    """The axes of shoulder rotation, elbow and pronation in random postures, against the generic arm's."""
+    """Compares the axes of shoulder rotation, elbow and pronation with the generic arm's, in random
+    postures."""
     assert part.side is not None
     sign = side_sign(part.side)
     kinematics = KinematicChain(robot)
@@ -157,8 +170,8 @@ def compare_axes(robot: Robot, part: GenericPart) -> Axes:
 def arm_axes(
     robot: Robot, part: GenericPart, kinematics: KinematicChain, hand: str, position: Array
 ) -> tuple[Array, Array, Array | None]:
-    """Axes (3,) of internal rotation, towards the elbow, of flexion and of pronation, seen from the mount;
-    `hand` is a link behind all of them."""
+    """Returns the unit axes (3,) of internal rotation (towards the elbow), of elbow flexion and of pronation,
+    in the mount frame; the last is None without pronation. `hand` is a link distal to all of them."""
     poses = kinematics.poses(position, [segment.link for segment in part.segments])
     ends = {s.name: apply(poses[s.link], np.array(s.origin)) for s in part.segments}
     turns = part.R_TM.T @ kinematics.jacobian(position, hand)[3:]
@@ -174,7 +187,10 @@ def arm_axes(
 
 
 def limit_faults(robot: Robot) -> list[str]:
-    """Send both arms to random targets outside their limits; what gate and physics did is checked apart."""
+    """Commands both arms to random targets far outside their limits.
+
+    Returns the violations that the `checker` finds, and what the gate refused or held, one sentence each.
+    """
     driver = SimulatedDriver(robot, world=World(robot, skin=False))
     generator = np.random.default_rng(4)
     sent, positions, velocities = [], [], []
@@ -202,22 +218,26 @@ def limit_faults(robot: Robot) -> list[str]:
 
 
 def trial_faults(robot: Robot, trial: Trial) -> list[str]:
-    """What of one poke misses the demo's figures."""
+    """Returns the criteria of the demo that one poke does not meet, one sentence each."""
     rate = min(patch.rate for patch in robot.patches)
     slowest = SLOWEST.get(rate, 23.0 + 1e3 / rate)
     never = float("inf")
     checks = {
-        "the reflex did not move the skin away, or moved another part": trial.responded,
+        "the reflex did not move the skin away, or moved another part too": trial.responded,
         f"first motion after {trial.first_motion_ms} ms; valid: above 0, at most {slowest:g}": (
             0.0 < (trial.first_motion_ms or never) <= slowest
         ),
         f"contact lost after {trial.contact_lost_ms} ms; valid: at most 500": (
             (trial.contact_lost_ms or never) <= 500.0
         ),
-        "contact lost without the reflex too": trial.contact_lost_without_reflex_ms is None,
-        f"withdrawn by {trial.withdrawn_mm:.1f} mm, and by {trial.withdrawn_without_reflex_mm:.1f} without "
-        "reflex; valid: 5 more": trial.withdrawn_mm >= trial.withdrawn_without_reflex_mm + 5.0,
-        f"centre of pressure {trial.cop_error_mm} mm off; valid: at most 1": (
+        "contact also lost without the reflex; valid: the finger stays on the skin": (
+            trial.contact_lost_without_reflex_ms is None
+        ),
+        f"withdrawn by {trial.withdrawn_mm:.1f} mm, and without the reflex by "
+        f"{trial.withdrawn_without_reflex_mm:.1f} mm; valid: at least 5 mm more": (
+            trial.withdrawn_mm >= trial.withdrawn_without_reflex_mm + 5.0
+        ),
+        f"error of the centre of pressure {trial.cop_error_mm} mm; valid: at most 1 mm": (
             trial.cop_error_mm is not None and trial.cop_error_mm <= 1.0
         ),
     }

@@ -1,8 +1,8 @@
 """A poke whose reflex runs in another process, and reaches the simulated robot through a middleware.
 
-The robot, its gate and the finger are here, served as `tci serve` serves them, in real time; the reflex there
-knows nothing but what the middleware brings. Both go before other programs where the system permits it
-(`real_time`), as on a robot: what they take is told, not what else runs on the machine.
+Robot, gate and finger are in this process, served as `tci serve` serves them, in real time. The reflex has
+only the data that the middleware carries. Both processes run with real-time priority where the system permits
+it (`real_time`), as on a robot, so that the measured times are not those of other programs of the machine.
 """
 
 from __future__ import annotations
@@ -32,16 +32,18 @@ from tci.runtime.serve import serve
 from tci.simulation.world import World
 
 STARTING = 60.0
-"""Time [s] that the other process has to be there, compile and connect. Ours."""
+"""Longest time [s] for the other process to start, compile and connect. Assumed: the first compilation takes
+about half of it on two cores."""
 APPEARING = 10.0
-"""Time [s] that the served robot has to answer whoever connects. Ours."""
+"""Longest time [s] until the served robot answers a connection. Assumed: discovery takes a few seconds over
+the slowest middleware."""
 
 
 class TrialDriver(DriverWrapper):
-    """A simulation in real time whose loop ends at a time that is known only later."""
+    """A simulation in real time whose loop ends at `until`, which may be set while it runs."""
 
     until = float("inf")
-    """When [s]."""
+    """Time [s] of the end."""
 
     def ticks(self, *, duration: float | None = None, start: float | None = None) -> Iterator[float]:
         for now in super().ticks(duration=duration, start=start):
@@ -51,20 +53,23 @@ class TrialDriver(DriverWrapper):
 
 
 def try_server(robot: Robot, via: str) -> None:
-    """Opens and closes a server, so that what is missing is told before any trial.
+    """Opens and closes a server, so that a missing requirement is reported before the first trial.
 
-    Raises MissingExtraError without its library, DriverError without what it needs: a master, a name server,
-    a free port.
+    Raises MissingExtraError without its library, and DriverError without a master, a name server or a free
+    port, as the middleware needs.
     """
     with SimulatedDriver(robot) as driver, open_server(driver, via):
         pass
 
 
 class RemoteTrial:
-    """The other process, with the withdrawal reflex for one robot. It serves any number of pokes."""
+    """The other process, which runs the withdrawal reflex for one robot, for any number of pokes."""
 
     def __init__(self, robot: Robot, via: str, mode: Mode) -> None:
-        """`via` as `tci serve` takes it. Raises UnknownNameError for a robot without a binding to it."""
+        """Starts the process. `via` is NAME or NAME:ADDRESS, as in `tci serve`; `mode` is that of the reflex.
+
+        Raises UnknownNameError for a robot without a binding to that middleware.
+        """
         self.robot, self.via = robot, via
         rates = {str(patch.rate) for patch in robot.patches}
         rate = rates.pop() if len(rates) == 1 else ""
@@ -84,9 +89,10 @@ class RemoteTrial:
         self._said.put("ended")
 
     def run(self, world: World, duration: float, trial: Trial) -> None:
-        """Serve `world` until the reflex there is ready, then for `duration` [s] of the trial.
+        """Serves `world` until the reflex in the other process is ready, then runs the trial for `duration`
+        [s].
 
-        Raises DriverError when the other process says that it can't, or ends.
+        Raises DriverError when the other process reports an error, or ends.
         """
         driver = TrialDriver(SimulatedDriver(world.robot, world=world, paced=True))
         asked = time.monotonic()
@@ -102,14 +108,14 @@ class RemoteTrial:
                     trial.see(tick)
                     return
                 ready = ready or self._ready(asked)
-                # The finger leaves with a new frame of the skin, as it does where the reflex is here.
+                # The finger starts at a new skin frame, as in trials within one process.
                 before, frames = frames, tuple(frame.sequence for frame in tick.reading.skin)
                 if ready and (frames != before or not frames):
                     driver.until = tick.now + duration + driver.period
                     trial.begin(tick.now)
 
             serve(server, observe=see)
-            self._tell("enough")  # while the robot is there: nobody misses anybody
+            self._tell("enough")  # before the server closes, so that the reflex does not lose its robot
         said = ""
         while said != "done":
             said = self._said.get(timeout=STARTING)
@@ -129,7 +135,7 @@ class RemoteTrial:
             raise DriverError(self._trouble("ended")) from error
 
     def _trouble(self, said: str) -> str:
-        return f"the reflex in another process, {self.via}: {said}"
+        return f"the process with the reflex, connected by {self.via}: {said}"
 
     def _ready(self, asked: float) -> bool:
         try:
@@ -139,7 +145,7 @@ class RemoteTrial:
         if said == "ready":
             return True
         if said or time.monotonic() - asked > STARTING:
-            raise DriverError(self._trouble(said or "it does not answer"))
+            raise DriverError(self._trouble(said or f"no answer for {STARTING:g} s"))
         return False
 
     def __enter__(self) -> Self:
@@ -153,19 +159,20 @@ class RemoteTrial:
 
 
 class Trial:
-    """What a poke does with the ticks of its loop."""
+    """Base class of trials: called by the loop."""
 
     def begin(self, now: float) -> None:
-        """The reflex is ready."""
+        """Begins the trial at `now` [s]; the reflex is ready."""
         raise NotImplementedError
 
     def see(self, tick: Tick) -> None:
-        """A tick after that."""
+        """Records one tick of the trial."""
         raise NotImplementedError
 
 
 def part_of(robot: Robot, order: Order) -> str | None:
-    """The generic part that an order from elsewhere moves; None for one that moves nothing."""
+    """Returns the generic part that an order of another process moves: None if it moves nothing, empty if the
+    servos belong to no part."""
     if not isinstance(order, PlatformCommand) or order.mode not in CONTROL_MODES:
         return None
     wanted = set(order.servos.tolist())
@@ -176,7 +183,7 @@ def part_of(robot: Robot, order: Order) -> str | None:
 
 
 def _patiently(robot: Robot, via: str) -> Driver:
-    """A driver of a robot that may just be starting."""
+    """Connects to a robot, and tries again while it may still be starting. Raises DriverError."""
     end = time.monotonic() + APPEARING
     while True:
         try:
@@ -188,7 +195,7 @@ def _patiently(robot: Robot, via: str) -> Driver:
 
 
 def main() -> None:
-    """The other process: told an address it connects and runs the reflex, until it is told anything more."""
+    """Entry point of the other process: reads an address, connects, runs the reflex until the next line."""
     source, mode, rate, name, silence = sys.argv[1:]
     robot = load_robot(source)
     bindings = tuple(

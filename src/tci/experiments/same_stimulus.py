@@ -1,4 +1,4 @@
-"""The same touch on the generic limb of several robots: do they answer alike?"""
+"""Comparison of several robots' responses to one touch of the generic limb."""
 
 from __future__ import annotations
 
@@ -21,27 +21,28 @@ from tci.robot.joint_map import generic_posture, initial_position
 from tci.skin.contacts import single_contact
 
 FORCES = np.linspace(0.0, 1.0, 21)
-"""Force of the stimulus [N] in successive frames: the rise of a touch."""
+"""Force [N] of the stimulus in successive frames (frames,). Assumed: a touch that rises to full response."""
 
 
 @dataclass(frozen=True, slots=True)
 class SameStimulus:
-    """How much the robots' answers to one stimulus differ."""
+    """Differences between the robots' responses to one stimulus."""
 
     max_generic_difference_rad: float
-    """Largest difference between two robots' generic targets, over sites, sides and frames."""
+    """Largest difference [rad] between two robots' generic targets, over sites, sides and frames."""
     hand_direction_deg: dict[str, float]
-    """Largest angle between the displacements of two robots' hands, by site: each seen from its own shoulder,
-    where the upper arm begins, in the axes of its arm's mount frame."""
+    """Largest angle [degrees] between the displacements of two robots' hands, by site. Displacements are
+    relative to the shoulder, where the upper arm begins, in the axes of the arm's mount frame."""
     hand_direction_torso_deg: dict[str, float]
-    """The same seen from the mount frame's fixed origin: with how far each shoulder itself travels."""
+    """Largest angle [degrees] between displacements relative to the torso, which include the motion of the
+    shoulder itself."""
 
 
 def same_stimulus(bodies: Sequence[GenericBody], fields: Sequence[ReceptiveField]) -> SameStimulus:
-    """Give each robot's own skin the same (u, theta, force) and compare what the reflex wants.
+    """Applies the same (u, theta, force) to each robot's skin, and compares the commands of the reflex.
 
-    The stimulus is put on the robot's skin in space and read back through the robot's kinematics,
-    so that model, mount and map of each robot take part.
+    The stimulus is placed on the robot's skin in space and converted back with the robot's kinematics, so
+    that model, mount and joint map of each robot take part.
     """
     difference, directions = 0.0, {}
     for field in fields:
@@ -64,7 +65,7 @@ def same_stimulus(bodies: Sequence[GenericBody], fields: Sequence[ReceptiveField
 
 
 def answer(body: GenericBody, part: str, field: ReceptiveField) -> Array:
-    """Generic targets (frames, 5) [rad] that the reflex wants while the force at `field` rises."""
+    """Returns the generic targets (frames, 5) [rad] of the reflex while the force at `field` rises."""
     reflex = WithdrawalReflex()
     memory = reflex.init(body)
     joints = initial_joints(body.robot)
@@ -82,7 +83,7 @@ def answer(body: GenericBody, part: str, field: ReceptiveField) -> Array:
 
 
 def initial_joints(robot: Robot) -> JointReading:
-    """The robot at rest in its initial posture."""
+    """Returns the reading of a robot at rest in its initial posture."""
     still = read_only(np.zeros(len(robot.servos)))
     return JointReading(0.0, 0, initial_position(robot), still)
 
@@ -90,7 +91,7 @@ def initial_joints(robot: Robot) -> JointReading:
 def touch(
     body: GenericBody, part: str, field: ReceptiveField, joints: JointReading, *, force: float, sequence: int
 ) -> Contact:
-    """A contact of one taxel with `force` [N] at the centre of `field`, on the robot's own skin."""
+    """Returns a contact of one taxel with `force` [N] at the centre of `field`, on the robot's own skin."""
     robot, skin = body.robot, body.skin
     generic_part = robot.part(part)
     assert generic_part.side is not None
@@ -110,11 +111,11 @@ def touch(
 
 
 def displacements(body: GenericBody, part: str, target: Array) -> Array:
-    """How far (2, 3) [m] the forearm's distal end goes from the initial posture to `target`: seen from where
-    the upper arm begins, and from the torso; both in the axes of the arm's mount frame.
+    """Returns the displacements (2, 3) [m] of the forearm's distal end from the initial posture to `target`.
 
-    The first is what the generic arm describes. They differ where a shoulder's axes do not meet: turning them
-    moves the shoulder itself.
+    The first is relative to the beginning of the upper arm, the second to the torso; both are in the axes of
+    the arm's mount frame. The generic arm describes the first. They differ for a shoulder whose axes do not
+    intersect, since rotations about them move the shoulder itself.
     """
     start = initial_joints(body.robot)
     command = to_platform(body.robot, GenericCommand(part, Mode.POSITION, target))

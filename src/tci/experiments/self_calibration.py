@@ -1,4 +1,4 @@
-"""Self-calibration in simulation: a held probe touches a patch whose taxels are wrongly known."""
+"""Self-calibration in simulation: a probe touches a patch whose map of taxels has errors."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface
 
 SPEED, FORCE = 0.25, (3.0, 6.0)
-"""Speed [m/s] and force [N] of the probe."""
+"""Speed [m/s] and range of the force [N] of the probe. Assumed: a hand that presses with care."""
 DWELL = 0.045
-"""Time [s] from a touch's start to its frame."""
+"""Time [s] from the start of a touch to its frame: at least two frames at 50 Hz."""
 CANDIDATES = 20
-"""Random points of which the next touch is chosen."""
+"""Number of random points from which the next touch is chosen. Assumed: enough for an even coverage."""
 PROBE = 0.0003
-"""How well the place of the probe is known [m], standard deviation. Ours."""
+"""Standard deviation [m] of the probe's measured position. Assumed: that of an optical tracker."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SelfCalibration:
-    """Errors [m] of the taxels' positions (n,)."""
+    """Errors (n,) [m] of the taxels' positions, before and after the calibration."""
 
     patch: str
     touches: int
@@ -49,18 +49,27 @@ def calibrate_in_simulation(
     seed: int = 0,
     progress: Callable[[int], None] = lambda count: None,
 ) -> SelfCalibration:
-    """Move every taxel of the map by `wrong` [m] in a random direction, touch the real skin `touches` times,
-    evenly, and find the taxels again.
+    """Displaces every taxel of the map, touches the simulated skin, and locates the taxels from the touches.
 
-    `noise` [counts] is the standard deviation of raw values. Raises UnknownNameError for a patch, TciError
-    when the skin can't be reached, or its taxels are too few or too far apart to be one.
+    Args:
+        robot: Description of the robot.
+        patch: Patch to calibrate.
+        touches: Number of touches, spread evenly over the patch.
+        wrong: Displacement [m] of each taxel, in a random direction.
+        noise: Standard deviation [counts] of raw values.
+        seed: Seed of directions, places, forces and noise.
+        progress: Called with the number of touches done.
+
+    Raises UnknownNameError for a patch that the robot lacks, TciError if the skin can't be reached or its
+    taxels are too few or too far apart to form a surface.
     """
     words = robot.patch(patch)
     world = World(robot, seed=seed, noise=noise)
     surface = world.surfaces[patch]
     if not len(surface.faces):
         raise TciError(
-            f"{patch}: no surface between its {len(surface.positions)} taxels; valid: a patch that has one"
+            f"{patch}: its {len(surface.positions)} taxels form no surface; valid: a patch with more taxels "
+            "that are close together"
         )
     generator = np.random.default_rng(seed)
     shift = generator.normal(size=surface.positions.shape)
@@ -74,7 +83,8 @@ def calibrate_in_simulation(
         tries += 1
         if tries > 5 * touches:
             raise TciError(
-                f"only {len(found)} of {tries} touches reached {patch}; other links are in the way"
+                f"{patch}: only {len(found)} of {tries} touches reached it, for other links are in the way; "
+                "valid: a patch that a finger can reach"
             )
         place = _far_from(surface, tried, generator)
         tried.append(place)
@@ -88,7 +98,10 @@ def calibrate_in_simulation(
 
 
 def _far_from(surface: Surface, tried: list[Array], generator: np.random.Generator) -> Array:
-    """Of some random points of a surface the one (3,) [m] farthest from those before (Mitchell 1991)."""
+    """Returns the random point (3,) [m] of a surface that is farthest from those `tried` before.
+
+    Best of CANDIDATES points (Mitchell 1991).
+    """
     a, b, c = surface.positions[surface.faces].transpose(1, 0, 2)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     chosen = generator.choice(len(area), CANDIDATES, p=area / area.sum())
@@ -102,7 +115,10 @@ def _far_from(surface: Surface, tried: list[Array], generator: np.random.Generat
 def _touch(
     world: World, patch: str, place: Array, generator: np.random.Generator, kinematics: KinematicChain
 ) -> ProbeTouch | None:
-    """One touch of the skin next to a place (3,) [m] in the link; None where another link is in the way."""
+    """Touches the skin at the point nearest to `place` (3,) [m] in the frame of its link.
+
+    Returns None if another link is in the way, or if no frame came in time.
+    """
     surface, words = world.surfaces[patch], world.robot.patch(patch)
     points, normals = surface.project(place[None])
     world.finger.retire()

@@ -17,6 +17,7 @@ from cli.test_cli import tci
 from recording.recorded import LIKE_LISTING_2
 from tci import GenericBody, cli, load_robot
 from tci.cli.check import check
+from tci.cli.guide import FIRST, NEXT
 from tci.cli.main import app
 from tci.cli.robots import load_robots
 from tci.errors import MissingExtraError
@@ -58,6 +59,31 @@ COMMANDS = commands(typer.main.get_command(app))
 def test_reports_come_as_json_too(name: str) -> None:
     options = {option for one in COMMANDS[name].params for option in one.opts}
     assert ("--json" in options) is (name not in SILENT)
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_help_ends_with_the_next_command_to_try(name: str) -> None:
+    shown = CliRunner().invoke(app, [*name.split(), "--help"], env={"COLUMNS": "400"}).output
+    last = [line.strip() for line in shown.splitlines() if line.strip()][-1]
+    assert last == f"Next:  {NEXT[name]}"
+    assert NEXT[name] != f"tci {name}"
+
+
+@pytest.mark.parametrize("line", sorted({*NEXT.values(), *(command for command, _ in FIRST)}))
+def test_the_commands_to_try_exist_with_their_options(line: str) -> None:
+    tci, *words = line.split()
+    (name,) = [one for one in COMMANDS if words[: len(one.split())] == one.split()]
+    known = {option for one in COMMANDS[name].params for option in one.opts}
+    assert tci == "tci"
+    assert known >= {word for word in words if word.startswith("--")}
+
+
+def test_without_arguments_the_commands_to_try_first_are_listed() -> None:
+    result = CliRunner().invoke(app, [])
+    assert result.exit_code == 0
+    for command, purpose in FIRST:
+        assert re.search(rf"^  {command} +{purpose}$", result.output, re.MULTILINE)
+    assert CliRunner().invoke(app, ["--version"]).output.startswith("tci ")
 
 
 @pytest.mark.parametrize("name", sorted(COMMANDS))

@@ -142,6 +142,23 @@ def test_7_a_class_in_place_of_an_instance(driver: SimulatedDriver) -> None:
             tci.run(driver, given, duration=0.01)
 
 
+@pytest.mark.parametrize(
+    ("own", "words"),
+    [
+        ({"init": lambda self: 0}, r"Old.init\(self\) .* valid: def init\(self, body\)"),
+        (
+            {"step": lambda self, memory, perception: ((), memory)},
+            r"Old.step\(self, memory, perception\) .* valid: def step\(self, memory, perception, body\)",
+        ),
+    ],
+    ids=["init", "step"],
+)
+def test_7_a_method_without_the_body(own: dict[str, Any], words: str) -> None:
+    """As capabilities were written before the body became an argument."""
+    with pytest.raises(TciError, match=words):
+        type("Old", (Ask,), own)
+
+
 @pytest.mark.parametrize("mode", ["position", "Position"])
 def test_8_a_mode_by_its_name(driver: SimulatedDriver, mode: str) -> None:
     assert tci.run(driver, Ask((head(0.1, 0.0, 0.0, mode=mode),)), duration=0.01)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Generic, TypeVar
+from inspect import isfunction, signature
+from typing import Any, Generic, TypeVar
 
 from tci.body.generic_body import GenericBody
+from tci.errors import TciError
 from tci.messages import Order, Perception
 from tci.reasons import Reason
 
@@ -18,6 +20,21 @@ class Capability(ABC, Generic[Memory]):
     Settings are frozen in the object. All that changes is in the memory, which the caller passes in and gets
     back. Equal memory and perception give equal commands, bit for bit, so that recordings can be replayed.
     """
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Raises TciError if a method of the subclass can't be called with the arguments declared below."""
+        super().__init_subclass__(**options)
+        for name in ("init", "begin", "step", "notes", "fault"):
+            own, declared = vars(cls).get(name), signature(getattr(Capability, name)).parameters
+            if not isfunction(own):
+                continue
+            try:
+                signature(own).bind(*declared)
+            except TypeError:
+                raise TciError(
+                    f"{cls.__name__}.{name}({', '.join(signature(own).parameters)}) has other arguments than "
+                    f"a capability; valid: def {name}({', '.join(declared)})"
+                ) from None
 
     @abstractmethod
     def init(self, body: GenericBody) -> Memory:

@@ -18,6 +18,7 @@ from tci.cli.describe import describe
 from tci.cli.doctor import doctor
 from tci.cli.fault import app as fault_app
 from tci.cli.gesture import app as gesture_app
+from tci.cli.guide import NEXT, first_steps
 from tci.cli.log import app as log_app
 from tci.cli.new_robot import new_robot
 from tci.cli.plot import plot
@@ -33,8 +34,7 @@ from tci.errors import DescriptionError, TciError
 app = typer.Typer(
     name="tci",
     help="Tactile Capabilities Interface: write a touch behaviour once, run it on any humanoid.",
-    epilog="Start with: tci demo. This is software, not a certified safety function.",
-    no_args_is_help=True,
+    epilog="Try first: tci demo. This is software, not a certified safety function.",
     rich_markup_mode="rich",
 )
 
@@ -47,17 +47,22 @@ app.add_typer(log_app, name="log")
 app.add_typer(zenoh_app, name="zenoh")
 
 
-def _flow(commands: typer.Typer) -> None:
-    """Joins the lines of help texts into paragraphs: Typer would keep the line breaks of the source."""
+def _finish_help(commands: typer.Typer, group: str = "") -> None:
+    """Joins the lines of help texts into paragraphs, since Typer would keep the line breaks of the source.
+
+    Ends each help with the command to try next.
+    """
     for command in commands.registered_commands:
+        name = command.name or str(getattr(command.callback, "__name__", ""))
         words = inspect.getdoc(command.callback) or ""
         command.help = re.sub(r"(?<!\n)\n(?!\n)", " ", words)
-    for group in commands.registered_groups:
-        if group.typer_instance is not None:
-            _flow(group.typer_instance)
+        command.epilog = f"Next:  {NEXT[group + name]}"
+    for registered in commands.registered_groups:
+        if registered.typer_instance is not None:
+            _finish_help(registered.typer_instance, f"{registered.name} ")
 
 
-_flow(app)
+_finish_help(app)
 
 
 def _print_version(asked: bool) -> None:
@@ -66,13 +71,16 @@ def _print_version(asked: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
+@app.callback(invoke_without_command=True)
 def main_options(
+    context: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print TCI's version.")
     ] = False,
 ) -> None:
-    """Options that stand before a command."""
+    """Options that stand before a command. Without a command, prints the commands to try first."""
+    if context.invoked_subcommand is None:
+        print(first_steps())
 
 
 INTERRUPTED = 130

@@ -1,0 +1,55 @@
+"""The commands to try first, and the command to try after each other one, which ends its help."""
+
+FIRST = (
+    ("tci demo", "poke simulated robots, with a table, a picture and a report"),
+    ("tci view", "poke simulated robots yourself, in the browser"),
+    ("tci run withdrawal nao --poke", "run the withdrawal reflex and see each of its decisions"),
+    ("tci doctor", "find out what is missing on this machine"),
+)
+"""Commands to try first, each with its purpose: they need no robot and no option."""
+
+NEXT = {
+    "demo": "tci view",
+    "view": "tci run withdrawal nao --poke",
+    "run": "tci run withdrawal nao --poke --duration 2 --record touch.mcap",
+    "record": "tci log info touch.mcap",
+    "serve": "tci run withdrawal nao --via zenoh --arm",
+    "plot": "tci view --via replay:touch.mcap",
+    "robots": "tci describe nao",
+    "describe": "tci check nao --simulate",
+    "new-robot": "tci check robot.xml --simulate",
+    "check": "tci run withdrawal nao --poke",
+    "doctor": "tci demo",
+    "skin fit": "tci skin show icub",
+    "skin check": "tci skin show icub",
+    "skin locate": "tci skin check icub",
+    "skin calibrate": "tci doctor nao",
+    "skin show": "tci skin fit icub",
+    "fault list": "tci demo --fault stall@0.32",
+    "gesture record": "tci gesture play wave.csv icub",
+    "gesture convert": "tci gesture play wave.csv nao",
+    "gesture play": "tci gesture play wave.csv icub --reflex",
+    "log info": "tci plot touch.mcap",
+    "log cut": "tci plot poke.mcap",
+    "log export": "tci plot touch.mcap",
+    "log import": "tci log info touches.mcap",
+    "zenoh secure": "tci zenoh router keys/router.json5",
+    "zenoh router": "tci serve nao --via zenoh",
+}
+"""The command to try after each command."""
+
+
+def first_steps() -> str:
+    """Returns the text of `tci` without arguments."""
+    width = max(len(command) for command, _ in FIRST)
+    return "\n".join(
+        [
+            "TCI, the Tactile Capabilities Interface: write a touch behaviour once, run it on any humanoid.",
+            "",
+            "Try first:",
+            *(f"  {command:<{width}}  {purpose}" for command, purpose in FIRST),
+            "",
+            "All commands: tci --help. Help for one: tci COMMAND --help.",
+            "This is software, not a certified safety function.",
+        ]
+    )

@@ -121,9 +121,16 @@ def test_units_become_si_and_everything_is_read(tmp_path: Path) -> None:
 def test_listing_2_mended_loads_as_it_stands(tmp_path: Path) -> None:
     robot = read_robot(write(tmp_path, LISTING_2))
     part = robot.part("icub_head")
-    assert part.kind == "head"
+    assert part.kind == "other"
     assert [robot.servos[servo.servo or 0].id for servo in part.servos] == [0, 2]
     np.testing.assert_allclose(np.rad2deg(part.initial_posture), [-2, 15])
+
+
+def test_kind_and_side_of_a_part_are_given_and_not_guessed_from_its_name(tmp_path: Path) -> None:
+    robot = read_robot(write(tmp_path, changed('name="head"', 'name="left_arm"')))
+    assert (robot.parts[0].kind, robot.parts[0].side) == ("other", None)
+    robot = read_robot(write(tmp_path, changed('name="head"', 'name="left_arm" kind="head" side="right"')))
+    assert (robot.parts[0].kind, robot.parts[0].side) == ("head", "right")
 
 
 def test_listing_2_as_printed_is_not_well_formed(tmp_path: Path) -> None:

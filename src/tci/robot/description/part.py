@@ -80,7 +80,7 @@ class GenericPart(Description):
 
     name: str
     """`left_arm`, `head`, ..."""
-    kind: Kind
+    kind: Kind = "other"
     side: Literal["left", "right"] | None = None
     servos: tuple[GenericServo, ...]
     """Joints of the part, by generic id."""

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
-from typing import get_args
 
 import numpy as np
 
 from tci.frames import rotation_rpy
-from tci.robot.description import GenericPart, GenericServo, Kind, Segment, Servo
+from tci.robot.description import GenericPart, GenericServo, Segment, Servo
 from tci.robot.generic_arm import JOINTS, SEGMENTS
 from tci.robot.xml.document import Faults
 from tci.robot.xml.grammar import MAX_MOUNT
@@ -30,28 +28,9 @@ def read_parts(root: Node, servos: Servos, faults: Faults) -> tuple[GenericPart,
     return tuple(_part(node, servos, faults) for node in nodes)
 
 
-def kind_of(name: str) -> str:
-    """Returns the kind of a part that gives none, from its name: `head` for `icub_head`, `other` if
-    unclear."""
-    found = set(_words(name)) & (set(get_args(Kind)) - {"other"})
-    return found.pop() if len(found) == 1 else "other"
-
-
-def side_of(name: str) -> str | None:
-    """Returns the side of a part that gives none: `left` for `left_arm` and `LArm`, None if unclear."""
-    letters = {"l": "left", "left": "left", "r": "right", "right": "right"}
-    found = {letters[word] for word in _words(name) if word in letters}
-    return found.pop() if len(found) == 1 else None
-
-
-def _words(name: str) -> list[str]:
-    return [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)]
-
-
 def _part(node: Node, servos: Servos, faults: Faults) -> GenericPart:
     name = node.get("name", "?")
-    kind = node.get("kind") or kind_of(name)
-    side = node.get("side") or side_of(name)
+    kind, side = node.get("kind", "other"), node.get("side")
     if kind == "arm" and side is None:
         faults.add(node.line, f'the arm {name!r} has no side; valid: side="left" or side="right"')
     nodes = _by_id(node, name, faults)

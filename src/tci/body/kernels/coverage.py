@@ -34,12 +34,13 @@ def count_taxels(
     places: Array,
     counts: Array,
 ) -> None:
-    """Add to `counts` (2, m) the taxels of some patches around each of the `places` (5, m), and those of them
-    that are `masked` (n,).
+    """Counts the taxels of some patches, and those of them that are `masked` (n,), around each of the
+    `places` (5, m).
 
-    `poses` (l, 4, 4) are `T_TL` of links, `on` (p, 2) the places there of each patch's link and of its
-    segment's, `limb` (p, 15) its numbers, `posture` (n,) [rad] that of the part; `positions` (n, 3) [m] are
-    those of the taxels in their links, patch by patch from `begins` (p + 1,) on.
+    The numbers are added to `counts` (2, m). `poses` (l, 4, 4) are `T_TL` of links, `on` (p, 2) the indices
+    there of each patch's link and of its segment's, `limb` (p, 15) its numbers, `posture` (n,) [rad] that of
+    the part; `positions` (n, 3) [m] are those of the taxels in their links, patch by patch from `begins` (p +
+    1,) on.
     """
     for p in range(len(on)):
         x_S, y_S, z_S = limb_pose(poses[on[p, 0]], poses[on[p, 1]], limb[p], posture)

@@ -31,9 +31,9 @@ class Element:
     many: Mapping[str, Element] = field(default_factory=dict)
     """Children that occur any number of times."""
     describes: type[Description] | None = None
-    """Type that it becomes."""
+    """Type of `tci.robot.description` that the element becomes."""
     fields: Mapping[str, str] = field(default_factory=dict)
-    """Fields of that type whose attribute, or child that holds a value, has another name: by that name."""
+    """Fields of that type by the name of the attribute or child, where the names differ."""
 
     @property
     def children(self) -> dict[str, Element]:

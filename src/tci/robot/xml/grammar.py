@@ -53,7 +53,7 @@ def _choice(described: type[Description], field: str) -> Choice:
 UNIT = Choice(("deg", "rad"))
 NAME = Name()
 ADDRESS = Name(1000)
-"""A name of another world, or several with spaces between them."""
+"""A name in another system, or several names with spaces between them."""
 ID = Integer(0, 9999)
 SHARE = Number(0.0, 1.0)
 LENGTH = Number(most=3.0, positive=True, unit="m")
@@ -291,4 +291,4 @@ GENERIC_ROBOT = Element(
 )  # fmt: skip
 
 MAX_MOUNT = math.radians(20.0)
-"""Largest turn [rad] of a mount: it is a small correction, not another kind of shoulder."""
+"""Largest rotation [rad] of a mount. Assumed: a mount is a small correction, not another kind of shoulder."""

@@ -22,7 +22,7 @@ MAX_ANGLE = 4.0 * math.pi
 unit."""
 
 PLACES = 6
-"""Digits after the point of a written number: 1 um, a millionth of a degree."""
+"""Number of decimals of a written number: 1 um, a millionth of a degree."""
 NUMBER = r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?"
 """Pattern of a plain ASCII decimal."""
 _NUMBER = re.compile(NUMBER)
@@ -59,7 +59,7 @@ class Value(ABC):
 
     @property
     def says(self) -> str:
-        """Valid values, in Markdown and in few words; empty where the name says enough."""
+        """Description of valid values, short and in Markdown; empty if the name suffices."""
         return ""
 
 

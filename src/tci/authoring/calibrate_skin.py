@@ -22,9 +22,11 @@ STIFF = 0.03
 """Weight of the smoothing that keeps slopes of adjacent pieces equal. Assumed: small against that of the
 loads."""
 REST = 0.02
-"""Force [N] below which the force sensor counts as unloaded. Assumed; no published value."""
+"""Force [N] below which the force sensor counts as unloaded. Assumed: above such sensors' noise, far below a
+touch."""
 STEADY = 0.2
-"""Length [s] of one load in a force sensor's stream. Assumed; no published value."""
+"""Length [s] of one load in a force sensor's stream. Assumed; shorter averages less noise, longer needs a
+steadier hand."""
 FEWEST_FRAMES = 20
 """Least number of frames at rest. Assumed: a standard deviation of 20 frames is known to about 16 percent."""
 

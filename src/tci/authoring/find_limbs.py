@@ -24,12 +24,13 @@ PARALLEL = 0.9
 """Cosine above which two successive axes of a ball joint are too close to parallel. Assumed: 26 degrees."""
 ASIDE = 0.6
 """Largest distance of a limb's axis from its ball joint, and of its bending axis, as a fraction of its
-length. Assumed; no published value."""
+length. Assumed; larger takes other chains of joints for limbs, smaller misses limbs with offset joints."""
 SHORT = 0.18
-"""Least length of an upper arm or thigh, as a fraction of the reach of its chain. Assumed; no published
-value."""
+"""Least length of an upper arm or thigh, as a fraction of the reach of its chain. Assumed; larger misses
+short limbs, smaller takes links of a wrist or an ankle for limbs."""
 MIRRORED = 0.02
-"""Largest distance [m] of a left limb from the mirror image of the right one. Assumed; no published value."""
+"""Largest distance [m] of a left limb from the mirror image of the right one. Assumed: above asymmetries of
+CAD models, below the length of a limb."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

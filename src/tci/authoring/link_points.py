@@ -13,13 +13,14 @@ from tci.robot.description import Model
 from tci.robot.model_file import compiled, load_spec
 
 POINTS = 6000
-"""Number of points on one mesh. Assumed; no published value."""
+"""Number of points on one mesh. Assumed; fewer leave pieces of a limb without points, more take longer."""
 SECTORS, SLABS = 24, 12
-"""Pieces around and along a limb; the outermost point of each is used. Assumed; no published value."""
+"""Number of pieces around and along a limb; the outermost point of each is used. Assumed; fewer ignore the
+limb's shape, more need more points."""
 INSIDE = 0.9
 """Fraction of these points inside the skin. Assumed: single points that stick out do not widen it."""
 THINNEST = 0.02
-"""Least radius [m] of a skin. Assumed; no published value."""
+"""Least radius [m] of a skin. Assumed: thinner than any humanoid's forearm."""
 
 
 class LinkPoints:

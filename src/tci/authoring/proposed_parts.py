@@ -22,7 +22,7 @@ from tci.robot.shoulder import Shoulder, angle_about
 from tci.robot.xml.grammar import MAX_MOUNT
 
 GENERIC_SPEED = float(np.deg2rad(180.0))
-"""Speed [rad/s] of generic joints. Assumed; no published value."""
+"""Speed [rad/s] of generic joints. Assumed; the servos' own limits apply too."""
 LEG = {
     "hip_pitch": (0.0, -1.0, 0.0), "hip_roll": (1.0, 0.0, 0.0), "hip_yaw": (0.0, 0.0, -1.0),
     "knee_pitch": (0.0, 1.0, 0.0), "ankle_pitch": (0.0, -1.0, 0.0), "ankle_roll": (-1.0, 0.0, 0.0),
@@ -33,11 +33,11 @@ HAND = {"flexion": (-1.0, 0.0, 0.0), "deviation": (0.0, -1.0, 0.0)}
 ALIKE = 0.96
 """Least cosine between a joint's axis and the generic one. Assumed: about 16 degrees."""
 TALL = 0.1
-"""Least height [m] of a hip above its ankle. Assumed; no published value."""
+"""Least height [m] of a hip above its ankle. Assumed: smaller than the legs of small humanoids."""
 STANDING = np.deg2rad([20.0, 0.0, 0.0, 40.0, 20.0, 0.0])
 """Initial posture [rad] of legs, as far as limits allow. Assumed: slightly bent knees, level feet."""
 ROOM = np.deg2rad(3.0)
-"""Distance [rad] of the initial posture from limits. Assumed; no published value."""
+"""Distance [rad] of the initial posture from limits. Assumed: above encoder offsets."""
 
 
 def generic_joint(id: int, name: str, servo: int | None, **more: object) -> GenericServo:

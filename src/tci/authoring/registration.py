@@ -23,9 +23,10 @@ from tci.robot.model_file import compiled, load_spec
 DENSITY = 200_000
 """Number of points that represent the surface of a link. Assumed: on an arm they are 0.5 mm apart."""
 OFFSETS = (-0.04, 0.0, 0.04)
-"""Offsets [m] of the starts along each axis of the link. Assumed; no published value."""
+"""Offsets [m] of the starts along each axis of the link. Assumed: about the radius of a limb, so that one
+start is near the solution."""
 KEPT = 25
-"""Number of best starts that are refined. Assumed; no published value."""
+"""Number of best starts that are refined. Assumed; fewer may miss the solution, more take longer."""
 FITS = 0.005
 """Mean distance [m] up to which a skin fits its link. Assumed: covers are a few millimetres thick."""
 

@@ -14,7 +14,7 @@ from tci.robot.shoulder import nearest_point
 COVER = {"upper_arm": (0.2, 0.8), "forearm": (0.12, 0.9)}
 """Range of u that skin covers on each segment. Assumed: keeps clear of the joints at both ends."""
 PITCH = 0.009
-"""Distance [m] between taxels. Assumed; no published value."""
+"""Distance [m] between taxels. Assumed; on an iCub's modules it is 6.5 mm."""
 
 
 def axes_of(body: FoundLimbs, limb: Limb) -> tuple[Array, Array]:

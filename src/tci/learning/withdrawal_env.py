@@ -42,11 +42,12 @@ PAIN = 400e3
 """Pressure [Pa] that counts as pain. Assumed: the order of magnitude that algometers find on arms; for
 thresholds at a given place and with a given tool see Behrens et al. 2022 (doi:10.3389/frobt.2021.667818)."""
 EFFORT, TASK = 0.05, 1.0
-"""Weights of effort and distance from the task in the reward; harm has weight 1. Assumed; no published
-value."""
+"""Weights of effort and distance from the task in the reward; harm has weight 1. Assumed; larger weights make
+pain cheaper to accept."""
 SPEED = (0.1, 0.4)
 DEPTH = (0.006, 0.014)
-"""Ranges of a poke: speed [m/s] (SPEED) and depth [m] of the finger's base. Assumed; no published value."""
+"""Ranges of a poke: speed [m/s] (SPEED) and depth [m] of the finger's base. Assumed: touches from light to
+painful."""
 FORCE = 100.0
 """Bound of an observation's touch values: force [N], area [cm2]."""
 

@@ -23,8 +23,8 @@ from tci.robot.description import Robot
 
 SUFFIXES = (".bag", ".db3", ".mcap")
 FIRST = 100
-"""Number of first readings that give the period of a recording, by their median. Assumed; no published
-value."""
+"""Number of first readings whose median interval is the period of a recording. Assumed; fewer depend on
+single delays, more read further ahead."""
 JUMP = 1.0
 """Backward step [s] of a stamp from which on the clock was set back. Assumed: far above network delays."""
 

@@ -11,9 +11,10 @@ from tci.frames import Array
 from tci.recording.perceived import Perceived
 
 PAUSE = 0.3
-"""Time [s] without contact that separates two touches. Assumed; no published value."""
+"""Time [s] without contact that separates two touches. Assumed; shorter splits a touch that flickers, longer
+joins quick touches."""
 MOVED = np.deg2rad(0.5)
-"""Change [rad] of a generic joint that counts as motion. Assumed; no published value."""
+"""Change [rad] of a generic joint that counts as motion. Assumed: above encoder noise."""
 
 
 @dataclass(slots=True)

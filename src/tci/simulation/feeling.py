@@ -47,7 +47,7 @@ taxels; lists of taxels; centres of the lists; workspace; values of the channels
 Arrays = tuple[Array, ...]
 _SLACK = 1.0
 """Distance [widths] that a contact may move before the list of taxels around it is renewed (Verlet 1967).
-Assumed; no published value."""
+Assumed; larger makes longer lists, smaller renews them more often."""
 
 
 @inlined

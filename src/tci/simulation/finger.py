@@ -19,7 +19,8 @@ RADIUS = 0.005
 STIFFNESS = 800.0
 """Stiffness [N/m] of the spring between base and tip: with a nearly rigid finger 2 mm would give 19 N."""
 MASS = 0.02
-"""Mass of the tip [kg]. Assumed; no published value."""
+"""Mass of the tip [kg]. Assumed: light, so that the tip follows the skin; a lighter one needs smaller
+steps."""
 DAMPING = 1.4 * np.sqrt(STIFFNESS * MASS)
 """Damping [N s/m] between base and tip. Assumed: 0.7 of the critical damping."""
 TRACE = 60_000
@@ -32,7 +33,8 @@ _PARKED = np.array([0.0, 0.0, -20.0])
 _SHAFT = 0.06
 _COLOUR = (0.85, 0.55, 0.45, 1.0)
 _OVERLAP = 5e-4
-"""Depth [m] in the skin from which on the finger must not start. Assumed; no published value."""
+"""Depth [m] inside the skin above which the finger must not start. Assumed: above the solver's tolerance,
+below a visible overlap."""
 
 
 def add_finger(spec: mujoco.MjSpec, *, step: float) -> None:

@@ -13,8 +13,8 @@ from tci.compiled import compiled, inlined, reads, views, writes
 from tci.frames import Array
 
 SIGMA = 3e-3
-"""Width [m] of the Gaussian by which the cover over the taxels spreads a force. Assumed; no published
-value."""
+"""Width [m] of the Gaussian by which the cover over the taxels spreads a force. Assumed: half of the pitch of
+an iCub's taxels, so that a point touch is shared by neighbours."""
 REACH = 6.0
 """Distance [widths], beyond that of the nearest taxel, from which on taxels get no force. Assumed: without a
 tilt their weights are below exp(-18) of the largest."""

@@ -17,7 +17,8 @@ _track = entry(track)
 
 @dataclass(frozen=True, slots=True)
 class TrackSettings:
-    """Conditions under which contacts in successive frames of a patch are one contact. Assumed."""
+    """Conditions under which contacts in successive frames of a patch are one contact. All figures are
+    assumed."""
 
     reach: float = 0.03
     """Largest distance [m] that a contact's centre may move between frames. Larger joins separate touches,

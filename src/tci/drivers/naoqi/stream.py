@@ -24,8 +24,8 @@ CATCH_UP = 0.05
 target, whichever is farther. Assumed: a little more than AHEAD, so that it neither arrives before the next
 target comes nor lags far behind."""
 LEAST = 0.02
-"""Smallest fraction of the top speed that is sent: with zero a servo would never arrive. Assumed; no
-published value."""
+"""Smallest fraction of the top speed that is sent: with zero a servo would never arrive. Assumed; a larger
+one makes slow motions jerky."""
 EVERY = 0.01
 """Shortest time [s] between two targets of a moving servo: NAO's device cycle."""
 SAME = 1e-5

@@ -23,8 +23,8 @@ from tci.reasons import Reason
 from tci.robot.description import Robot, Servo
 
 KEEP = 1.0
-"""Time [s] after its last order for which a part stays under command, so that it comes to rest. Assumed; no
-published value."""
+"""Time [s] after its last order for which a part stays under command, so that it comes to rest. Assumed:
+longer than a stop takes."""
 MOST = 16
 """Largest number of messages that are handled between two periods. Assumed: a client sends about one in each
 period."""

@@ -44,8 +44,8 @@ MASTER_TIMEOUT = 3.0
 """Time [s] that the master or a node has to answer. Assumed: on a local network it answers within a
 second."""
 BUFFER = 1 << 20
-"""Bytes that a subscriber reads at once, so that the newest message of a flood is found. Assumed; no
-published value."""
+"""Bytes that a subscriber reads at once, so that the newest message of a flood is found. Assumed: hundreds of
+messages."""
 MASTER = "http://localhost:11311"
 """Address of the master if ROS_MASTER_URI gives none."""
 NEEDED = ("rospy", "sensor_msgs.msg", "trajectory_msgs.msg")
@@ -54,7 +54,7 @@ NAMES = ("ROS_IP", "ROS_HOSTNAME")
 """Variables that give this machine's name to others."""
 FLUSH, SENT = 0.2, 0.005
 """Longest time [s] that closing waits for the last messages to leave their queues, and then to be sent.
-Assumed; no published value."""
+Assumed; shorter may lose the last message, longer delays the end of a program."""
 
 
 def _rospy() -> Any:

@@ -14,6 +14,7 @@ from tci.cli.main import app
 project = "TCI"
 author = "The TCI developers"
 release = tci.__version__
+copyright = f"The TCI developers. Checked with TCI {release} by its tests"
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.mathjax"]
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import runpy
+import subprocess
+import sys
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -116,3 +118,23 @@ def test_commands_of_a_page_have_the_options_that_it_gives_them(page: Path) -> N
         except typer.TyperException as error:
             raise AssertionError(f"{page.name}: {used}: {error}") from error
         assert set(left) <= {LAST}, f"{page.name}: {used}"
+
+
+PROGRAM = re.compile(r"^```python\n((?:import [^\n]*\n)*import tci\n.*?)^```", re.MULTILINE | re.DOTALL)
+"""A whole program in a page; one without its imports is a fragment."""
+
+PROGRAMS = [
+    pytest.param(program, id=f"{page.stem}-{number}")
+    for page in PAGES
+    for number, program in enumerate(PROGRAM.findall(page.read_text()))
+]
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_programs_of_a_page_run(program: str, tmp_path: Path) -> None:
+    file = tmp_path / "program.py"
+    file.write_text(program)
+    run = subprocess.run(
+        [sys.executable, str(file)], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert run.returncode == 0, run.stderr

@@ -1,4 +1,4 @@
-"""Calibrated from noisy weights, skins of different kinds feel the same newton."""
+"""Calibrated with noisy weights, skins of different kinds report equal forces."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ AREAS = np.full(TAXELS, AREA)
 INVERTED = sensor(8)
 SENSITIVE = Sensor(rest=120.0, pascal_per_count=30.0, lowest=0.0, highest=4095.0)
 THREE_AXES = Sensor(rest=4000.0, pascal_per_count=2.0, lowest=0.0, highest=65535.0, axes=3)
-"""Its z values; x and y are not calibrated by weights."""
+"""A three-axis sensor's z values; x and y are not calibrated by weights."""
 WRONG = 1.4
-"""The description's response is this far off, so that an uncalibrated skin fails."""
+"""Factor by which the description's response is wrong, so that an uncalibrated skin fails."""
 
 
 def truth(of: Sensor, pressure: np.ndarray) -> np.ndarray:
-    """Counts of a sensor that goes soft: a square-root part beside the linear one."""
+    """Returns the counts of a sensor that saturates gradually: a linear part plus a square root."""
     full = (of.rest - of.lowest) if of.pascal_per_count < 0 else (of.highest - of.rest)
     share = pressure / 60e3
     return np.sign(of.pascal_per_count) * full * (0.7 * share + 0.3 * np.sqrt(share))
 
 
 def frames(of: Sensor, force: float, count: int, generator: np.random.Generator) -> np.ndarray:
-    """Raw frames (count, taxels) with `force` [N] on a place of the patch."""
+    """Returns raw frames (count, taxels) with `force` [N] on a place of the patch."""
     shape = bump(*generator.uniform((3, 3), (ROWS - 4, COLUMNS - 4)), 1.0, width=generator.uniform(1.2, 1.6))
     pressure = np.where(shape > 0.02, shape, 0.0)
     pressure *= force / (AREA * pressure.sum()) if force else 0.0
@@ -58,7 +58,8 @@ def test_a_held_out_newton_is_a_newton(of: Sensor) -> None:
 
 
 def whole(of: Sensor, values: np.ndarray) -> np.ndarray:
-    """A frame with `values` (taxels,) across the skin, and nothing along a skin of three axes."""
+    """Returns a frame with `values` (taxels,) normal to the skin, and zero tangential values for three
+    axes."""
     frame = np.full((TAXELS, of.axes), of.rest)
     frame[:, -1] = values
     return frame.ravel()

@@ -1,4 +1,4 @@
-"""A robot with more skin is the same robot."""
+"""A robot with more skin is otherwise unchanged."""
 
 from __future__ import annotations
 

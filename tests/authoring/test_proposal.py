@@ -1,4 +1,4 @@
-"""Descriptions proposed from a URDF, beside those that people wrote."""
+"""Descriptions proposed from a URDF agree with those written by hand."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ def model_file(package: str, file: str) -> Path:
 
 
 FITTED = 1e-4
-"""Fits to the same meshes differ by 0.02 mm between processors [m, rad]; a taxel is 6 mm wide."""
+"""Tolerance [m, rad]: fits to equal meshes differ by 0.02 mm between processors; a taxel is 6 mm wide."""
 
 
 def leaves(value: object, place: str = "") -> Iterator[tuple[str, object]]:
-    """Each number and word in nested lists and dictionaries, by its place."""
+    """Yields each number and word in nested lists and dictionaries, by its place."""
     if isinstance(value, dict | list | tuple):
         for key, one in value.items() if isinstance(value, dict) else enumerate(value):
             yield from leaves(one, f"{place}/{key}")
@@ -57,7 +57,7 @@ def test_the_packaged_robot_comes_out_again(name: str, tmp_path: Path) -> None:
 
 
 def test_an_icub_is_found_as_people_described_it() -> None:
-    """Its root looks backward and its torso link lies on its side; both are seen."""
+    """Its root faces backward and its torso link lies on its side; both are recognised."""
     icub = load_robot("icub")
     assert icub.model is not None
     proposed = propose(Path(icub.model.path), name="icub")
@@ -77,8 +77,8 @@ def test_an_icub_is_found_as_people_described_it() -> None:
 
 
 def test_an_icub_gets_its_mount_its_legs_and_its_hands() -> None:
-    """As `icub-whole` has them, by hand: eq. 1 on a mount of 15 degrees, six joints of a leg, two of a
-    wrist."""
+    """The result agrees with `icub-whole`, written by hand: eq. 1 on a mount of 15 degrees, six joints of a
+    leg, two of a wrist."""
     icub = load_robot("icub-whole")
     assert icub.model is not None
     proposed = propose(Path(icub.model.path), name="icub", mount=True)
@@ -126,7 +126,7 @@ def test_skin_goes_around_the_arm() -> None:
 
 
 def test_a_forearm_that_ends_nowhere_is_refused(tmp_path: Path) -> None:
-    """All its joints are at the elbow."""
+    """All of the arm's joints are at the elbow."""
     words = ["<link name='torso'/>"]
     for side, sign in (("left", 1), ("right", -1)):
         above = "torso"

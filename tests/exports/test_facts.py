@@ -1,4 +1,4 @@
-"""The run-time query: every fact is there, as JSON and back, and true."""
+"""The run-time query returns every fact, correct, and unchanged by a round trip through JSON."""
 
 from __future__ import annotations
 

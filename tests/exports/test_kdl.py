@@ -1,6 +1,7 @@
-"""Chains of the run-time query, built in OROCOS KDL by another process: Debian's python3-pykdl.
+"""Chains of the run-time query, built in OROCOS KDL by another process with Debian's python3-pykdl.
 
-What crosses is the JSON of `tci describe ROBOT --format kdl`; the lines of docs/kinematics.md build from it.
+The processes exchange the JSON of `tci describe ROBOT --format kdl`; the lines of docs/kinematics.md build
+from it.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ PARTS = [(name, part) for name in ("nao", "icub") for part in ("left_arm", "righ
 
 
 def documented_lines(folder: Path, part: str, segments: tuple[ChainSegment, ...]) -> str:
-    """The lines of docs/kinematics.md that build a chain, on the JSON of this part."""
+    """Returns the lines of docs/kinematics.md that build a chain, applied to the JSON of this part."""
     file = folder / "chains.json"
     file.write_text(json.dumps({part: [segment.model_dump(mode="json") for segment in segments]}))
     lines = PAGE.read_text().split("```python\n")[1].split("```")[0]
@@ -79,7 +80,7 @@ def test_kdl_agrees_on_poses_jacobians_and_inverse_kinematics(name: str, part: s
     postures = random_postures(robot, COUNT, seed=10)
     inverse = InverseKinematics(robot, kinematics, tip)
     targets = [kinematics.poses(posture, [tip])[tip] for posture in postures[:50]]
-    # KDL knows no limits, so it starts near; our own answer serves as its start, and must be one for it.
+    # KDL ignores limits, so it starts near the solution: TCI's own, which it must confirm.
     ours = [inverse.solve(target, posture + 0.05) for target, posture in zip(targets, postures, strict=False)]
     request = {
         "documented": documented_lines(tmp_path, part, segments),

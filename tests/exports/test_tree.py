@@ -1,4 +1,4 @@
-"""What other programs build from: links, chains and URDF of models with joints that packaged robots lack."""
+"""Exports for other programs: links, chains and URDF of models with joints that packaged robots lack."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def postures(robot: Robot) -> np.ndarray:
 
 
 def followed(segments: tuple[ChainSegment, ...], position: np.ndarray) -> np.ndarray:
-    """The pose (4, 4) at the end of a chain, as KDL works it out."""
+    """Returns the pose (4, 4) at the end of a chain, computed as KDL does."""
     pose = np.eye(4)
     for segment in segments:
         if segment.servo is not None:

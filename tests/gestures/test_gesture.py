@@ -1,4 +1,4 @@
-"""Gestures: files, fitting to another robot."""
+"""Gestures: files, and adaptation to another robot."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def test_numbers_of_a_gesture_are_read_as_strictly_as_those_of_a_robot(tmp_path:
 
 
 def repeated(rows: list[str], size: int) -> str:
-    """Rows again and again, until they are `size` [bytes] long."""
+    """Returns the rows repeated until they are `size` [bytes] long."""
     block = "\n".join(rows) + "\n"
     return block * (size // len(block))
 
@@ -136,7 +136,8 @@ def test_large_motion_capture_is_read_or_refused_soon(tmp_path: Path) -> None:
 
 
 def test_a_recording_is_in_the_torso_frame() -> None:
-    """The same way of both arms in space, recorded on iCub, whose shoulders are yawed by 15 degrees."""
+    """Both arms move along equal paths in space, recorded on iCub, whose shoulders are yawed by 15
+    degrees."""
     icub, nao = load_robot("icub"), load_robot("nao")
     gesture = Gesture(TIMES, {"left_arm": waving(), "right_arm": waving()})
     fitted = fit(icub, gesture)
@@ -190,19 +191,19 @@ def test_what_does_not_fit_is_refused() -> None:
 
 
 FILE_FROM_TORSO = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
-"""The axes of the BVH file below: x left, y up, z forward, as most of them have."""
+"""Axes of the BVH file below: x left, y up, z forward, as in most of these files."""
 
 
 @dataclass(frozen=True)
 class Convention:
-    """How makers of motion capture name an arm's joints, and how they turn them."""
+    """Names of an arm's joints in a maker's motion capture, and their axes."""
 
     collar: str
     arm: tuple[str, str, str]
-    """With {side} for Left or Right, {s} for l or r."""
+    """Names with {side} for Left or Right, {s} for l or r."""
     order: str = "ZXY"
     places: bool = False
-    """Whether every joint has channels for its place, not only the root."""
+    """True if every joint has position channels, not only the root."""
 
 
 CONVENTIONS = {
@@ -220,8 +221,10 @@ RIGHT = "JOINT mixamorig:RightShoulder"
 
 
 def bvh(angles: Array, *, rest: float, convention: Convention = CONVENTIONS["Mixamo"]) -> str:
-    """Motion capture of a person with both arms at generic `angles` (k, 5) [rad]; in the rest pose they are
-    `rest` [rad] from hanging."""
+    """Returns motion capture of a person with both arms at generic `angles` (k, 5) [rad].
+
+    In the rest pose the arms are `rest` [rad] from hanging.
+    """
     order = convention.order
     turning = " ".join(f"{axis}rotation" for axis in order)
     own = "CHANNELS 6 Xposition Yposition Zposition" if convention.places else "CHANNELS 3"
@@ -269,7 +272,7 @@ def bvh(angles: Array, *, rest: float, convention: Convention = CONVENTIONS["Mix
 @pytest.mark.parametrize("rest", [0.0, np.pi / 2], ids=["arms hanging", "T-pose"])
 @pytest.mark.parametrize("convention", CONVENTIONS)
 def test_motion_capture_becomes_a_gesture(tmp_path: Path, rest: float, convention: str) -> None:
-    """A person who leans and turns while waving; only the arms against the chest count."""
+    """The person leans and turns while waving; only the arms relative to the chest count."""
     angles = waving()
     (tmp_path / "wave.bvh").write_text(bvh(angles, rest=rest, convention=CONVENTIONS[convention]))
     gesture = read_bvh(tmp_path / "wave.bvh")
@@ -279,7 +282,7 @@ def test_motion_capture_becomes_a_gesture(tmp_path: Path, rest: float, conventio
 
 
 def test_a_rest_pose_before_the_motion_is_left_out(tmp_path: Path) -> None:
-    """As the motions of CMU have it: nobody gets from a T-pose to the next frame in 50 ms."""
+    """CMU's motions begin with a T-pose that nobody could leave within the 50 ms to the next frame."""
     angles = waving()
     angles[0] = [0.0, np.deg2rad(140.0), 0.0, 0.0, 0.0]
     (tmp_path / "wave.bvh").write_text(bvh(angles, rest=np.pi / 2))
@@ -289,7 +292,7 @@ def test_a_rest_pose_before_the_motion_is_left_out(tmp_path: Path) -> None:
 
 
 def test_a_motion_that_begins_with_straight_arms_to_the_sides(tmp_path: Path) -> None:
-    """Many do: the elbows do not tell how the upper arms are turned, the thumbs point forward."""
+    """Straight elbows do not show the rotation of the upper arms; thumbs are assumed to point forward."""
     angles = np.zeros((21, 5))
     angles[:, 1] = np.linspace(np.pi / 2, 0.0, 21)
     (tmp_path / "lower.bvh").write_text(bvh(angles, rest=np.pi / 2))

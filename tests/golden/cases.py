@@ -1,7 +1,7 @@
-"""Golden recordings: runs of an earlier version, kept with their descriptions, that must come out the same.
+"""Golden recordings: runs of an earlier version with their descriptions, which replay must reproduce.
 
-`python tests/golden/cases.py NAME...` records cases anew ("all": all of them). That is right only where a
-change of behaviour is wanted; the commit says so.
+`python tests/golden/cases.py NAME...` records cases again ("all": all of them). That is right only for an
+intended change of behaviour, which the commit must mention.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ from tci.runtime.loop import Tick, run
 
 FOLDER = Path(__file__).parent
 AT = 0.34
-"""Time [s] of a fault: the arm withdraws then."""
+"""Time [s] of a fault, while the arm withdraws."""
 NOT_RECORDED = ("sigterm", "thread-fails", "link-lost", "wrong-type")
-"""Injectors of which a recording holds nothing: the end of a process, a thread or a connection, and values
-that are no numbers."""
+"""Injectors without effect on a recording: the end of a process, a thread or a connection, and values that
+are no numbers."""
 
 
 def poke_head(driver: SimulatedDriver) -> None:
@@ -51,13 +51,13 @@ class Case:
     """One recorded run."""
 
     robot: str
-    """Its description, below `robots/`."""
+    """Path of its description, below `robots/`."""
     capability: Callable[[], tci.Capability[Any]] = tci.WithdrawalReflex
     poke: Callable[[SimulatedDriver], None] | None = poke_forearm
     duration: float = 0.7
     """Length [s]."""
     keep_alive: float | None = None
-    """Longest time [s] between two frames of a patch that sends changes only; None: every frame is sent."""
+    """Longest time [s] between two frames of a patch that sends only changes; None if every frame is sent."""
     flicker: float = 0.0
     """Noise [counts] on all raw values, which are then sent as float64."""
     fault: str = ""
@@ -96,7 +96,7 @@ def described(robot: str) -> Robot:
 
 
 def record(name: str) -> None:
-    """Records a case, and beside it what was perceived."""
+    """Records a case, together with its perceptions."""
     case, path = CASES[name], FOLDER / f"{name}.mcap"
     path.unlink(missing_ok=True)
     ticks: list[Tick] = []
@@ -122,7 +122,7 @@ def record(name: str) -> None:
 
 
 def perceived(ticks: Iterable[Tick]) -> dict[str, np.ndarray[Any, Any]]:
-    """Numbers of all perceptions of a run, by name: one row per period, and one per contact."""
+    """Returns the numbers of all perceptions of a run, by name: one row per period, and one per contact."""
     periods, contacts = [], []
     for tick in ticks:
         perception = tick.perception

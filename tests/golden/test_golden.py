@@ -1,4 +1,4 @@
-"""Recordings of an earlier version replay to the same perceptions and the same decisions."""
+"""Recordings of an earlier version replay to equal perceptions and decisions."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from tci.rosmsg.cdr import decode
 from tci.runtime.loop import Tick, run
 
 ROUNDING = 1e-9
-"""Largest relative difference [1], and absolute [rad, N, m]: another processor rounds sums and sines in other
-ways, and the gate's motion carries that on from period to period."""
+"""Largest relative difference [1], and absolute [rad, N, m]: processors round sums and sines differently, and
+the gate's motion accumulates that from period to period."""
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -54,7 +54,8 @@ def same_decision(a: dict[str, Any], b: dict[str, Any], now: float) -> None:
 
 
 def test_the_recordings_hold_what_they_are_for() -> None:
-    """Every recording of a touch has contacts and commands, every fault is injected while the robot moves."""
+    """Every recording of a touch has contacts and commands, and every fault is injected while the robot
+    moves."""
     for name, case in CASES.items():
         contacts = np.load(FOLDER / f"{name}.npz")["contacts"]
         commands = sum(len(tick.commands) for tick in Recording(FOLDER / f"{name}.mcap").ticks())

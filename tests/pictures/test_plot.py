@@ -1,4 +1,4 @@
-"""The figure of a recording, and the film of a run: right numbers, and something to see."""
+"""The figure of a recording, and the film of a run: correct numbers, and visible content."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_lines_are_those_of_the_recording(recorded: Path) -> None:
     assert np.array_equal(series.forces["left_forearm"], forces)
     commanded = np.isfinite(series.sent).all(axis=1)
     assert commanded.any()
-    # What was sent leads, and in the end it is where the arm is.
+    # The reference leads the motion, and the arm reaches it in the end.
     assert np.abs(series.sent[-1] - series.measured[-1]).max() < np.deg2rad(1.0)
     other, right = collect(robot, periods, part="right_arm")
     assert other == "right_arm"

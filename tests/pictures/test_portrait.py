@@ -1,4 +1,4 @@
-"""Portraits of a poked robot: pressure, fields and finger are where the physics has them."""
+"""Portraits of a poked robot show pressure, fields and finger at the places of the physics."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def moment(world: World) -> Moment:
 
 
 def view(world: World, portrait: Portrait, kept: Moment, taxel: int) -> Camera:
-    """From near, 50 degrees beside the taxel's normal, so that the finger does not hide it."""
+    """Returns a close view, 50 degrees from the taxel's normal, so that the finger does not hide it."""
     point, normal = world.skin_point(PATCH, taxel)
     aside = np.cross(normal, [0.0, 0.0, 1.0])
     outward = np.cos(0.9) * normal + np.sin(0.9) * aside / np.linalg.norm(aside)
@@ -51,7 +51,7 @@ def view(world: World, portrait: Portrait, kept: Moment, taxel: int) -> Camera:
 
 
 def warm(picture: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Pixels of pressed taxels: much red, little blue."""
+    """Returns a mask of the pixels of pressed taxels: much red, little blue."""
     values = picture.astype(int)
     found: NDArray[np.bool_] = (values[..., 0] > 140) & (values[..., 0] - values[..., 2] > 90)
     return found

@@ -1,4 +1,4 @@
-"""Pictures by ray casting: what they show is compared with geometry, not with other pictures."""
+"""Pictures by ray casting are compared with geometry, not with other pictures."""
 
 import subprocess
 import sys
@@ -46,7 +46,7 @@ def camera(size: int = 200) -> Camera:
 
 
 def test_no_two_threads_cast_on_the_same_data(monkeypatch: pytest.MonkeyPatch) -> None:
-    """MuJoCo's working memory is the data's: sharing it killed the process now and then."""
+    """MuJoCo's working memory belongs to the data: sharing it killed the process now and then."""
     model, data = scene(SPHERE)
     together, used, plain = threading.Barrier(2), [], mujoco.mj_multiRay
 
@@ -209,7 +209,7 @@ def test_impossible_cameras_are_refused(wrong: dict[str, float], message: str) -
 
 
 def coloured(picture: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Pixels that are not grey."""
+    """Returns a mask of the pixels that are not grey."""
     values = picture.astype(int)
     marked: NDArray[np.bool_] = np.ptp(values, axis=2) > 40
     return marked

@@ -1,4 +1,4 @@
-"""A film as MP4: players' format, the right length, and the pictures that went in."""
+"""A film as MP4 has a format that players support, the right length, and the right pictures."""
 
 from __future__ import annotations
 

@@ -22,11 +22,12 @@ from tci.viewer.figure import Figure
 from tci.viewer.pick import pick
 
 PATIENCE = 120.0
-"""How long [s] to wait for something that must happen; nothing is timed, and software draws the page."""
+"""Time [s] to wait for events that must happen. Long, since software draws the page and no test measures
+time."""
 
 
 def wait_for(what: Callable[[], object], said: str) -> None:
-    """Return when `what` is true. Fails with `said` when it does not become so."""
+    """Waits until `what` is true. Fails with the text `said` if it never is."""
     end = time.monotonic() + PATIENCE
     while not what():
         assert time.monotonic() < end, f"never happened: {said}"
@@ -35,7 +36,7 @@ def wait_for(what: Callable[[], object], said: str) -> None:
 
 @contextmanager
 def running(viewer: Viewer) -> Iterator[Viewer]:
-    """The viewer, with its sessions, while the block lasts."""
+    """Runs the viewer, with its sessions, for the duration of the block."""
     thread = threading.Thread(target=viewer.run, name="viewer")
     for source in viewer.sources.values():
         source.start()
@@ -50,7 +51,7 @@ def running(viewer: Viewer) -> Iterator[Viewer]:
 
 @contextmanager
 def page_of(viewer: Viewer) -> Iterator[Page]:
-    """Headless Chromium with the viewer's page, ready to be clicked."""
+    """Opens the viewer's page in headless Chromium, ready to be clicked."""
     chromium = needs_program("chromium", "chromium")
     flags = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
     with sync_playwright() as playwright:
@@ -65,14 +66,14 @@ def page_of(viewer: Viewer) -> Iterator[Page]:
 
 
 def canvas_of(page: Page) -> tuple[float, float, float, float]:
-    """Where the scene is on the page: left, top, width and height [pixels]."""
+    """Returns left, top, width and height [pixels] of the scene on the page."""
     box = page.locator("canvas").first.bounding_box()
     assert box is not None
     return box["x"], box["y"], box["width"], box["height"]
 
 
 def on_screen(viewer: Viewer, points: Array, canvas: Sequence[float]) -> Array:
-    """Pixels (n, 2) of the page at which points (n, 3) [m] of the scene are."""
+    """Returns the pixels (n, 2) of the page at which points (n, 3) [m] of the scene are drawn."""
     camera = next(iter(viewer.server.get_clients().values())).camera
     left, top, width, height = canvas
     rotation = np.zeros(9)
@@ -86,8 +87,8 @@ def on_screen(viewer: Viewer, points: Array, canvas: Sequence[float]) -> Array:
 def skin_on_screen(
     viewer: Viewer, key: str, patch: str, canvas: Sequence[float], *, outside: bool = False
 ) -> tuple[float, float, Place]:
-    """A pixel of the page under which a receptive field on `patch` is seen, or skin `outside` all of them,
-    and the place there."""
+    """Returns a pixel of the page that shows a receptive field on `patch`, or skin `outside` all of them, and
+    the place there."""
     camera = next(iter(viewer.server.get_clients().values())).camera
     figure = viewer.figures[key]
     surface = figure.skin.surfaces[patch]
@@ -117,11 +118,11 @@ def _others(viewer: Viewer, figure: Figure) -> list[Figure]:
 
 
 def field(page: Page, label: str) -> Locator:
-    """The input of the first control that is called `label`; of a slider its number."""
+    """Returns the input of the first control labelled `label`; for a slider, its number."""
     row = page.locator(f"xpath=(//label[text()='{label}'])[1]/ancestor::div[.//input][1]")
     return row.locator("input:not([type=hidden])").last
 
 
 def files(folder: Path) -> list[str]:
-    """Names of the recordings in a folder."""
+    """Returns the names of the recordings in a folder."""
     return sorted(path.name for path in folder.glob("*.mcap"))

@@ -1,4 +1,4 @@
-"""The sliders of a posture: what a person sets goes to the robot."""
+"""The sliders of a posture send their values to the robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Receptive fields on the page: which place lies in which, and what the legend names."""
+"""Receptive fields on the page: membership of places, and the names in the legend."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faults 53 and 54: who may talk to the viewer's server."""
+"""Faults 53 and 54: access to the viewer's server."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ PROTOCOL = f"viser-v{viser.__version__}"
 
 
 class Opened:
-    """A server and how to ask it."""
+    """A running server, with requests to it."""
 
     def __init__(self, host: str) -> None:
         self.server, self.guard, self.address = open_server(host, 0, label="test")
         self.port = int(self.address.split("?")[0].rstrip("/").rsplit(":", 1)[1])
 
     def get(self, path: str = "/", **headers: str) -> http.client.HTTPResponse:
-        """What a GET with these headers is answered; Host is the loopback's unless given."""
+        """Returns the response to a GET with these headers; Host is the loopback's unless given."""
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
         connection.putrequest("GET", path, skip_host=True)
         for name, value in {"Host": f"127.0.0.1:{self.port}", **headers}.items():
@@ -37,7 +37,7 @@ class Opened:
         return connection.getresponse()
 
     def socket_opens(self, *, origin: str | None, path: str = "/", **headers: str) -> bool:
-        """Whether a web socket from a page of `origin` is let in."""
+        """Returns True if a web socket from a page of `origin` is accepted."""
         try:
             with connect(
                 f"ws://127.0.0.1:{self.port}{path}", origin=origin, subprotocols=[PROTOCOL],
@@ -155,7 +155,7 @@ def test_the_page_is_told_what_is_set_while_its_sender_goes_to_sleep(
 
 
 def told(window: str | bytes) -> str:
-    """The texts in what viser sends: two lengths, messages, arrays."""
+    """Returns the texts in viser's messages, which consist of two lengths, messages and arrays."""
     assert isinstance(window, bytes)
     length, packed = (int.from_bytes(window[start : start + 8], "little") for start in (0, 8))
     return zstandard.decompress(window[16 : 16 + packed], max_output_size=length).decode(errors="replace")

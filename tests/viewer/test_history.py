@@ -1,4 +1,4 @@
-"""What plots show: no peak is lost between two samples, and the latest moment is there."""
+"""Plots keep every peak between two samples, and the latest sample."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A robot of another process in the viewer: shown, and moved only when armed."""
+"""A robot of another process in the viewer: shown, and moved only if armed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def wait_for(what: Callable[[], object]) -> None:
 
 @contextmanager
 def serving() -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """Where a NAO is served, and the process that does."""
+    """Serves a NAO for the duration of the block; yields its address and process."""
     with socket.create_server(("127.0.0.1", 0)) as found:
         port = found.getsockname()[1]
     via = f"zenoh:tcp/127.0.0.1:{port}"

@@ -1,4 +1,4 @@
-"""The page in a real browser: click the skin, move a slider, make a fault happen, record."""
+"""The page in a real browser: click the skin, move a slider, cause a fault, record."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def page(viewer: Viewer) -> Iterator[Page]:
 
 
 def poke_everywhere(viewer: Viewer, page: Page, wanted: bool) -> None:
-    """Ticks the box "same place on every robot", or unticks it."""
+    """Ticks or unticks the box "same place on every robot"."""
     box = page.get_by_label("same place on every robot")
     if box.is_checked() != wanted:
         box.click()

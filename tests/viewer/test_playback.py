@@ -1,4 +1,4 @@
-"""Recordings of different lengths, side by side on one time."""
+"""Recordings of different lengths, shown side by side at one time."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PATIENCE = 40.0
 
 @pytest.fixture(scope="module")
 def players(tmp_path_factory: pytest.TempPathFactory) -> tuple[Player, Player]:
-    """The first ends after 0.39 s, the second after 0.99 s; both are touched after 0.3 s."""
+    """Two players: the first ends after 0.39 s, the second after 0.99 s; both are touched after 0.3 s."""
     folder: Path = tmp_path_factory.mktemp("lengths")
     record_poke(folder / "short.mcap", duration=0.4)
     record_poke(folder / "long.mcap", duration=1.0)
@@ -46,13 +46,13 @@ def times(players: tuple[Player, Player]) -> list[float]:
 
 
 def updated(playback: Playback) -> None:
-    """Update, and wait until viser's thread has done it."""
+    """Updates, and waits until viser's thread has finished."""
     playback.update()
     asyncio.run_coroutine_threadsafe(asyncio.sleep(0), playback._server.get_event_loop()).result(PATIENCE)
 
 
 def join(work: Callable[[], None]) -> None:
-    """Do it in another thread, meanwhile."""
+    """Runs `work` in another thread meanwhile."""
     thread = threading.Thread(target=work)
     thread.start()
     thread.join()
@@ -75,7 +75,7 @@ def test_a_time_that_a_person_sets_is_heard_before_the_slider_follows(
 ) -> None:
     server, slider = playback._server, playback.slider
     server._connected_clients[0] = Mock()
-    # The viewer's thread has its turn when viser has taken the value, and has told nobody.
+    # The viewer's thread runs when viser has taken the value but not reported it yet.
     slider._impl.sync_cb = lambda *_: join(playback.update)
     told = server.gui._handle_gui_updates(0, _messages.GuiUpdateMessage(slider._impl.uuid, {"value": 0.3}))
     asyncio.run_coroutine_threadsafe(told, server.get_event_loop()).result(PATIENCE)

@@ -1,4 +1,4 @@
-"""A recording in a real browser: play, pause, scrub."""
+"""A recording in a real browser: play, pause, move the slider."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_play_pause_and_scrub(player: Player, page: Page) -> None:
     page.get_by_role("button", name="Play").wait_for()
 
     time = field(page, "time [s]")
-    # What is typed while the viewer still moves the slider is added to its number.
+    # Text typed while the viewer still moves the slider is appended to its number.
     wait_for(lambda: time.input_value() == f"{player.end - player.begin:.2f}", "the slider is at the end")
     time.fill("0.1")
     time.press("Enter")

@@ -1,4 +1,4 @@
-"""A recording as views: the same at every moment as it was, however one gets there."""
+"""A recording as views, which do not depend on the order in which moments are shown."""
 
 from __future__ import annotations
 

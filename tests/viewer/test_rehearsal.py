@@ -1,4 +1,4 @@
-"""A fault and the gate's answer in words."""
+"""Descriptions of a fault and of the gate's response."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A robot in a thread of its own: pokes, orders, faults, pauses, recordings, and a second beginning."""
+"""A robot in a thread of its own: pokes, orders, faults, pauses, recordings, and a restart."""
 
 from __future__ import annotations
 

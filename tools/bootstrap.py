@@ -1,8 +1,8 @@
-"""Make the virtual environment `.venv` on a bare machine, and install locked packages into it.
+"""Creates the virtual environment `.venv` on a bare machine, and installs locked packages into it.
 
     python3 tools/bootstrap.py REQUIREMENTS
 
-Only the standard library is used here. Debian's python3 comes without ensurepip and without pip; then
+It uses the standard library only. Debian's python3 comes without ensurepip and pip; in this case
 pip itself is fetched from PyPI, pinned and checked by its hash. A second run installs nothing.
 """
 
@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
 PYTHON = VENV / "bin" / "python"
 PIP = VENV / "bin" / "pip"
-"""The last that is made: without it, or a Python that is gone, the environment is made anew."""
+"""Last file to be created: if it is missing, or its Python is gone, the environment is created again."""
 PIP_INDEX = "https://pypi.org/simple/pip/"
 PIP_WHEEL = "pip-26.3-py3-none-any.whl"
 PIP_SHA256 = "f3b60b20ffaadd4415ed7957212a38ac63fa4c5fa375bd0f4a797777940fad13"
@@ -78,7 +78,7 @@ def read(address: str) -> bytes:
 
 
 def pip(*arguments: str) -> None:
-    """Run pip. On a terminal only its latest package is shown; all that it said, when it fails."""
+    """Runs pip. Shows only the package in work on a terminal, and the whole output after a failure."""
     command = [str(PYTHON), "-m", "pip", "--disable-pip-version-check", *arguments]
     shown = sys.stdout.isatty()
     said: list[str] = []

@@ -1,6 +1,6 @@
-"""The picture of docs/conditioning.md: a real iCub's sole, recorded raw while it stood and was lifted.
+"""The picture of docs/conditioning.md: raw data of a real iCub's sole while the robot stood and was lifted.
 
-Where the channels are comes from the foot's position file, which of them are taxels from the values.
+The places of the channels come from the foot's position file. The values show which channels are taxels.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from tci.skin.surfaces import Surface, find_neighbours
 
 SENSOR = Sensor(rest=240.0, pascal_per_count=-450.0, lowest=0.0, highest=255.0)
 MOMENTS = (5.0, 11.2, 14.05, 15.45, 17.6)
-"""When the maps are drawn [s]."""
+"""Times [s] of the maps."""
 
 
 def read_raw(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Times (n,) [s] from the first on, and raw frames (n, channels), of a yarpdatadumper log."""
+    """Returns times (n,) [s] since the first frame, and raw frames (n, channels), of a yarpdatadumper log."""
     rows = np.array([line.split() for line in path.read_text().splitlines()], dtype=np.float64)
     return rows[:, 1] - rows[0, 1], rows[:, 2:]
 
 
 def draw(data: Path, out: Path) -> None:
-    """Write the picture; `data` is the folder of recordings and position files."""
+    """Writes the picture. `data` is the folder of recordings and position files."""
     times, values = read_raw(data / "recordings" / "icub_right_foot_raw_01.log")
     layout = read_layout(data / "icub" / "positions" / "right_foot.txt")
     taxels = np.flatnonzero(live_channels(values) & layout.valid)

@@ -1,4 +1,4 @@
-"""Install what the tests start as peers: the Debian packages of requirements/debian.txt, and a virtual
+"""Installs the programs that the tests start as peers: Debian packages of requirements/debian.txt, a virtual
 environment `.peers/NAME` for each requirements/peers/NAME.txt, Node's packages for NAME/package-lock.json.
 
     python3 tools/peers.py
@@ -21,13 +21,13 @@ PEERS = ROOT / "requirements" / "peers"
 
 
 def packages() -> dict[str, str]:
-    """What each package is for, by its name."""
+    """Returns the purpose of each package, by its name."""
     lines = [line.split(maxsplit=1) for line in LIST.read_text().splitlines()]
     return {line[0]: line[1] for line in lines if len(line) == 2 and not line[0].startswith("#")}
 
 
 def missing() -> list[str]:
-    """Packages that are not installed; all of them where there is no dpkg."""
+    """Returns the packages that are not installed; all of them on a system without dpkg."""
     if shutil.which("dpkg-query") is None:
         return list(packages())
     found = []
@@ -48,7 +48,7 @@ def main() -> None:
 
 
 def install_python(lock: Path) -> None:
-    """The packages of a lock file in an environment of their own, unless they are there already."""
+    """Installs the packages of a lock file in an environment of their own, unless it is up to date."""
     folder = ROOT / ".peers" / lock.stem
     stamp = folder / "installed"
     state = hashlib.sha256(lock.read_bytes()).hexdigest()
@@ -75,7 +75,7 @@ def install_python(lock: Path) -> None:
 
 
 def install_node(lock: Path) -> None:
-    """The packages of npm's lock file in a folder of their own, unless they are there already.
+    """Installs the packages of npm's lock file in a folder of their own, unless it is up to date.
 
     npm and node come from PyPI, since Debian's npm brings more than 300 packages.
     """

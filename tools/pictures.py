@@ -1,4 +1,4 @@
-"""Make the pictures of docs/images anew, all by the code that they show. `make pictures`; needs chromium.
+"""Creates the pictures of docs/images again, with the code that they show. `make pictures`; needs chromium.
 
 python tools/pictures.py [NAME...]     names: demo foot plot shrug viewer
 """
@@ -31,32 +31,32 @@ FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-
 
 
 def command(*words: str) -> None:
-    """Run a command of TCI in this process."""
+    """Runs a command of TCI in this process."""
     app(list(words), standalone_mode=False)
 
 
 def demo(folder: Path) -> None:
-    """The figure of the demo."""
+    """Creates the figure of the demo."""
     command("demo", "--out", str(folder), "--headless")
     shutil.copy(folder / "demo.png", IMAGES / "demo.png")
 
 
 def plot(folder: Path) -> None:
-    """The figure of a recording."""
+    """Creates the figure of a recording."""
     file = str(folder / "poke.mcap")
     command("run", "withdrawal", "nao", "--poke", "--duration", "1.5", "--record", file)
     command("plot", file, "--out", str(IMAGES / "plot.png"))
 
 
 def foot(_: Path) -> None:
-    """What a real iCub's foot felt; needs genuine recordings (DATA=FOLDER)."""
+    """Creates the picture of a real iCub's foot; needs genuine recordings (DATA=FOLDER)."""
     if "DATA" not in os.environ:
         raise SystemExit("the foot's picture needs genuine recordings; valid: DATA=FOLDER make pictures")
     draw_foot(Path(os.environ["DATA"]), IMAGES / "foot.png")
 
 
 def shrug(folder: Path) -> None:
-    """The example of an own capability, filmed."""
+    """Films the example of an own capability."""
     shrugging = runpy.run_path(str(ROOT / "examples" / "07_own_capability.py"))["Shrug"]()
     with tci.connect(tci.load_robot("nao"), "sim") as driver:
         driver.world.finger.poke("left_forearm", 100)
@@ -73,7 +73,7 @@ def shrug(folder: Path) -> None:
 
 
 def viewer(folder: Path) -> None:
-    """The viewer while both robots are poked, in a real browser."""
+    """Takes a picture of the viewer in a real browser while both robots are poked."""
     from playwright.sync_api import sync_playwright
 
     reflex = tci.WithdrawalReflex()
@@ -112,7 +112,7 @@ def viewer(folder: Path) -> None:
 
 
 def poke_all(shown: Viewer, reflex: tci.WithdrawalReflex) -> None:
-    """Poke the lateral side of all left forearms, and let the time of each stand still once it is pressed."""
+    """Pokes the lateral side of all left forearms, and pauses each simulation once the skin is pressed."""
     key = next(iter(shown.sessions))
     session = shown.sessions[key]
     assert session.view is not None
@@ -130,7 +130,7 @@ def poke_all(shown: Viewer, reflex: tci.WithdrawalReflex) -> None:
 
 
 def come_near(shown: Viewer, key: str, link: str) -> None:
-    """Look at a link from near, as somebody who scrolls does."""
+    """Moves the camera close to a link, as scrolling does."""
     camera = next(iter(shown.server.get_clients().values())).camera
     aim = shown.figures[key].pose(link)[:3, 3]
     camera.position = aim + np.array([0.5, 0.3, 0.15])

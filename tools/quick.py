@@ -1,4 +1,4 @@
-"""Lint, types and the tests of what changed since main, within a minute.
+"""Runs lint, type checks and the tests of the files changed since main, within a minute.
 
     python tools/quick.py
 
@@ -19,18 +19,19 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 BUDGET = 40.0
-"""Time [s] after which no further test begins. Types take as long, beside them."""
+"""Time [s] after which no further test begins. Assumed: type checks, which run at the same time, take as
+long."""
 
 
 def changed() -> set[Path]:
-    """Files that differ from where the branch left main, if there is one, and new ones."""
+    """Returns the files that differ from the point where the branch left main, and new files."""
     (base, *_) = _git("merge-base", "HEAD", "main" if _git("branch", "--list", "main") else "HEAD")
     names = _git("diff", "--name-only", base) + _git("ls-files", "--others", "--exclude-standard")
     return {ROOT / name for name in names}
 
 
 def _git(*words: str) -> list[str]:
-    """Lines that git prints. Where it knows nothing the program ends, rather than finding no change."""
+    """Returns the lines that git prints. Ends the program if git fails, so that no change is overlooked."""
     told = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=False)
     if told.returncode:
         sys.exit(f"make quick: git {words[0]}: {told.stderr.strip()}; valid: make test")
@@ -38,7 +39,7 @@ def _git(*words: str) -> list[str]:
 
 
 def imports(path: Path) -> set[str]:
-    """Dotted names that a file imports; `from a import b` may mean the module `a.b`."""
+    """Returns the dotted names that a file imports; `from a import b` may mean the module `a.b`."""
     found: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
@@ -49,7 +50,7 @@ def imports(path: Path) -> set[str]:
 
 
 def module(path: Path) -> str:
-    """Name under which tests import a file of src or of tests, or ''."""
+    """Returns the name under which tests import a file of src or tests; empty for other files."""
     for root in (ROOT / "src", ROOT / "tests"):
         if path.is_relative_to(root) and path.suffix == ".py":
             return ".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__")
@@ -73,7 +74,7 @@ def _is_test(path: Path) -> bool:
 
 
 class Budget:
-    """Runs tests until the time is over, and says how many are left."""
+    """Runs tests until the time is over, and reports how many are left."""
 
     def __init__(self) -> None:
         self.end, self.left = time.monotonic() + BUDGET, 0

@@ -129,7 +129,7 @@ def test_random_pokes_anywhere_on_the_skin(name: str) -> None:
         depth = random.uniform(5.0, 9.0) / STIFFNESS
         try:
             world.finger.poke(patch, points[0], normals[0], speed=0.2, depth=depth, gap=0.001)
-        except TciError:  # another driver lies over this taxel, so no finger gets there
+        except TciError:  # another link lies over this taxel, so no finger gets there
             covered += 1
             continue
         world.advance(world.time + 0.24)

@@ -1,9 +1,9 @@
-"""How fast TCI is, each part beside a peer in the same run.
+"""Benchmark of TCI: each part is timed beside a peer in the same run.
 
     python tools/bench [CASE ...]
 
-Each case runs in a process of its own. A table for people, and out/bench.json ($OUT) for machines. A whole
-run also makes docs/tables/performance.md anew.
+Each case runs in a process of its own. The results are a table, and out/bench.json ($OUT) for programs. A
+complete run also writes docs/tables/performance.md.
 """
 
 from __future__ import annotations
@@ -54,20 +54,20 @@ CASES = {
     "networks": "networks:networks",
     "viewer": "looked_at:viewer",
 }
-"""Module and function of each case; a function returns rows."""
+"""Module and function of each case; the function returns rows."""
 MARK = "bench rows: "
 PACKAGES = ("tci", "numpy", "scipy", "numba", "ruckig", "mujoco")
 
 
 def child(case: str) -> None:
-    """Measure here, and print the rows for the parent."""
+    """Measures a case in this process, and prints the rows for the parent."""
     module, function = CASES[case].split(":")
     rows = getattr(importlib.import_module(module), function)()
     print(MARK + json.dumps([asdict(row) for row in rows]), flush=True)
 
 
 def measure(case: str) -> list[dict[str, Any]]:
-    """The rows of a case, from a process of its own; none where it failed."""
+    """Returns the rows of a case, measured in a process of its own; None if it failed."""
     command = [sys.executable, str(HERE), "--child", case]
     answer = subprocess.run(command, capture_output=True, text=True, check=False)
     lines = [line for line in answer.stdout.splitlines() if line.startswith(MARK)]
@@ -101,7 +101,7 @@ def _cold(value: float | None) -> str:
 
 
 def conditions() -> dict[str, Any]:
-    """What was measured, where and with what."""
+    """Returns the commit, the machine and the versions of a run."""
     describe = ["git", "describe", "--always", "--dirty", "--abbrev=10"]
     answer = subprocess.run(describe, capture_output=True, text=True, check=False, cwd=HERE)
     return {
@@ -117,7 +117,7 @@ def conditions() -> dict[str, Any]:
 
 
 def processor() -> str:
-    """Its name, which Linux tells in a file."""
+    """Returns the name of the processor, which Linux has in a file."""
     cpuinfo = Path("/proc/cpuinfo")
     lines = cpuinfo.read_text().splitlines() if cpuinfo.is_file() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]

@@ -1,9 +1,9 @@
-"""A page of the viewer in headless Chromium, steered by lines on stdin; answers on stdout.
+"""A page of the viewer in headless Chromium, controlled by lines on stdin, with answers on stdout.
 
     python tools/bench/browser_page.py ADDRESS
 
-`click X Y` clicks there; the end of stdin closes the page. It is a process of its own, so that the browser's
-driver costs the viewer nothing.
+`click X Y` clicks at these pixels; the end of stdin closes the page. It is a process of its own, so that the
+control of the browser takes no time from the viewer.
 """
 
 from __future__ import annotations

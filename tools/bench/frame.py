@@ -1,4 +1,4 @@
-"""Raw frame of one patch to the gains of all fields: the compiled loops of TCI, hot, beside C and NumPy."""
+"""From a raw frame of one patch to the gains of all fields: TCI's compiled loops, hot, beside C and NumPy."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ from tci.skin.kernels.contacts import SUMMARY, cluster, describe
 
 SETTINGS = ContactSettings()
 FLOOR, TOUCH, THRESHOLD = SETTINGS.floor, SETTINGS.touch, 7.0
-"""Forces [N] and deviation [counts] from which taxels count."""
+"""Thresholds of a taxel: two forces [N] and the deviation [counts] from rest."""
 _condition, _cluster, _describe, _answer = [
     inlined(loop.py_func) for loop in (condition, cluster, describe, find_answers)
 ]
-"""The loops that are shipped, within one: what a call costs is a row of its own."""
+"""The loops of TCI, inlined into one loop. The cost of separate calls is a row of its own."""
 HERE = Path(__file__).parent
 PITCH = 0.012
-"""Distance [m] of taxels: six neighbours each, on a skin as large as it needs to be."""
+"""Distance [m] between taxels, each with six neighbours; the area of the skin follows from their number."""
 
 
 @inlined
@@ -67,7 +67,7 @@ def respond(
 
 
 class Frame:
-    """One patch with so many taxels, fields and contacts."""
+    """One patch with a given number of taxels, fields and contacts."""
 
     def __init__(self, taxels: int, fields: int, contacts: int) -> None:
         nao = tci.load_robot("nao")
@@ -119,7 +119,8 @@ class Frame:
         self.show(self.touched)
 
     def show(self, values: np.ndarray, *, flicker: bool = False) -> None:
-        """Two frames that take turns: what is touched differs by one count, with `flicker` most taxels."""
+        """Sets two frames that alternate: touched taxels differ by one count; with `flicker` most taxels
+        do."""
         random = np.random.default_rng(1)
         noise = random.integers(-1, 2, (2, len(values))) if flicker else np.zeros((2, len(values)), int)
         self.values[:] = values + noise
@@ -127,11 +128,11 @@ class Frame:
         self._turns = itertools.cycle(self.values.copy())
 
     def ours(self, repeats: int = 1) -> int:
-        """One loop over so many frames."""
+        """Processes `repeats` frames in one loop."""
         return respond(repeats, self.values, *self._arguments)
 
     def called(self) -> None:
-        """The next frame through the loops as they are shipped, each called from Python."""
+        """Processes the next frame with the loops of TCI, each called from Python."""
         condition(next(self._turns), *self._condition)
         arrays, active = self.layout.arrays, self._condition[-1]
         state = ActiveTaxels(*(frozen(array[:]) for array in active))
@@ -153,7 +154,7 @@ class Frame:
         find_answers(self.table, False, self._segments, touches, self._room[0], closest, gains)
 
     def numpy(self) -> np.ndarray:
-        """The oracle of the tests: contacts as objects, gains by NumPy."""
+        """Processes the frame with the oracle of the tests: contacts as objects, gains by NumPy."""
         sensor = self.patch.sensor
         counts = sensor.rest - self.values[0, self.surface.channels].astype(float)
         areas = self.surface.areas
@@ -178,7 +179,7 @@ class Frame:
 
 
 class InC:
-    """The same in C, compiled here."""
+    """A version of the loops in C, compiled here."""
 
     def __init__(self, frame: Frame) -> None:
         self._folder = tempfile.TemporaryDirectory()
@@ -241,7 +242,7 @@ def kernel(
     peer = InC(frame)
     found, theirs = frame.ours(2), peer(2)
     assert found == theirs, (found, theirs)
-    # Two points of a skin may be equally near to a contact's mean: rounding decides.
+    # If two points of a skin are equally near to a contact's mean, rounding decides between them.
     np.testing.assert_allclose(frame.gains, peer.gains, atol=2e-3)
     small = taxels <= 4000
     if small:
@@ -278,7 +279,7 @@ def kernel(
 
 
 def _inner(frame: Frame, peer: InC, taxels: int, repeats: int) -> list[tuple[float, float]]:
-    """Microseconds of one frame inside the compiled loops: what a call costs is left out on both sides."""
+    """Returns the time [us] of one frame inside the loops, without the cost of a call, for both."""
     pairs = []
     for _ in range(7):
         calls = max(3, 4_000_000 // taxels // repeats)

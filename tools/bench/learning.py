@@ -1,4 +1,4 @@
-"""The Gymnasium environment: steps per second of one core."""
+"""Benchmark of the Gymnasium environment: steps per second of one core."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import tci.learning.withdrawal_env  # noqa: F401 - registers it
 
 EPISODES = 6
 LEAST = 2500.0
-"""Steps per second."""
+"""Target [steps per second]."""
 
 
 def learning() -> list[Measured]:
-    """Random targets: the arm moves in every step, and each episode is a new poke."""
+    """Measures with random targets: the arm moves in every step, and each episode is a new poke."""
     environment = gymnasium.make("tci/Withdrawal-v0")
     environment.action_space.seed(0)
     pairs, touched, steps = [], 0, 0

@@ -1,4 +1,4 @@
-"""The viewer with a page that looks: two robots of a thousand taxels each, physics, loops and pictures."""
+"""Benchmark of the viewer with an open page: two robots of a thousand taxels each, simulated and drawn."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tci.viewer.session import Session
 TAXELS = 1010
 """Of the NAO, whose own skin is 720; rounded to whole rings. The iCub has 1180."""
 CORE, USABLE = 0.25, 5.0
-"""Targets: share of a core, and time [s] until the page can be used."""
+"""Targets: fraction of a core, and time [s] until the page can be used."""
 WINDOW, WINDOWS = 3.0, 5
 SETTLE = 4.0
 """Time [s] that the page and the loops get to settle."""

@@ -1,4 +1,4 @@
-"""How a figure is taken: ours and the peer's in turn, so that a machine that slows down slows both."""
+"""Measurement of times: TCI and the peer in turn, so that a slower machine slows both."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 ROUNDS = 7
 SPAN = 0.05
-"""How long [s] a round calls one of the two."""
+"""Time [s] for which a round calls one of the two."""
 SHORT = 3e-4
-"""How long [s] a run of calls takes: a system gives others their turn after some milliseconds."""
+"""Duration [s] of a run of calls. Shorter than a time slice of the system, which is some milliseconds."""
 
 Work = Callable[[], object]
 
@@ -24,19 +24,19 @@ class Measured:
     peer: str
     unit: str
     ours: float
-    """Median over the rounds."""
+    """Median of TCI over the rounds."""
     theirs: float
     ratio: float
-    """Median of the ratios of each round: below 1, ours is less."""
+    """Median of the ratios of the rounds; below 1 if TCI takes less."""
     ratio_min: float
     ratio_max: float
     rounds: int
     target: str = ""
-    """What the ratio or our figure should be; empty where there is none."""
+    """Target of the ratio or of TCI's figure; empty if there is none."""
     met: bool | None = None
     note: str = ""
     cold: float | None = None
-    """Ours after 1 ms of sleep, when the caches belong to others; None where that is not asked."""
+    """Median of TCI after 1 ms of sleep, when the caches hold other data; None if not measured."""
     theirs_cold: float | None = None
 
 
@@ -52,7 +52,7 @@ def row(
     note: str = "",
     colds: tuple[float | None, float | None] = (None, None),
 ) -> Measured:
-    """A row of pairs (ours, theirs), one per round, with its target: the most that our median may be, or
+    """Returns a row of pairs (TCI, peer), one per round, with its target: the largest median of TCI, or
     the most or least that the median ratio may be; `colds`: both after 1 ms of sleep."""
     ours = statistics.median(a for a, _ in pairs)
     ratios = sorted(a / b for a, b in pairs)
@@ -71,8 +71,8 @@ def row(
 
 
 def each(work: Work, *, calls: int, clock: Callable[[], float] = time.thread_time) -> float:
-    """Microseconds of one call: the median over short runs of calls, on the clock of this thread, which
-    stands still while others have the processor. Work that waits needs `time.perf_counter`."""
+    """Returns the time [us] of one call: the median over short runs of calls, on the clock of this thread,
+    which stands still while others have the processor. Work that waits needs `time.perf_counter`."""
     start = clock()
     work()
     run = max(1, min(calls, int(SHORT / max(clock() - start, 1e-9))))
@@ -86,13 +86,13 @@ def each(work: Work, *, calls: int, clock: Callable[[], float] = time.thread_tim
 
 
 def in_turn(ours: Work, peer: Work, *, rounds: int = ROUNDS) -> list[tuple[float, float]]:
-    """Microseconds of one call of each, per round."""
+    """Returns the times [us] of one call of each of the two, per round."""
     calls = [max(1, int(SPAN * 1e6 / max(each(work, calls=3), 0.1))) for work in (ours, peer)]
     return [(each(ours, calls=calls[0]), each(peer, calls=calls[1])) for _ in range(rounds)]
 
 
 def cold(work: Work, *, calls: int = 200) -> float:
-    """Median microseconds of a call after 1 ms of sleep, when caches belong to others."""
+    """Returns the median time [us] of a call after 1 ms of sleep, when the caches hold other data."""
     times = []
     for _ in range(calls):
         time.sleep(0.001)

@@ -1,4 +1,4 @@
-"""Zenoh and LCM: a frame of doubles to another process and back, beside a raw TCP socket."""
+"""Round trips of a frame of doubles over Zenoh and LCM, beside a raw TCP socket."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from networks import echo
 echo(sys.argv[1], sys.argv[2])
 """
 Ways = tuple[Callable[[bytes], None], Callable[[], Iterator[bytes]], Callable[[], None]]
-"""Send, receive, close."""
+"""Functions that send a frame, yield the frames that have come, and close the connection."""
 
 
 def over_zenoh(where: str, there: bool) -> Ways:
@@ -63,7 +63,7 @@ OVER = {"zenoh": over_zenoh, "lcm": over_lcm}
 
 
 def echo(name: str, where: str) -> None:
-    """The other process: frames are read, and written again."""
+    """Runs the other process, which reads each frame and writes it back."""
     robot, codec = tci.load_robot("nao"), remote_cdr if name == "zenoh" else remote_lcm
     send, receive, _ = OVER[name](where, True)
     print("ready", flush=True)
@@ -76,7 +76,7 @@ def echo(name: str, where: str) -> None:
 def there_and_back(
     codec: Any, robot: tci.Robot, frame: SessionFrame, send: Any, receive: Any
 ) -> SessionFrame:
-    """The frame as it comes back."""
+    """Sends a frame and returns it as it comes back."""
     send(codec.frame_bytes(robot, frame))
     end = time.perf_counter() + 2.0
     while time.perf_counter() < end:

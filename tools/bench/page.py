@@ -1,4 +1,4 @@
-"""docs/tables/performance.md, made anew of one whole run: no row of another run stays beside its rows."""
+"""Writes docs/tables/performance.md from one complete run; rows of earlier runs are not kept."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MET = {True: ": met", False: ": missed", None: ""}
 
 
 def write_page(figures: Mapping[str, Any]) -> None:
-    """Write what a whole run found, `figures` as in bench.json."""
+    """Writes the results of a complete run, with `figures` as in bench.json."""
     on = figures["on"]
     versions = ", ".join(f"{name} {version}" for name, version in on["versions"].items())
     about = (

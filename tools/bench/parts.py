@@ -1,4 +1,4 @@
-"""Parts of the pipeline: contacts, gate, kinematics, inverse kinematics."""
+"""Benchmarks of parts of the pipeline: contacts, gate, kinematics, inverse kinematics."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ from tci.skin.skin import Skin
 
 
 def gate_and_ruckig(robot: tci.Robot) -> tuple[Work, Work]:
-    """Five joints in motion: the whole gate, with its check that it can stop, and one ruckig update."""
+    """Times the whole gate with five joints in motion, including its stop check, beside one update of
+    ruckig."""
     gate = tci.Gate(robot, period=0.002, stale_after=0.05)
     position = np.array(initial_position(robot))
     near, far = robot.part("left_arm").initial_posture, np.deg2rad([60.0, 60.0, 30.0, 40.0, 30.0])
@@ -68,7 +69,7 @@ def gate_and_ruckig(robot: tci.Robot) -> tuple[Work, Work]:
 
 
 def clusters_and_scipy(robot: tci.Robot) -> tuple[Work, Work]:
-    """Single-link clusters of one touch: ours on the surface's neighbours, and SciPy's on a k-d tree."""
+    """Times single-link clusters of one touch: TCI on the surface's neighbours, SciPy on a k-d tree."""
     skin = Skin(robot)
     layout, surface = SkinLayout.of_skin(skin), skin.surfaces["left_forearm"]
     distance = np.linalg.norm(surface.positions - surface.positions[100], axis=1)
@@ -106,7 +107,7 @@ def kinematics_and_mujoco(robot: tci.Robot, *, in_loop: bool) -> tuple[Work, Wor
 
 
 def kinematics_and_pinocchio(robot: tci.Robot) -> tuple[Work, Work]:
-    """Pose and Jacobian of a hand: ours relative to the torso, Pinocchio's in the world."""
+    """Times pose and Jacobian of a hand: TCI relative to the torso, Pinocchio in the world."""
     kinematics, position = KinematicChain(robot), initial_position(robot)
     model = pinocchio.buildModelFromXML(to_urdf(robot))
     data, q, frame = model.createData(), pinocchio.neutral(model), model.getFrameId("LHand")
@@ -118,7 +119,7 @@ def kinematics_and_pinocchio(robot: tci.Robot) -> tuple[Work, Work]:
 
 
 def inverse_and_kdl(robot: tci.Robot) -> tuple[Work, Work] | None:
-    """Poses of a hand: our inverse kinematics within limits, and KDL's LMA without, in Debian's Python.
+    """Times inverse kinematics of a hand: TCI within limits, KDL's LMA without limits, in Debian's Python.
 
     None where python3-pykdl is not installed.
     """
@@ -154,7 +155,7 @@ def inverse_and_kdl(robot: tci.Robot) -> tuple[Work, Work] | None:
         return inverse.solve(targets[count % len(targets)], initial_position(robot))
 
     def peer() -> float:
-        """Microseconds of one solution, measured over there."""
+        """Returns the time [us] of one solution of KDL, measured in its own process."""
         child.stdin.write("go\n")
         child.stdin.flush()
         return float(child.stdout.readline())
@@ -213,7 +214,7 @@ def kinematics() -> list[Measured]:
 
 
 def inverse() -> list[Measured]:
-    """KDL measures itself: it runs in Debian's Python."""
+    """Returns the rows of inverse kinematics. KDL runs, and is timed, in Debian's Python."""
     found = inverse_and_kdl(tci.load_robot("nao"))
     if found is None:
         raise SystemExit("KDL is not installed; as root: apt-get install python3-pykdl")

@@ -1,4 +1,4 @@
-"""Raw frames to a safe command, through public parts only: GenericBody, WithdrawalReflex, Gate."""
+"""Benchmark from raw frames to a safe command, with public parts: GenericBody, WithdrawalReflex, Gate."""
 
 from __future__ import annotations
 
@@ -25,31 +25,33 @@ from tci.skin.skin import Skin
 
 PERIOD = 0.002
 TURN = 40
-"""Frames in which the arm is told to go from one end to the other: it never arrives."""
+"""Number of frames between two targets at opposite ends. Too few to arrive, so the arm is always in
+motion."""
 SWING = np.deg2rad([15.0, 10.0, 15.0, 15.0, 15.0])
 AWAY = np.array([0.0, 0.3, 0.0, 0.3, 0.0])
-"""From the initial posture to the middle of the swing [rad]: clear of the body."""
+"""Offset (5,) [rad] from the initial posture to the middle of the swing, which is clear of the body."""
 RARE = 200
-"""Frames from one new command to the next where it comes seldom."""
+"""Number of frames between two commands, for the row with rare commands."""
 FACES = 0.5
-"""Least cosine of skin that faces a direction."""
+"""Least cosine of the angle between a normal and a direction for skin that faces it."""
 BELOW = (0.0, 0.0, -1.0)
-"""Touches from there are answered by both arms; touches all around are refused, and judged in each frame."""
+"""Direction of touches that both arms answer. Touches all around are refused, and checked in each frame."""
 WARM = 1000
-"""Frames until a reflex has come to rest."""
+"""Number of frames until the reflex is at rest."""
 STILL = 1e-6
-"""Speed [rad/s] that is none."""
+"""Speed [rad/s] that counts as rest."""
 SEEN = 60
-"""Commands of that kind in a round."""
+"""Number of rare commands in a round."""
 
 
 def touched(
     robot: Robot, contacts: int, *, dtype: type = np.uint8, towards: Sequence[float] | None = None
 ) -> list[dict[str, np.ndarray]]:
-    """Two frames of all patches, which take turns: so many touches, as far from each other as can be, and
-    the larger a patch the more. The values of what is touched differ by one count.
+    """Returns two frames of all patches with a number of `contacts`, to be sent alternately.
 
-    `towards` (3,) a direction in the torso: only skin that faces it at first is touched.
+    Larger patches have more contacts, as far from each other as possible. Touched taxels differ by one count
+    between the frames. With `towards`, a direction (3,) in the torso frame, only skin that faces it in the
+    initial posture is touched.
     """
     skin = tci.GenericBody(robot).skin
     surfaces, posture = skin.surfaces, np.array(initial_position(robot))
@@ -78,7 +80,7 @@ Memory = tuple[int, Any]
 
 
 class Swinging(tci.Capability[Memory]):
-    """The withdrawal reflex, and in every so many frames an order that swings the left arm to and fro."""
+    """The withdrawal reflex, with an order every few frames that swings the left arm to and fro."""
 
     def __init__(self, robot: Robot, every: int) -> None:
         self.reflex, self.every = tci.WithdrawalReflex(), every
@@ -99,7 +101,7 @@ class Swinging(tci.Capability[Memory]):
 
 
 class Pipeline:
-    """A robot that is touched; every call is the next frame of all patches.
+    """A touched robot; every call processes the next frame of all patches.
 
     The reflex sees each of them, and soon rests; unless orders come in `every` so many frames.
     """
@@ -141,7 +143,7 @@ class Pipeline:
         return safe
 
     def rare(self) -> float:
-        """Median microseconds of the ticks with a command, which come seldom."""
+        """Returns the median time [us] of the rare ticks with a command."""
         times = []
         while len(times) < SEEN:
             timed = (self.count + 1) % self.every == 0
@@ -153,7 +155,7 @@ class Pipeline:
 
 
 STATES = {"at rest": (0, 100.0), "moving": (TURN, 110.0), "a new command in each frame": (1, 130.0)}
-"""From one command to the next [frames], and the bar [us]."""
+"""Number of frames between two commands, and the target [us], by state."""
 
 
 def pipeline() -> list[Measured]:
@@ -177,11 +179,11 @@ def pipeline() -> list[Measured]:
 
 
 SIZES = ((230, 4, 1), (4000, 16, 0), (100_000, 16, 30), (1_000_000, 16, 30))
-"""Taxels, patches and touches; one where few taxels are is several."""
+"""Numbers of taxels, patches and touches; a touch of a coarse skin may become several contacts."""
 
 
 def scale(sizes: Sequence[tuple[int, int, int]] = SIZES) -> list[Measured]:
-    """The same with less and more skin, while the arm moves."""
+    """Times the pipeline with less and more skin, while the arm moves."""
     rows = []
     for taxels, patches, contacts in sizes:
         ours = Pipeline(taxels, patches, contacts, every=TURN)
@@ -192,7 +194,7 @@ def scale(sizes: Sequence[tuple[int, int, int]] = SIZES) -> list[Measured]:
 
 
 def events() -> list[Measured]:
-    """The skin alone, all patches at rest: senders that send changes only, beside senders of every frame."""
+    """Times the skin alone, at rest: send-on-delta beside one frame per period."""
     robot = with_dense_skin(tci.load_robot("icub"), 4000, patches=16)
     raw = {p.name: np.full(p.channels, p.sensor.rest, np.uint8) for p in robot.patches}
     for values in raw.values():

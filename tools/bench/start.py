@@ -1,4 +1,4 @@
-"""Start-up, what a user waits for; and what a user's program takes of the memory."""
+"""Benchmark of start-up times and of memory."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from measured import Measured, row
 
 TCI = str(Path(sys.executable).parent / "tci")
 FEW = 3
-"""Rounds of what takes many seconds."""
+"""Number of rounds of cases that take many seconds."""
 ROUNDS = 7
 FIVE = """
 import tci
@@ -25,11 +25,11 @@ with tci.connect(robot, "sim") as driver:
 """The five lines of the README, for one period."""
 MIB = 2**20
 VIEWED = 20.0
-"""Time [s] that the viewer is open, with nobody who looks."""
+"""Time [s] for which the viewer runs without an open page."""
 
 
 def seconds(*command: str, **variables: str) -> float:
-    """How long a program of Python takes."""
+    """Returns the time [s] that a Python program takes."""
     start = time.perf_counter()
     subprocess.run(
         [sys.executable, *command], check=True, capture_output=True, env={**os.environ, **variables}
@@ -38,7 +38,7 @@ def seconds(*command: str, **variables: str) -> float:
 
 
 def start() -> list[Measured]:
-    """Every start is a process of its own; compiled loops are there, but for the rows that say so."""
+    """Times the start of processes. The loops are compiled already, except in rows that say otherwise."""
     cases = {"tci --help": ((TCI, "--help"), None), "import tci": (("-c", "import tci"), None)}
     rows = []
     seconds("-c", FIVE)
@@ -49,7 +49,7 @@ def start() -> list[Measured]:
 
 
 def fresh() -> list[Measured]:
-    """The first start of a fresh installation, which compiles all loops, and the one after it."""
+    """Times the first start of a fresh installation, which compiles all loops, and the second start."""
     pairs = []
     for _ in range(FEW):
         with TemporaryDirectory() as cache:
@@ -60,7 +60,7 @@ def fresh() -> list[Measured]:
 
 
 def demo() -> list[Measured]:
-    """The main job, with its picture and its report; all loops are there."""
+    """Times the demo with its picture and report; the loops are compiled already."""
     with TemporaryDirectory() as folder:
         command = (TCI, "demo", "--headless", "--out", folder)
         pairs = [(seconds(*command), 25.0) for _ in range(2)]
@@ -68,7 +68,7 @@ def demo() -> list[Measured]:
 
 
 def memory() -> list[Measured]:
-    """Largest resident memory of a program and all that it starts."""
+    """Measures the largest resident memory of a program and its children."""
     run = [TCI, "run", "withdrawal", "icub", "--duration", "3", "--poke"]
     with TemporaryDirectory() as folder:
         view = [TCI, "view", "--headless", "--port", "0", "--out", folder, "--duration", f"{VIEWED:g}"]
@@ -80,7 +80,7 @@ def memory() -> list[Measured]:
 
 
 def largest(command: list[str]) -> float:
-    """The largest sum [bytes] of the memory of a program and its children while it runs."""
+    """Returns the largest sum [bytes] of the memory of a program and its children while it runs."""
     most = 0.0
     with subprocess.Popen([sys.executable, *command], stdout=subprocess.DEVNULL) as started:
         process = psutil.Process(started.pid)

@@ -1,4 +1,4 @@
-"""Simulated skin: a finger on a robot's arm, beside the same world with MuJoCo's own touch sensors."""
+"""Benchmark of simulated skin: a finger on a robot's arm, beside MuJoCo's own touch sensors."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ from tci.skin.surfaces import Surface
 ROOT = Path(__file__).parents[2]
 STEP = 0.001
 SPAN = 4.0
-"""How long [s] a robot is simulated."""
+"""Simulated time [s] of a run."""
 RADIUS = 0.005
-"""Of a touch site [m]."""
+"""Radius [m] of a touch site."""
 NEVER = 1.0
-"""Frames per second where our skin is there, but as good as never read."""
+"""Frame rate [Hz] for a skin that exists but is almost never read."""
 
 
 def pressed(robot: Robot) -> World:
-    """A world in which the finger rests on the arm with some newtons."""
+    """Returns a world in which the finger presses the arm with some newtons."""
     world = World(robot, step=STEP)
     patch = robot.patches[0].name
     world.finger.poke(patch, len(world.surfaces[patch].positions) // 2, speed=0.1, depth=0.008)
@@ -48,7 +48,7 @@ def pressed(robot: Robot) -> World:
 
 
 def with_more(robot: Robot, more: Callable[[mujoco.MjSpec, Surface], None]) -> World:
-    """The same with `more` sensors for each patch, and our own skin as good as never read."""
+    """Returns such a world with `more` sensors for each patch; its own skin is almost never read."""
     original = scene.add_skin
 
     def add(spec: mujoco.MjSpec, surface: Surface, **options: object) -> None:
@@ -63,7 +63,7 @@ def with_more(robot: Robot, more: Callable[[mujoco.MjSpec, Surface], None]) -> W
 
 
 def sites(spec: mujoco.MjSpec, surface: Surface) -> None:
-    """One of MuJoCo's touch sites per taxel."""
+    """Adds one of MuJoCo's touch sites per taxel."""
     for i, position in enumerate(surface.positions):
         name = f"{surface.patch}_{i}"
         spec.body(surface.link).add_site(name=name, pos=position, size=[RADIUS, 0.0, 0.0])
@@ -76,7 +76,8 @@ def sites(spec: mujoco.MjSpec, surface: Surface) -> None:
 
 
 def tactile(spec: mujoco.MjSpec, surface: Surface) -> None:
-    """One of MuJoCo's tactile sensors: how deep each vertex of the skin is in what touches it."""
+    """Adds one of MuJoCo's tactile sensors, which measures the penetration depth at each vertex of the
+    skin."""
     name = skin_geom(surface.patch)
     spec.add_sensor(
         name=f"tactile_{surface.patch}",
@@ -89,7 +90,7 @@ def tactile(spec: mujoco.MjSpec, surface: Surface) -> None:
 
 
 def step_time(world: World, runs: int = 15) -> float:
-    """Microseconds of a step: over runs of 20, frames of the skin in each."""
+    """Returns the time [us] of a step, over runs of 20 steps with skin frames."""
     return each(lambda: world.advance(world.time + 20 * STEP), calls=runs) / 20
 
 
@@ -107,7 +108,7 @@ def touch() -> list[Measured]:
 
 
 def one_arm(robot: Robot, folder: Path) -> Robot:
-    """A NAO of a torso and a left arm, in a file of `folder`: the other limbs are cut off."""
+    """Writes a NAO with torso and left arm only to a file in `folder`, and returns its description."""
     assert robot.model is not None
     tree = etree.parse(robot.model.path)
     for body in tree.findall("worldbody/body/body"):
@@ -124,7 +125,7 @@ def one_arm(robot: Robot, folder: Path) -> Robot:
 
 
 def in_contact(what: str, limbs: Robot, faster: dict[int, float]) -> list[Measured]:
-    """Rows for some numbers of taxels, each with how much `faster` than touch sites a step should be."""
+    """Returns rows by number of taxels; `faster` is the target ratio to touch sites for each of them."""
     rows = []
     for taxels, wanted in faster.items():
         robot = with_dense_skin(limbs, taxels)
@@ -145,7 +146,7 @@ def in_contact(what: str, limbs: Robot, faster: dict[int, float]) -> list[Measur
 
 
 def touch_hand() -> list[Measured]:
-    """What touch costs: steps with it by steps without, ours and another's."""
+    """Measures the cost of touch: the ratio of a step with touch to one without, beside a peer."""
     lock = ROOT / "requirements" / "bench" / "gymnasium_robotics.txt"
     runpy.run_path(str(ROOT / "tools" / "peers.py"))["install_python"](lock)
     python = ROOT / ".peers" / lock.stem / "bin" / "python"
@@ -162,13 +163,13 @@ def touch_hand() -> list[Measured]:
 
 
 STILL = 1e-3
-"""Speed [rad/s] that is none."""
+"""Speed [rad/s] that counts as rest."""
 POKES = 0.5
-"""Time [s] from one poke to the next; the finger leaves after half of it."""
+"""Time [s] between two pokes; the finger leaves after half of it."""
 
 
 class Poked(tci.Capability[tuple[float, Any]]):
-    """The withdrawal reflex; an operator brings an arm back that was poked, and pokes it again."""
+    """The withdrawal reflex on an arm that is poked, moved back by an operator, and poked again."""
 
     def __init__(self, world: World) -> None:
         self.reflex, self.world = tci.WithdrawalReflex(), world
@@ -202,12 +203,15 @@ class Poked(tci.Capability[tuple[float, Any]]):
 
 
 def keep(speeds: list[float], tick: tci.Tick) -> None:
-    """Add the speed of the fastest joint [rad/s]."""
+    """Appends the speed [rad/s] of the fastest joint."""
     speeds.append(float(np.abs(tick.sent.velocity).max(initial=0.0)))
 
 
 def real_time_factor() -> list[Measured]:
-    """One robot with reflex and gate in every step, half of the time in contact and in motion."""
+    """Measures the real-time factor of one robot with reflex and gate in every step.
+
+    It is in contact and in motion half of the time.
+    """
     nao, rows = tci.load_robot("nao"), []
     for step, least in ((0.001, 15.0), (0.002, 30.0)):
         binding = nao.binding("sim").model_copy(update={"rate": 1.0 / step})
@@ -230,7 +234,7 @@ def real_time_factor() -> list[Measured]:
 
 
 def worlds() -> list[Measured]:
-    """Two worlds at once on two cores."""
+    """Times two worlds at once on two cores."""
     pairs = []
     for _ in range(3):
         # So long that all are at work at the same time; a process's first run also loads what it needs.

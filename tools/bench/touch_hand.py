@@ -1,4 +1,4 @@
-"""Run in an environment of its own: what touch costs Gymnasium-Robotics' Shadow hand with a block in it.
+"""Cost of touch in Gymnasium-Robotics' Shadow hand with a block in it. Runs in an environment of its own.
 
 Prints microseconds of a physics step without and with its 92 touch sensors, in turn, one round a line.
 """
@@ -14,7 +14,7 @@ import gymnasium_robotics
 gymnasium.register_envs(gymnasium_robotics)
 NAMES = ("HandManipulateBlock-v1", "HandManipulateBlock_ContinuousTouchSensors-v1")
 STEPS = 50
-"""Of the environment, in a round."""
+"""Number of steps of the environment in a round."""
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""A whole iCub in skin, through the public way to contacts, as its own frames come: floats over YARP."""
+"""Benchmark of a whole iCub's skin, from frames of float64, as YARP sends them, to contacts."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ from tci.robot.joint_map import initial_position
 RATE = 50.0
 CONTACTS = 30
 FRAMES = 400
-"""Frames in a round."""
+"""Number of frames in a round."""
 
 
 class Perceiving:
-    """Every call is the next frame of all patches: conditioning, kinematics, contacts and who is who."""
+    """A perceiver; every call processes the next frame of all patches: conditioning, kinematics, contacts,
+    tracks."""
 
     def __init__(self, dtype: type) -> None:
         self.robot = tci.load_robot("icub-whole")
@@ -41,7 +42,7 @@ class Perceiving:
         return sum(contact.force for contact in self.seen.contacts)  # each is looked at
 
     def round(self) -> tuple[float, float]:
-        """Microseconds of a frame: median, and the slow end."""
+        """Returns the time [us] of a frame: median and 95th percentile."""
         times = []
         for _ in range(FRAMES):
             start = time.thread_time()

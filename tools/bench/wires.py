@@ -1,6 +1,6 @@
-"""Links: a frame of doubles to another process and back, over our YARP ports and over a raw TCP socket.
+"""Round trips of a frame of doubles over TCI's YARP ports, beside a raw TCP socket.
 
-Ports call whoever receives in the connection's own thread, and so it is timed: from the write to the call.
+A port calls the receiver in the thread of the connection. The time is from the write to this call.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from yarpwire.port import Port
 CASES = ((768, TCP.name), (768, FAST_TCP.name), (4000, FAST_TCP.name))
 CALLS = 200
 MOST = 2.5
-"""Ratio to the raw socket that 768 doubles may have."""
+"""Largest ratio to the raw socket for 768 doubles."""
 YARP = """
 import sys, time
 from yarpwire.dialect import V3
@@ -80,7 +80,7 @@ def line(process: subprocess.Popen[str]) -> str:
 
 
 class Flight:
-    """Frames that go to the other process and come back."""
+    """Frames on their way to the other process and back."""
 
     def __init__(self, names: Names, carrier: str, values: np.ndarray) -> None:
         self.values, self.seen = values, np.empty(0)
@@ -94,7 +94,8 @@ class Flight:
         self._out.connect("/echo:i", carrier)
 
     def fly(self) -> tuple[float, float]:
-        """Median time [us] of a round trip, and of the way there; both processes have the same clock."""
+        """Returns the median times [us] of a round trip and of the way there; both processes use one
+        clock."""
         self._times.clear()
         self._ways.clear()
         self._left = CALLS
@@ -152,7 +153,7 @@ def wires() -> list[Measured]:
 
             flight.fly()
             peer()
-            # The last number is when the frame came there.
+            # The last number is the time at which the frame arrived there.
             np.testing.assert_array_equal(flight.seen[:-1], values[:-1])
             np.testing.assert_array_equal(back[:-1], values[:-1])
             both = [(flight.fly(), peer()) for _ in range(ROUNDS)]

@@ -1,8 +1,8 @@
-"""What each middleware is worth: the contract suite, a genuine peer, a round trip, and a peer that is killed.
+"""Test of each middleware: the contract suite, a genuine peer, a round trip, and a peer that is killed.
 
     make middleware
 
-runs the tests and takes the figures again, and writes docs/tables/middleware.md.
+runs the tests, measures the times, and writes docs/tables/middleware.md.
 """
 
 from __future__ import annotations
@@ -47,17 +47,17 @@ class Row:
     """One middleware."""
 
     peer: Callable[[], str]
-    """The genuine program at the other end, and its version."""
+    """Function that returns the genuine program at the other end, with its version."""
     tests: str
-    """Where that is used: files and folders of tests/drivers."""
+    """Files and folders of tests/drivers that use this peer."""
     back: str
-    """What happens when a robot's process that died is there again."""
+    """Behaviour after a robot's process that died has started again."""
     where: Callable[[], str] = lambda: str(free_port())
-    """An address for the round trip."""
+    """Function that returns an address for the round trip."""
 
 
 def debian(package: str) -> str:
-    """The version of an installed package."""
+    """Returns the version of an installed Debian package."""
     asked = ["dpkg-query", "-W", "-f", "${Version}", package]
     return subprocess.run(asked, capture_output=True, text=True, check=True).stdout
 
@@ -101,7 +101,7 @@ ROWS = {
 
 
 def contract() -> dict[str, Counter[str]]:
-    """Tests of the suite that passed, and that did not, for each middleware."""
+    """Runs the contract suite; returns the number of tests that passed and failed, by middleware."""
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "report.xml"
         options = ["-q", "-n", "2", "--dist", "loadgroup", f"--junitxml={report}"]
@@ -116,7 +116,7 @@ def contract() -> dict[str, Counter[str]]:
 
 
 def held_after(peer: Peer) -> float:
-    """Time [ms] from a SIGKILL of the robot's process to the first command that holds."""
+    """Returns the time [ms] from a SIGKILL of the robot's process to the first command that holds."""
     peer.start()
     try:
         with tci.connect(tci.load_robot("nao"), peer.driver_via, arm=True) as driver:
@@ -134,7 +134,7 @@ def held_after(peer: Peer) -> float:
 
 
 def timed(name: str, row: Row) -> dict[str, float]:
-    """The round trip, with what it needs beside the two processes."""
+    """Measures the round trip of one middleware, and starts its name server or master, if it needs one."""
     where = row.where()
     if name == "ros1":
         roscore()

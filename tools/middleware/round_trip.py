@@ -1,4 +1,5 @@
-"""A frame of 768 doubles to another process and back over each middleware, in turn with a raw TCP socket."""
+"""Round trip of a frame of 768 doubles to another process over each middleware, in turn with a raw TCP
+socket."""
 
 from __future__ import annotations
 
@@ -41,13 +42,13 @@ while data := sock.recv(1 << 16):
 """
 SIZE, BLOCKS, CALLS = 768, 10, 40
 PATIENCE = 20.0
-"""Time [s] that a first frame has, while the two processes find each other."""
+"""Longest time [s] until the first frame returns. Assumed: discovery takes some seconds at most."""
 Ways = tuple[Callable[[bytes], object], Callable[[], Iterator[bytes]], Callable[[], None]]
-"""Send, receive what has come, close."""
+"""Functions that send a frame, yield the frames that have come, and close the connection."""
 
 
 def over_ros(node: RosNode, there: bool) -> Ways:
-    """Bytes on two topics, as TCI processes exchange them."""
+    """Exchanges bytes on two topics, as processes of TCI do."""
     came: list[bytes] = []
     names = ("/bench_back", "/bench_there") if there else ("/bench_there", "/bench_back")
     out = node.advertise(names[0], BYTES)
@@ -66,7 +67,7 @@ def over_rosbridge(where: str, there: bool) -> Ways:
 
 
 def over_player(where: str, there: bool) -> Ways:
-    """Opaque messages over one connection, as a driver and a server have it."""
+    """Exchanges opaque messages over one connection, as a driver and a server do."""
     address = ("127.0.0.1", int(where))
     sock = socket.create_server(address).accept()[0] if there else _dial(address)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -87,7 +88,7 @@ def over_player(where: str, there: bool) -> Ways:
 
 
 def over_naoqi(where: str, there: bool) -> Ways:
-    """A call of a service with a list of numbers, which is what NAOqi has for them."""
+    """Calls a service with a list of numbers, as NAOqi transports them."""
     import qi
 
     session, came = qi.Session(), []
@@ -118,7 +119,7 @@ class _Echo:
 
 
 def over_yarp(where: str, there: bool) -> Ways:
-    """Vectors over two ports; names and dialect are those of `tci serve --via yarp`."""
+    """Exchanges vectors over two ports, with the names and dialect of `tci serve --via yarp`."""
     address, _, dialect = where.partition(",")
     spoken = DIALECTS[dialect]
     host, _, port = address.partition(":")
@@ -160,7 +161,7 @@ OVER: dict[str, Callable[[str, bool], Ways]] = {
     "rosbridge": over_rosbridge,
 }
 PLAIN = ("naoqi", "yarp", "yarp4")
-"""These carry numbers, the others frames of skin with a header and a check sum."""
+"""Middleware that carries numbers. The others carry skin frames with a header and a check sum."""
 
 
 def _dial(address: tuple[str, int]) -> socket.socket:
@@ -173,7 +174,7 @@ def _dial(address: tuple[str, int]) -> socket.socket:
 
 
 def _open(name: str, where: str) -> Ways:
-    """This side, as soon as the other is there."""
+    """Opens this side as soon as the other side is there."""
     end = time.monotonic() + PATIENCE
     while True:
         try:
@@ -185,7 +186,7 @@ def _open(name: str, where: str) -> Ways:
 
 
 def echo(name: str, where: str) -> None:
-    """The other process."""
+    """Runs the other process, which returns each frame."""
     robot, codec = tci.load_robot("nao"), remote_lcm if name == "lcm" else remote_cdr
     send, receive, _ = OVER[name](where, True)
     while True:
@@ -195,7 +196,7 @@ def echo(name: str, where: str) -> None:
 
 
 def round_trip(name: str, where: str) -> dict[str, float]:
-    """Medians and 99th percentiles [ms] of both ways, taken in turn."""
+    """Returns medians and 99th percentiles [ms] over the middleware and over raw TCP, measured in turn."""
     robot, codec = tci.load_robot("nao"), remote_lcm if name == "lcm" else remote_cdr
     values = np.random.default_rng(0).normal(size=SIZE)
     frame = SessionFrame(1, SkinFrame(robot.patches[0].name, 1.0, 1, values))

@@ -1,6 +1,6 @@
 """`make reliability`: the scoreboard of docs/reliability.md.
 
-FULL=1 is the full size, ROWS="limits loop" some of its rows; PAGE=1 also writes it into the page.
+FULL=1 runs the full size, ROWS="limits loop" some rows only, and PAGE=1 also writes the page.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ ROWS: dict[str, Callable[[bool], Row]] = {
 
 
 def main() -> int:
-    """Measure, print, write; 1 when a measured row misses its target."""
+    """Measures, prints and writes the rows. Returns 1 if a measured row misses its target, else 0."""
     full = os.environ.get("FULL") == "1"
     names = os.environ.get("ROWS", "").split() or [*ROWS]
     if unknown := [name for name in names if name not in ROWS]:

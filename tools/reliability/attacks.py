@@ -1,4 +1,4 @@
-"""Hostile commands in every mode on every robot, judged without the gate's own code."""
+"""Hostile commands in every mode on every robot, checked by code that shares nothing with the gate."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 
 CHUNK = 10_000
-"""Cycles of one attack; then a new one begins, with another seed."""
+"""Number of cycles of one attack; then a new one begins, with another seed."""
 LOOK = 25
-"""Cycles from one look at the robot's body to the next."""
+"""Number of cycles between two checks of the robot's body for overlaps."""
 
 
 def limits(full: bool) -> Row:
-    """Position, velocity, acceleration, jerk, torque, couplings."""
+    """Checks limits of position, velocity, acceleration, jerk and torque, and couplings."""
     robots = ("tester", *robot_names())
     done = gather("limits", _one, _jobs(full, robots, 1000, body=False), full=full)
     faults = [fault for result in done for fault in result["faults"]]
@@ -44,7 +44,7 @@ def limits(full: bool) -> Row:
 
 
 def bodies(full: bool) -> Row:
-    """No two links overlap, whatever is asked for."""
+    """Checks that no two links overlap, whatever is commanded."""
     robots = robot_names()
     done = gather("bodies", _one, _jobs(full, robots, 100, body=True), full=full)
     faults = [fault for result in done for fault in result["faults"]]
@@ -62,22 +62,22 @@ def bodies(full: bool) -> Row:
 
 
 def _jobs(full: bool, robots: Sequence[str], chunks: int, *, body: bool) -> list[Job]:
-    """Robot, seed, body, cycles; at CI size one seed for each robot, and few cycles."""
+    """Returns the jobs (robot, seed, body, cycles); at CI size one seed for each robot, and few cycles."""
     seeds = range(-(-chunks // len(robots))) if full else (1,)
     return [(name, seed, body, CHUNK if full else 1_600) for seed in seeds for name in robots]
 
 
 def robot_of(name: str) -> Robot:
-    """A robot of the catalogue, or the `tester`: six servos that have every mode."""
+    """Returns a robot of the catalogue, or the `tester`, whose six servos have every mode."""
     if name == "tester":
         return make_robot(limits=LIMITS.model_copy(update={"torque": 5.0}), modes=CONTROL_MODES)
     return load_robot(name)
 
 
 def _one(name: str, seed: int, body: bool, cycles: int) -> Result:
-    """What one attack came to."""
+    """Runs one attack and returns its result."""
     robot = robot_of(name)
-    # Nobody controls where a servo in torque mode is.
+    # The position of a servo in torque mode is not controlled.
     modes = tuple(mode for mode in CONTROL_MODES if mode is not Mode.TORQUE or not body)
     attack = Attack(robot, seed, body=body, modes=modes)
     eyes = Eyes(robot) if body else None
@@ -94,14 +94,14 @@ def _one(name: str, seed: int, body: bool, cycles: int) -> Result:
         "passed": counts.passed,
         "faults": attack.judge.faults,
         "peak": attack.judge.peak,
-        # Deepest overlap [m] of two drivers that MuJoCo's own collision detection found.
+        # Deepest overlap [m] of two links that MuJoCo's own collision detection found.
         "overlap": overlap,
         "near": attack.gate.counts.near_misses,
     }
 
 
 class Eyes:
-    """MuJoCo's collision detection on a robot's drivers."""
+    """MuJoCo's collision detection on a robot's links."""
 
     def __init__(self, robot: Robot) -> None:
         self._model = exclude_overlaps(solid_spec(robot), robot, initial_position(robot))
@@ -110,7 +110,7 @@ class Eyes:
         self._servos, self._addresses = (list(column) for column in zip(*joints, strict=True))
 
     def overlap(self, angles: Array) -> float:
-        """How deep [m] any two links overlap at `angles` (n_servos,) [rad]."""
+        """Returns the deepest overlap [m] of two links at `angles` (n_servos,) [rad]."""
         self._data.qpos[self._addresses] = angles[self._servos]
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_collision(self._model, self._data)

@@ -1,4 +1,4 @@
-"""Touches anywhere on any robot in any posture: does any answer press what touches?"""
+"""Touches anywhere on any robot in any posture: no response may raise the contact force."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pressing import NEXT, tally
 
 
 def moves_away(full: bool) -> Row:
-    """Reflexes and the soft reaction, on own skin and on pads that sit and face anywhere."""
+    """Checks reflexes and the soft reaction, on own skin and on pads at random places and angles."""
     per_job = 50 if full else 5
     jobs = [(name, seed, per_job) for seed in range(30 if full else 1) for name in tci.robot_names()]
     done = gather("moves_away", _touch, jobs, full=full)

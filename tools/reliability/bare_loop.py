@@ -1,4 +1,4 @@
-"""A bare loop at 1 kHz in a process of its own: what the machine does to any loop.
+"""A bare loop at 1 kHz in a process of its own, which shows the delays that the machine causes in any loop.
 
 In every period it moves the data that the other loop gets and gives, in plain NumPy: joint angles and speeds;
 and of each new frame of the skin the raw bytes, the pressures and which of them are above 0.

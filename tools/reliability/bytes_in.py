@@ -1,4 +1,4 @@
-"""Damaged bytes into what reads bytes: robot descriptions and heartbeats."""
+"""Damaged bytes into readers: robot descriptions and heartbeats."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tci.runtime.heartbeat import decode, encode
 
 
 def descriptions(full: bool) -> Row:
-    """Damaged descriptions end in a TciError or are read."""
+    """Checks that a damaged description ends in a TciError, or is read."""
     jobs = [(seed, 1_000) for seed in range(100 if full else 1)]
     done = gather("descriptions", _descriptions, jobs, full=full)
     uncaught = sum(result["uncaught"] for result in done)
@@ -43,7 +43,7 @@ def _descriptions(seed: int, count: int) -> Result:
 
 
 def guided(full: bool) -> Row:
-    """libFuzzer looks for inputs that reach new lines of all that reads foreign bytes."""
+    """Runs libFuzzer, which looks for inputs that reach new lines, on every reader of untrusted bytes."""
     seconds, wanted = (600.0 if full else 14.0 / len(TARGETS)), 600.0
     done = gather("guided", _guided, [(name, seconds) for name in TARGETS], full=full)
     uncaught = [result["words"] for result in done if result["words"]]
@@ -66,7 +66,7 @@ def _guided(name: str, seconds: float) -> Result:
 
 
 def heartbeats(full: bool) -> Row:
-    """Damaged heartbeats are never taken for another beat."""
+    """Checks that a damaged heartbeat is never accepted."""
     jobs = [(seed, 50_000) for seed in range(20 if full else 1)]
     done = gather("heartbeats", _heartbeats, jobs, full=full)
     wrong = sum(result["wrong"] for result in done)

@@ -1,4 +1,4 @@
-"""A day of a skin with noise, drift and broken taxels: reflexes to nothing, and touches without an answer."""
+"""A day of a skin with noise, drift and broken taxels: counts false reflexes and missed touches."""
 
 from __future__ import annotations
 
@@ -17,23 +17,24 @@ from tci.robot.generic_arm import SEGMENTS
 from tci.robot.joint_map import initial_position
 
 RATE = 50.0
-"""Frames per second."""
+"""Frame rate [Hz]."""
 LEARN = 60.0
-"""Time [s] in which the skin learns its noise before anything counts."""
+"""Time [s] in which conditioning estimates the noise, before anything is counted."""
 DRIFT, DRIFT_PERIOD, SCATTER = 0.1, 7200.0, 0.02
-"""Share of the range by which all taxels drift to and fro, in which time [s], and how unlike they are."""
+"""Drift of all taxels: amplitude as a fraction of the range, period [s], and relative spread between
+taxels."""
 FAULTY = 600.0
-"""Time [s] from one broken taxel to the next; each is broken for half of it."""
+"""Time [s] between the beginnings of two taxel faults; each lasts half of it."""
 KINDS = ("stuck high", "stuck low", "not a number", "noisy", "stuck", "spikes")
 SPIKES = 0.1
-"""Share of its frames in which a taxel with spikes jumps to the value that it has drawn."""
+"""Fraction of frames in which a taxel with spikes jumps to its random value."""
 PRESSED = 40.0
-"""Counts of a touch on each of its 12 taxels."""
+"""Deviation [counts] of each of the 12 taxels of a touch."""
 
 
 @dataclass
 class Hours:
-    """What some hours came to."""
+    """Counts of a number of simulated hours."""
 
     hours: float
     false: int
@@ -44,7 +45,7 @@ class Hours:
 
 
 class Day:
-    """One patch of a NAO and the reflex behind it."""
+    """One patch of a NAO with the reflex."""
 
     def __init__(self, seed: int) -> None:
         self.robot = tci.load_robot("nao")
@@ -64,7 +65,7 @@ class Day:
         self.stuck = 0.0
 
     def touch(self) -> np.ndarray:
-        """Taxels (12,) nearest to some place well inside a field."""
+        """Returns the taxels (12,) nearest to a random place well inside a field."""
         fields = [field for field in self.reflex.fields if field.segment == self.patch.segment]
         field = fields[int(self.random.integers(len(fields)))]
         u = field.u + self.random.uniform(-0.3, 0.3) * field.radius
@@ -72,7 +73,7 @@ class Day:
         return np.argsort(np.hypot(self.u - u, turn / np.pi))[:12]
 
     def live(self, hours: float, touches: int) -> Hours:
-        """Some hours with touches at random times, at least 3 s apart."""
+        """Simulates some hours with touches at random times, at least 3 s apart."""
         sensor, sign = self.patch.sensor, np.sign(self.patch.sensor.pascal_per_count)
         slot = (hours * 3600.0 - LEARN) / max(touches, 1)
         begins = LEARN + slot * np.arange(touches) + self.random.uniform(0.5, slot - 2.5, touches)
@@ -140,7 +141,7 @@ def _live(seed: int, hours: float, touches: int) -> Result:
 
 
 def false_reflexes(full: bool) -> Row:
-    """Hours are simulated: every frame of them goes through conditioning, contacts and reflex."""
+    """Simulates the hours: every frame passes conditioning, contacts and reflex."""
     jobs, hours, touches = (96, 0.25, 105) if full else (1, 0.05, 20)
     work = [(seed, hours, touches) for seed in range(jobs)]
     done = gather("false_reflexes", _live, work, full=full)

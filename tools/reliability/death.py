@@ -1,4 +1,4 @@
-"""A process that is needed is killed, stopped or closed: how long until its listener says hold."""
+"""A needed process is killed or stopped: measures the time until its listener reports a reason to hold."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from tci.runtime.heartbeat import Listener
 from tci.runtime.real_time import real_time
 
 PAUSE = 0.01
-"""Time [s] from one look to the next from which on the machine is what is measured."""
+"""Time [s] between two checks above which the machine, not TCI, causes the delay. Such a trial is
+repeated."""
 PEER = """
 import sys, time
 from tci.runtime.heartbeat import INTERVAL, Sender
@@ -28,7 +29,7 @@ while True:
 
 
 def heartbeat(full: bool) -> Row:
-    """SIGKILL and SIGSTOP in turn; time from the signal to the reason to hold."""
+    """Measures the time from SIGKILL and SIGSTOP, in turn, to the reason to hold."""
     done = gather(
         "heartbeat", _kills, [(seed, 10 if full else 6) for seed in range(100 if full else 1)], full=full
     )
@@ -46,7 +47,7 @@ def _kills(seed: int, count: int) -> Result:
     del seed
     slowest, tried, paused = 0.0, 0, 0
     with ExitStack() as stack:
-        with suppress(TciError):  # where it is permitted, other programs are not what is measured
+        with suppress(TciError):  # real-time priority, if permitted, excludes the delays of other programs
             stack.enter_context(real_time())
         while tried < count:
             time_, pause = _kill((signal.SIGKILL, signal.SIGSTOP)[tried % 2])
@@ -59,7 +60,7 @@ def _kills(seed: int, count: int) -> Result:
 
 
 def _kill(kind: signal.Signals) -> tuple[float, float]:
-    """Time [s] until there is a reason to hold, and the longest time from one look to the next."""
+    """Returns the time [s] until there is a reason to hold, and the longest time [s] between two checks."""
     with Listener(["peer"]) as listener:
         peer = subprocess.Popen([sys.executable, "-c", PEER, str(listener.port)])
         try:

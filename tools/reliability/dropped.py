@@ -1,6 +1,6 @@
-"""Somebody who moves a robot from another process falls silent: how long until the robot is at rest.
+"""A process that commands a robot falls silent: measures the time until the robot is at rest.
 
-`python tools/reliability/dropped.py VIA` is the robot's process, `... VIA swing` the one that moves it.
+`python tools/reliability/dropped.py VIA` runs the robot's process, `... VIA swing` the commanding one.
 """
 
 from __future__ import annotations
@@ -31,19 +31,20 @@ SERVO, SPEED, STILL = "LElbowRoll", 0.3, 1e-6
 PR_SET_PDEATHSIG = 1
 ENDS = (-0.3, -1.4)
 RATE = 250
-"""Of the robot's loop [Hz]."""
+"""Rate [Hz] of the robot's loop."""
 STEADY = 25
-"""Periods of the robot for which it must move before it counts as moving."""
+"""Number of the robot's periods with motion after which it counts as moving."""
 PAUSE = 0.01
-"""Time [s] between two of the robot's periods from which on the machine is what is measured."""
+"""Time [s] between two of the robot's periods above which the machine causes the delay; then it is
+repeated."""
 SETTLED = 0.15
-"""Time [s] for which it must rest: a reference may stand for a moment while orders are on their way."""
+"""Time [s] of rest after which it counts as at rest: a reference may pause while orders are on their way."""
 LONGEST = 30.0
-"""Time [s] that a process may take to say what it is waited for."""
+"""Longest time [s] to wait for a line of a process."""
 
 
 def dropped(full: bool) -> Any:
-    """SIGSTOP and SIGKILL (one in four), of what commands over each driver; until its reference rests."""
+    """Stops the commander over each driver with SIGSTOP or SIGKILL (one in four); measures until it rests."""
     from pool import gather
     from row import Row
 
@@ -71,7 +72,7 @@ def _drop(name: str, seed: int, count: int) -> dict[str, Any]:
     from drivers.wires import PEERS
 
     with ExitStack() as stack:
-        with suppress(TciError):  # where it is permitted, other programs are not what is measured
+        with suppress(TciError):  # real-time priority, if permitted, excludes the delays of other programs
             stack.enter_context(real_time())
         return _silences(PEERS[name](), name, seed, count)
 
@@ -92,7 +93,7 @@ def _silences(peer: Any, name: str, seed: int, count: int) -> dict[str, Any]:
             while len(times) + failed < count:
                 if not robot.moves():
                     raise DriverError(f"{name}: it never moves")
-                time.sleep(chance.uniform(0.0, 0.02))  # anywhere between two messages
+                time.sleep(chance.uniform(0.0, 0.02))  # a random moment between two messages
                 kind = signal.SIGKILL if (len(times) + failed) % 4 == 1 else signal.SIGSTOP
                 begin = time.monotonic()
                 os.kill(mover, kind)
@@ -101,7 +102,9 @@ def _silences(peer: Any, name: str, seed: int, count: int) -> dict[str, Any]:
                     paused += 1
                 elif rest is None:
                     failed += 1
-                elif rest >= begin:  # else it stood already, since its commander had got no time
+                elif (
+                    rest >= begin
+                ):  # otherwise it was at rest before, since its commander had no processor time
                     times.append(round(rest - begin - _braking(), 5))
                 if kind is signal.SIGKILL:
                     mover = movers.start()
@@ -113,7 +116,7 @@ def _silences(peer: Any, name: str, seed: int, count: int) -> dict[str, Any]:
 
 
 def _braking() -> float:
-    """Time [s] that the servo's limits allow it for a stop from `SPEED`."""
+    """Returns the time [s] of a stop from `SPEED` within the servo's limits."""
     limits = next(servo.limits for servo in tci.load_robot("nao").servos if servo.name == SERVO)
     assert limits.acceleration is not None
     assert limits.jerk is not None
@@ -121,7 +124,7 @@ def _braking() -> float:
 
 
 class _Said:
-    """What the robot's process says: a word, a time [s], and its longest pause [s] since its last line."""
+    """Lines of the robot's process: a word, a time [s], and its longest pause [s] since the previous line."""
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
         self._process = process
@@ -135,7 +138,7 @@ class _Said:
             self._said.put((word, float(stamp), float(pause)))
 
     def moves(self) -> bool:
-        """Wait until it moves from now on; False when it does not."""
+        """Waits until the robot moves; returns False if it does not."""
         while not self._said.empty():
             self._said.get()
         with suppress(queue.Empty):
@@ -145,7 +148,8 @@ class _Said:
         return False
 
     def rests(self, after: float) -> tuple[float | None, float]:
-        """Since when it rests for good, or None; and the longest pause meanwhile, from `after` [s] on."""
+        """Returns the time [s] from which it stays at rest, or None; and the longest pause [s] since `after`
+        [s]."""
         rested, longest = None, 0.0
         with suppress(queue.Empty):
             while True:
@@ -156,14 +160,15 @@ class _Said:
 
 
 class _Movers:
-    """A process that has read and compiled all that a commander needs: each commander is a fork of it."""
+    """A process that has loaded and compiled everything that a commander needs; each commander is a fork of
+    it."""
 
     def __init__(self, via: str) -> None:
         command = [sys.executable, __file__, via, "swing"]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
     def start(self) -> int:
-        """One more commander; its process."""
+        """Starts a commander; returns its process."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         print(file=self._process.stdin, flush=True)
@@ -180,7 +185,8 @@ class _Movers:
 
 
 def serve(via: str) -> None:
-    """A simulated NAO: says when what its gate hands out `goes`, `moves` (for some time) and `rests`."""
+    """Serves a simulated NAO; prints when the reference of its gate `goes`, `moves` (for some time) and
+    `rests`."""
     from tci.drivers.registry import open_server
     from tci.drivers.simulated import SimulatedDriver
     from tci.runtime.loop import Tick
@@ -211,7 +217,7 @@ def serve(via: str) -> None:
 
 
 def movers(via: str) -> None:
-    """For each line that comes, a new process that moves one joint to and fro, until it is killed."""
+    """Forks, for each line on stdin, a process that moves one joint to and fro until it is killed."""
     warm_up(via)
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     for _ in sys.stdin:
@@ -224,7 +230,7 @@ def movers(via: str) -> None:
 
 
 def warm_up(via: str) -> None:
-    """What is compiled and imported here, no fork does again. Nothing is opened."""
+    """Imports and compiles what each fork would need. Opens no connection."""
     from tci.drivers.registry import load_driver
 
     load_driver(via.partition(":")[0])
@@ -237,7 +243,7 @@ def warm_up(via: str) -> None:
 
 
 def swing(via: str) -> None:
-    """Move one joint to and fro, for ever."""
+    """Moves one joint to and fro, for ever."""
     with tci.connect(tci.load_robot("nao"), via, arm=True) as driver:
         arm = driver.native("LArm")
         goal = 0

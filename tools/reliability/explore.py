@@ -1,4 +1,4 @@
-"""The loop with anything that may happen to it, for long."""
+"""Long random exploration of the loop with all events and faults."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ TRANSITIONS = {
     (GateState.STOP, GateState.HOLD),
 }
 EPISODES = 20
-"""Episodes of one seed."""
+"""Number of episodes of one seed."""
 
 
 def loop(full: bool) -> Row:
-    """Invariants broken, transitions and faults seen."""
+    """Counts violated invariants, and the transitions and faults that occurred."""
     done = gather("loop", _one, [(seed, EPISODES) for seed in range(100 if full else 1)], full=full)
     broken = [words for seen in done for words in seen["broken"]]
     transitions = {tuple(pair) for seen in done for pair in seen["transitions"]}

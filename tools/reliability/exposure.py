@@ -1,6 +1,6 @@
-"""Sockets of each server at its defaults, as the system shows them, and the table of docs/reliability.md.
+"""Sockets that each server opens by default, as the system lists them, and the table of docs/reliability.md.
 
-Each is started in a network namespace with loopback and one more interface, which has the default route. So
+Each server starts in a network namespace with loopback and one more interface, with the default route. So
 its usual ports are free, and a socket on every interface is one beyond loopback. `python exposure.py` prints
 the table, `python exposure.py page` writes it.
 """
@@ -41,22 +41,22 @@ exec "$@"
 """
 HERE = "every program of this machine"
 EPHEMERAL = 32768
-"""Ports from here on are given out by the system: another one each time."""
+"""First ephemeral port: the system assigns ports from here on, a different one each time."""
 SETTINGS = ("ROS_", "CYCLONE", "LCM_", "YARP_", "XDG_", "TCI_")
-"""Variables of this user, which count for no default, begin so."""
+"""Prefixes of environment variables that change defaults; they are removed."""
 
 
 @dataclass(frozen=True)
 class Server:
-    """How it is started, and what no socket shows."""
+    """A server: its command, and the facts that no socket shows."""
 
     words: tuple[str, ...]
-    """Of `tci`."""
+    """Arguments of `tci`."""
     opened_by: str
     read: str = HERE
     command: str = HERE
     beside: tuple[str, ...] = ()
-    """A program that has to be there first; it prints a line when it is."""
+    """Program that must run first; it prints a line when it is ready."""
 
 
 def _serve(via: str, opened_by: str, **more: str | tuple[str, ...]) -> Server:
@@ -104,16 +104,17 @@ SERVERS = {
 
 @dataclass(frozen=True)
 class Seen:
-    """A socket that waits for others."""
+    """A listening socket."""
 
     address: str
     port: int
     interface: str
-    """The one that it is bound to, or is in the group on; empty for all that the address is of."""
+    """Interface that it is bound to, or on which it is in the group; empty for all interfaces of the
+    address."""
 
     @property
     def beyond(self) -> bool:
-        """Whether others than this machine reach it."""
+        """True if other machines can reach it."""
         return self.interface != "lo" and not ip_address(self.address).is_loopback
 
     def __str__(self) -> str:
@@ -122,7 +123,7 @@ class Seen:
 
 
 def look(process: psutil.Process) -> list[Seen]:
-    """Sockets of a process and its children that wait for others."""
+    """Returns the listening sockets of a process and its children."""
     mine = {process.pid, *(child.pid for child in process.children(recursive=True))}
     groups = _groups()
     found = []
@@ -142,7 +143,7 @@ def look(process: psutil.Process) -> list[Seen]:
 
 
 def _groups() -> dict[str, set[str]]:
-    """Interfaces on which each multicast group is joined."""
+    """Returns the interfaces on which each multicast group is joined."""
     joined: dict[str, set[str]] = {}
     device = ""
     for line in Path("/proc/net/igmp").read_text().splitlines()[1:]:
@@ -195,7 +196,10 @@ def _line(process: subprocess.Popen[str], what: str) -> str:
 
 
 def seen() -> dict[str, list[Seen]]:
-    """What each server that can run here opens; seen from a namespace of its own. Raises OSError without."""
+    """Returns the sockets of each server that can run here, each in a namespace of its own.
+
+    Raises OSError if this system permits no network namespace.
+    """
     if not all(map(shutil.which, ("unshare", "ip", "ss"))):
         raise OSError("needs network namespaces: Linux, util-linux and iproute2")
     command = ["unshare", "--map-root-user", "--net", "sh", "-ec", ALONE, "alone", sys.executable, __file__]
@@ -206,7 +210,7 @@ def seen() -> dict[str, list[Seen]]:
 
 
 def _alone() -> None:
-    """In the namespace."""
+    """Runs within the namespace."""
     found: dict[str, list[dict[str, object]]] = {}
     with TemporaryDirectory() as folder:
         for name, server in SERVERS.items():
@@ -216,7 +220,7 @@ def _alone() -> None:
 
 
 def table(found: dict[str, list[Seen]]) -> list[str]:
-    """The lines of the table."""
+    """Returns the lines of the table."""
     lines = []
     for name, sockets in found.items():
         server = SERVERS[name]
@@ -232,7 +236,7 @@ def table(found: dict[str, list[Seen]]) -> list[str]:
 
 
 def exposure(full: bool) -> Row:
-    """Each server once."""
+    """Checks each server once."""
     found = seen()
     sockets = [(name, one) for name, some in found.items() for one in some]
     beyond = [f"{name} at {one.address}:{one.port}" for name, one in sockets if one.beyond]

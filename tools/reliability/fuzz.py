@@ -1,8 +1,8 @@
-"""Coverage-guided fuzzing of all that reads foreign bytes: `python tools/reliability/fuzz.py TARGET SECONDS`.
-Without a target it names all.
+"""Coverage-guided fuzzing of readers of untrusted bytes: `python tools/reliability/fuzz.py TARGET SECONDS`.
+Without a target it lists all targets.
 
-atheris (libFuzzer) sees which lines of `tci` an input reaches, and looks for others. Any exception but a
-TciError ends it, with the input in a file `crash-...`.
+atheris (libFuzzer) records the lines of `tci` that an input reaches, and looks for others. Any exception but
+a TciError ends it, with the input in a file `crash-...`.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from pathlib import Path
 
 TESTS = Path(__file__).parents[2] / "tests"
 MEMORY = 2048
-"""Megabytes that a target may take."""
+"""Memory limit of a target [MB]."""
 LONGEST = 16384
-"""Bytes of an input."""
+"""Largest input [bytes]."""
 Target = Callable[[bytes], object]
 
 
 def by_file(read: Callable[[Path], object], name: str) -> Target:
-    """A target that reads a file."""
+    """Returns a target that reads a file."""
     path = Path(tempfile.mkdtemp()) / name
 
     def target(data: bytes) -> None:
@@ -36,7 +36,7 @@ def by_file(read: Callable[[Path], object], name: str) -> Target:
 
 
 def description() -> tuple[Target, Iterable[bytes]]:
-    """Robots in XML."""
+    """Robot descriptions in XML."""
     from robot.test_xml import GOOD
     from tci.robot.xml import read_robot
 
@@ -44,7 +44,7 @@ def description() -> tuple[Target, Iterable[bytes]]:
 
 
 def facts() -> tuple[Target, Iterable[bytes]]:
-    """What a robot says of itself, in JSON."""
+    """Facts of a served robot, in JSON."""
     import json
 
     import tci
@@ -76,14 +76,14 @@ def recording() -> tuple[Target, Iterable[bytes]]:
 
 
 def heartbeat() -> tuple[Target, Iterable[bytes]]:
-    """Datagrams between processes."""
+    """Datagrams of heartbeats."""
     from tci.runtime.heartbeat import decode, encode
 
     return decode, [encode("brain", 7)]
 
 
 def remote() -> tuple[Target, Iterable[bytes]]:
-    """Messages of a served robot: bodies under a sound check, since a damaged one is never looked at."""
+    """Messages of a served robot, with a valid checksum, since others are dropped before they are parsed."""
     import tci
     from tci.drivers.remote import encoding as remote_cdr
     from tci.errors import TciError
@@ -101,7 +101,7 @@ def remote() -> tuple[Target, Iterable[bytes]]:
 
 
 def lcm() -> tuple[Target, Iterable[bytes]]:
-    """Datagrams of LCM, and the messages in them."""
+    """Datagrams of LCM, and their messages."""
     import struct
     import zlib
 
@@ -147,7 +147,7 @@ TARGETS = {
 
 
 def fuzz(name: str, seconds: float) -> tuple[int, str]:
-    """Fuzz one target in a process of its own; how many inputs it took, and what was not caught."""
+    """Fuzzes one target in a process of its own; returns the number of inputs and the uncaught errors."""
     command = [sys.executable, str(Path(__file__)), name, f"{seconds:.0f}"]
     with tempfile.TemporaryDirectory() as folder:
         done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
@@ -160,7 +160,7 @@ def fuzz(name: str, seconds: float) -> tuple[int, str]:
 
 
 def main() -> None:
-    """One target, by libFuzzer, for some seconds."""
+    """Runs libFuzzer on one target for some seconds."""
     if len(sys.argv) == 1:
         print("\n".join(TARGETS))
         return
@@ -168,7 +168,7 @@ def main() -> None:
 
     name, seconds = sys.argv[1:]
     sys.path.insert(0, str(TESTS))
-    # Numba can't compile what is instrumented.
+    # Numba can't compile instrumented code.
     import tci.skin.kernels as kernels
 
     for module in pkgutil.iter_modules(kernels.__path__, f"{kernels.__name__}."):

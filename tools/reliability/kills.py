@@ -1,4 +1,5 @@
-"""Name server, control board and robot killed while an arm moves over YARP: it holds, and goes on after."""
+"""Name server, control board and robot are killed while an arm moves over YARP: it must hold, then
+continue."""
 
 from __future__ import annotations
 
@@ -57,25 +58,25 @@ serve(server, observe=see)
 HELD = 0.1
 """Age [s] of joint data beyond which the gate must hold."""
 JUMP = 0.02
-"""Way [rad] beyond what the speed limit allows between two readings that counts as a jump."""
+"""Displacement [rad] between two readings, beyond the speed limit, that counts as a jump."""
 PATIENCE = 60.0
-"""Time [s] that the robot has to come back."""
+"""Longest time [s] until the robot is back."""
 KINDS = ("name server", "board", "robot")
 
 
 @dataclass
 class Seen:
-    """What the loop saw."""
+    """Observations of the loop."""
 
     oldest: float = 0.0
     """Age [s] of the oldest joint data with which the gate did not hold."""
     jumps: int = 0
     lost: list[str] = field(default_factory=list)
-    """Kills after which the arm did not go on."""
+    """Kills after which the arm did not continue."""
 
 
 class Trial:
-    """An arm that goes to and fro, and what is killed meanwhile."""
+    """An arm that moves to and fro, and the processes that are killed meanwhile."""
 
     def __init__(self) -> None:
         self.where = f"127.0.0.1:{free_port()}"
@@ -100,12 +101,12 @@ class Trial:
         return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 
     def step(self) -> GateState:
-        """One period."""
+        """Runs one period."""
         driver, now = self.driver, next(self._ticks)
         joints = driver.read().joints
         angle = float(joints.position[self._servo])
         passed = joints.stamp - self._last[0]
-        if passed > 0.0:  # no number compares with the first angle of another robot
+        if passed > 0.0:  # the first angle of another robot can't be compared with the last one
             self.seen.jumps += abs(angle - self._last[1]) > self._fastest * passed + JUMP
             self._last = joints.stamp, angle
         if abs(angle - self._targets[0]) < 0.05:
@@ -118,7 +119,7 @@ class Trial:
         return sent.state
 
     def until(self, condition: Callable[[], bool]) -> bool:
-        """Step until something is so; False when it takes too long."""
+        """Steps until a condition is true; returns False if that takes too long."""
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
             self.step()
@@ -127,11 +128,11 @@ class Trial:
         return False
 
     def goes(self) -> bool:
-        """Whether the arm goes where it is sent, once there and once back."""
+        """Returns True if the arm reaches its target, once there and once back."""
         return all(self.until(lambda t=self._targets[0]: self._targets[0] != t) for _ in range(2))
 
     def kill(self, kind: str, chance: random.Random) -> None:
-        """Kill one, let it come back, and see that the arm goes on."""
+        """Kills one process, starts it again, and checks that the arm continues."""
         self.run_for(chance.uniform(0.0, 1.0))
         holds = True
         if kind == "board":
@@ -152,7 +153,7 @@ class Trial:
             self.seen.lost.append(kind)
 
     def run_for(self, seconds: float) -> None:
-        """Just go on."""
+        """Continues for some time [s]."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             self.step()
@@ -165,7 +166,7 @@ class Trial:
 
 
 def yarp_kills(full: bool) -> Row:
-    """Kill each in turn, at random moments."""
+    """Kills each process in turn, at random moments."""
     count, chance = (102 if full else 3), random.Random(6)
     with tempfile.TemporaryDirectory() as folder:
         os.environ["YARP_CONFIG_HOME"] = folder

@@ -1,4 +1,4 @@
-"""Do the tests notice what is changed in gate and loop, and do they take each of their branches."""
+"""Mutation score of gate and loop, and coverage of their branches by the tests."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ MEASURED = ("src/tci/gate/*", "src/tci/runtime/loop*.py", "src/tci/runtime/watch
             "src/tci/runtime/lease.py")  # fmt: skip
 
 NOTICED = ("killed", "timeout", "segfault", "check_was_interrupted_by_user")
-"""How tests notice a change. The last: it let a KeyboardInterrupt out, which ends pytest."""
+"""Results that count as noticed. The last one: the mutant raised a KeyboardInterrupt, which ends pytest."""
 
 
 def mutation(full: bool) -> Row:
-    """mutmut's changes, one at a time; it goes on where it ended. At CI size nothing is run."""
+    """Runs mutmut's mutants one at a time, and continues where it ended. At CI size nothing is run."""
     counts = {"total": 0}
     if full and float(os.environ.get("MINUTES", "inf")):
         subprocess.run([_tool("mutmut"), "run"], cwd=ROOT, check=True, env=_tools_first())
@@ -40,7 +40,7 @@ def mutation(full: bool) -> Row:
 
 
 def branches(full: bool) -> Row:
-    """Branches of gate and loop that their tests take; at CI size nothing is run."""
+    """Counts the branches of gate and loop that their tests miss; at CI size nothing is run."""
     totals = {"num_branches": 0, "covered_branches": 0, "missing_lines": 0}
     if full and float(os.environ.get("MINUTES", "inf")):
         tests = [*SETTINGS["pytest_add_cli_args_test_selection"], "tests/gate/test_self_collision.py"]
@@ -73,5 +73,5 @@ def _tool(name: str) -> str:
 
 
 def _tools_first() -> dict[str, str]:
-    """mutmut starts pytest by its name."""
+    """Returns the environment in which mutmut finds pytest, which it starts by name."""
     return {**os.environ, "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])}

@@ -1,4 +1,4 @@
-"""The scoreboard in docs/reliability.md, between two marks."""
+"""Writer of the scoreboard in docs/reliability.md, between two marks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ HEAD = "| figure | tried | measured | target | met | at |\n|---|---|---|---|---|
 
 
 def write_page(rows: Sequence[Row], page: Path = PAGE) -> None:
-    """Put the rows that were tried into the page; the others stay as they are there."""
+    """Writes the rows that were tried into the page; the others are kept."""
     table = page.read_text().split(BEGIN)[1].split(END)[0]
     lines = {_figure(line): line for line in table.removeprefix(HEAD).splitlines()}
     for row in rows:
@@ -24,7 +24,7 @@ def write_page(rows: Sequence[Row], page: Path = PAGE) -> None:
 
 
 def write_between(begin: str, end: str, lines: str, page: Path = PAGE) -> None:
-    """Put lines into the page, in the place of those between two marks."""
+    """Replaces the lines of the page between two marks."""
     before, rest = page.read_text().split(begin)
     page.write_text(before + begin + lines + end + rest.split(end)[1])
 

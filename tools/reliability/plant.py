@@ -11,11 +11,11 @@ from tci.messages import CONTROL_MODES, Mode
 from tci.robot.catalogue import robot_names
 
 CHUNK = 20_000
-"""Cycles of one attack; then a new one begins, with another seed and other masses."""
+"""Number of cycles of one attack; then a new one begins, with another seed and other masses."""
 
 
 def plant(full: bool) -> Row:
-    """True position, speed and energy, in each mode, whatever is asked for and read."""
+    """Checks true position, speed and energy in each mode, whatever is commanded and read."""
     done = gather("plant", _one, _jobs(full), full=full)
     faults = [fault for result in done for fault in result["faults"]]
     for fault in faults[:10]:
@@ -39,7 +39,8 @@ def plant(full: bool) -> Row:
 
 
 def _jobs(full: bool) -> list[Job]:
-    """Robot, mode, seed, cycles; half of the cycles with the robot of the tests, which is quicker."""
+    """Returns the jobs (robot, mode, seed, cycles), half of them with the robot of the tests, which is
+    faster."""
     cycles, count = (CHUNK, 25) if full else (1500, 1)
     jobs: list[Job] = []
     for mode in CONTROL_MODES:
@@ -53,7 +54,7 @@ def _jobs(full: bool) -> list[Job]:
 
 
 def _one(name: str, mode: str, seed: int, cycles: int) -> Result:
-    """The result of one attack."""
+    """Runs one attack and returns its result."""
     loop = ClosedLoop(robot_of(name), seed, Mode(mode))
     for _ in range(cycles):
         loop.step()

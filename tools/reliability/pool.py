@@ -1,4 +1,4 @@
-"""Work on all cores, for as long as there is time. What was done at full size is kept, and not done again."""
+"""Runs jobs on all cores while there is time. Results at full size are kept, and not computed again."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ Job = tuple[Any, ...]
 Result = dict[str, Any]
 HERE = Path(__file__).parent
 COMMITS: dict[str, str] = {}
-"""Of what each row was measured, by the name under which it is kept."""
+"""Commit at which each row was measured, by the name under which it is kept."""
 
 
 def gather(
     name: str, work: Callable[..., Result], jobs: Sequence[Job], *, full: bool, alone: bool = False
 ) -> list[Result]:
-    """The results of `work` for each of `jobs`; of fewer, when MINUTES (in the environment) have passed.
+    """Returns the results of `work` for each of `jobs`, or for fewer when MINUTES (environment) have passed.
 
     At full size they are written to `OUT/reliability/NAME.jsonl` one by one, and those that are there already
     count, if the sources are the same: the full size can be reached in pieces. JOBS processes work at once;
@@ -52,7 +52,7 @@ def gather(
                 job = json.dumps(waiting[one])
                 try:
                     done[job] = one.result()
-                except Exception as error:  # the others go on
+                except Exception as error:  # the others continue
                     error.add_note(f"{name} {job}")
                     failed.append(error)
                     print(f"{name} {job}: {type(error).__name__}: {error}", flush=True)
@@ -71,7 +71,7 @@ def gather(
 
 
 def _kept(name: str, path: Path, *, last: bool) -> dict[str, Result]:
-    """Results by job, of the sources as they are now, or as they were `last`."""
+    """Returns kept results by job, of the present sources, or of the `last` ones."""
     lines = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     wanted = lines[-1]["sources"] if lines and last else sources()
     lines = [line for line in lines if line["sources"] == wanted]
@@ -81,7 +81,7 @@ def _kept(name: str, path: Path, *, last: bool) -> dict[str, Result]:
 
 @cache
 def commit() -> str:
-    """What is checked out here."""
+    """Returns the commit that is checked out."""
     where = subprocess.run(
         ["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=False, cwd=HERE
     )
@@ -90,7 +90,7 @@ def commit() -> str:
 
 @cache
 def sources() -> str:
-    """What tells one state of the package's sources from another."""
+    """Returns a digest of the package's sources."""
     root, digest = Path(tci.__file__).parent, hashlib.sha256()
     for path in sorted(path for path in root.rglob("*") if path.suffix in {".py", ".xml", ".toml", ".xsd"}):
         digest.update(str(path.relative_to(root)).encode() + path.read_bytes())

@@ -1,4 +1,4 @@
-"""Recordings: what a killed process loses, and what a minute costs."""
+"""Recordings: data lost by a killed process, and size and time of a minute."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tci.recording.recorder import Recorder
 from tci.recording.recording import Recording
 
 PERIOD = 0.01
-"""Of the readings that are written [s]."""
+"""Period [s] of the readings that are written."""
 WRITER = """
 import os, sys
 from recording.recorded import made_up
@@ -33,7 +33,7 @@ for number, (now, reading) in enumerate(readings):
 
 
 def killed(full: bool) -> Row:
-    """SIGKILL at random moments; periods that were written and are not there afterwards."""
+    """Kills a recording process at random moments; counts the periods that were written and are lost."""
     jobs = [(seed, 10) for seed in range(10 if full else 1)]
     done = gather("killed", _kill, jobs, full=full)
     worst, damaged = max((d["worst"] for d in done), default=0), sum(d["damaged"] for d in done)
@@ -71,7 +71,7 @@ def _kill(seed: int, count: int) -> Result:
 
 
 def minute(full: bool) -> Row:
-    """A minute of 768 8-bit taxels and 12 joints at 100 Hz: written, closed and packed."""
+    """Writes and closes a compressed minute of 768 8-bit taxels and 12 joints at 100 Hz."""
     done = gather("minute", _minute, [(6000,)], full=full, alone=True)
     size, speed, closed = (done[0][key] for key in ("size", "speed", "closed")) if done else (0.0, 99.0, 0.0)
     return Row(

@@ -11,22 +11,22 @@ class Row:
 
     name: str
     tried: float
-    """How much was tried."""
+    """Number of trials."""
     wanted: float
-    """How much the target asks for."""
+    """Number of trials that the target requires."""
     unit: str
-    """What is counted."""
+    """Unit of the trials."""
     figure: str
-    """What was measured; why there is nothing, for an open row."""
+    """Measured result; for an open row the reason why there is none."""
     target: str
     sound: bool | None
-    """Whether all that was tried is as the target wants it; None: nothing was measured."""
+    """True if all trials meet the target; None if nothing was measured."""
     commit: str = ""
-    """Of what it was measured."""
+    """Commit at which it was measured."""
 
     @property
     def size(self) -> str:
-        """How much was tried, of how much."""
+        """Number of trials, and of the required ones."""
         if self.sound is None:
             return ""
         if self.tried >= self.wanted:
@@ -35,12 +35,12 @@ class Row:
 
     @property
     def measured(self) -> str:
-        """What was measured; nothing of what was not run."""
+        """Measured result; empty for a row that was not run."""
         return self.figure if self.tried or self.sound is None else "not run"
 
     @property
     def met(self) -> str:
-        """`yes` only at the whole size of the target; `so far` where less was tried and nothing was wrong."""
+        """`yes` only at the full size of the target; `so far` after fewer trials without a fault."""
         if self.sound is None or not self.tried:
             return "open"
         if not self.sound:
@@ -48,5 +48,5 @@ class Row:
         return "yes" if self.tried >= self.wanted else "so far"
 
     def to_json(self) -> dict[str, object]:
-        """All of it."""
+        """Returns the row as JSON values."""
         return {**asdict(self), "size": self.size, "met": self.met}

@@ -1,4 +1,4 @@
-"""A large, quick skin from another process over YARP: is every frame read?"""
+"""A large skin at a high rate from another process over YARP: counts the frames that are lost."""
 
 from __future__ import annotations
 
@@ -39,7 +39,8 @@ sys.stdin.read()
 
 
 def yarp_skin(full: bool) -> Row:
-    """1 kHz of 4000 taxels for a minute: frames that the writer had to drop, and frames that did not come."""
+    """Sends 4000 taxels at 1 kHz for a minute; counts frames that the writer dropped, and that did not
+    arrive."""
     seconds, wrong = (60 if full else 3), 0
     expected = seconds * RATE
     with NameServer() as server:

@@ -35,24 +35,24 @@ from tci.skin.skin import Skin
 
 BARE = Path(__file__).parent / "bare_loop.py"
 PERIOD = 1e-3
-"""Of the loop [s]."""
+"""Period [s] of the loop."""
 RATE = 50.0
 TOUCH = (0.5, 2.0)
-"""How long [s] a touch lasts, and from one to the next."""
+"""Duration [s] of a touch, and time [s] between the beginnings of two touches."""
 PIECES = 12
-"""Runs that the hour is made of; MINUTES=5 is one of them."""
+"""Number of runs that make up the hour; MINUTES=5 is one of them."""
 BOUND = 0.35
-"""Thread time [ms] that 999 of 1000 periods may take."""
+"""Largest 99.9th percentile [ms] of the thread time of a period."""
 TRACED = 4.0
-"""Time [s] of a run in which allocations are counted: that is slow, so it does not count for the times."""
+"""Time [s] of a run in which allocations are counted. Counting is slow, so it is left out of the times."""
 WARM = 5.0
-"""Time [s] after which memory counts: compiled code is loaded then."""
+"""Time [s] after which memory is measured: compiled code is loaded by then."""
 TIMES = ("own", "late", "bare_own", "bare_late")
-"""What is counted in histograms."""
+"""Names of the histograms."""
 
 
 class Touched(Driver):
-    """A robot that is where it was told to be, and is touched again and again, now here, now there."""
+    """A robot that follows its commands exactly, and is touched repeatedly at changing places."""
 
     def __init__(self) -> None:
         robot = tci.load_robot("nao")
@@ -74,7 +74,7 @@ class Touched(Driver):
         self._touches = [self._touch(patch, number) for number, patch in enumerate(patches)]
 
     def _touch(self, patch: tci.robot.description.Patch, number: int) -> tuple[str, np.ndarray]:
-        """The patch's frame when the taxels nearest to one of the fields are pressed."""
+        """Returns the frame of a patch whose taxels nearest to one of the fields are pressed."""
         skin = Skin(self.robot)
         joints = self._joints(0.0)
         u, theta, _ = skin.limb(patch.name, joints)
@@ -112,8 +112,8 @@ class Touched(Driver):
 
 
 def one_kilohertz(full: bool) -> Row:
-    """Thread time of a tick, alone and as a ratio to that of a bare loop that moves the same data in the same
-    run; lateness of both, page faults, allocations, memory."""
+    """Measures the thread time of a tick, alone and as a ratio to a bare loop that moves the same data in the
+    same run; lateness of both, page faults, allocations, memory."""
     pieces, seconds = (PIECES, 3600.0 / PIECES) if full else (1, 15.0)
     done = gather("one_kilohertz", _run, [(piece, seconds) for piece in range(pieces)], full=full, alone=True)
     times = {name: Histogram() for name in TIMES}
@@ -151,7 +151,7 @@ def _ratio(work: float, bare: float) -> str:
 
 
 def _allocations(driver: Touched) -> tuple[float, float]:
-    """Memory [kB] that a period takes at once beside what it found: median and largest."""
+    """Returns the memory [kB] that a period allocates at most at one time: median and largest."""
     taken: list[float] = []
     before = 0
 

@@ -1,4 +1,4 @@
-"""Mutated frames into each of our receivers, in a process of its own each."""
+"""Mutated frames into each receiver of TCI, each in a process of its own."""
 
 from __future__ import annotations
 
@@ -44,15 +44,15 @@ from yarpwire.port import Port
 from yarpwire.source import Memory
 
 JOB = 50_000
-"""Frames of one job at full size."""
+"""Number of frames of one job at full size."""
 MEMORY = 50e6
-"""What a process may grow by [bytes]."""
+"""Largest growth [bytes] of a process."""
 Receiver = Callable[[random.Random], bool]
-"""Takes one mutated frame; whether it was taken for sound although its wire has a check."""
+"""Function that receives one mutated frame; True if it was accepted although the protocol has a checksum."""
 
 
 def remote() -> Receiver:
-    """Messages between TCI processes, over Zenoh, ROS, rosbridge and Player: checked."""
+    """Messages between TCI processes, over Zenoh, ROS, rosbridge and Player, with a checksum."""
 
     def take(chance: random.Random) -> bool:
         kind = chance.choice("SFO")
@@ -67,7 +67,7 @@ def remote() -> Receiver:
 
 
 def lcm() -> Receiver:
-    """Datagrams of LCM, whole and in pieces, and checked messages in them."""
+    """Datagrams of LCM, whole and in fragments, and messages in them with a checksum."""
     from drivers.test_lcm import WHOLE as MESSAGES
     from drivers.test_lcm import pieces, short
 
@@ -113,7 +113,7 @@ def yarp() -> Receiver:
 
 
 def player() -> Receiver:
-    """What genuine Player said as client and server: without a check."""
+    """Recorded messages of genuine Player as client and server, without a checksum."""
     good = [data for _, _, data in said("client") + said("server") if not data.startswith(b"Player v.")]
     decoders = (wire.to_floats, wire.to_blob, wire.to_actuators, wire.to_devices, wire.to_access)
 
@@ -129,7 +129,7 @@ def player() -> Receiver:
 
 
 def naoqi() -> Receiver:
-    """Skin frames as text in ALMemory: without a check."""
+    """Skin frames as text in ALMemory, without a checksum."""
     good = words.pack(7, READ["F"](NAO, WHOLE["F"]).frame.values).encode()
 
     def take(chance: random.Random) -> bool:
@@ -141,7 +141,7 @@ def naoqi() -> Receiver:
 
 
 def ros() -> Receiver:
-    """A robot's own topics as CDR (ROS 2): without a check."""
+    """A robot's own topics as CDR (ROS 2), without a checksum."""
     node, kinds = _Wires(), _ros_messages()
 
     def take(chance: random.Random) -> bool:
@@ -153,7 +153,7 @@ def ros() -> Receiver:
 
 
 def rosbridge() -> Receiver:
-    """The same as JSON, as rosbridge sends it: without a check."""
+    """A robot's own topics as JSON, as rosbridge sends them, without a checksum."""
     node = _Wires()
     trees = Trees(lambda _, fields: dict(fields), lambda found, name: found[name], ("sec", "nanosec"))
     texts = [
@@ -172,7 +172,7 @@ def rosbridge() -> Receiver:
 
 
 def heartbeat() -> Receiver:
-    """Signs of life between processes: checked."""
+    """Heartbeats between processes, with a checksum."""
     good = beat("brain", 7)
 
     def take(chance: random.Random) -> bool:
@@ -186,7 +186,7 @@ RECEIVERS = {one.__name__: one for one in (remote, lcm, yarp, player, naoqi, ros
 
 
 def wires(full: bool) -> Row:
-    """All receivers in one row; its size is that of the one that got least."""
+    """Tests all receivers for one row; its size is that of the receiver with the fewest frames."""
     jobs = [(name, seed, JOB if full else 2_000) for seed in range(20 if full else 1) for name in RECEIVERS]
     done = gather("wires", _receive, jobs, full=full)
     tried = {name: sum(one["tried"] for one in done if one["name"] == name) for name in RECEIVERS}
@@ -217,7 +217,7 @@ def _receive(name: str, seed: int, count: int) -> Result:
     tried = wrong = 0
     crash, before = "", 0
     for number in range(count):
-        if number == count // 10:  # everything is loaded
+        if number == count // 10:  # all modules are loaded by now
             before = psutil.Process().memory_info().rss
         try:
             wrong += receive(chance)
@@ -230,7 +230,7 @@ def _receive(name: str, seed: int, count: int) -> Result:
 
 
 class _Wires(RosNode):
-    """A node whose topics are here, with a robot of its own on them."""
+    """A node with topics in this process, and a robot of ROS on them."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -243,7 +243,7 @@ class _Wires(RosNode):
     def arrive(
         self, kind: MessageType, data: bytes | Callable[[], dict[str, Any]], chance: random.Random
     ) -> None:
-        """One message comes on one of the topics of its type."""
+        """Delivers one message on a random topic of its type."""
         read = (lambda: decode(kind, data)) if isinstance(data, bytes) else data
         self._hand_on("topic", read, chance.choice(self._hear[kind.name]))
         with suppress(DriverError):

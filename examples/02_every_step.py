@@ -1,4 +1,4 @@
-"""The loop of `tci.run` by hand. `run` adds: begin, fault, watchdogs, lease, signals, coming to rest."""
+"""The loop of `tci.run`, step by step. `run` also adds begin, fault, watchdogs, the lease and a safe end."""
 
 import tci
 

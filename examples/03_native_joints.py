@@ -1,4 +1,4 @@
-"""Beside the generic joints: iCub's wrist by its own names, through the same gate."""
+"""Native joints: moves iCub's wrist by the names of its own joints, through the same gate."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Ask a robot at run time: limits, kinematics, and what other libraries need."""
+"""Queries a robot at run time: limits, kinematics, and exports for other libraries."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ for limits in facts.generic_limits["left_arm"]:
     print(f"{limits.joint:>15}: {np.rad2deg(limits.lower):7.1f} .. {np.rad2deg(limits.upper):6.1f} degrees")
 
 kinematics = tci.KinematicChain(robot)
-hand = kinematics.poses(tci.initial_position(robot), ["LHand"])["LHand"]  # T_TL (4, 4), seen from the torso
+hand = kinematics.poses(tci.initial_position(robot), ["LHand"])["LHand"]  # T_TL (4, 4), in the torso frame
 print("left hand at", np.round(hand[:3, 3], 3), "m")
 
 table = facts.denavit_hartenberg[0]

@@ -1,4 +1,4 @@
-"""Tell a hand where to be: the same numbers on every robot, in arm lengths from the shoulder."""
+"""Moves a hand to a position in arm lengths from the shoulder: equal numbers on every robot."""
 
 import numpy as np
 

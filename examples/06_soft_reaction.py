@@ -1,4 +1,4 @@
-"""An arm that gives way where it is pushed, along the force, through the Jacobian's transpose."""
+"""A soft arm, which yields to a push along the force, through the transposed Jacobian."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""A capability of your own, on two robots: a touched arm shrugs, and comes back once it is left alone."""
+"""A capability of your own, on two robots: a touched arm shrugs, and returns after the touch."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ import tci
 
 @dataclass(frozen=True)
 class Shrug(tci.Capability[dict[str, tuple[np.ndarray, float]]]):
-    """Lifts a touched arm to the side. Memory: where each arm was [rad], and when it was touched [s]."""
+    """Lifts a touched arm to the side. Memory: each arm's posture before [rad] and time of its touch [s]."""
 
     parts: tuple[str, ...] = ("left_arm", "right_arm")  # a touch may also be on NAO's head
     threshold: float = 0.5  # [N]

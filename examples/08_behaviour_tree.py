@@ -1,4 +1,4 @@
-"""A reflex interrupts a task and hands back: capabilities in a behaviour tree of py-trees."""
+"""Capabilities in a behaviour tree of py-trees: a reflex interrupts a task, which then continues."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Your own loop at 50 Hz, 100 Hz and 1 kHz: the arm takes the same time, that of its limits."""
+"""Your own loop at 50 Hz, 100 Hz and 1 kHz: the arm takes equally long, as its limits allow."""
 
 import numpy as np
 

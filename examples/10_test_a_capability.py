@@ -1,4 +1,4 @@
-"""Test a capability without a robot and without a simulation: what does it want when it is touched?"""
+"""Tests a capability without a robot and without a simulation: its command after a touch."""
 
 import numpy as np
 

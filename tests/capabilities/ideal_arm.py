@@ -1,7 +1,7 @@
-"""Arms of lines and angles: base motions can be judged without a model of the robot.
+"""Arms of straight segments, to check base motions without a model of the robot.
 
-An ideal arm has its shoulder at the mount's origin and segments of the robot's lengths, with the
-robot's offset of the elbow, its limits and its way of carrying the skin.
+An ideal arm has its shoulder at the mount's origin, and the robot's segment lengths, elbow offset and limits.
+Its skin is fixed to the segments as the robot's skin is.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tci.robot.generic_arm import (
 )
 
 COMMON_RANGE = read_only(np.deg2rad([[-10, 95.5], [0, 76], [-29.5, 65], [15, 88.5], [-60, 60]]))
-"""Generic angles (5, 2) [rad] that both robots reach."""
+"""Range (5, 2) [rad] of the generic angles that both robots reach."""
 INITIAL = read_only(np.deg2rad([25.0, 25.0, 0.0, 60.0, 0.0]))
 """Initial generic posture (5,) [rad] of both."""
 SKIN_RADIUS = 0.04
@@ -40,18 +40,18 @@ class IdealArm:
     elbow_anterior: float
     """Offset [m] of the elbow's axis to the front; forearm and upper arm are in line when straight."""
     skin_turns: bool
-    """The skin turns with the segment's own axial rotation."""
+    """True if the skin turns with the segment's axial rotation."""
     lower: tuple[float, ...]
     """Smallest generic angles (5,) [deg]."""
     upper: tuple[float, ...]
     """Largest generic angles (5,) [deg]."""
 
     def clip(self, posture: Array) -> Array:
-        """The nearest posture (5,) [rad] within the limits."""
+        """Returns the nearest posture (5,) [rad] within the limits."""
         return np.clip(posture, np.deg2rad(self.lower), np.deg2rad(self.upper))
 
     def point(self, segment: str, posture: Array, side: Side, p_S: Array, *, axial: bool) -> Array:
-        """Point (3,) [m] in the mount frame of `p_S` (3,) [m] in the segment's frame S."""
+        """Returns the point (3,) [m] in the mount frame of `p_S` (3,) [m] in the segment's frame S."""
         placed = segment_rotation(segment, posture, side, axial=axial) @ p_S
         if segment == "forearm":
             sideways = np.array([0.0, side_sign(side) * self.elbow_lateral, -self.upper_arm])
@@ -62,11 +62,12 @@ class IdealArm:
         return placed
 
     def hand(self, posture: Array, side: Side) -> Array:
-        """Distal end (3,) [m] of the forearm."""
+        """Returns the distal end (3,) [m] of the forearm, in the mount frame."""
         return self.point("forearm", posture, side, np.array([0.0, 0.0, -self.forearm]), axial=False)
 
     def withdrawal(self, field: ReceptiveField, posture: Array, target: Array, side: Side) -> float:
-        """How far [m] the skin at the field's centre moves along its inward normal to `target`."""
+        """Returns the displacement [m] of the skin at the field's centre along its inward normal, to
+        `target`."""
         length = self.forearm if field.segment == "forearm" else self.upper_arm
         outward_S = limb_direction(field.theta, side)
         p_S = np.array([0.0, 0.0, -field.u * length]) + SKIN_RADIUS * outward_S

@@ -1,4 +1,4 @@
-"""Capabilities in behaviour trees: a reflex interrupts a task and hands back, in py-trees' own tree."""
+"""Capabilities in behaviour trees of py-trees: a reflex interrupts a task, which then continues."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tci.runtime.loop import Tick, run
 
 @dataclass(frozen=True)
 class Go(Capability[int]):
-    """Sends a part somewhere, once, and counts its steps."""
+    """Moves a part to a target, once, and counts its steps."""
 
     part: str
     where: tuple[float, ...]

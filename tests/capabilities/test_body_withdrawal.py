@@ -97,7 +97,7 @@ def test_a_lasting_touch_is_answered_once_however_rarely_it_is_seen(refractory: 
         moments += [tick for _ in commands]
     assert moments == [0]
     assert memory["head"].touched == period * 19
-    np.testing.assert_allclose(memory["head"].target, FACE.motion)  # from where it was at first
+    np.testing.assert_allclose(memory["head"].target, FACE.motion)  # from the posture at its start
 
 
 def test_a_withdrawal_in_the_place_of_one_that_is_over_is_sent() -> None:

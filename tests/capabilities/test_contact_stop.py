@@ -1,4 +1,4 @@
-"""The contact stop: a part that is touched stops at once, and goes on when the touch is gone."""
+"""The contact stop: a touched part stops at once, and continues after the touch."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ TARGET = read_only(POSTURE + 0.3)
 
 @dataclass(frozen=True)
 class Raise(Capability[bool]):
-    """Sends one arm somewhere, once in position mode and always in the others."""
+    """Moves one arm: one command in position mode, one in each step in the other modes."""
 
     mode: Mode = Mode.POSITION
     target: tuple[float, ...] = tuple(TARGET)
@@ -95,7 +95,7 @@ def test_in_velocity_and_torque_mode_it_sends_zero(mode: Mode) -> None:
 
 @dataclass(frozen=True)
 class Reach(Capability[bool]):
-    """Sends a hand to a place, once or always."""
+    """Moves a hand to a place, with one command or one in each step."""
 
     always: bool
 
@@ -125,7 +125,7 @@ def test_a_hand_on_its_way_stops_and_goes_on(always: bool) -> None:
 
 
 def peak_force(name: str, *, stops: bool) -> float:
-    """Bends an elbow towards a finger that stands in its way; the largest force [N]."""
+    """Bends an elbow towards a fixed finger; returns the largest force [N]."""
     world = World(load_robot(name))
     link = SimulatedDriver(world.robot, world=world)
     field = next(field for field in default_fields() if field.name == "forearm_flexor")

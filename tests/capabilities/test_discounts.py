@@ -1,4 +1,4 @@
-"""phi and psi of eq. 5, one by one."""
+"""Force and distance discounts phi and psi of eq. 5."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The file of fields: what comes with TCI, and all faults of a file at once."""
+"""The file of receptive fields: the one of TCI, and all faults of a file at once."""
 
 from __future__ import annotations
 

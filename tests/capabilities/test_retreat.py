@@ -1,4 +1,4 @@
-"""What leads towards a touch is not given, and what comes into the way of a withdrawal ends it."""
+"""A motion towards a touch is refused, and an object in the way of a withdrawal ends it."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ SKIN = perception("nao").skin
 
 @dataclass(frozen=True)
 class Room:
-    """How far [m] each contact gets away on any motion, by its identity, and how far it is dragged."""
+    """Displacements [m] of each contact away from the object and along it, for any motion, by identity."""
 
     away: Mapping[int, Sequence[float]]
     across: float = 0.0
 
     def retreat(self, perception: Perception, part: str, target: Array, mode: Mode) -> Array:
-        """As `GenericBody.retreat`."""
+        """Stands for `GenericBody.retreat`."""
         inwards = np.array([self.away[contact.identity] for contact in perception.contacts]).T
         return np.stack([inwards, np.full_like(inwards, self.across)])
 
 
 def touches(*identities: int, force: float = 5.0) -> list[Contact]:
-    """Contacts at the centre of the field."""
+    """Returns contacts at the centre of the field."""
     return [replace(poke(FIELD, force).table, identity=np.array([one]))[0] for one in identities]
 
 
 def seen(
     room: Room, *contacts: Contact, stamp: float = 0.0, posture: Array = POSTURE
 ) -> tuple[Perception, GenericBody]:
-    """What a capability sees of them, and the body."""
+    """Returns the perception of the contacts, and the body."""
     return see(*contacts, stamp=stamp, posture={"left_arm": posture}), body_that(retreat=room.retreat)
 
 

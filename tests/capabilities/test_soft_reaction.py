@@ -1,4 +1,4 @@
-"""The soft reaction: a pushed arm goes along, on both robots, and the Jacobian it relies on."""
+"""The soft reaction: a pushed arm yields, on both robots; and the Jacobian that it uses."""
 
 from __future__ import annotations
 

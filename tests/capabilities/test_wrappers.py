@@ -1,4 +1,4 @@
-"""What runs another capability tells its faults and notes, so that a blind reflex stops the robot."""
+"""Capabilities that run another one report its faults and notes, so that a blind reflex stops the robot."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ STILL = Gesture(T, {"left_arm": np.deg2rad(np.array([25.0, 25, 0, 60, 0]) + np.z
 SKIN = perception("nao").skin
 MASKED = replace(see(), skin=replace(SKIN, masked=np.ones(1, bool)))
 BLIND = body_that(coverage=lambda perception, part, places, radius: np.zeros(len(places)))
-"""A body that trusts no taxel."""
+"""A body without a healthy taxel."""
 
 
 class Refusing(BodyWithdrawal):
-    """A reflex that has refused something from the beginning."""
+    """A reflex with a refusal from the beginning."""
 
     def init(self, body: GenericBody) -> BodyMemory:
         return BodyMemory({}, {"left_leg": Refusal("it carries", b"", 0.0)})
@@ -46,7 +46,7 @@ class Refusing(BodyWithdrawal):
 
 
 class Nod(Capability[dict[str, int]]):
-    """Answers with one command in place of a tuple of one; its memory is empty, as a reflex' is at rest."""
+    """Returns one command instead of a tuple of one. Its memory is empty, as that of a reflex at rest."""
 
     def init(self, body: GenericBody) -> dict[str, int]:
         return {}
@@ -59,7 +59,7 @@ class Nod(Capability[dict[str, int]]):
 
 
 class Sleepy(Nod):
-    """Forgets to answer."""
+    """Returns None."""
 
     def step(self, memory: dict[str, int], perception: Perception, body: GenericBody) -> Any:
         return None

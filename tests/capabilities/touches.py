@@ -1,4 +1,4 @@
-"""Touches and postures without a robot: what a capability sees."""
+"""Perceptions of touches and postures, made without a robot."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def touch(
     offsets: Sequence[float] | None = None,
     sequence: int = 0,
 ) -> Contact:
-    """A contact centred at (u, theta) whose taxels carry `forces` [N], at `offsets` of u from it."""
+    """Returns a contact centred at (u, theta) whose taxels carry `forces` [N], at `offsets` of u from it."""
     taxel_u = u + (np.zeros(len(forces)) if offsets is None else np.array(offsets))
     origin, x = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]
     return single_contact(
@@ -41,7 +41,7 @@ def touch(
 
 
 def poke(field: ReceptiveField, force: float, *, part: str = "left_arm", sequence: int = 0) -> Contact:
-    """A contact of one taxel with `force` [N] at the centre of `field`."""
+    """Returns a contact of one taxel with `force` [N] at the centre of `field`."""
     return touch(field.u, field.theta, [force], part=part, segment=field.segment, sequence=sequence)
 
 
@@ -51,7 +51,7 @@ def _body(robot: str) -> GenericBody:
 
 
 def body_that(robot: str = "nao", **answers: Callable[..., Any]) -> GenericBody:
-    """A robot's body some of whose methods answer as they are told to."""
+    """Returns a robot's body with some methods replaced by `answers`."""
     body = object.__new__(GenericBody)
     body.__dict__.update(vars(_body(robot)))
     for name, answer in answers.items():
@@ -61,7 +61,7 @@ def body_that(robot: str = "nao", **answers: Callable[..., Any]) -> GenericBody:
 
 
 def away(perception: Perception, part: str, target: Array, mode: Mode) -> Array:
-    """`GenericBody.retreat` where every motion leads away from all contacts."""
+    """Stands for `GenericBody.retreat` where every motion leads away from all contacts."""
     return np.ones((2, 1, len(perception.contacts)))
 
 
@@ -70,12 +70,12 @@ BODY = body_that(retreat=away)
 
 
 def see(*contacts: Contact, stamp: float = 0.0, posture: Mapping[str, Array] = BOTH_ARMS) -> Perception:
-    """What a capability sees at `stamp` [s]."""
+    """Returns the perception of contacts at `stamp` [s]."""
     return Perception(stamp=stamp, posture=posture, contacts=Contacts.of(contacts))
 
 
 def one_field(**changes: Any) -> ReceptiveField:
-    """A field on the forearm's flexor side, with round numbers."""
+    """Returns a field on the forearm's flexor side, with round numbers."""
     words: dict[str, Any] = {
         "name": "field",
         "segment": "forearm",

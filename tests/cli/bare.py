@@ -1,4 +1,4 @@
-"""Runs commands of `tci` where some modules and distributions are not there; a program for tests.
+"""Runs commands of `tci` as if some modules and distributions were not installed; a program for tests.
 
 python bare.py HIDDEN[,HIDDEN...] < lists of words as JSON > [status, what it said] of each
 """
@@ -17,7 +17,7 @@ HIDDEN = set(sys.argv[1].split(","))
 
 
 class Blind:
-    """A finder that does not find what is hidden."""
+    """A finder that does not find the hidden modules and distributions."""
 
     def __init__(self, finder: Any) -> None:
         self.finder = finder

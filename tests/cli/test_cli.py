@@ -1,4 +1,4 @@
-"""The command line as a user meets it."""
+"""The main commands of the command line."""
 
 from __future__ import annotations
 
@@ -28,12 +28,13 @@ LISTING = """<generic_robot angle_unit="deg">
 
 
 def tci(*arguments: str, status: int = 0) -> str:
-    """A command in this process: starting Python and compiling kernels takes longer than most commands."""
+    """Runs a command in this process, since starting Python and loading kernels takes longer than most
+    commands."""
     out, err = io.StringIO(), io.StringIO()
     before = signal.getsignal(signal.SIGTERM)
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
         patch.setattr(sys, "argv", ["tci", *arguments])
-        patch.setattr(console, "width", 200)  # else where a line is broken depends on the name of a folder
+        patch.setattr(console, "width", 200)  # otherwise line breaks depend on the name of a folder
         with pytest.raises(SystemExit) as ended:
             main()
     signal.signal(signal.SIGTERM, before)
@@ -42,7 +43,7 @@ def tci(*arguments: str, status: int = 0) -> str:
 
 
 def process(*arguments: str) -> str:
-    """A command as a user starts it."""
+    """Runs a command in a process of its own."""
     command = [sys.executable, "-m", "tci.cli.main", *arguments]
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stdout + run.stderr

@@ -1,4 +1,4 @@
-"""`tci doctor` as a user meets it."""
+"""`tci doctor`, and `tci check --hardware`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`tci gesture record` and `convert`: nothing that somebody showed a robot is lost."""
+"""`tci gesture record` and `convert`: no recorded posture is lost."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tci.simulation.world import World
 
 
 class Breaking(SimulatedDriver):
-    """A robot that knows no angle for a while, and is away from `END` [s] on."""
+    """A robot whose angles are not numbers for a while, and which is gone from `END` [s] on."""
 
     END = 0.5
 

@@ -1,4 +1,4 @@
-"""Every command that needs an extra says how to install it, at once, where none is installed."""
+"""Every command that needs a missing extra says at once how to install it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ELSEWHERE = {
     "ros1": "apt-get install python3-rospy",
     "yarp:bindings": "conda install -c conda-forge yarp-python",
 }
-"""What to do about libraries that are not on PyPI."""
+"""Installation advice for libraries that are not on PyPI."""
 VIAS = {**ELSEWHERE, **{name: advice(name) for name in ("naoqi", "ros2", "rosbridge", "zenoh")}}
 WITH_VIA = (
     "demo nao --headless --via {}",
@@ -70,7 +70,7 @@ CASES = {
 }
 RECORD = "record one.mcap nao --duration 0.1"
 SERVE = "serve nao --via lcm --duration 0.1"
-"""LCM is spoken without its library."""
+"""A command that needs no extra: TCI implements LCM itself."""
 DOCTOR = "doctor --json"
 GESTURE = f"time_s,{','.join(f'left_arm.{joint}_deg' for joint in JOINTS)}\n0,0,0,0,10,0\n1,0,0,0,20,0\n"
 URDF = (
@@ -81,7 +81,7 @@ URDF = (
 
 @pytest.fixture(scope="module")
 def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[object, str]]:
-    """Exit status and words of every case, all in one process."""
+    """Returns exit status and output of every case, run in one process."""
     folder = tmp_path_factory.mktemp("bare")
     (folder / "wave.csv").write_text(GESTURE)
     (folder / "bag").mkdir()

@@ -1,4 +1,4 @@
-"""`tci new-robot` as a user meets it."""
+"""`tci new-robot`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from tci.robot.xml.model import packaged
 def test_from_a_folder_and_from_a_package(tmp_path: Path) -> None:
     urdf = packaged("example-robot-data", "g1_description/urdf/g1_29dof_rev_1_0.urdf")
     assert urdf is not None
-    own = tmp_path / "example-robot-data" / "robots" / "g1_description"  # as its meshes are named
+    own = (
+        tmp_path / "example-robot-data" / "robots" / "g1_description"
+    )  # the package that its mesh paths name
     shutil.copytree(urdf.parent.parent, own)
     model = own / "urdf" / urdf.name
     told = json.loads(tci("new-robot", str(model), "--name", "mine", "--json"))

@@ -1,4 +1,4 @@
-"""`tci run`, faults on purpose, and what a person or a program is told of it."""
+"""`tci run`, with injected faults; its output for people and for programs."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_a_person_sees_what_happened_and_why_the_robot_holds() -> None:
 
 
 class Nod(tci.Capability[None]):
-    """Orders its head in every period."""
+    """Commands its head in every period."""
 
     def init(self, body: tci.GenericBody) -> None:
         return None
@@ -155,7 +155,7 @@ def test_a_class_that_its_package_loads_on_first_use_is_found() -> None:
     load = "from tci.runtime.arguments import load_capability as load"
     code = f"{load}; print(load('tci:WithdrawalReflex').refractory)"
     assert subprocess.run([sys.executable, "-c", code], check=True, capture_output=True).stdout == b"0.5\n"
-    valid = r"(\w+, )*WithdrawalReflex\b"  # first, if it was loaded before
+    valid = r"(\w+, )*WithdrawalReflex\b"  # in case it was loaded before
     with pytest.raises(UnknownNameError, match=rf"did you mean 'WithdrawalReflex'\?; valid: {valid}"):
         load_capability("tci:WithdrawalRefle")
 

@@ -1,4 +1,4 @@
-"""`tci serve`: what a person is told of a robot that others command, and how much is kept of it."""
+"""`tci serve`: output about a robot that others command, and its bounded memory."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from tci.drivers.simulated import SimulatedDriver
 from tci.reasons import MOST
 
 AWAY = 400
-"""Periods in which the joints say nothing; each has an age of its own."""
+"""Number of periods without joint data; each has an age of its own."""
 
 
 def served(monkeypatch: pytest.MonkeyPatch, orders: Iterable[tci.GenericCommand], *, as_json: bool) -> None:
-    """Serve a robot whose joints fall silent; an order arrives in each period."""
+    """Serves a robot whose joint data stops; an order arrives in each period."""
     driver = FaultInjector(
         SimulatedDriver(tci.load_robot("nao")), [parse_fault(f"dropped-frames@0.1:{AWAY * 0.002}")]
     )

@@ -1,4 +1,4 @@
-"""`tci skin calibrate` finds the response that a description has wrong, and the skin uses it from then on."""
+"""`tci skin calibrate` corrects a wrong response of a description, and the skin uses it from then on."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ WRONG = 1.4
 
 @pytest.fixture
 def description(tmp_path: Path) -> Path:
-    """A NAO whose owner believes that its left sleeve is less sensitive than it is."""
+    """Returns a NAO whose description makes its left sleeve less sensitive than it is."""
     shutil.copytree(NAO, tmp_path / "nao")
     path = tmp_path / "nao" / "robot.xml"
     root = etree.parse(path)
@@ -43,8 +43,8 @@ def description(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def recorded(description: Path, tmp_path: Path) -> tuple[Path, Path]:
-    """A true NAO pressed while a force sensor listens: a recording, and the sensor's log."""
-    world = World(load_robot("nao"))  # feels with the true response
+    """Returns a recording of a pressed NAO with correct sensors, and the log of a force sensor."""
+    world = World(load_robot("nao"))  # measures with the true response
     driver = SimulatedDriver(read_robot(description), world=world)
     log = ["time,force"]
     with driver, recorder_for(tmp_path / "loads.mcap", driver, "sim", {}) as recorder:
@@ -107,7 +107,7 @@ def test_a_force_sensor_beside_the_skin_finds_the_wrong_response(
     before, after = (np.mean([row[key] / row["force_N"] for row in rows]) for key in ("before_N", "after_N"))
     assert before == pytest.approx(WRONG, rel=0.05)
     assert after == pytest.approx(1.0, abs=0.03)
-    # From then on the skin of that description feels newtons.
+    # From then on the skin of that description measures newtons.
     assert felt(description) == pytest.approx(true_force(), rel=0.05)
 
 

@@ -1,4 +1,4 @@
-"""`tci view` as a user starts and ends it."""
+"""`tci view`: start, end, and wrong arguments."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from recording.recorded import record_poke
 
 
 def opened(*words: str) -> tuple[subprocess.Popen[str], str]:
-    """A running command, once it says where its page is."""
+    """Starts a command; returns it once it has printed the address of its page."""
     command = [sys.executable, "-m", "tci.cli.main", *words]
     run = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, preexec_fn=_heed_ctrl_c
@@ -31,12 +31,12 @@ def opened(*words: str) -> tuple[subprocess.Popen[str], str]:
 
 
 def _heed_ctrl_c() -> None:
-    """A run in the background has it ignored, and its children too."""
+    """Restores SIGINT, which processes in the background, and their children, ignore."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def ended(run: subprocess.Popen[str]) -> str:
-    """What it says after Ctrl-C."""
+    """Sends Ctrl-C; returns the output."""
     run.send_signal(signal.SIGINT)
     said, _ = run.communicate(timeout=60)
     assert run.returncode == 0, said

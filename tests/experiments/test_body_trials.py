@@ -1,4 +1,4 @@
-"""Head, torso, hands and legs withdraw from touches: the demo's figures, on both robots."""
+"""Head, torso, hands and legs withdraw from touches, with the figures of the demo, on both robots."""
 
 from __future__ import annotations
 

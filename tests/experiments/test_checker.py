@@ -1,4 +1,4 @@
-"""The checker catches what it is there for: a gate that thinks the limits are wider than they are."""
+"""The checker detects a gate with wrong, wider limits."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tci.robot.description import Limits
 
 
 def motion(limits: Limits = LIMITS, *, coupled: bool = True) -> tuple[list[SafeCommand], list[Array]]:
-    """Commands of a gate that believes in `limits`, and where the robot was measured at each."""
+    """Returns commands of a gate with `limits`, and the measured angles at each of them."""
     driven = Driven(make_robot(limits=limits, coupled=coupled), [0.0] * 6)
     sent, measured = [], []
     for tick in range(600):

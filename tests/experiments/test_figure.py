@@ -1,4 +1,4 @@
-"""The demo's figure: it is written, it has its size, and its panels are in it pixel by pixel."""
+"""The demo's figure: it has the right size, and contains its panels pixel by pixel."""
 
 from pathlib import Path
 
@@ -27,7 +27,7 @@ def test_panels_come_out_row_by_row(tmp_path: Path) -> None:
     centres = {}
     for colour in colours:
         rows, columns = np.nonzero((picture == colour).all(axis=2))
-        assert len(rows) > 0.96 * 200 * 200  # all but the frame
+        assert len(rows) > 0.96 * 200 * 200  # without the frame
         centres[colour] = rows.mean(), columns.mean()
     order = sorted(colours, key=lambda c: (round(centres[c][0]), centres[c][1]))
     assert order == colours

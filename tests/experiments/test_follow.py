@@ -27,7 +27,7 @@ ARMS = ("left_arm", "right_arm")
 
 
 def wave() -> Gesture:
-    """A greeting with both arms."""
+    """Returns a greeting with both arms."""
     t = np.linspace(0.0, 4.0, 81)
     columns = (
         40 + 25 * np.sin(t),
@@ -41,7 +41,7 @@ def wave() -> Gesture:
 
 
 def limbs(robot: Robot, kinematics: KinematicChain, position: Array) -> list[Array]:
-    """Axes (3,) of both upper arms and forearms in the torso frame, from the kinematic model."""
+    """Returns the axes (3,) of both upper arms and forearms in the torso frame, from the kinematic model."""
     found = []
     for name in ARMS:
         part = robot.part(name)
@@ -54,7 +54,7 @@ def limbs(robot: Robot, kinematics: KinematicChain, position: Array) -> list[Arr
 
 
 def test_recorded_on_nao_played_on_icub() -> None:
-    """At every instant the limbs of both point the same way in space, to 1 degree."""
+    """At every instant the limbs of both robots point in the same direction in space, to 1 degree."""
     nao, icub = load_robot("nao"), load_robot("icub")
     seen: list[Tick] = []
     first = follow(
@@ -74,7 +74,7 @@ def test_recorded_on_nao_played_on_icub() -> None:
     )
     assert following.phase is Phase.DONE
     assert max(following.largest.values()) <= np.deg2rad(1.0)
-    # The gesture ends when its clock does, so counting back from the end tells where it was.
+    # The gesture ends with its clock, so its time follows from the time to the end.
     of = {"nao": KinematicChain(nao), "icub": KinematicChain(icub)}
     end = replayed[-1].now
     worst = 0.0
@@ -121,7 +121,7 @@ def test_the_reflex_interrupts_and_the_gesture_goes_on() -> None:
 
 
 class GoesBlind(WithdrawalReflex):
-    """A reflex whose skin is gone after a while."""
+    """A reflex whose skin goes blind after a while."""
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
         return Reason(Code.SKIN_BLIND, "the field is blind") if perception.stamp > 0.3 else None
@@ -137,7 +137,7 @@ def test_a_reflex_that_goes_blind_stops_the_robot() -> None:
 
 
 def test_a_body_in_the_way_is_told() -> None:
-    """Arms that hang as a person's do are nearer to iCub's body than the gate lets them come."""
+    """Arms that hang as a person's do would be nearer to iCub's body than the gate permits."""
     icub = load_robot("icub")
     t = np.linspace(0.0, 1.0, 21)
     angles = np.deg2rad(np.array([25.0, 25, 0, 60, 0]) + np.outer(t, [-35.0, -25, -10, -30, 25]))

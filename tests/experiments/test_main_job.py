@@ -1,4 +1,4 @@
-"""The main job: one reflex, two robots. What the issue promised, as tests, on the real pipeline."""
+"""The main job, one reflex on two robots: its required figures, tested on the complete pipeline."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from tci.simulation.world import World
 ROBOTS = ("nao", "icub")
 FIELDS = default_fields()
 COMMON_RANGE = np.deg2rad([[-10, 95.5], [0, 76], [-29.5, 65], [15, 88.5], [-60, 60]])
-"""Generic angles [rad] that both robots reach (their limits through eq. 1)."""
+"""Range (5, 2) [rad] of the generic angles that both robots reach (their limits through eq. 1)."""
 
 
 @lru_cache
@@ -68,7 +68,7 @@ def report(request: pytest.FixtureRequest) -> tuple[float, Report]:
 
 @pytest.mark.xdist_group("stiff-and-soft")
 def test_impedance_presses_less_than_position() -> None:
-    """The peak is lower, or the finger's impact made it, before any robot can answer."""
+    """The peak is lower, or it is that of the finger's impact, before any robot can respond."""
     position, impedance = (run_at(50.0, mode).trials for mode in (Mode.POSITION, Mode.IMPEDANCE))
     ratios = {name: [] for name in ROBOTS}
     for stiff, soft in zip(position, impedance, strict=True):
@@ -109,7 +109,7 @@ def test_the_same_stimulus_gets_the_same_answer(report: tuple[float, Report]) ->
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_random_pokes_anywhere_on_the_skin(name: str) -> None:
-    """200 pokes: a taxel of any patch, and up to half a pitch (3.3 mm) beside it."""
+    """Pokes 200 places: a taxel of any patch, and up to half a pitch (3.3 mm) beside it."""
     robot = load_robot(name)
     world, body = World(robot, seed=1), GenericBody(robot)
     perceiver = Perceiver(body)
@@ -153,7 +153,7 @@ def test_random_pokes_anywhere_on_the_skin(name: str) -> None:
 
 
 def bare_place(body: GenericBody, joints: JointReading) -> tuple[float, float]:
-    """(u, theta) of a taxel of the left forearm that lies outside every field, far from the ends."""
+    """Returns (u, theta) of a taxel of the left forearm outside every field, far from the ends."""
     u, theta, _ = body.skin.limb("left_forearm", joints)
     inside = [
         generic_limb_distance(u, theta, field.u, field.theta) < field.radius + 0.03
@@ -190,7 +190,7 @@ def test_no_response_moves_nothing(name: str, where: str) -> None:
 
 
 def test_a_field_that_is_there_makes_the_difference() -> None:
-    """The poke outside every field above is answered once a field lies there."""
+    """The poke outside every field above is answered if a field is added there."""
     world = World(load_robot("nao"))
     u, theta = bare_place(GenericBody(world.robot), initial_joints(world.robot))
     field = FIELDS[0].model_copy(update={"name": "there", "u": u, "theta": theta})
@@ -200,7 +200,7 @@ def test_a_field_that_is_there_makes_the_difference() -> None:
 
 
 LEVELS = (5, 5, 5, 5, 2)
-"""Angles of each generic joint in the grid, its limits among them."""
+"""Number of angles of each generic joint in the grid, limits included."""
 POSTURES = [
     np.array(posture)
     for posture in product(
@@ -212,7 +212,7 @@ POSTURES = [
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_the_skin_moves_away_from_the_stimulus_in_every_posture(name: str, side: str) -> None:
-    """5 fields x 1250 postures: at most 5 % are excused, each by the limit that binds."""
+    """5 fields x 1250 postures: at most 5 % may fail, each because of an active limit."""
     body = GenericBody(load_robot(name))
     part = f"{side}_arm"
     excused: dict[str, int] = {}
@@ -246,8 +246,8 @@ def joints_at(body: GenericBody, part: str, posture: Array) -> JointReading:
 def limited(
     body: GenericBody, part: str, target: Array, start: JointReading
 ) -> tuple[JointReading, list[str]]:
-    """Where the gate's joint limits let `target` end, and the servos whose limits bind."""
-    # Some postures of the grid are inside the robot's own body; what that stops is no matter of limits.
+    """Returns `target` within the gate's joint limits, and the servos whose limits are active."""
+    # Some postures of the grid are inside the robot's own body; those stops do not concern limits.
     gate = Gate(body.robot, period=0.002, stale_after=0.05, settings=GateSettings(self_collision=None))
     command = to_platform(body.robot, GenericCommand(part, Mode.POSITION, target))
     safe = gate.step([command], start, 0.0)

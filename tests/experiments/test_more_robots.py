@@ -1,4 +1,4 @@
-"""The main job on robots that are nothing but data: the figures of the paper's two robots hold for them."""
+"""The main job on further robots, which are only descriptions: the figures of NAO and iCub hold for them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tci.robot.catalogue import load_robot
 
 NAMES = ("g1", "alex", "talos")
 TRAVELS = {"talos"}
-"""Shoulders that travel: the first two axes of Talos' pass each other at 137 mm."""
+"""Robots whose shoulder moves: the first two axes of Talos' shoulder are 137 mm apart."""
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,4 +1,4 @@
-"""No capability moves what is touched towards what touches it; the physics judges."""
+"""No capability moves the skin towards an object that touches it, as the simulated force shows."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PALM = {"centre": np.array([0.07, -0.02, 0.0]), "normal": np.array([0.0, -1.0, 0
 
 
 def test_a_pad_on_the_palm_alone_is_never_pushed_into_the_touch(tmp_path: Path) -> None:
-    """The back of the hand has no skin, so no field of it may answer."""
+    """The back of the hand has no skin, so its fields must not respond."""
     robot = with_pad(tci.load_robot("g1"), "left_hand", "left_wrist_yaw_link", tmp_path, **PALM)
     world = World(robot)
     told = [press(world, "pad", taxel, BodyWithdrawal(), depth=0.005, watch=0.2) for taxel in range(0, 25, 3)]

@@ -1,4 +1,4 @@
-"""A description is proved in simulation; humanoids that TCI does not describe are, as they are proposed."""
+"""Tests of descriptions in simulation, also of proposed descriptions of humanoids that TCI does not have."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def proposed(name: str, file: str, folder: Path) -> Robot:
 
 @pytest.mark.parametrize("name", UNKNOWN)
 def test_a_proposed_robot_is_proved_as_it_is(name: str, tmp_path: Path) -> None:
-    """Not one line is changed by hand."""
+    """The proposal passes without a change by hand."""
     proof = prove(proposed(name, UNKNOWN[name], tmp_path))
     print(proof.axes)
     assert not proof.faults
@@ -58,7 +58,7 @@ def test_a_robot_without_shapes_and_with_wrong_limits_is_found_out(tmp_path: Pat
 
 
 def test_a_wrong_sign_is_found_out() -> None:
-    """Each of the elbow's and the pronation's signs, and an offset of 5 degrees."""
+    """Wrong signs of elbow and of pronation, and an offset of 5 degrees."""
     robot = load_robot("g1")
     arm = robot.part("left_arm")
     good = compare_axes(robot, arm)
@@ -73,7 +73,7 @@ def test_a_wrong_sign_is_found_out() -> None:
 
 
 class Jumpy(WithdrawalReflex):
-    """It moves a little before it is touched, and withdraws when it is."""
+    """A reflex that moves a little before a touch, and withdraws at the touch."""
 
     def step(self, memory: Any, perception: Perception, body: GenericBody) -> tuple[tuple[Order, ...], Any]:
         orders, memory = super().step(memory, perception, body)
@@ -98,7 +98,7 @@ def test_a_motion_before_the_touch_is_found_out() -> None:
 def test_every_patch_is_poked_and_a_motion_towards_the_finger_is_found_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A pad on a palm alone, with a motion of the wrist that presses it into what touches it."""
+    """A pad on a palm only, and a motion of the wrist that presses it against the finger."""
     palm, towards = np.array([0.07, -0.02, 0.0]), np.array([0.0, -1.0, 0.0])
     robot = with_pad(
         load_robot("g1"), "left_hand", "left_wrist_yaw_link", tmp_path, centre=palm, normal=towards

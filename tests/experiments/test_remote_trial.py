@@ -1,4 +1,4 @@
-"""The main job through a middleware: the reflex in another process, the robot behind its own gate here."""
+"""The main job through a middleware: the reflex in another process, the robot and its gate in this one."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ VIAS: dict[str, Callable[[], str]] = {
     "ros1": lambda: f"ros1:{anywhere()}",
 }
 EVERY_POKE = "zenoh"
-"""All ten pokes of a robot go through this one; others differ in their wire only: one poke of each arm."""
+"""Middleware with all ten pokes of a robot. Others differ in their protocol only: one poke of each arm."""
 TRIES = 4
-"""A busy machine may keep two processes from being real time: then the robot holds, as it should."""
+"""Number of tries: on a busy machine two processes may miss real time, and then the robot rightly holds."""
 
 
 def answered(trial: Trial) -> bool:
-    """Whether the reflex there did what it does in the same process."""
+    """Returns True if the reflex in the other process responded as it does in this process."""
     return (
         trial.responded
         and trial.contact_lost_ms is not None

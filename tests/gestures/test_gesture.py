@@ -156,7 +156,7 @@ def test_a_recording_is_in_the_torso_frame() -> None:
 
 
 def test_what_limits_take_off_is_told() -> None:
-    """An iCub's elbow does not stretch below 15 degrees."""
+    """An iCub's elbow can't extend beyond 15 degrees of flexion."""
     angles = waving()
     angles[:, 3] = np.deg2rad(5.0)
     fitted = fit(load_robot("icub"), Gesture(TIMES, {"left_arm": angles}))

@@ -104,7 +104,7 @@ def test_outlines_are_soft() -> None:
     row = render(model, data, camera())[100].astype(int).sum(axis=1)
     assert len(np.unique(row[:120])) > 10
     inside = row[100]
-    assert row.min() < inside  # the line around the ball is darker than the ball
+    assert row.min() < inside  # the outline of the ball is darker than the ball
 
 
 def test_pieces_of_one_body_and_colour_have_no_line_between_them() -> None:
@@ -167,7 +167,7 @@ def test_projection_undoes_the_rays(azimuth: float, elevation: float, distance: 
     assert found == pytest.approx(pixels, abs=1e-6)
     assert depth == pytest.approx(reach * (directions @ view.T_WC[:3, 2]), rel=1e-9)
     assert np.isnan(project(view, view.T_WC[:3, 3] - directions)[0]).all()
-    # The point that is looked at is in the middle, and up is up.
+    # The aim of the camera is in the middle of the picture, and up is up.
     (centre, above), _ = project(view, np.array([[0.3, -0.2, 1.0], [0.3, -0.2, 1.01]]))
     assert centre == pytest.approx([160, 100], abs=1e-6)
     assert above[1] < centre[1]
@@ -269,7 +269,7 @@ def test_fields_are_painted_on_the_side_where_they_are() -> None:
     assert shares["lateral"][1] > 100
     assert shares["lateral"][0] < 0.3 * shares["flexor"][0]
     assert shares["extensor"][0] == 0
-    assert shares["extensor"][1] < 0.2 * shares["lateral"][1]  # no more than its rim, seen edge on
+    assert shares["extensor"][1] < 0.2 * shares["lateral"][1]  # only its rim, seen edge-on
 
 
 def test_no_graphics_library_is_needed() -> None:

@@ -1,4 +1,4 @@
-"""A real browser on a real page of the viewer, for tests."""
+"""A real browser with the viewer's page, for tests."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ def test_53_only_the_loopback_listens_by_default(local: Opened) -> None:
     assert local.get().status == 200
     assert "token" not in local.address
     with closing(socket.socket(socket.AF_INET, socket.SOCK_STREAM)) as elsewhere:
-        # Another address of this machine, still on its loopback: nobody listens there.
+        # The server does not listen on another address of this machine, even on loopback.
         assert elsewhere.connect_ex(("127.0.0.2", local.port)) != 0
 
 

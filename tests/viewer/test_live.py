@@ -78,7 +78,7 @@ def test_an_armed_one_follows_the_sliders(via: str) -> None:
     target[1] += 0.3
 
     def there() -> bool:
-        # A machine that is too busy to be real time makes the gate hold, which refuses orders meanwhile.
+        # On a machine too busy for real time the gate holds, and refuses orders meanwhile.
         session.move("left_arm", target)
         return session.view is not None and abs(session.view.posture["left_arm"][1] - target[1]) < 0.02
 

@@ -107,7 +107,7 @@ def test_touches_of_an_icubs_contact_list_play(tmp_path: Path, skin_data: SkinDa
     path = tmp_path / "touches.mcap"
     log = skin_data.file("recordings/icub_skin_events.log")
     periods, left_out = import_skin_events(log, path, tci.load_robot("icub"))
-    # The others lie on parts and on modules that the model has not.
+    # The others are on parts and modules that the model lacks.
     assert (periods, left_out) == skin_data.expect(made=(400, 380), genuine=(3479, 1024))
     recording = Recording(path)
     robot = recorded_robot(recording)

@@ -31,11 +31,11 @@ HEAD = (
     "|---|---|---|---|---|---|\n"
 )
 ALONE = """
-ip driver set lo up
-ip driver add eth0 type veth peer name far
+ip link set lo up
+ip link add eth0 type veth peer name far
 ip address add 10.99.0.2/24 dev eth0
-ip driver set eth0 up
-ip driver set far up
+ip link set eth0 up
+ip link set far up
 ip route add default dev eth0
 exec "$@"
 """
@@ -198,14 +198,16 @@ def _line(process: subprocess.Popen[str], what: str) -> str:
 def seen() -> dict[str, list[Seen]]:
     """Returns the sockets of each server that can run here, each in a namespace of its own.
 
-    Raises OSError if this system permits no network namespace.
+    Raises OSError if this system permits no network namespace, CalledProcessError if a server can't be
+    examined.
     """
     if not all(map(shutil.which, ("unshare", "ip", "ss"))):
         raise OSError("needs network namespaces: Linux, util-linux and iproute2")
-    command = ["unshare", "--map-root-user", "--net", "sh", "-ec", ALONE, "alone", sys.executable, __file__]
-    done = subprocess.run([*command, "alone"], stdout=subprocess.PIPE, text=True)
-    if done.returncode:
+    apart = ["unshare", "--map-root-user", "--net"]
+    if subprocess.run([*apart, "true"]).returncode:
         raise OSError("needs network namespaces, which this system does not let everybody make")
+    command = [*apart, "sh", "-ec", ALONE, "alone", sys.executable, __file__, "alone"]
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
     return {name: [Seen(**one) for one in found] for name, found in json.loads(done.stdout).items()}
 
 

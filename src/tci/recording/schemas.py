@@ -43,8 +43,8 @@ SKIN = MessageType(
         ("float64", "stamp"), ("int64", "sequence"), ("uint16", "number"),
         ("string", "patch"), ("string", "dtype"), ("uint8[]", "data"),
     ),
-    says="One frame of one patch of skin as the robot sent it.\n"
-    "stamp [s], on the driver's clock; number: of the patch in this file; dtype: NumPy's name.",
+    says="One frame of one patch of skin, as the robot sent it.\n"
+    "stamp: time [s] on the driver's clock; number: index of the patch in this file; dtype: of NumPy.",
 )  # fmt: skip
 TICK = MessageType(
     "tci_msgs/msg/Tick",
@@ -53,8 +53,8 @@ TICK = MessageType(
         ("bool", "has_modes"), ("uint8[]", "modes"), ("bool", "has_powered"), ("bool[]", "powered"),
         ("uint16[]", "skin"),
     ),
-    says="One period of the loop: now [s], what the latest joint_states say beside angles, and the numbers\n"
-    "of the patches whose latest frames were read. "
+    says="One period of the loop. now: time [s]; joints_stamp to powered: of the latest joint_states;\n"
+    "skin: numbers of the patches whose latest frames were read. "
     f"Modes: {', '.join(mode.value for mode in MODES)}, from 0.",
 )  # fmt: skip
 COMMAND = MessageType(
@@ -63,7 +63,7 @@ COMMAND = MessageType(
         ("string", "kind"), ("string", "part"), ("string", "mode"), ("float64[]", "values"),
         ("string", "point"), ("bool", "nearest"), ("int32[]", "servos"),
     ),
-    says="What the behaviour wanted of a generic part.",
+    says="A command of the behaviour to a generic part.",
 )  # fmt: skip
 FORMAT = 2
 """Format of the recordings that are written. In the first one, decisions have no codes."""
@@ -76,13 +76,13 @@ DECISION_1 = MessageType(
         ("uint32[]", "damping_servos"), ("float64[]", "damping"),
         ("string[]", "clamped"), ("string[]", "refusals"),
     ),
-    says="What the gate let pass and the driver sent: [rad], [rad/s], [N m], shares 0..1.",
+    says="Command that the gate passed and the driver sent: [rad], [rad/s], [N m]; shares 0..1.",
 )  # fmt: skip
 DECISION = replace(
     DECISION_1,
     fields=(*DECISION_1.fields, ("uint16[]", "codes")),
     says=f"{DECISION_1.says}\n"
-    f"Codes: of the reason, {NO_REASON} for none, then of each refusal: numbers of tci.reasons.Code.",
+    f"codes: that of the reason ({NO_REASON} for none), then of each refusal: numbers of tci.reasons.Code.",
 )
 TEXTS = ("reason", "clamped", "refusals")
 """Fields of a decision that are for people: their wording may change."""

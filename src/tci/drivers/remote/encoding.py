@@ -51,12 +51,12 @@ STATE = MessageType(
         ("int64[]", "clients"), ("string[]", "names"), ("int64[]", "acknowledged"), ("int64[]", "refused"),
         ("uint16[]", "codes"), ("string[]", "reasons"),
     ),
-    says="A served robot in one period: [s], [rad], [rad/s], [N m]; joints in the order of its description.\n"
-    f"Codes: those of tci.reasons.Code, {NO_REASON} for no reason.",
+    says="State of a served robot in one period: [s], [rad], [rad/s], [N m]; joints as in its description.\n"
+    f"code, codes: numbers of tci.reasons.Code, {NO_REASON} for no reason.",
 )  # fmt: skip
 FRAME = MessageType(
     "tci_msgs/msg/SessionFrame", (("int64", "session"), *SKIN.fields),
-    says="A SkinFrame, and the session of the robot's process that sent it.",
+    says="A SkinFrame with the session of the robot's process that sent it.",
 )  # fmt: skip
 ORDERS = MessageType(
     "tci_msgs/msg/Orders",
@@ -67,8 +67,8 @@ ORDERS = MessageType(
         ("bool[]", "switches"), ("uint8[]", "modes"), ("uint32[]", "counts"),
         ("uint32[]", "servos"), ("float64[]", "values"), ("float64[]", "speeds"),
     ),
-    says="What a behaviour's process orders: for each order whether it switches the mode, the mode, and its\n"
-    "count of servos; servos, values and speeds of all, one after the other; 0 for a switch.",
+    says="Orders of a process that commands the robot. For each order: switches, true for a change of mode;\n"
+    "modes; counts, its number of servos. servos, values and speeds: of all orders in turn; 0 for a switch.",
 )  # fmt: skip
 
 

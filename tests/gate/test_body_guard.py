@@ -62,7 +62,7 @@ class Watched(SelfCollision):
 def both_arms(*, away: float = 0.0) -> tuple[Driven, Watched]:
     """Returns a long motion of one arm, and a short one of the other that has just begun."""
     driven, watched = Driven(NAO, initial_position(NAO)), Watched()
-    driven.gate._motion._body = BodyGuard(watched, period=PERIOD)
+    driven.gate._motion.groups.body = BodyGuard(watched, period=PERIOD)
     driven.step(position_command([INDEX["LShoulderPitch"]], [0.0]))
     for _ in range(100):
         driven.step()
@@ -89,7 +89,7 @@ def test_a_way_ends_when_the_last_part_is_at_rest() -> None:
 
 def test_a_part_that_moves_alone_is_looked_at_until_it_rests() -> None:
     driven, watched = Driven(NAO, initial_position(NAO)), Watched()
-    driven.gate._motion._body = BodyGuard(watched, period=PERIOD)
+    driven.gate._motion.groups.body = BodyGuard(watched, period=PERIOD)
     driven.step(position_command([INDEX["LShoulderPitch"]], [0.0]))
     assert {len(way) for way in watched.ways} == {1 + LOOKS}
 

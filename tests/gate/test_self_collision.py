@@ -146,7 +146,7 @@ def test_hostile_commands_are_judged_as_by_measuring_everything(name: str) -> No
     modes = tuple(mode for mode in CONTROL_MODES if mode is not Mode.TORQUE)
     attack = Attack(robot, 5, modes=modes)
     both = Both(robot)
-    attack.gate._motion._body = BodyGuard(both, period=attack.period)
+    attack.gate._motion.groups.body = BodyGuard(both, period=attack.period)
     for _ in range(PATHS * 5):
         attack.step()
     assert not attack.judge.faults

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from operator import is_
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,8 +72,7 @@ class MonitorSettings:
                 raise TciError(f"monitor: {field.name} {value}; valid: above 0 and finite")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Reference:
+class Reference(NamedTuple):
     """Latest references of the servos under command."""
 
     servos: NDArray[np.intp]

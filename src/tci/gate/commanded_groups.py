@@ -1,0 +1,166 @@
+"""The joint groups under command: the servos of each, and the motion that they are told together."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from operator import is_
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.frames import Array, frozen
+from tci.gate.acceptance import check_start
+from tci.gate.body_guard import BodyGuard
+from tci.gate.joint_group import JointGroup, groups_of, make_chain
+from tci.gate.joint_monitor import Reference
+from tci.gate.self_collision import SelfCollision
+from tci.gate.settings import GateSettings
+from tci.gate.stop_plan import StopTrajectory
+from tci.gate.trajectory import Guard
+from tci.messages import Mode
+from tci.reasons import Reason
+from tci.robot.description import Robot
+
+FOUND = 64
+"""Number of sets of servos whose groups are remembered. Assumed: behaviours command whole parts."""
+
+
+class CommandedGroups:
+    """The groups under command, by number. Servos join them where they are."""
+
+    def __init__(self, robot: Robot, *, period: float, settings: GateSettings) -> None:
+        """`period` [s] of the control loop. Raises what SelfCollision raises."""
+        self._robot, self._period, self._settings = robot, period, settings
+        self._group_of = groups_of(robot)
+        self._chains: dict[int, JointGroup] = {}
+        self._found: dict[tuple[Mode, bytes], list[JointGroup]] = {}
+        self.modes = [servo.modes[0] for servo in robot.servos]
+        """Control mode of every servo."""
+        self.measured: Array = np.zeros(len(robot.servos))
+        """Angles (n_servos,) [rad] that were measured last."""
+        margin = settings.self_collision
+        body = None if robot.model is None or margin is None else SelfCollision(robot, margin=margin)
+        self.body = None if body is None else BodyGuard(body, period=period)
+        """Checks the robot's own body; None if nobody does."""
+        self._shown: Reference | None = None
+        self._states: list[Array] = []
+        self._shown_of: list[JointGroup] | None = None
+
+    @property
+    def chains(self) -> Collection[JointGroup]:
+        """All groups, in the order of the reference."""
+        return self._chains.values()
+
+    def look(self, measured: Array) -> None:
+        """Takes the angles `measured` (n_servos,) [rad] now: couplings shift with servos outside a group."""
+        self.measured = measured
+        for chain in self._chains.values():
+            chain.look_outside(measured)
+
+    def drop(self) -> None:
+        """Ends all groups; modes stay."""
+        self._chains.clear()
+        self._found.clear()
+
+    def reference(self, loose: NDArray[np.intp]) -> Reference:
+        """Returns what is told to the servos now; those that are `loose`, in torque mode, come last, at their
+        measured angles."""
+        chains = list(self._chains.values())
+        states = [chain.limiter.whole_state for chain in chains]
+        rests = len(states) == len(self._states) and all(map(is_, states, self._states))
+        if self._shown is not None and rests and not loose.size:
+            return self._shown
+        if self._shown is not None and not loose.size and chains == self._shown_of:
+            servos, modes = self._shown.servos, self._shown.modes
+        else:
+            servos = frozen(np.concatenate([*(chain.index for chain in chains), loose]))
+            modes = tuple([self.modes[servo] for servo in servos.tolist()])
+        self._states, self._shown_of = states, None if loose.size else chains
+        if loose.size or not states:
+            states = [*states, np.zeros((3, loose.size))]
+            states[-1][0] = self.measured[loose]
+        told = frozen(states[0].copy() if len(states) == 1 else np.concatenate(states, axis=1))
+        self._shown = Reference(servos, modes, told[0], told[1])
+        return self._shown
+
+    def found(self, mode: Mode, servos: NDArray[np.intp]) -> list[JointGroup] | None:
+        """Returns the groups of `servos` (k,) that were noted, all in a mode, or None."""
+        return self._found.get((mode, servos.tobytes()))
+
+    def note(self, mode: Mode, servos: NDArray[np.intp], chains: list[JointGroup]) -> None:
+        """Notes the groups of `servos` (k,), all in a mode, until either changes."""
+        if len(self._found) >= FOUND:
+            self._found.clear()
+        self._found[mode, servos.tobytes()] = chains
+
+    def moving(self, servos: Sequence[int]) -> list[JointGroup]:
+        """Returns the groups that move `servos`, which join them where they are. Raises CommandError."""
+        wanted: dict[int, set[int]] = {}
+        for servo in servos:
+            wanted.setdefault(self._group_of[servo], set()).add(servo)
+        chains = {}
+        for group, mine in wanted.items():
+            old = self._chains.get(group)
+            if old is not None and mine.issubset(old.servos):
+                chains[group] = old
+            else:
+                chains[group] = self._chain(group, mine.union(old.servos if old else ()))
+                self._found.clear()
+        self._chains.update(chains)
+        return list(chains.values())
+
+    def switch(self, servos: Sequence[int], mode: Mode, loose: set[int]) -> None:
+        """Puts `servos` in another mode where they are; `loose` are then in torque mode. Raises CommandError,
+        then nothing has changed."""
+        # A joint that yielded is elsewhere than its equilibrium: it goes on from where it is.
+        fresh = [servo for servo in servos if self.modes[servo] in (Mode.IMPEDANCE, Mode.TORQUE)]
+        chains: dict[int, JointGroup | None] = {}
+        for group in {self._group_of[servo] for servo in servos}:
+            mine = {servo for servo in servos if self._group_of[servo] == group}
+            old = self._chains.get(group)
+            kept = ({*old.servos} if old else set()) | mine
+            chains[group] = self._chain(group, kept - loose, fresh) if kept - loose else None
+        self._shown = None
+        self._found.clear()
+        for servo in servos:
+            self.modes[servo] = mode
+        for group, chain in chains.items():
+            if chain is not None:
+                self._chains[group] = chain
+                places = chain.places([servo for servo in chain.servos if servo in servos])
+                velocity = 0.0 if mode is Mode.VELOCITY else np.nan
+                chain.limiter.drive_at(places, np.full(len(places), velocity))
+            else:
+                self._chains.pop(group, None)
+
+    def _chain(self, group: int, servos: set[int], fresh: Sequence[int] = ()) -> JointGroup:
+        """Returns new motion of a group. Raises CommandError when some servos can't join its motion now."""
+        old = self._chains.get(group)
+        check_start(self._robot, {*servos} - ({*old.servos} - {*fresh} if old else set()), self.measured)
+        chain = make_chain(
+            self._robot,
+            sorted(servos),
+            self.measured,
+            old=old,
+            fresh=fresh,
+            period=self._period,
+            speed_share=self._settings.speed_share,
+            guard=self._guard(group, sorted(servos)),
+        )
+        driven = [s for s in chain.servos if self.modes[s] is Mode.VELOCITY]
+        places = [p for p in chain.places(driven) if not np.isfinite(chain.limiter.drive[p])]
+        if places:
+            chain.limiter.drive_at(places, np.zeros(len(places)))
+        return chain
+
+    def _guard(self, group: int, servos: Sequence[int]) -> Guard:
+        """Returns what checks the robot's body before `servos` of a group get nearer to it."""
+        index = np.array(servos, dtype=np.intp)
+
+        def fault(stop: StopTrajectory) -> Reason | None:
+            if self.body is None:
+                return None
+            others = [chain for other, chain in self._chains.items() if other != group]
+            return self.body.fault(index, stop, others, self.measured)
+
+        return fault

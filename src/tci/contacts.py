@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
+from operator import attrgetter
 from typing import Any, NamedTuple, overload
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import NDArray
 
 from tci.frames import Array, frozen
@@ -19,17 +21,18 @@ class Frozen:
     __slots__ = ()
 
     def __post_init__(self) -> None:
-        for name in self._names():
-            if isinstance(value := getattr(self, name), np.ndarray):
-                value.setflags(write=False)
+        for value in _values(type(self))(self):
+            if isinstance(value, ndarray):
+                value.setflags(False)  # by place: a keyword takes longer
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), tuple([getattr(self, name) for name in self._names()])
+        return type(self), _values(type(self))(self)
 
-    @classmethod
-    def _names(cls) -> tuple[str, ...]:
-        names: tuple[str, ...] = cls.__slots__
-        return names
+
+@cache
+def _values(kind: type[Frozen]) -> Callable[[Frozen], tuple[Any, ...]]:
+    """Returns what gives all fields of a kind of data, in their order."""
+    return attrgetter(*kind.__slots__)
 
 
 class Site(NamedTuple):

@@ -82,6 +82,12 @@ class Withdrawal(Generic[F]):
             return self.ended
         return frozen(self.origin + self.gain * np.array(self.field.motion))
 
+    def touched_again(self, now: float) -> Withdrawal[F]:
+        """Returns it after a touch at `now` [s]; written out, since `replace` takes three times as long."""
+        return Withdrawal(
+            self.field, self.origin, self.gain, self.started, now, met=self.met, ended=self.ended
+        )
+
     def goes_as(self, before: Withdrawal[F] | None) -> bool:
         """Returns True if the target is that of the withdrawal `before`."""
         if before is None or before.ended is not self.ended:
@@ -231,7 +237,7 @@ def withdraw(
         return begun, refusal(reason, perception)
     after, reason = before, ""
     if wishes:
-        after = replace(before, touched=now, quiet=False)
+        after = before.touched_again(now)
         if before.ended is None and stands is None:
             more = [
                 one.gain for one in wishes if one.gain > before.gain and _is_same(one.field, before.field)
@@ -301,8 +307,7 @@ def _meet(
 
     Returns the withdrawal, and the reason if it was ended, else `reason`.
     """
-    met = _identities(perception)
-    if withdrawal.ended is not None or met <= withdrawal.met:
+    if withdrawal.ended is not None or (met := _identities(perception)) <= withdrawal.met:
         return withdrawal, reason
     if reason := why_not(perception, body, part, withdrawal.target, mode=mode):
         return replace(withdrawal, ended=frozen(perception.posture[part].copy())), reason

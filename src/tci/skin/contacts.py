@@ -56,6 +56,7 @@ class ContactFinder:
     def __init__(self, layout: SkinLayout, settings: ContactSettings = ContactSettings()) -> None:
         self.layout, self.settings = layout, settings
         self._tracker = Tracker()
+        self._parts = {site.part for site in layout.sites}
         taxels, patches = len(layout.arrays.taxel), len(layout.sites)
         self._clusters = Clusters(
             force=np.zeros(taxels),
@@ -122,9 +123,10 @@ class ContactFinder:
     def _angles(self, posture: Mapping[str, Array]) -> Array:
         """Returns the generic angles (parts, 4) [rad] of the limbs, zeros where they are unknown."""
         parts = self.layout.parts
-        for p in self._clusters.counts.nonzero()[0].tolist():
-            if (part := self.layout.sites[p].part) not in posture:
-                raise UnknownNameError("generic part in this posture", part, posture)
+        if not all(map(posture.__contains__, self._parts)):
+            for p in self._clusters.counts.nonzero()[0].tolist():
+                if (part := self.layout.sites[p].part) not in posture:
+                    raise UnknownNameError("generic part in this posture", part, posture)
         result = np.zeros((max(len(parts), 1), 4))
         for row, part in enumerate(parts):
             if part in posture:

@@ -51,6 +51,11 @@ class CommandedGroups:
         """All groups, in the order of the reference."""
         return self._chains.values()
 
+    @property
+    def count(self) -> int:
+        """Number of servos that the groups move."""
+        return sum([len(chain.servos) for chain in self._chains.values()])
+
     def look(self, measured: Array) -> None:
         """Takes the angles `measured` (n_servos,) [rad] now: couplings shift with servos outside a group."""
         self.measured = measured

@@ -163,11 +163,11 @@ class Motion:
     def torques(self, now: float, *, due: bool) -> Array:
         """Returns the torque (k,) [N m] of each servo of `reference` at `now` [s]; 0 for others,
         and for those that are off. Where no step is `due` they stay, and end with the trust in their data."""
+        others = self.groups.count
         if not self._torque.servos.size:
-            if len(self._none) != (others := len(self.reference.servos)):
+            if len(self._none) != others:
                 self._none = frozen(np.zeros(others))
             return self._none
-        others = sum(len(chain.servos) for chain in self.groups.chains)
         age = self._freshness.age(now)
         trust = np.full(len(self._torque.servos), self._freshness.trust(age))
         if self._powered is not None:

@@ -145,17 +145,12 @@ class ContactFinder:
 
 def empty_contacts(count: int, taxels: int) -> ContactArrays:
     """Returns arrays with room for `count` contacts with `taxels` taxels in all."""
-
-    def numbers() -> Array:
-        return np.empty(count)
-
-    def vectors() -> Array:
-        return np.empty((count, 3))
-
+    empty, vectors = np.empty, (count, 3)
     return ContactArrays(
-        np.empty(count, np.int64), np.empty(count, np.int64), numbers(), numbers(), numbers(), numbers(),
-        numbers(), vectors(), vectors(), vectors(), vectors(), vectors(), numbers(), numbers(), vectors(),
-        np.empty(count + 1, np.int64), np.empty(taxels, np.int64), np.empty(taxels), np.empty((taxels, 3)),
+        empty(count, np.int64), empty(count, np.int64), empty(count), empty(count), empty(count),
+        empty(count), empty(count), empty(vectors), empty(vectors), empty(vectors), empty(vectors),
+        empty(vectors), empty(count), empty(count), empty(vectors), empty(count + 1, np.int64),
+        empty(taxels, np.int64), empty(taxels), empty((taxels, 3)),
     )  # fmt: skip
 
 

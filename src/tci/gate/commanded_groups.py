@@ -26,7 +26,7 @@ FOUND = 64
 
 
 class CommandedGroups:
-    """The groups under command, by number. Servos join them where they are."""
+    """Groups under command, by number. Servos join them where they are."""
 
     def __init__(self, robot: Robot, *, period: float, settings: GateSettings) -> None:
         """`period` [s] of the control loop. Raises what SelfCollision raises."""
@@ -68,7 +68,7 @@ class CommandedGroups:
         self._found.clear()
 
     def reference(self, loose: NDArray[np.intp]) -> Reference:
-        """Returns what is told to the servos now; those that are `loose`, in torque mode, come last, at their
+        """Returns the reference of the servos now; those that are `loose`, in torque mode, come last, at the
         measured angles."""
         chains = list(self._chains.values())
         states = [chain.limiter.whole_state for chain in chains]

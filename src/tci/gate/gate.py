@@ -31,9 +31,10 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 EARLY = 0.05
-"""Share of a period by which a step may come early and still move. Ours."""
+"""Share of a period by which a step may come early and still move. Assumed: the jitter of timers."""
 CATCH_UP = 0.5
-"""Share of a period that a late call may make up for in the next. Ours: timers jitter, bursts don't pass."""
+"""Share of a period that a late call may make up for in the next. Assumed: jitter,
+but no burst, is caught up."""
 STEADY = 0.1
 """Share by which two late calls may differ and still come from a loop at a rate of its own. Assumed: what a
 busy machine delays comes at odd times."""
@@ -95,22 +96,22 @@ class Gate:
 
     @property
     def settings(self) -> GateSettings:
-        """What the description does not say."""
+        """Settings that the description does not hold."""
         return self._settings
 
     @property
     def counts(self) -> GateCounts:
-        """What happened since the gate was made."""
+        """Numbers of events since the gate was made."""
         return self._tally.counts
 
     @property
     def targets(self) -> Array:
-        """Where the servos under command are going [rad], in the order of `SafeCommand.servos`."""
+        """Targets [rad] of the servos under command, in the order of `SafeCommand.servos`."""
         return self._motion.targets
 
     def ahead(self, time: float) -> Array:
-        """Where the servos under command will be [rad] in `time` [s] if nothing else is asked for, in the
-        order of `SafeCommand.servos`: for robots that need to know their way before they go it."""
+        """Returns the angles [rad] of the servos under command in `time` [s] if no other command comes, in
+        the order of `SafeCommand.servos`: for robots that take trajectories."""
         return self._motion.ahead(time)
 
     @property
@@ -136,7 +137,7 @@ class Gate:
             self._held = Reason.of(reason)
 
     def reset(self) -> None:
-        """For an operator: leave STOP. Nothing moves: each servo waits for a command, where it is then.
+        """Leaves STOP, for an operator. Nothing moves: each servo waits for a command, where it is then.
 
         Control modes stay; what servos were asked for before is forgotten. Raises CommandError while
         the robot is still told to move: it would lose the rest of its stop.
@@ -149,7 +150,7 @@ class Gate:
             self._monitor.reset()
 
     def drop(self) -> None:
-        """For a link whose robot was away: nothing is under command any more. Each servo waits for a command,
+        """Ends all commands, for a driver whose robot was away. Each servo waits for a command,
         where it is then; modes stay, and so do STOP and a doubt in its joint data."""
         if self._monitor is not None:
             self._monitor.forget()
@@ -165,7 +166,7 @@ class Gate:
         *,
         refused: Sequence[Reason] = (),
     ) -> SafeCommand:
-        """What may be written at time `now` [s], given new `commands` or a single one, and latest `joints`.
+        """Returns what may be written at time `now` [s], for new `commands` or one, and the latest `joints`.
 
         Call it once per period, also without commands: motions go on. A late call takes one step, and a
         call before its time none, so that what is written is never faster than the limits; a loop that is
@@ -224,7 +225,7 @@ class Gate:
         return self._issued
 
     def check_out(self, safe: SafeCommand) -> None:
-        """For links: raises DriverError unless `safe` is the latest this gate made, and not yet written."""
+        """Raises DriverError, for drivers, unless `safe` is the latest of this gate and not yet written."""
         if self._issued is None or safe is not self._issued:
             raise DriverError(
                 "not the latest command of this link's gate, or written before; "
@@ -233,7 +234,7 @@ class Gate:
         self._issued = None
 
     def _judge(self, joints: JointReading, now: float) -> Reason | None:
-        """Returns why nothing may move now; None when all is well. Sets the state."""
+        """Sets the state, and returns the reason why nothing may move now; None when all is well."""
         if -np.inf < now < self._before - self.period:
             words = f"time went back by {self._before - now:.3f} s"
             self.stop(Reason(Code.TIME_WENT_BACK, words))
@@ -260,7 +261,7 @@ class Gate:
         return reason
 
     def _is_due(self, now: float) -> bool:
-        """Whether a step is due at `now` [s]: there are no more of them than periods, and no burst."""
+        """Returns True if a step is due at `now` [s]: there are no more steps than periods, and no burst."""
         if not math.isfinite(now):
             return False
         if self._before > -np.inf:
@@ -274,7 +275,7 @@ class Gate:
         return True
 
     def _look_at_rate(self, passed: float) -> None:
-        """Warn of a loop at a rate of its own, at its second late call; `passed` [periods] since the last.
+        """Warns of a loop at a rate of its own, at its second late call; `passed` [periods] since the last.
 
         A loop that was ever in time is only delayed, and told of that by who runs it.
         """
@@ -293,7 +294,7 @@ class Gate:
             self._pace = passed
 
     def _set_share(self, command: PlatformCommand, shares: dict[int, float]) -> list[str]:
-        """Stiffness or damping: shares 0..1, clamped and reported. Raises CommandError."""
+        """Takes shares 0..1 of stiffness or damping, and returns what was clamped. Raises CommandError."""
         check_command(self.robot, command)
         if command.mode is Mode.STIFFNESS:
             self._motion.check_stiffness(command)

@@ -1,4 +1,4 @@
-"""The only thing that a link writes."""
+"""The only message that a driver writes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tci.reasons import Reason
 
 
 class GateState(Enum):
-    """What the gate is doing."""
+    """State of the gate."""
 
     RUN = "run"
     """Commands pass, within the limits."""
@@ -28,7 +28,7 @@ class GateState(Enum):
 
 @dataclass(frozen=True, slots=True)
 class GateToken:
-    """What only a gate has; without it no SafeCommand can be made."""
+    """Token that proves a `SafeCommand` was created by a gate."""
 
     robot: str
     """Name of the robot that the gate is for."""
@@ -36,23 +36,23 @@ class GateToken:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SafeCommand:
-    """What may be written now. Only a gate makes it, for its own link, once."""
+    """Command that may be written now. Only a gate makes it, for its own driver, once."""
 
     seal: object = field(repr=False)
-    """The gate's own; anything else raises DriverError."""
+    """Token of the gate; anything else raises DriverError."""
     stamp: float
-    """When it was made [s]."""
+    """Time [s] when it was made."""
     state: GateState
-    """What the gate was doing."""
+    """State of the gate then."""
     servos: NDArray[np.intp]
     """Indices (k,) of servos that are under command; no other joint is ever sent anything."""
     modes: tuple[Mode, ...]
-    """Control mode of each of them (k,). A link switches a servo to it before it sends the rest."""
+    """Control mode of each of them (k,). A driver switches a servo to it before it sends the rest."""
     position: Array
-    """Where each of them should be at the end of this period (k,) [rad]: the set-point, or in impedance
-    mode the equilibrium; in torque mode where it was measured."""
+    """Angle (k,) [rad] of each at the end of this period: the set-point; in impedance mode the equilibrium,
+    in torque mode the measured one."""
     velocity: Array
-    """How fast each of them should move then (k,) [rad/s]; 0 in torque mode."""
+    """Velocity (k,) [rad/s] of each then; 0 in torque mode."""
     torque: Array
     """Torque of each of them (k,) [N m] in torque mode; 0 in the others."""
     stiffness: Mapping[int, float]
@@ -60,14 +60,14 @@ class SafeCommand:
     damping: Mapping[int, float]
     """New share 0..1 of full damping, by servo index, where commanded."""
     clamped: tuple[str, ...]
-    """What was clamped or cut short, in words."""
+    """Messages on what was clamped or cut short."""
     refusals: tuple[Reason, ...]
     """Reason of each command that was refused."""
     reason: Reason | None = None
     """Reason for which the gate holds or has stopped; None while it runs."""
     orders: tuple[PlatformOrder, ...] = ()
-    """Orders that it took over in this step. A link to another TCI process sends these: the gate there
-    makes the motion."""
+    """Orders that it took over in this step. A driver of another TCI process sends these: the gate
+    there makes the motion."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.seal, GateToken):

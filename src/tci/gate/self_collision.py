@@ -91,7 +91,7 @@ class SelfCollision:
         return not count
 
     def fault(self, path: Array) -> Reason | None:
-        """Returns why a motion along `path` (k, n_servos) [rad] must not be made; None when it may.
+        """Returns the reason against a motion along `path` (k, n_servos) [rad]; None when it may be made.
 
         Links that are nearer than the margin where the path begins may go apart, and no nearer.
         """
@@ -129,7 +129,7 @@ class SelfCollision:
         return count
 
     def _measure(self, angles: Array, pairs: Indices, axis: Array | None = None) -> Array:
-        """Distances (m,) [m] of some pairs at `angles` (j,) [rad], cut off at SIGHT; keeps their axes."""
+        """Returns the distances (m,) [m] of some pairs at `angles` (j,) [rad], at most SIGHT; keeps axes."""
         s, data, segment = self._solids, self._data, self._segment
         _stand(self._arrays, angles, self._frames, data.geom_xpos, data.geom_xmat, s.geoms)
         result = np.empty(len(pairs))
@@ -142,6 +142,6 @@ class SelfCollision:
         return result
 
     def _of_joints(self, angles: Array) -> Array:
-        """Angles (..., j) [rad] of the model's joints, given those of the servos (..., n_servos)."""
+        """Returns the angles (..., j) [rad] of the model's joints from the servos' (..., n_servos)."""
         found: Array = angles.take(self._solids.servos, -1) - self._solids.zero
         return found

@@ -55,7 +55,7 @@ class OnlineTrajectory:
         self.ended: Reason | None = None
         """Reason for which the guard ended the motion in the last step taken; None when it did not."""
         self.target = np.array(position)
-        """Where it is going (n,) [rad]."""
+        """Target (n,) [rad]."""
         self._speed = np.array(bounds.velocity)
         self._drive = np.full(count, np.nan)
         self._stopping = False
@@ -80,7 +80,7 @@ class OnlineTrajectory:
 
     @property
     def whole_state(self) -> Array:
-        """The same as one array (3, n), which stays the same object while nothing moves."""
+        """`state` as one array (3, n), which stays the same object while nothing moves."""
         return self._state
 
     @property
@@ -100,16 +100,16 @@ class OnlineTrajectory:
 
     @property
     def drives(self) -> bool:
-        """Whether any servo is driven at a velocity."""
+        """True if any servo is driven at a velocity."""
         return self._any_driven
 
     @property
     def rests(self) -> bool:
-        """Whether a step would change nothing, until something is asked for."""
+        """True if a step would change nothing, until something is asked for."""
         return self._resting and not self._any_driven
 
     def take_over(self, here: Sequence[int], other: OnlineTrajectory, there: Sequence[int]) -> None:
-        """Continue the motion of some servos, places `there` of another limiter and places `here` of this.
+        """Continues the motion of some servos, places `there` of another limiter and places `here` of this.
 
         Raises CommandError when no stop is found from there; then go on with the other one.
         """
@@ -132,7 +132,7 @@ class OnlineTrajectory:
         self._resting = False
 
     def aim(self, target: Array, speed: Array) -> None:
-        """Go to `target` (n,) [rad] at most at `speed` (n,) [rad/s]; both must be inside the bounds.
+        """Goes to `target` (n,) [rad] at most at `speed` (n,) [rad/s]; both must be inside the bounds.
 
         Servos that are driven at a velocity go on so.
         """
@@ -143,7 +143,7 @@ class OnlineTrajectory:
         self._resting = False
 
     def drive_at(self, places: Sequence[int], velocity: Array) -> None:
-        """Drive servos at `velocity` (k,) [rad/s], within the speed limit, until told otherwise.
+        """Drives servos at `velocity` (k,) [rad/s], within the speed limit, until told otherwise.
 
         NaN ends that: such a servo, which must be at rest, then stays.
         """
@@ -156,7 +156,7 @@ class OnlineTrajectory:
         self._resting = False
 
     def halt(self) -> None:
-        """Stop as fast as the bounds allow and stay there: targets and velocities are forgotten at once."""
+        """Stops as fast as the bounds allow and stays there: targets and velocities are forgotten at once."""
         if not self._stopping:
             self.target = self._stopper.end
             self._drive[self._driven] = 0.0
@@ -169,13 +169,13 @@ class OnlineTrajectory:
         return 0.0 if self._resting else self._stopper.remaining
 
     def stop_at(self, times: Array) -> Array:
-        """Where the servos would be (k, n) [rad] at `times` (k,) [s] from now if they stopped now."""
+        """Returns the angles (k, n) [rad] at `times` (k,) [s] from now if the servos stopped now."""
         if self._resting:
             return np.tile(self._state[0], (len(times), 1))
         return self._stopper.ahead(times)
 
     def ahead(self, time: float) -> Array:
-        """Where the servos will be (n,) [rad] in `time` [s] if nothing else is asked for."""
+        """Returns the angles (n,) [rad] in `time` [s] if nothing else is asked for."""
         position: Array = self._state[0]
         if self._stopping or self._stopper.begun or not self._led:
             ahead: Array = self._stopper.ahead(np.array([time]))[0]
@@ -184,7 +184,7 @@ class OnlineTrajectory:
         return position if self._resting else np.array(plan.trajectory.at_time(plan.time + time)[0])
 
     def step(self) -> Array:
-        """Positions (n,) [rad] one period later."""
+        """Takes a step, and returns the positions (n,) [rad] one period later."""
         self.ended = None
         if not self._resting and (self._stopping or not self._advance()):
             self._brake()
@@ -192,7 +192,7 @@ class OnlineTrajectory:
         return position
 
     def _advance(self) -> bool:
-        """Take a step to the target; false, and no step, when a stop from there would leave the bounds."""
+        """Takes a step to the target; returns False, and takes none, if a stop there leaves the bounds."""
         here, output = self._state[0], self._output
         if self._asked or self._outside is not self._creeps:
             self._input.max_velocity = (self._most * (CREEP if self._outside else 1.0)).tolist()
@@ -225,7 +225,7 @@ class OnlineTrajectory:
         return True
 
     def _brake(self) -> None:
-        """Take a step of the stop that was checked when the present state was handed out."""
+        """Takes a step of the stop that was checked when the present state was handed out."""
         state, rests = self._stopper.step()
         self._set_state(state)
         if rests:
@@ -233,7 +233,7 @@ class OnlineTrajectory:
             self._set_straight(True)
 
     def _set_interfaces(self) -> None:
-        """Tell ruckig which servos go to a target, all in the same time, and which keep a velocity."""
+        """Tells ruckig which servos go to a target, all in the same time, and which keep a velocity."""
         self._driven = np.isfinite(self._drive)
         self._any_driven, self._driving = bool(self._driven.any()), False
         self._input.target_velocity = [0.0] * len(self._drive)
@@ -246,9 +246,9 @@ class OnlineTrajectory:
         self._set_straight(False)
 
     def _set_straight(self, straight: bool) -> None:
-        """Whether the motion from here, which must be at rest then, and its stops follow a straight line.
+        """Makes the motion from here, which must be at rest then, and its stops a straight line, or not.
 
-        They do where all limits are in the ratio of the ways. (ruckig's phase synchronisation is not for
+        They do if all limits are in the ratio of the ways. (ruckig's phase synchronisation is not for
         this: it gives up where states are only nearly on a line, as rounding leaves them.)
         """
         was, self._straight = self._straight, straight and not self._any_driven

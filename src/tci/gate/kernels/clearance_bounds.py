@@ -1,4 +1,4 @@
-"""Which pairs of links keep their distance, without measuring it.
+"""Bounds on the distances of pairs of links, without measuring them.
 
 Two bounds from below need no search. What is known of a pair at one posture holds at another, less what its
 joints can have changed (`Solids.levers`). And convex shapes are at least as far apart as their shadows on any
@@ -30,7 +30,7 @@ Arrays = tuple[Array, ...]
 
 @inlined
 def place(joints: Array, angles: Array, frames: Array) -> None:
-    """Write position and rotation matrix (j, 12) of each joint's frame at `angles` (j,) [rad]."""
+    """Writes position and rotation matrix (j, 12) of each joint's frame at `angles` (j,) [rad]."""
     for j in range(len(joints)):
         up = int(joints[j, 0])
         x, y, z = joints[j, 4], joints[j, 5], joints[j, 6]
@@ -53,7 +53,7 @@ def place(joints: Array, angles: Array, frames: Array) -> None:
 
 @inlined
 def _shadow(shapes: Array, points: Array, frames: Array, shape: int, x: float, y: float, z: float) -> float:
-    """How far a shape reaches [m] along a unit vector of the world."""
+    """Returns how far a shape reaches [m] along a unit vector of the world."""
     j = int(shapes[shape, 0])
     start = 0.0
     if j >= 0:
@@ -76,7 +76,7 @@ def _shadow(shapes: Array, points: Array, frames: Array, shape: int, x: float, y
 
 @inlined
 def _centre(shapes: Array, frames: Array, shape: int) -> tuple[float, float, float]:
-    """Centre [m] of the sphere around a shape."""
+    """Returns the centre [m] of the sphere around a shape."""
     j = int(shapes[shape, 0])
     x, y, z = shapes[shape, 3], shapes[shape, 4], shapes[shape, 5]
     if j < 0:
@@ -90,7 +90,7 @@ def _centre(shapes: Array, frames: Array, shape: int) -> tuple[float, float, flo
 
 @inlined
 def at_least(shapes: Array, points: Array, frames: Array, pairs: Indices, axis: Array, p: int) -> float:
-    """A distance [m] that a pair keeps: between the spheres around it, or between its shadows."""
+    """Returns a distance [m] that a pair keeps: between the spheres around it, or between its shadows."""
     one, other = pairs[p, 0], pairs[p, 1]
     ax, ay, az = _centre(shapes, frames, one)
     bx, by, bz = _centre(shapes, frames, other)
@@ -164,7 +164,7 @@ def follow(
     solids: Arrays, known: Arrays, count: int, path: Array, levers: Array, stride: float, margin: float,
     at: Indices, asked: Indices,
 ) -> int:  # fmt: skip
-    """Go along `path` (k, j) [rad] to the first point where pairs must be measured; how many, 0 at its end.
+    """Follows `path` (k, j) [rad] to the first point where pairs must be measured; returns their number.
 
     Only the first `count` pairs of those left in the memory are looked at, at points no farther apart
     than `stride` [m] by what `levers` (j,) [m/rad] say. `at` is how far it came: a section, a point in it.
@@ -231,7 +231,8 @@ def follow(
 def stand(
     solids: Arrays, angles: Array, frames: Array, positions: Array, rotations: Array, geoms: Indices
 ) -> None:
-    """Write where MuJoCo's geoms are at `angles` (j,) [rad]: `positions` (n, 3) [m], `rotations` (n, 9)."""
+    """Writes the poses of MuJoCo's geoms at `angles` (j,) [rad]: `positions` (n, 3) [m], `rotations`
+    (n, 9)."""
     joints, shapes, _, poses, _, _ = solids
     place(joints, angles, frames)
     for g in range(len(geoms)):

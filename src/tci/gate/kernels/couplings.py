@@ -12,7 +12,7 @@ from tci.frames import Array
 MARGIN = 1e-6
 """Points stay this far [rad] inside limits and couplings, for ruckig's own rounding."""
 SWEEPS = 50
-"""Sweeps over the couplings in the search for a nearest point: bounds the time of a control step."""
+"""Sweeps over the couplings in the search for a nearest point. Assumed: it bounds the time of a step."""
 
 
 @inlined
@@ -20,7 +20,7 @@ def project(
     lower: Array, upper: Array, target: Array, coupling: Array, lows: Array, highs: Array,
     free: NDArray[np.bool_], point: Array,
 ) -> None:  # fmt: skip
-    """Write the `point` (n,) [rad] near `target` (n,) that is inside `lower` and `upper` (n,), and in bounds
+    """Writes the `point` (n,) [rad] near `target` (n,) that is inside `lower` and `upper` (n,), and in bounds
     `lows` <= `coupling` @ point <= `highs` (m,).
 
     It is a margin inside all of them, or half of the way between two that are narrower. Only servos that are
@@ -73,8 +73,8 @@ def find_nearest(
 
 @compiled(boolean(views(2), views(2), views(1), views(1)))
 def box_keeps(span: Array, coupling: Array, lows: Array, highs: Array) -> bool:
-    """Tells if all points between angles of `span` (2, n) [rad] is in bounds: `lows` <= `coupling` @ point
-    <= `highs` (m,)."""
+    """Returns True if all points between angles of `span` (2, n) [rad] are in bounds: `lows` <= `coupling` @
+    point <= `highs` (m,)."""
     for m in range(len(lows)):
         least = most = 0.0
         for i in range(span.shape[1]):
@@ -88,7 +88,7 @@ def box_keeps(span: Array, coupling: Array, lows: Array, highs: Array) -> bool:
 
 @compiled(void(views(2), views(1), views(1), views(1), writes(1), writes(1)))
 def shift(outside: Array, measured: Array, lows: Array, highs: Array, lower: Array, upper: Array) -> None:
-    """Write the bounds `lower` and `upper` (m,) that servos outside leave of `lows` and `highs` (m,).
+    """Writes the bounds `lower` and `upper` (m,) that servos outside leave of `lows` and `highs` (m,).
 
     These are at `measured` (n_servos,) [rad] and have the coefficients `outside` (m, n_servos).
     """

@@ -26,21 +26,21 @@ class Solids:
     zero: Array
     """Angle (j,) [rad] of each servo where its joint is at zero."""
     joints: Array
-    """Of each joint (j, 7): the joint that carries it, -1 for none; the way from there [m]; its axis."""
+    """Rows (j, 7) of the joints: the joint that carries it, -1 for none; the way from there [m]; its axis."""
     shapes: Array
-    """Of each shape (g, 16): its joint, -1 for none; the first of its points and the one after the last; the
-    centre [m] and radius [m] of a sphere around it; a matrix E [m]. It is the convex hull of its points, and
-    around each of them the ellipsoid E u, |u| <= 1."""
+    """Rows (g, 16) of the shapes: its joint, -1 for none; the first of its points and the one after the last;
+    the centre [m] and radius [m] of a sphere around it; a matrix E [m]. It is the convex hull of its points,
+    and around each of them the ellipsoid E u, |u| <= 1."""
     points: Array
     """(v, 3) [m]"""
     poses: Array
-    """Of MuJoCo's geom of each shape (g, 12): position [m] and rotation matrix, in the joint's frame."""
+    """Pose (g, 12) of MuJoCo's geom of each shape: position [m] and rotation matrix, in the joint's frame."""
     geoms: Indices
     """MuJoCo's number (g,) of each."""
     pairs: Indices
     """First and second shape (p, 2) of each pair of the Clearance."""
     levers: Array
-    """How fast each joint (j, p) can change the distance of each pair at most [m/rad]."""
+    """Largest change (j, p) [m/rad] of the distance of each pair by each joint."""
 
     @staticmethod
     def of(clearance: Clearance) -> Solids:

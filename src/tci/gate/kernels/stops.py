@@ -23,7 +23,7 @@ is released; how long [s] it ramps up, stays, and is released."""
 
 @inlined
 def _plan(stop: Array, i: int, most: float, jerk: float) -> None:
-    """Plan the time-optimal stop of one servo from where it starts: ramp up, stay, release."""
+    """Plans the time-optimal stop of one servo from where it starts: ramp up, stay, release."""
     v, a = stop[SPEED, i], stop[PULL, i]
     final = v + a * abs(a) / (2.0 * jerk)  # velocity if the acceleration were released at once
     peak = a
@@ -43,7 +43,7 @@ def _plan(stop: Array, i: int, most: float, jerk: float) -> None:
 
 @inlined
 def _follow(stop: Array, i: int, time: float) -> tuple[float, float, float]:
-    """Angle, velocity and acceleration of a servo `time` [s] after its stop began."""
+    """Returns angle, velocity and acceleration of a servo `time` [s] after its stop began."""
     q, v, a = stop[ANGLE, i], stop[SPEED, i], stop[PULL, i]
     for jerk, lasts in (
         (stop[FIRST_JERK, i], stop[RAMP, i]),
@@ -66,7 +66,7 @@ def _follow(stop: Array, i: int, time: float) -> tuple[float, float, float]:
 def plan_stop(
     state: Array, here: Array, limits: Array, coupling: Array, lows: Array, highs: Array, stop: Array
 ) -> tuple[bool, bool, bool, float]:
-    """Plan the `stop` (12, n) from a `state` (3, n), angles, velocities and accelerations [rad].
+    """Plans the `stop` (12, n) from a `state` (3, n), angles, velocities and accelerations [rad].
 
     Returns three truths and its duration [s]. First: it stays inside the `limits` (4, n), or outside them no
     farther than `here` (n,) [rad], and does not leave them again once it is inside. Second: the box around it
@@ -105,7 +105,7 @@ def plan_stop(
 
 @compiled(void(reads(2), reads(1), writes(3)))
 def follow_stop(stop: Array, times: Array, states: Array) -> None:
-    """Write the `states` (k, 3, n) of a `stop` (12, n), angles, velocities and accelerations [rad], at
+    """Writes the `states` (k, 3, n) of a `stop` (12, n), angles, velocities and accelerations [rad], at
     `times` (k,) [s] after it began."""
     for k in range(len(times)):
         for i in range(stop.shape[1]):
@@ -117,7 +117,7 @@ def follow_stop(stop: Array, times: Array, states: Array) -> None:
 
 @compiled(void(views(1, int64), views(1), views(1), reads(2), writes(2)))
 def take_room(index: NDArray[np.intp], measured: Array, told: Array, span: Array, box: Array) -> None:
-    """Write into `box` (2, n_servos) the least and the largest angles that servos `index` (n,) pass through.
+    """Writes into `box` (2, n_servos) the least and largest angles that servos `index` (n,) pass through.
 
     They are told to stay in `span` (2, n), and may be moved from it by what they are away now: `measured`
     (n_servos,) from `told` (n,). All in [rad].

@@ -1,4 +1,4 @@
-"""What a command asks of servos that move together."""
+"""Checks commands, and turns them into targets of servos that move together."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ TARGET, SPEED, WANTED = range(3)
 
 @compiled(boolean(reads(1, int64), reads(1), reads(1), int64, float64))
 def is_acceptable(servos: NDArray[np.intp], values: Array, speeds: Array, count: int, slowest: float) -> bool:
-    """Whether there are `servos` (k,), of `count`, each only once, with `values` (k,) that are finite and
-    `speeds` (k,) of at least `slowest`."""
+    """Returns True if there are `servos` (k,), of `count`, each only once, with `values` (k,) that are finite
+    and `speeds` (k,) of at least `slowest`."""
     for k in range(len(servos)):
         if not (0 <= servos[k] < count and np.isfinite(values[k]) and speeds[k] >= slowest):
             return False
@@ -31,7 +31,7 @@ def is_acceptable(servos: NDArray[np.intp], values: Array, speeds: Array, count:
 
 @compiled(boolean(reads(1, int64), reads(1), reads(1), reads(1), float64))
 def is_far_off(servos: NDArray[np.intp], values: Array, lower: Array, upper: Array, far: float) -> bool:
-    """Whether one of the angles `values` (k,) [rad] of `servos` (k,) is outside `lower` .. `upper`
+    """Returns True if one of the angles `values` (k,) [rad] of `servos` (k,) is outside `lower` .. `upper`
     (n_servos,) [rad] and beyond a full turn, or all of at least two are outside by more than `far` [rad]."""
     near = len(servos) < 2
     for k in range(len(servos)):
@@ -52,8 +52,8 @@ def take_targets(
     index: NDArray[np.intp], servos: NDArray[np.intp], values: Array, speeds: Array, limits: Array,
     coupling: Array, ends: Array, free: NDArray[np.bool_], aims: Array, sent: Array,
 ) -> float:  # fmt: skip
-    """Aim the servos `index` (n,) of a joint group at those of the `values` (k,) that are theirs; return how
-    far [rad] at most one of these is from where its servo is sent.
+    """Aims the servos `index` (n,) of a joint group at those of the `values` (k,) that are theirs; returns
+    the largest distance [rad] of one of these from where its servo is sent.
 
     Writes into `aims` (3, n) targets [rad] inside `limits` and couplings, and the `speeds` (k,), at most the
     fastest of the `limits` (3, n); what each of `servos` (k,) is `sent` to, where it is in the group.
@@ -82,7 +82,7 @@ def straight_limits(
     here: Array, target: Array, speed: Array, acceleration: Array, jerk: Array,
     still: float, least: float, limits: Array,
 ) -> None:  # fmt: skip
-    """Write the largest `limits` (3, n) within `speed`, `acceleration`, `jerk` (n,) that are in the ratio of
+    """Writes the largest `limits` (3, n) within `speed`, `acceleration`, `jerk` (n,) that are in the ratio of
     the ways from `here` to `target` (n,): with these, all go in a straight line.
 
     A longest way below `still` counts as that, and a way below the share `least` of the longest as that.

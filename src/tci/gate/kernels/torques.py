@@ -47,7 +47,7 @@ def limit_torques(
     period: float,
     memory: Array,
 ) -> None:
-    """Write into the memory what `servos` (k,) are given now, by the share (k,) that their data is trusted.
+    """Writes into the memory what `servos` (k,) are given now, by the share (k,) that their data is trusted.
 
     All else has a place for each servo of the robot: `measured` (5, n_servos), which is `late` [s] old when
     the next torque is made. `halts`: any motion is braked.

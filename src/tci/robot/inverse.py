@@ -105,7 +105,7 @@ class InverseKinematics:
         unlimited = np.flatnonzero(np.isnan(self._lower + self._upper))
         if unlimited.size:
             names = ", ".join(robot.servos[self.servos[i]].name for i in unlimited)
-            raise CommandError(f"no limits of {names}; inverse kinematics need both")
+            raise CommandError(f"no limits of {names}; valid: a lower and an upper limit of each servo")
         self._chosen: NDArray[np.intp] = np.array(self.servos, dtype=np.intp)
         rows, lower_sum, upper_sum = robot.coupling_rows
         named = rows[:, self._chosen].any(axis=1)

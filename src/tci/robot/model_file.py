@@ -29,7 +29,9 @@ def load_spec(model: Model) -> mujoco.MjSpec:
     """
     path = Path(model.path)
     if not path.is_file():
-        raise DescriptionError(model.path, [Fault(0, "no such file; a kinematic model belongs here")])
+        raise DescriptionError(
+            model.path, [Fault(0, "no such file; valid: a kinematic model (URDF or MJCF)")]
+        )
     try:
         if model.format == "urdf":
             spec = _read_urdf(path)

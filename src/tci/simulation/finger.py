@@ -195,7 +195,7 @@ class Finger:
     def _start(self, point: Array, outward: Array, speed: float, depth: float, gap: float) -> None:
         for name, value in (("speed", speed), ("depth", depth), ("gap", gap)):
             if not (np.isfinite(value) and value >= 0.0 and (value > 0.0 or name != "speed")):
-                raise CommandError(f"{name} {value}; a positive number belongs here")
+                raise CommandError(f"{name} {value}; valid: finite, at least 0, and a speed above 0")
         data = self._physics.data
         data.mocap_pos[self._mocap] = point + (RADIUS + gap) * outward
         mujoco.mju_quatZ2Vec(data.mocap_quat[self._mocap], -outward)

@@ -76,12 +76,12 @@ def unit(name: str, values: ArrayLike) -> Array:
     vector = _vector(name, values)
     length = float(np.linalg.norm(vector))
     if not length > 0.0:
-        raise CommandError(f"{name} {vector.tolist()} has no direction")
+        raise CommandError(f"{name} {vector.tolist()} has no direction; valid: a length above 0")
     return vector / length
 
 
 def _vector(name: str, values: ArrayLike) -> Array:
     vector = np.asarray(values, dtype=float)
     if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise CommandError(f"{name} {vector.tolist()}; three finite numbers belong here")
+        raise CommandError(f"{name} {vector.tolist()}; valid: three finite numbers")
     return vector

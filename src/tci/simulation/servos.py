@@ -240,14 +240,14 @@ def _checked(
     else:
         index, numbers = np.atleast_1d(servos), np.atleast_1d(np.asarray(values, dtype=float))
     if index.shape != numbers.shape or index.ndim != 1:
-        raise CommandError(f"{numbers.size} values for {index.size} servos; one for each belongs here")
+        raise CommandError(f"{numbers.size} values for {index.size} servos; valid: one for each")
     whole = index.dtype.kind in "iu" or not index.size
     index = index.astype(np.intp, copy=False) if whole else index
     fault = at.fault_of(index, numbers, count) if whole else 1
     if fault == 1:
         raise CommandError(f"servos {index.tolist()}; valid: 0 to {count - 1}")
     if fault == 2:
-        raise CommandError(f"values {numbers.tolist()} for servos {index.tolist()}; they must be finite")
+        raise CommandError(f"values {numbers.tolist()} for servos {index.tolist()}; valid: finite numbers")
     if share and not ((numbers >= 0.0) & (numbers <= 1.0)).all():
         raise CommandError(f"shares {numbers.tolist()} for servos {index.tolist()}; valid: 0 to 1")
     return index, numbers

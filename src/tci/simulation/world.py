@@ -241,7 +241,7 @@ def start_angles(robot: Robot, posture: Mapping[str, ArrayLike]) -> Array:
         values = given.get(part.name, part.initial_posture)
         if values.shape != (len(part.servos),) or not np.isfinite(values).all():
             raise CommandError(
-                f"posture of {part.name}: {values.tolist()}; {len(part.servos)} finite angles belong here"
+                f"posture of {part.name}: {values.tolist()}; valid: {len(part.servos)} finite angles [rad]"
             )
         joints = joint_map(robot, part.name)
         angles[joints.servos] = joints.to_robot(values, angles)

@@ -61,7 +61,7 @@ def region(skin: Skin, name: str, taxels: Mapping[str, ArrayLike]) -> Region:
         if len(own):
             found[patch] = read_only(own, np.intp)
     if not found:
-        raise TciError(f"region {name!r} has no taxels")
+        raise TciError(f"region {name!r} has no taxels; valid: at least one")
     return Region(name, found)
 
 

@@ -28,7 +28,7 @@ class PatchCalibration(Description):
     def check(self, taxels: int) -> None:
         """Raises TciError for another number of taxels, or a response that does not rise from 0, 0."""
         if not len(self.rest) == len(self.noise) == taxels:
-            raise TciError(f"a calibration of {len(self.rest)} taxels for {taxels}")
+            raise TciError(f"a calibration of {len(self.rest)} taxels; valid: {taxels}, as in the patch")
         pairs = list(zip(self.response, self.response[1:], strict=False))
         rising = all(low[0] < high[0] and low[1] < high[1] for low, high in pairs)
         if self.response and (len(self.response) < 2 or self.response[0] != (0.0, 0.0) or not rising):

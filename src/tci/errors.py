@@ -43,7 +43,7 @@ class Fault:
 
 
 class DescriptionError(TciError):
-    """A robot description is wrong. The error lists all faults of the file."""
+    """Faults of a robot description. The message lists all faults of the file."""
 
     def __init__(self, source: str, faults: Sequence[Fault]) -> None:
         self.source = source
@@ -64,7 +64,7 @@ def meant(name: str, valid: Iterable[str]) -> str:
 
 
 class UnknownNameError(TciError):
-    """A name does not exist. The message lists the valid names and the nearest of them."""
+    """Unknown name. The message lists the valid names and the nearest of them."""
 
     code = Code.UNKNOWN_NAME
 
@@ -77,31 +77,31 @@ class UnknownNameError(TciError):
 
 
 class CommandError(TciError):
-    """A command has the wrong shape, values or mode. Nothing was sent."""
+    """Command or argument with a wrong shape, value or mode. Nothing was sent."""
 
     code = Code.COMMAND_INVALID
 
 
 class FrameError(TciError):
-    """A frame of the skin or the joints does not fit the robot. It was not used."""
+    """Frame of the skin or the joints that does not fit the robot. It was not used."""
 
     code = Code.SKIN_MISFIT
 
 
 class DriverError(TciError):
-    """A driver can't be opened, is closed, or was given a command that no gate created."""
+    """Driver that can't be opened, is closed, or was given a command that no gate created."""
 
 
 class WireError(TciError):
-    """Data from a network violates its protocol. It was dropped."""
+    """Data from a network that violates its protocol. It was dropped."""
 
 
 class RecordingError(TciError):
-    """A recording can't be written, is not a recording, or does not belong to this robot."""
+    """Recording that can't be written, is not a recording, or does not belong to this robot."""
 
 
 class MissingExtraError(TciError):
-    """A package is not installed. The message, composed by `tci.installed`, says how to install it."""
+    """Missing package. The message, composed by `tci.installed`, says how to install it."""
 
     def __init__(self, what: str, missing: str, advice: str) -> None:
         self.missing = missing
@@ -110,4 +110,4 @@ class MissingExtraError(TciError):
 
 
 class ClashError(TciError):
-    """A package can't be loaded, since another package has overwritten a part of it."""
+    """Package that can't be loaded, since another package has overwritten a part of it."""

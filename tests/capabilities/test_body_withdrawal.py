@@ -26,8 +26,8 @@ def see(
     *contacts: Contact, stamp: float = 0.0, at: Landmark = FACE.spot, distance: float = 0.0,
     joints: Mapping[str, Array] | None = None, posture: Mapping[str, Array] = POSTURE,
 ) -> tuple[Perception, GenericBody]:  # fmt: skip
-    """What is seen when every contact lies `distance` [m] from one landmark and on no other, and a body with
-    all joints, or with some."""
+    """Returns the perception of contacts that lie `distance` [m] from one landmark and on no other, and a
+    body with all joints, or with some."""
     body = body_that(
         "nao-whole",
         retreat=away,

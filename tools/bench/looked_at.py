@@ -19,7 +19,7 @@ from tci.viewer.app import RATE, Viewer
 from tci.viewer.session import Session
 
 TAXELS = 1010
-"""Of the NAO, whose own skin is 720; rounded to whole rings. The iCub has 1180."""
+"""Number of taxels of the NAO, rounded to whole rings; its own skin has 720. The iCub has 1180."""
 CORE, USABLE = 0.25, 5.0
 """Targets: fraction of a core, and time [s] until the page can be used."""
 WINDOW, WINDOWS = 3.0, 5
@@ -78,7 +78,7 @@ def _share(name: str, windows: list[tuple[float, float]], *, most: float | None 
 
 
 def _window(shown: Viewer, *, poke: bool = False) -> tuple[float, float]:
-    """Share of a core that this process took, and pictures per second, over a while."""
+    """Returns the fraction of a core that this process used, and the pictures per second, over some time."""
     pokes = [session.pokes for session in shown.sessions.values()]
     begin, pictures, used = time.perf_counter(), shown.pictures, time.process_time()
     if poke:
@@ -97,7 +97,7 @@ def _window(shown: Viewer, *, poke: bool = False) -> tuple[float, float]:
 
 
 def _click(shown: Viewer, page: subprocess.Popen[str], box: list[float]) -> float:
-    """Time [s] from a click on the page to the beginning of the poke that it asks for."""
+    """Returns the time [s] from a click on the page to the beginning of its poke."""
     from viewer.browser import skin_on_screen  # the tests' own
 
     key, session = next(iter(shown.sessions.items()))

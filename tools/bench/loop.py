@@ -1,4 +1,4 @@
-"""The loop at 1 kHz with 4000 taxels on a robot that moves, beside a bare sleep loop in another process."""
+"""Benchmark of the 1 kHz loop: 4000 taxels, robot in motion, beside a bare sleep loop in another process."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ print(json.dumps([late.quantile(q) for q in (0.5, 0.99, 0.999)]))
 
 
 class Echo(Driver):
-    """A robot that is where it was told to be, with 50 new frames a second, each an array of its own."""
+    """A robot that follows its commands exactly, with 50 new frames per second, each an array of its own."""
 
     def __init__(self, parts: Pipeline) -> None:
         robot = parts.robot
@@ -64,7 +64,7 @@ class Echo(Driver):
 
 
 def _apart(pid: int) -> None:
-    """Two busy loops on one processor would wait for each other: the other process gets none of ours."""
+    """Moves the other process to other processors: two busy loops on one would wait for each other."""
     if hasattr(os, "sched_setaffinity"):
         ours = os.sched_getaffinity(0)
         if len(ours) > 1:
@@ -74,7 +74,7 @@ def _apart(pid: int) -> None:
 
 
 def loop() -> list[Measured]:
-    """TCI_BENCH_LOOP=seconds in all, in five runs."""
+    """Measures the loop in five runs; TCI_BENCH_LOOP is their total time [s]."""
     parts, late, work, missed, ticks = Pipeline(4000, 16, 30, every=TURN), [], [], 0, 0
     capability = Swinging(parts.robot, every=TURN)
     for _ in range(RUNS):

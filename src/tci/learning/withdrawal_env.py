@@ -172,7 +172,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             if not self._poked and self.time >= self._due:
                 self._poke()
             self._reading = self.driver.read()
-            if self._reading.skin != skin:  # between its frames nothing new is felt
+            if self._reading.skin != skin:  # between skin frames the contacts do not change
                 self._perceive()
                 harm, skin = max(harm, self._harm()), self._reading.skin
             self._write(orders)

@@ -1,4 +1,4 @@
-"""The joint groups under command: the servos of each, and the motion that they are told together."""
+"""Joint groups under command: the servos of each, and their common motion."""
 
 from __future__ import annotations
 
@@ -22,14 +22,15 @@ from tci.reasons import Reason
 from tci.robot.description import Robot
 
 FOUND = 64
-"""Number of sets of servos whose groups are remembered. Assumed: behaviours command whole parts."""
+"""Largest number of cached sets of servos. Assumed: behaviours command whole parts, so there are few."""
 
 
 class CommandedGroups:
-    """Groups under command, by number. Servos join them where they are."""
+    """Groups under command, by number. Servos join them at their measured positions."""
 
     def __init__(self, robot: Robot, *, period: float, settings: GateSettings) -> None:
-        """`period` [s] of the control loop. Raises what SelfCollision raises."""
+        """Starts without groups; `period` [s] is that of the control loop. Raises the errors of
+        SelfCollision."""
         self._robot, self._period, self._settings = robot, period, settings
         self._group_of = groups_of(robot)
         self._chains: dict[int, JointGroup] = {}
@@ -37,11 +38,11 @@ class CommandedGroups:
         self.modes = [servo.modes[0] for servo in robot.servos]
         """Control mode of every servo."""
         self.measured: Array = np.zeros(len(robot.servos))
-        """Angles (n_servos,) [rad] that were measured last."""
+        """Latest measured angles (n_servos,) [rad]."""
         margin = settings.self_collision
         body = None if robot.model is None or margin is None else SelfCollision(robot, margin=margin)
         self.body = None if body is None else BodyGuard(body, period=period)
-        """Checks the robot's own body; None if nobody does."""
+        """Check of planned stops for self-collision; None if it is disabled."""
         self._shown: Reference | None = None
         self._states: list[Array] = []
         self._shown_of: list[JointGroup] | None = None
@@ -57,7 +58,8 @@ class CommandedGroups:
         return sum([len(chain.servos) for chain in self._chains.values()])
 
     def look(self, measured: Array) -> None:
-        """Takes the angles `measured` (n_servos,) [rad] now: couplings shift with servos outside a group."""
+        """Takes the `measured` angles (n_servos,) [rad], by which couplings with servos outside a group
+        shift."""
         self.measured = measured
         for chain in self._chains.values():
             chain.look_outside(measured)
@@ -68,7 +70,7 @@ class CommandedGroups:
         self._found.clear()
 
     def reference(self, loose: NDArray[np.intp]) -> Reference:
-        """Returns the reference of the servos now; those that are `loose`, in torque mode, come last, at the
+        """Returns the reference of the servos now; those in torque mode, `loose`, come last, at their
         measured angles."""
         chains = list(self._chains.values())
         states = [chain.limiter.whole_state for chain in chains]
@@ -89,17 +91,17 @@ class CommandedGroups:
         return self._shown
 
     def found(self, mode: Mode, servos: NDArray[np.intp]) -> list[JointGroup] | None:
-        """Returns the groups of `servos` (k,) that were noted, all in a mode, or None."""
+        """Returns the cached groups of `servos` (k,) that are all in `mode`; None if there are none."""
         return self._found.get((mode, servos.tobytes()))
 
     def note(self, mode: Mode, servos: NDArray[np.intp], chains: list[JointGroup]) -> None:
-        """Notes the groups of `servos` (k,), all in a mode, until either changes."""
+        """Caches the groups of `servos` (k,) that are all in `mode`, until either changes."""
         if len(self._found) >= FOUND:
             self._found.clear()
         self._found[mode, servos.tobytes()] = chains
 
     def moving(self, servos: Sequence[int]) -> list[JointGroup]:
-        """Returns the groups that move `servos`, which join them where they are. Raises CommandError."""
+        """Returns the groups that move `servos`, which join them at their positions. Raises CommandError."""
         wanted: dict[int, set[int]] = {}
         for servo in servos:
             wanted.setdefault(self._group_of[servo], set()).add(servo)
@@ -115,9 +117,11 @@ class CommandedGroups:
         return list(chains.values())
 
     def switch(self, servos: Sequence[int], mode: Mode, loose: set[int]) -> None:
-        """Puts `servos` in another mode where they are; `loose` are then in torque mode. Raises CommandError,
-        then nothing has changed."""
-        # A joint that yielded is elsewhere than its equilibrium: it goes on from where it is.
+        """Switches `servos` to another mode at their positions; `loose` are then in torque mode.
+
+        Raises CommandError, and changes nothing, if some can't be switched.
+        """
+        # A joint that yielded is not at its equilibrium: it continues from its position.
         fresh = [servo for servo in servos if self.modes[servo] in (Mode.IMPEDANCE, Mode.TORQUE)]
         chains: dict[int, JointGroup | None] = {}
         for group in {self._group_of[servo] for servo in servos}:
@@ -139,7 +143,7 @@ class CommandedGroups:
                 self._chains.pop(group, None)
 
     def _chain(self, group: int, servos: set[int], fresh: Sequence[int] = ()) -> JointGroup:
-        """Returns new motion of a group. Raises CommandError when some servos can't join its motion now."""
+        """Returns a new motion of a group. Raises CommandError if some servos can't join it now."""
         old = self._chains.get(group)
         check_start(self._robot, {*servos} - ({*old.servos} - {*fresh} if old else set()), self.measured)
         chain = make_chain(
@@ -159,7 +163,7 @@ class CommandedGroups:
         return chain
 
     def _guard(self, group: int, servos: Sequence[int]) -> Guard:
-        """Returns what checks the robot's body before `servos` of a group get nearer to it."""
+        """Returns the check for self-collision of a group's `servos`."""
         index = np.array(servos, dtype=np.intp)
 
         def fault(stop: StopTrajectory) -> Reason | None:

@@ -1,9 +1,9 @@
-"""The gate: the last step before the wire. No command passes that a limit forbids.
+"""The gate, the last step before the wire: no command passes that violates a limit.
 
-Order of checks: usable joint data; whether the robot does what it is told (`joint_monitor`); for each command
-its shape, finite values, known limits and the servo's mode (`acceptance`, `motion`); position and couplings,
-clamped and reported (`bounds`); over time velocity, acceleration and jerk (`trajectory`) or torque
-(`torque`); and the robot's own body (`self_collision`).
+Order of checks: usable joint data; whether the robot follows its references (`joint_monitor`); for each
+command its shape, finite values, known limits and the servo's mode (`acceptance`, `motion`); position and
+couplings, clamped and reported (`bounds`); over time velocity, acceleration and jerk (`trajectory`) or torque
+(`torque`); and collisions of the robot with itself (`self_collision`).
 """
 
 from __future__ import annotations
@@ -31,33 +31,34 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 EARLY = 0.05
-"""Share of a period by which a step may come early and still move. Assumed: the jitter of timers."""
+"""Fraction of a period by which a step may come early and still move. Assumed: more than timers jitter."""
 CATCH_UP = 0.5
-"""Share of a period that a late call may make up for in the next. Assumed: jitter,
-but no burst, is caught up."""
+"""Fraction of a period that may be made up for after a late call. Assumed: covers jitter of timers, stops
+bursts."""
 STEADY = 0.1
-"""Share by which two late calls may differ and still come from a loop at a rate of its own. Assumed: what a
-busy machine delays comes at odd times."""
+"""Fraction by which the delays of two late calls may differ and still come from a loop at another rate.
+Assumed: delays by a busy machine vary more."""
 SHARES = (Mode.STIFFNESS, Mode.DAMPING)
 _log = logging.getLogger("tci")
 _NONE: MappingProxyType[int, float] = MappingProxyType({})
 
 
 class Gate:
-    """Turns commands into what may be written, one step per control period.
+    """Turns commands into commands that may be written, one step per control period.
 
-    A servo is under command from its first accepted command or switch on, starting where it was
-    measured. The commanded servos of one robot part, and of parts that couplings tie to it, move in the
-    same time. Each servo is in one control mode; only a PlatformSwitch changes it.
+    A servo is under command from its first accepted command or switch on, starting at its measured position.
+    The commanded servos of one robot part, and of parts that couplings link to it, move in one time. Each
+    servo is in one control mode; only a PlatformSwitch changes it.
     """
 
     def __init__(
         self, robot: Robot, *, period: float, stale_after: float, settings: GateSettings | None = None
     ) -> None:
-        """`period` of the control loop [s]; joint data older than `stale_after` [s] means hold.
+        """Makes a gate for a control loop of `period` [s]; joint data older than `stale_after` [s] makes it
+        hold.
 
-        Raises TciError for times that are not above 0 and finite, DescriptionError for a model that
-        can't be read.
+        Raises TciError for times that are not above 0 and finite, DescriptionError for a model that can't be
+        read.
         """
         if not 0.0 < period < np.inf or not 0.0 < stale_after < np.inf:
             raise TciError(f"period {period} s, stale_after {stale_after} s; valid: above 0 and finite")
@@ -81,27 +82,27 @@ class Gate:
 
     @property
     def robot(self) -> Robot:
-        """The robot whose limits it keeps."""
+        """Robot whose limits it keeps."""
         return self._robot
 
     @property
     def period(self) -> float:
-        """Time [s] from one step to the next. It does not change: the limits count for it."""
+        """Time [s] between steps. It is constant, because limits over time depend on it."""
         return self._period
 
     @property
     def stale_after(self) -> float:
-        """Age [s] of joint data beyond which it holds."""
+        """Age [s] of joint data above which it holds."""
         return self._stale_after
 
     @property
     def settings(self) -> GateSettings:
-        """Settings that the description does not hold."""
+        """Settings that the description does not contain."""
         return self._settings
 
     @property
     def counts(self) -> GateCounts:
-        """Numbers of events since the gate was made."""
+        """Counters since the gate was made."""
         return self._tally.counts
 
     @property
@@ -110,37 +111,39 @@ class Gate:
         return self._motion.targets
 
     def ahead(self, time: float) -> Array:
-        """Returns the angles [rad] of the servos under command in `time` [s] if no other command comes, in
-        the order of `SafeCommand.servos`: for robots that take trajectories."""
+        """Returns the positions [rad] of the servos under command in `time` [s] without a new command.
+
+        They are in the order of `SafeCommand.servos`, for robots that need their path in advance.
+        """
         return self._motion.ahead(time)
 
     @property
     def modes(self) -> tuple[Mode, ...]:
-        """The control mode of every servo."""
+        """Control mode of every servo."""
         return tuple(self._motion.modes)
 
     def stop(self, reason: Reason | str) -> None:
-        """Stops the robot within its limits and accepts nothing until `reset`. The first reason stays.
+        """Stops the robot within its limits and accepts nothing until `reset`. The first reason is kept.
 
-        A text alone is a reason of the code OTHER.
+        A bare text becomes a reason with the code OTHER.
         """
         if self._stopped is None:
             self._stopped = Reason.of(reason or "stopped without a reason")
             self._tally.stops += 1
 
     def hold(self, reason: Reason | str | None) -> None:
-        """Holds in the next step, for a reason that the loop knows: missed periods, a silent process.
+        """Holds in the next step, for a reason that the loop detects: missed periods, a silent process.
 
-        None, or an empty text, changes nothing; of several reasons the latest is told.
+        None, or an empty text, changes nothing; of several reasons the latest is reported.
         """
         if reason:
             self._held = Reason.of(reason)
 
     def reset(self) -> None:
-        """Leaves STOP, for an operator. Nothing moves: each servo waits for a command, where it is then.
+        """Leaves STOP, for an operator. Nothing moves: each servo waits for a command at its position.
 
-        Control modes stay; what servos were asked for before is forgotten. Raises CommandError while
-        the robot is still told to move: it would lose the rest of its stop.
+        Control modes stay; earlier targets are forgotten. Raises CommandError while references still move,
+        since the rest of the stop would be lost.
         """
         if self._motion.moves:
             raise CommandError("the robot has not come to rest yet; valid: reset at rest")
@@ -150,8 +153,10 @@ class Gate:
             self._monitor.reset()
 
     def drop(self) -> None:
-        """Ends all commands, for a driver whose robot was away. Each servo waits for a command,
-        where it is then; modes stay, and so do STOP and a doubt in its joint data."""
+        """Takes all servos from command, for a driver whose robot was disconnected.
+
+        Each servo waits for a command at its position; modes, STOP and distrust in joint data stay.
+        """
         if self._monitor is not None:
             self._monitor.forget()
         self._motion.drop()
@@ -166,15 +171,17 @@ class Gate:
         *,
         refused: Sequence[Reason] = (),
     ) -> SafeCommand:
-        """Returns what may be written at time `now` [s], for new `commands` or one, and the latest `joints`.
+        """Returns the command that may be written at time `now` [s], given new `commands` or one, and the
+        latest `joints`.
 
-        Call it once per period, also without commands: motions go on. A late call takes one step, and a
-        call before its time none, so that what is written is never faster than the limits; a loop that is
-        late each time is warned of once. A command
-        that can't be accepted does not raise, since the robot needs a next position all the same: it is
-        refused whole, counted, and named in `refusals`; what was running goes on. An argument of another
-        type is a mistake in the program and raises what Python raises. `refused` are reasons why others did
-        not even become commands; they are told and counted with the rest.
+        Call it once per period, also without commands: motions continue. A late call takes one step, and an
+        early call none, so that the written motion never exceeds the limits; a loop that is always late is
+        warned of once.
+
+        A command that can't be accepted does not raise, since the robot needs a next position in any case: it
+        is refused entirely, counted, and named in `refusals`; running motions continue. An argument of
+        another type is a programming error and raises Python's exception. `refused` are reasons why other
+        orders could not be converted to commands; they are reported and counted too.
         """
         self._tally.steps += 1
         reason = self.reason = self._judge(joints, now)
@@ -225,7 +232,8 @@ class Gate:
         return self._issued
 
     def check_out(self, safe: SafeCommand) -> None:
-        """Raises DriverError, for drivers, unless `safe` is the latest of this gate and not yet written."""
+        """Raises DriverError unless `safe` is the latest command of this gate and not yet written; for
+        drivers."""
         if self._issued is None or safe is not self._issued:
             raise DriverError(
                 "not the latest command of this link's gate, or written before; "
@@ -234,7 +242,7 @@ class Gate:
         self._issued = None
 
     def _judge(self, joints: JointReading, now: float) -> Reason | None:
-        """Sets the state, and returns the reason why nothing may move now; None when all is well."""
+        """Returns the reason why nothing may move now; None if all is well. Sets the state."""
         if -np.inf < now < self._before - self.period:
             words = f"time went back by {self._before - now:.3f} s"
             self.stop(Reason(Code.TIME_WENT_BACK, words))
@@ -243,7 +251,7 @@ class Gate:
         if reason:
             self._motion.refuse(joints)
         else:
-            monitor = self._monitor  # also while it is stopped: what brakes a joint must not believe a lie
+            monitor = self._monitor  # also in STOP: wrong data must not brake a joint
             if monitor is not None and (fault := monitor.step(joints, self._told, self._pushed)):
                 self.stop(fault)
             self._motion.see(joints, now, believed=monitor is None or not monitor.misled)
@@ -261,7 +269,7 @@ class Gate:
         return reason
 
     def _is_due(self, now: float) -> bool:
-        """Returns True if a step is due at `now` [s]: there are no more steps than periods, and no burst."""
+        """Returns True if a step is due at `now` [s]: at most one per period, and no burst."""
         if not math.isfinite(now):
             return False
         if self._before > -np.inf:
@@ -275,9 +283,10 @@ class Gate:
         return True
 
     def _look_at_rate(self, passed: float) -> None:
-        """Warns of a loop at a rate of its own, at its second late call; `passed` [periods] since the last.
+        """Warns of a loop at another rate, at its second late call; `passed` [periods] is the time since the
+        last call.
 
-        A loop that was ever in time is only delayed, and told of that by who runs it.
+        A loop that was ever on time is only delayed, which its runner reports.
         """
         if passed <= 1.0 + CATCH_UP:
             self._pace = math.nan
@@ -294,7 +303,7 @@ class Gate:
             self._pace = passed
 
     def _set_share(self, command: PlatformCommand, shares: dict[int, float]) -> list[str]:
-        """Takes shares 0..1 of stiffness or damping, and returns what was clamped. Raises CommandError."""
+        """Sets stiffness or damping: fractions 0..1, clamped and reported. Raises CommandError."""
         check_command(self.robot, command)
         if command.mode is Mode.STIFFNESS:
             self._motion.check_stiffness(command)

@@ -1,4 +1,4 @@
-"""All servos under command: the control mode of each, its target, and what is sent for it."""
+"""All servos under command: their modes, their motions, and the torques that are sent."""
 
 from __future__ import annotations
 
@@ -23,22 +23,24 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 REST = float(np.deg2rad(3.0))
-"""Measured speed [rad/s] below which a servo is at rest. Assumed: above the noise of encoders."""
+"""Measured speed [rad/s] below which a servo is at rest. Assumed: above an encoder's noise; a mode is
+switched without a jolt below it."""
 STILL = 1e-6
-"""Commanded speed [rad/s] that is only rounding."""
+"""Commanded speed [rad/s] below which it is only rounding."""
 DEGREE = float(np.rad2deg(1.0))
 """Degrees in a radian."""
 TARGETS = (Mode.POSITION, Mode.IMPEDANCE)
 """Modes whose commands are angles."""
 FASTEST = 1e6
-"""Speed [rad/s] to which larger ones are cut: these overflow in a division."""
+"""Upper bound on requested speeds [rad/s]: larger numbers overflow where they are divided."""
 
 
 class Motion:
     """Moves the servos under command, each in its own mode, one step per control period."""
 
     def __init__(self, robot: Robot, *, period: float, settings: GateSettings, tally: Tally) -> None:
-        """`period` [s] of the control loop. Raises what SelfCollision raises."""
+        """Starts without servos under command; `period` [s] is that of the control loop. Raises the errors of
+        SelfCollision."""
         self.robot = robot
         self._period = period
         self._settings = settings
@@ -66,7 +68,7 @@ class Motion:
 
     @property
     def reference(self) -> Reference:
-        """Reference of the servos under command; those in torque mode come last, where they were measured."""
+        """References of the servos now; those in torque mode come last, at their measured positions."""
         return self.groups.reference(self._torque.servos)
 
     @property
@@ -76,17 +78,18 @@ class Motion:
         return np.concatenate([*targets, self.groups.measured[self._torque.servos]])
 
     def ahead(self, time: float) -> Array:
-        """Returns the angles [rad] of the servos under command in `time` [s], in the order of `reference`."""
+        """Returns the positions [rad] of the servos under command in `time` [s], in the order of
+        `reference`."""
         planned = [chain.limiter.ahead(time) for chain in self.groups.chains]
         return np.concatenate([*planned, self.groups.measured[self._torque.servos]])
 
     @property
     def moves(self) -> bool:
-        """True while any servo is told to move."""
+        """True if any servo's reference moves now."""
         return any((np.abs(chain.limiter.state[1]) > STILL).any() for chain in self.groups.chains)
 
     def see(self, joints: JointReading, now: float, *, believed: bool) -> None:
-        """Takes measured angles and speeds of all servos, if they are new at `now` [s] and `believed`."""
+        """Records measured positions and speeds of all servos, if they are new at `now` [s] and believed."""
         if not self._freshness.see(joints, now, believed=believed):
             return
         self.groups.look(joints.position)
@@ -96,29 +99,31 @@ class Motion:
         self._slope.step(joints)
 
     def refuse(self, joints: JointReading) -> None:
-        """Marks a reading that can't be used, now or under a fresh stamp."""
+        """Records a reading that can't be used, now or under a new stamp."""
         self._freshness.refuse(joints)
 
     def fault_of_age(self, now: float, stale_after: float) -> Reason | None:
-        """Returns a reason to hold at `now` [s] if the data is older than `stale_after` [s], or None."""
+        """Returns the reason why nothing may move at `now` [s], if data is older than `stale_after` [s]; else
+        None."""
         age = self._freshness.age(now)
         if age <= stale_after:
             return None
         return Reason(Code.JOINTS_STALE, f"no new joint data for {age * 1e3:.0f} ms")
 
     def halt(self) -> None:
-        """Stops all servos within their limits; targets, velocities and torques are forgotten."""
+        """Stops all servos within their limits; forgets targets, velocities and torques."""
         for chain in self.groups.chains:
             chain.limiter.halt()
         self._torque.halt()
 
     def drop(self) -> None:
-        """Ends all commands, but for servos in torque mode, which get no torque; modes stay."""
+        """Takes all servos from command, except those in torque mode, which get no torque; modes stay."""
         self.groups.drop()
         self._torque.relax()
 
     def accept(self, command: PlatformOrder, now: float) -> list[str]:
-        """Takes an order over; returns what was clamped. Raises CommandError, then it had no effect."""
+        """Accepts an order; returns descriptions of clamped values. Raises CommandError, and changes nothing,
+        if it can't."""
         if isinstance(command, PlatformSwitch):
             self._switch(command)
             return []
@@ -142,7 +147,7 @@ class Motion:
         return clamped
 
     def step(self, now: float) -> list[str]:
-        """Moves by one period; returns the motions that were ended so that the robot does not hit itself."""
+        """Moves by one period; returns the motions that were ended to avoid self-collisions."""
         self._switched.clear()
         longest = self._settings.command_timeout
         near: list[str] = []
@@ -161,8 +166,11 @@ class Motion:
         return near
 
     def torques(self, now: float, *, due: bool) -> Array:
-        """Returns the torque (k,) [N m] of each servo of `reference` at `now` [s]; 0 for others,
-        and for those that are off. Where no step is `due` they stay, and end with the trust in their data."""
+        """Returns the torque (k,) [N m] of each servo of `reference` at `now` [s].
+
+        It is 0 for servos in another mode and for those that are off. Without a step that is `due`, torques
+        stay, and fade with the trust in their data.
+        """
         others = self.groups.count
         if not self._torque.servos.size:
             if len(self._none) != others:
@@ -182,7 +190,7 @@ class Motion:
         return frozen(np.concatenate([np.zeros(others), torque]))
 
     def _push(self, command: PlatformCommand) -> list[str]:
-        """Gives servos in torque mode a torque."""
+        """Sets torques of servos in torque mode."""
         sent = self._torque.ask(command.servos, command.values)
         return self.clamps(command, sent.tolist(), "N m")
 
@@ -200,7 +208,7 @@ class Motion:
                 )
 
     def _drive(self, command: PlatformCommand) -> list[str]:
-        """Drives servos in velocity mode; where one can't be as fast, all slow down by the same share."""
+        """Drives servos in velocity mode; if one can't be as fast, all slow down by one factor."""
         servos = command.servos.tolist()
         limits = np.array([self.robot.servos[servo].limits.velocity for servo in servos], dtype=float)
         most = np.minimum(command.speed, self._settings.speed_share * limits)
@@ -214,7 +222,7 @@ class Motion:
         return self.clamps(command, sent.tolist(), "degrees/s")
 
     def check_stiffness(self, command: PlatformCommand) -> None:
-        """Raises CommandError where more stiffness would throw a compliant joint back to its equilibrium."""
+        """Raises CommandError if more stiffness would throw a yielding joint back to its equilibrium."""
         told = self.reference
         place = {servo: index for index, servo in enumerate(told.servos.tolist())}
         for servo, share in zip(command.servos.tolist(), command.values.tolist(), strict=True):
@@ -231,7 +239,7 @@ class Motion:
         self._shares[command.servos] = np.clip(command.values, 0.0, 1.0)
 
     def clamps(self, command: PlatformCommand, sent: Sequence[float], unit: str) -> list[str]:
-        """Counts and names the servos for which another value counts than the one asked for."""
+        """Counts and describes the servos whose accepted value differs from the requested one."""
         clamped: list[str] = []
         for servo, asked, allowed in zip(command.servos.tolist(), command.values.tolist(), sent, strict=True):
             if abs(asked - allowed) > 2 * MARGIN:
@@ -244,7 +252,8 @@ class Motion:
         return clamped
 
     def _switch(self, switch: PlatformSwitch) -> None:
-        """Puts servos that rest under command in another mode, where they are. Raises CommandError."""
+        """Switches servos that rest under command to another mode, at their positions. Raises
+        CommandError."""
         check_switch(self.robot, switch)
         servos = [servo for servo in switch.servos.tolist() if self.modes[servo] is not switch.mode]
         told = self.reference

@@ -1,4 +1,4 @@
-"""The only message that a driver writes."""
+"""The command that a driver writes: only a gate can create it."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class GateState(Enum):
     RUN = "run"
     """Commands pass, within the limits."""
     HOLD = "hold"
-    """Joint data is too old or not usable: stop, keep the position. Clears by itself."""
+    """Joint data is too old or not usable: the robot stops and keeps its position. Ends by itself."""
     STOP = "stop"
-    """Something is wrong with the robot or the program: as hold, but until an operator resets it."""
+    """A fault of the robot or the program: as HOLD, but until an operator resets the gate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,37 +36,37 @@ class GateToken:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SafeCommand:
-    """Command that may be written now. Only a gate makes it, for its own driver, once."""
+    """Command that may be written now. A gate creates it, for its own driver, to be written once."""
 
     seal: object = field(repr=False)
-    """Token of the gate; anything else raises DriverError."""
+    """Token of the gate; without it the constructor raises DriverError."""
     stamp: float
-    """Time [s] when it was made."""
+    """Time [s] at which it was made."""
     state: GateState
-    """State of the gate then."""
+    """State of the gate."""
     servos: NDArray[np.intp]
-    """Indices (k,) of servos that are under command; no other joint is ever sent anything."""
+    """Indices (k,) of the servos under command; no other servo is ever sent anything."""
     modes: tuple[Mode, ...]
-    """Control mode of each of them (k,). A driver switches a servo to it before it sends the rest."""
+    """Control mode (k,) of each servo. A driver switches a servo to it before it sends the rest."""
     position: Array
-    """Angle (k,) [rad] of each at the end of this period: the set-point; in impedance mode the equilibrium,
-    in torque mode the measured one."""
+    """Position (k,) [rad] of each servo at the end of this period: the set-point, in impedance mode the
+    equilibrium, in torque mode the measured position."""
     velocity: Array
-    """Velocity (k,) [rad/s] of each then; 0 in torque mode."""
+    """Velocity (k,) [rad/s] of each servo at that time; 0 in torque mode."""
     torque: Array
-    """Torque of each of them (k,) [N m] in torque mode; 0 in the others."""
+    """Torque (k,) [N m] of each servo in torque mode; 0 in other modes."""
     stiffness: Mapping[int, float]
-    """New share 0..1 of full stiffness, by servo index, where commanded."""
+    """New fraction (0..1) of full stiffness, by servo index, if commanded."""
     damping: Mapping[int, float]
-    """New share 0..1 of full damping, by servo index, where commanded."""
+    """New fraction (0..1) of full damping, by servo index, if commanded."""
     clamped: tuple[str, ...]
-    """Messages on what was clamped or cut short."""
+    """Descriptions of values that were clamped or motions that were ended."""
     refusals: tuple[Reason, ...]
-    """Reason of each command that was refused."""
+    """Reasons of the commands that were refused."""
     reason: Reason | None = None
-    """Reason for which the gate holds or has stopped; None while it runs."""
+    """Reason for which the gate holds or has stopped; None in RUN."""
     orders: tuple[PlatformOrder, ...] = ()
-    """Orders that it took over in this step. A driver of another TCI process sends these: the gate
+    """Orders that were accepted in this step. A driver of another TCI process sends these instead: the gate
     there makes the motion."""
 
     def __post_init__(self) -> None:

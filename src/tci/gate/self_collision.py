@@ -1,7 +1,7 @@
-"""No command leaves that would make the robot hit itself: the arms, the body, the head, the other arm.
+"""Prevention of self-collisions: of the arms with the body, the head and each other.
 
-Mostly nothing is measured: compiled bounds from below tell which pairs of links keep their distance, and
-MuJoCo measures the others (`kernels.clearance_bounds`).
+Most pairs of links are not measured: compiled lower bounds show that they keep their distance, and MuJoCo
+measures the others (`kernels.clearance_bounds`).
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from tci.robot.joint_map import initial_position
 from tci.skin.kernels.arrays import Indices
 
 MARGIN = 0.005
-"""Distance [m] that links keep. Assumed: room for the servos' lag and for hulls of reduced meshes."""
+"""Distance [m] that links keep. Assumed: covers the servos' lag and hulls of reduced meshes."""
 WIDEST = 0.1
-"""Largest margin [m]. Assumed: a hand that may come no nearer to the body can do little."""
+"""Largest margin [m]. Assumed: a hand that may come no closer to the body can do little."""
 SIGHT = 1.0
-"""Distances [m] beyond this one count as this one. Assumed: no period takes a link so far."""
+"""Distance [m] to which larger ones are clipped. Assumed: no link moves that far in one period."""
 STRIDE = 0.002
-"""Distance [m] that links may move between two points of a path that are looked at. Assumed: less than half
-of the margin."""
+"""Distance [m] that links may move between two checked points of a path. Assumed: less than half of the
+margin."""
 PATIENCE = 16
-"""Checks until distances that did not suffice are measured anew. Assumed: measuring takes as long as some of
-them."""
+"""Number of checks after which insufficient distances are measured again. Assumed: measuring takes as long as
+some of them."""
 SPECK = 1e-6
 """Distance [m] between two links below which its direction is only rounding."""
 _come_near, _stand = entry(come_near), entry(stand)
@@ -46,12 +46,13 @@ def _solids(robot: Robot) -> Solids:
 
 
 class SelfCollision:
-    """Checks paths for self-collision before they are executed. Caches save time, never change a result."""
+    """Checks a path for self-collision before it is executed. Its caches save time and never change a
+    result."""
 
     def __init__(self, robot: Robot, *, margin: float = MARGIN) -> None:
-        """Links keep `margin` [m] apart.
+        """Reads the robot's solids; links must keep `margin` [m] apart.
 
-        Raises TciError for a margin that is not from 0 to WIDEST, and what Clearance and Solids raise.
+        Raises TciError for a margin that is not from 0 to WIDEST, and the errors of Clearance and Solids.
         """
         if not 0.0 <= margin < WIDEST:
             raise TciError(f"margin {margin} m; valid: 0 to {WIDEST} m")
@@ -78,9 +79,10 @@ class SelfCollision:
         self._measure(start, np.arange(pairs, dtype=np.int32), self._axis)
 
     def keeps_margin(self, box: Array) -> bool:
-        """Returns True if all postures between angles of `box` (2, n_servos) [rad] surely keep the margin.
+        """Returns True if all postures between the angles of `box` (2, n_servos) [rad] certainly keep the
+        margin.
 
-        `box` is contiguous and of floats: it goes to the compiled loop as it is.
+        `box` must be contiguous floats, as it is passed to the compiled loop directly.
         """
         count = self._near(box)
         if count and self._patience <= 0:
@@ -91,9 +93,9 @@ class SelfCollision:
         return not count
 
     def fault(self, path: Array) -> Reason | None:
-        """Returns the reason against a motion along `path` (k, n_servos) [rad]; None when it may be made.
+        """Returns the reason why a motion along `path` (k, n_servos) [rad] must not be made; None if it may.
 
-        Links that are nearer than the margin where the path begins may go apart, and no nearer.
+        Links closer than the margin at the start of the path may move apart, but not closer.
         """
         if not (count := self._near(np.array([path.min(axis=0), path.max(axis=0)], np.float64))):
             return None
@@ -123,13 +125,14 @@ class SelfCollision:
         return None
 
     def _near(self, box: Array) -> int:
-        """Counts the pairs that may come nearer than the margin between the angles of `box` (2, n_servos)."""
+        """Counts the pairs that may come closer than the margin between the angles of `box` (2, n_servos)."""
         servos, zero = self._solids.servos, self._solids.zero
         count: int = _come_near(self._arrays, self._known, servos, zero, box, self._ends, self.margin)
         return count
 
     def _measure(self, angles: Array, pairs: Indices, axis: Array | None = None) -> Array:
-        """Returns the distances (m,) [m] of some pairs at `angles` (j,) [rad], at most SIGHT; keeps axes."""
+        """Returns the distances (m,) [m] of some pairs at `angles` (j,) [rad], clipped at SIGHT; stores their
+        axes."""
         s, data, segment = self._solids, self._data, self._segment
         _stand(self._arrays, angles, self._frames, data.geom_xpos, data.geom_xmat, s.geoms)
         result = np.empty(len(pairs))
@@ -142,6 +145,6 @@ class SelfCollision:
         return result
 
     def _of_joints(self, angles: Array) -> Array:
-        """Returns the angles (..., j) [rad] of the model's joints from the servos' (..., n_servos)."""
+        """Converts angles of the servos (..., n_servos) to angles (..., j) [rad] of the model's joints."""
         found: Array = angles.take(self._solids.servos, -1) - self._solids.zero
         return found

@@ -1,7 +1,7 @@
-"""The jerk-limited stop of servos that move together, known before the state where it begins is handed out.
+"""Jerk-limited stops of servos that move together, planned before the state that they begin at is handed out.
 
-Each servo stops as soon as it can, on its own. Ruckig plans the same stops in velocity control; the three
-phases of each are written out in `kernels.stops`, since a stop is planned and judged in every period.
+Each servo stops as soon as it can, on its own. Ruckig plans equal stops in velocity control; the three phases
+of each are computed in `kernels.stops`, since a stop is planned and checked in every period.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from tci.gate.kernels.stops import (
 )
 
 LONGEST_STOP = 512
-"""Periods of a stop beside a coupling that are looked at one by one. Assumed: a stop from full speed takes a
-tenth of that; a longer one is not risked there."""
+"""Largest number of periods of a stop near a coupling that are checked one by one. Assumed: a stop from full
+speed takes a tenth of that; a longer one is not risked there."""
 TURN = 1e-3
-"""Angle [rad] by which a coupling that is outside its bounds may go outwards while its servos come to a stop,
-since they do not rest at the same moment. Assumed: well below what an encoder's backlash hides."""
+"""Angle [rad] by which a coupling outside its bounds may move further out during a stop, since its servos do
+not come to rest at one time. Assumed: well below an encoder's backlash."""
 
 
 class StopTrajectory:
-    """A planned stop of n servos, and the step to where it begins."""
+    """A planned stop of n servos, and the step to its beginning."""
 
     __slots__ = ("duration", "here", "span", "way")
 
@@ -43,7 +43,7 @@ class StopTrajectory:
         self.span = self.way[LEAST : MOST + 1]
         """Least and largest angles (2, n) [rad] of the stop."""
         self.duration = 0.0
-        """Time [s] that it takes."""
+        """Duration [s] of the stop."""
 
     def states(self, times: Array) -> Array:
         """Returns angles, velocities and accelerations (k, 3, n) at `times` (k,) [s] after it begins."""
@@ -56,7 +56,7 @@ class StopPlanner:
     """Plans stops of n servos, and keeps the one that begins at the state that was handed out."""
 
     def __init__(self, bounds: Bounds, position: Array, period: float) -> None:
-        """At rest at `position` (n,) [rad]; one step lasts `period` [s]."""
+        """Starts at rest at `position` (n,) [rad]; one step lasts `period` [s]."""
         count = len(position)
         self._period = period
         self._bounds = bounds
@@ -64,7 +64,7 @@ class StopPlanner:
         self._kept, self.planned = StopTrajectory(count), StopTrajectory(count)
         self._since = np.zeros(1)
         self.outside = False
-        """True if the state that was planned from last is outside the limits."""
+        """True if the state of the latest plan is outside the limits."""
         state = np.zeros((3, count))
         state[0] = position
         self.plan(state, state[0])
@@ -75,19 +75,20 @@ class StopPlanner:
         self._limits[ACCELERATION], self._limits[JERK] = acceleration, jerk
 
     def plan(self, state: Array, here: Array) -> bool:
-        """Plans the stop from a `state` (3, n), one step from `here` (n,) [rad]; the kept one stays so.
+        """Plans the stop from a `state` (3, n), one step after `here` (n,) [rad]; the kept stop is unchanged.
 
-        Returns True if it stays inside the limits, or outside no farther than `here`, and keeps couplings.
+        Returns True if it stays inside the limits, or no farther outside than `here`, and keeps the
+        couplings.
         """
         stop, bounds = self.planned, self._bounds
         inside, keeps, self.outside, stop.duration = plan_stop(
             state, here, self._limits, bounds.coupling, bounds.coupling_lower, bounds.coupling_upper, stop.way
         )
-        # The box around the stop is quick to check, and enough while no coupling is near.
+        # The box around the stop is quick to check, and suffices while no coupling is near.
         return inside and (keeps or self._keeps_couplings(stop))
 
     def _keeps_couplings(self, stop: StopTrajectory) -> bool:
-        """Returns True if a planned stop keeps the couplings, looked at period by period."""
+        """Checks period by period that a planned stop keeps the couplings."""
         bounds, period = self._bounds, self._period
         if stop.duration > LONGEST_STOP * period:
             return False
@@ -95,18 +96,19 @@ class StopPlanner:
         values = np.vstack([stop.here, points]) @ bounds.coupling.T
         lower, upper = bounds.coupling_lower, bounds.coupling_upper
         outside = np.maximum(np.maximum(lower - values, values - upper), 0.0)
-        # What came inside does not leave again; outside it turns back only a little, and never beyond `here`.
+        # Once inside it stays inside; outside it turns back only a little, and never beyond `here`.
         least = np.minimum.accumulate(outside, axis=0)
         most = np.minimum(np.where(least > 0.0, least + TURN, 0.0), outside[0])
         return bool(np.all(outside <= most))
 
     def keep(self) -> None:
-        """Keeps the stop that was planned last: it is the one to take from the present state."""
+        """Keeps the stop that was planned last, as the one from the present state."""
         self._kept, self.planned = self.planned, self._kept
         self._since[0] = 0.0
 
     def step(self) -> tuple[Array, bool]:
-        """Takes a step; returns angles, velocities, accelerations (3, n) then, and True at the stop's end."""
+        """Takes a step of the kept stop. Returns angles, velocities, accelerations (3, n), and True at its
+        end."""
         self._since += self._period
         state: Array = self._kept.states(self._since)[0]
         rests = bool(self._since[0] >= self._kept.duration)
@@ -116,7 +118,7 @@ class StopPlanner:
 
     @property
     def span(self) -> Array:
-        """Least and largest angles (2, n) [rad] of the stop that is kept."""
+        """Least and largest angles (2, n) [rad] of the kept stop."""
         return self._kept.span
 
     @property
@@ -126,13 +128,13 @@ class StopPlanner:
 
     @property
     def end(self) -> Array:
-        """Angles (n,) [rad] where the stop comes to rest."""
+        """Angles (n,) [rad] at which the stop comes to rest."""
         end: Array = self._kept.way[END].copy()
         return end
 
     @property
     def remaining(self) -> float:
-        """Time [s] that is left of the stop."""
+        """Remaining time [s] of the stop."""
         return max(self._kept.duration - float(self._since[0]), 0.0)
 
     def ahead(self, times: Array) -> Array:

@@ -23,23 +23,24 @@ from tci.gate.stop_plan import StopPlanner, StopTrajectory
 from tci.reasons import Reason
 
 CREEP = 0.1
-"""Share of the speed limit at which a servo that starts outside its limits moves inward. Assumed: slow enough
-for a person to step in, since nothing is known of what is there."""
+"""Fraction of the speed limit at which a servo that starts outside its limits moves inward. Assumed: slow
+enough for a person to step in, since the surroundings there are unknown."""
 LEAST_SHARE = 1e-6
-"""Least share of the longest way of a straight motion that is told from none; ruckig needs limits above 0."""
+"""Least fraction of the longest distance of a straight motion that counts as one; ruckig needs limits above
+0."""
 
 
 Guard = Callable[[StopTrajectory], Reason | None]
-"""Judges a stop before the state where it begins is handed out: the reason against it, or None."""
+"""Judges a stop before the state at its beginning is handed out: the reason against it, or None."""
 
 
 class OnlineTrajectory:
-    """Moves n servos within their bounds: each towards a target, or at a velocity.
+    """Moves n servos within their bounds, each towards a target or at a velocity.
 
-    The state it hands out always has a stop, already planned and checked against limits and couplings.
-    When the next state towards the target has none, or ruckig finds no way, it takes a step of that
-    stop instead, and tries again in the next period. A motion that came to rest so goes on in a straight
-    line, since a line between two points inside limits and couplings stays inside.
+    Each state that it hands out has a stop that was planned and checked against limits and couplings before.
+    If the next state towards the target has none, or ruckig finds no trajectory, it takes a step of the
+    present stop instead, and tries again in the next period. A motion that came to rest in this way continues
+    in a straight line, since a line between two points inside limits and couplings stays inside.
     """
 
     def __init__(
@@ -47,13 +48,13 @@ class OnlineTrajectory:
     ) -> None:
         """Starts at rest at the measured `position` (n,) [rad]; one step lasts `period` [s].
 
-        A stop that `guard` does not let pass ends the motion as `halt` does; `ended` tells why.
+        A stop that `guard` refuses ends the motion as `halt` does; `ended` then holds the reason.
         """
         count = len(position)
         self.bounds = bounds
         self._guard = guard
         self.ended: Reason | None = None
-        """Reason for which the guard ended the motion in the last step taken; None when it did not."""
+        """Reason for which the guard ended the motion in the latest step; None if it did not."""
         self.target = np.array(position)
         """Target (n,) [rad]."""
         self._speed = np.array(bounds.velocity)
@@ -74,18 +75,18 @@ class OnlineTrajectory:
 
     @property
     def state(self) -> tuple[Array, Array, Array]:
-        """Position [rad], velocity [rad/s], acceleration [rad/s2] that were handed out last, each (n,)."""
+        """Latest position [rad], velocity [rad/s], acceleration [rad/s2] handed out, each (n,)."""
         position, velocity, acceleration = self._state
         return position, velocity, acceleration
 
     @property
     def whole_state(self) -> Array:
-        """`state` as one array (3, n), which stays the same object while nothing moves."""
+        """Latest state as one array (3, n), which stays the same object while nothing moves."""
         return self._state
 
     @property
     def span(self) -> Array:
-        """Least and largest angles (2, n) [rad] of the stop from there."""
+        """Least and largest angles (2, n) [rad] of the stop from the latest state."""
         return self._stopper.span
 
     @property
@@ -95,7 +96,7 @@ class OnlineTrajectory:
 
     @property
     def drive(self) -> Array:
-        """Velocity (n,) [rad/s] at which each servo is driven; NaN for one that goes to a target."""
+        """Velocity (n,) [rad/s] at which each servo is driven; NaN for one with a target."""
         return self._drive
 
     @property
@@ -105,13 +106,14 @@ class OnlineTrajectory:
 
     @property
     def rests(self) -> bool:
-        """True if a step would change nothing, until something is asked for."""
+        """True if a step would change nothing until a new command."""
         return self._resting and not self._any_driven
 
     def take_over(self, here: Sequence[int], other: OnlineTrajectory, there: Sequence[int]) -> None:
-        """Continues the motion of some servos, places `there` of another limiter and places `here` of this.
+        """Continues the motion of some servos: places `there` of another trajectory, places `here` of this
+        one.
 
-        Raises CommandError when no stop is found from there; then go on with the other one.
+        Raises CommandError if no stop is found from there; the other one must then continue.
         """
         places, others = list(here), list(there)
         state = np.array(self.state)
@@ -132,9 +134,10 @@ class OnlineTrajectory:
         self._resting = False
 
     def aim(self, target: Array, speed: Array) -> None:
-        """Goes to `target` (n,) [rad] at most at `speed` (n,) [rad/s]; both must be inside the bounds.
+        """Sets the `target` (n,) [rad], to be approached at `speed` (n,) [rad/s] at most; both must be inside
+        the bounds.
 
-        Servos that are driven at a velocity go on so.
+        Servos that are driven at a velocity continue.
         """
         self.target = np.array(target)
         self._speed = np.array(speed)
@@ -143,9 +146,9 @@ class OnlineTrajectory:
         self._resting = False
 
     def drive_at(self, places: Sequence[int], velocity: Array) -> None:
-        """Drives servos at `velocity` (k,) [rad/s], within the speed limit, until told otherwise.
+        """Drives servos at `velocity` (k,) [rad/s], within the speed limit, until the next call.
 
-        NaN ends that: such a servo, which must be at rest, then stays.
+        NaN ends the drive of a servo, which must be at rest; it then stays.
         """
         self._drive[places] = velocity
         self.target[places] = self._state[0][places]
@@ -156,7 +159,7 @@ class OnlineTrajectory:
         self._resting = False
 
     def halt(self) -> None:
-        """Stops as fast as the bounds allow and stays there: targets and velocities are forgotten at once."""
+        """Stops as fast as the bounds allow and forgets targets and velocities at once."""
         if not self._stopping:
             self.target = self._stopper.end
             self._drive[self._driven] = 0.0
@@ -165,17 +168,17 @@ class OnlineTrajectory:
 
     @property
     def remaining(self) -> float:
-        """Time [s] that the stop from there takes."""
+        """Remaining time [s] of the stop from the latest state."""
         return 0.0 if self._resting else self._stopper.remaining
 
     def stop_at(self, times: Array) -> Array:
-        """Returns the angles (k, n) [rad] at `times` (k,) [s] from now if the servos stopped now."""
+        """Returns the positions (k, n) [rad] at `times` (k,) [s] from now if the servos stopped now."""
         if self._resting:
             return np.tile(self._state[0], (len(times), 1))
         return self._stopper.ahead(times)
 
     def ahead(self, time: float) -> Array:
-        """Returns the angles (n,) [rad] in `time` [s] if nothing else is asked for."""
+        """Returns the positions (n,) [rad] in `time` [s] without a new command."""
         position: Array = self._state[0]
         if self._stopping or self._stopper.begun or not self._led:
             ahead: Array = self._stopper.ahead(np.array([time]))[0]
@@ -184,7 +187,7 @@ class OnlineTrajectory:
         return position if self._resting else np.array(plan.trajectory.at_time(plan.time + time)[0])
 
     def step(self) -> Array:
-        """Takes a step, and returns the positions (n,) [rad] one period later."""
+        """Returns the positions (n,) [rad] one period later."""
         self.ended = None
         if not self._resting and (self._stopping or not self._advance()):
             self._brake()
@@ -192,7 +195,8 @@ class OnlineTrajectory:
         return position
 
     def _advance(self) -> bool:
-        """Takes a step to the target; returns False, and takes none, if a stop there leaves the bounds."""
+        """Takes a step to the target. Returns False, and takes none, if a stop from there would leave the
+        bounds."""
         here, output = self._state[0], self._output
         if self._asked or self._outside is not self._creeps:
             self._input.max_velocity = (self._most * (CREEP if self._outside else 1.0)).tolist()
@@ -233,7 +237,7 @@ class OnlineTrajectory:
             self._set_straight(True)
 
     def _set_interfaces(self) -> None:
-        """Tells ruckig which servos go to a target, all in the same time, and which keep a velocity."""
+        """Sets for ruckig which servos go to a target, all in one time, and which keep a velocity."""
         self._driven = np.isfinite(self._drive)
         self._any_driven, self._driving = bool(self._driven.any()), False
         self._input.target_velocity = [0.0] * len(self._drive)
@@ -246,10 +250,10 @@ class OnlineTrajectory:
         self._set_straight(False)
 
     def _set_straight(self, straight: bool) -> None:
-        """Makes the motion from here, which must be at rest then, and its stops a straight line, or not.
+        """Sets if the motion from here, which must be at rest, and its stops follow a straight line.
 
-        They do if all limits are in the ratio of the ways. (ruckig's phase synchronisation is not for
-        this: it gives up where states are only nearly on a line, as rounding leaves them.)
+        They do if all limits are proportional to the distances. (ruckig's phase synchronisation is not
+        suitable: it gives up if states are only nearly on a line, as rounding leaves them.)
         """
         was, self._straight = self._straight, straight and not self._any_driven
         self._asked = True

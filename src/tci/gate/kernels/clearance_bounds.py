@@ -1,8 +1,8 @@
-"""Bounds on the distances of pairs of links, without measuring them.
+"""Lower bounds on the distances of pairs of links, which need no measurement.
 
-Two bounds from below need no search. What is known of a pair at one posture holds at another, less what its
-joints can have changed (`Solids.levers`). And convex shapes are at least as far apart as their shadows on any
-line (the separating axis, Ericson 2004, 5.2.1): that of the last measurement stays a good one for long.
+A distance measured at one posture holds at another, less the largest change by the joints (`Solids.levers`).
+And convex shapes are at least as far apart as their projections onto any line (separating axis, Ericson 2004,
+5.2.1): the axis of the last measurement stays a good one for long.
 """
 
 from __future__ import annotations
@@ -20,11 +20,13 @@ SOLIDS = returns(reads(2), reads(2), reads(2), reads(2), reads(2, int32), reads(
 KNOWN = returns(
     writes(2), writes(1), writes(2), writes(1, int32), writes(1), writes(1), writes(1), writes(2), writes(1)
 )  # fmt: skip
-"""Type of what is remembered of p pairs, and the memory of the loops: angles (j, p) [rad] at which each
-distance was found; that distance (p,) [m], which is kept there at least; the axis (p, 3) from the first shape
-to the second, zeros for none; pairs (p,) that are still to be looked at; what each has beyond the margin (p,)
-[m] at the present point of a path; how near (p,) [m] it may come; how much it may change (p,) [m] from one
-point to the next; frames (j, 12); angles (j,) [rad]."""
+"""Types of the memory of p pairs and of the loops' work space.
+
+Angles (j, p) [rad] at which each distance was found; that distance (p,) [m], or a lower bound; the axis (p,
+3) from the first shape to the second, zeros for none; pairs (p,) that are still to be checked; the excess
+(p,) [m] of each over the margin at the present point of a path; its least distance (p,) [m] allowed; its
+largest change (p,) [m] from one point to the next; frames (j, 12); angles (j,) [rad].
+"""
 Arrays = tuple[Array, ...]
 
 
@@ -53,7 +55,7 @@ def place(joints: Array, angles: Array, frames: Array) -> None:
 
 @inlined
 def _shadow(shapes: Array, points: Array, frames: Array, shape: int, x: float, y: float, z: float) -> float:
-    """Returns how far a shape reaches [m] along a unit vector of the world."""
+    """Returns the extent [m] of a shape along a unit vector of the world frame."""
     j = int(shapes[shape, 0])
     start = 0.0
     if j >= 0:
@@ -90,7 +92,8 @@ def _centre(shapes: Array, frames: Array, shape: int) -> tuple[float, float, flo
 
 @inlined
 def at_least(shapes: Array, points: Array, frames: Array, pairs: Indices, axis: Array, p: int) -> float:
-    """Returns a distance [m] that a pair keeps: between the spheres around it, or between its shadows."""
+    """Returns a lower bound [m] on the distance of a pair: between its bounding spheres, or between its
+    projections."""
     one, other = pairs[p, 0], pairs[p, 1]
     ax, ay, az = _centre(shapes, frames, one)
     bx, by, bz = _centre(shapes, frames, other)
@@ -106,8 +109,11 @@ def at_least(shapes: Array, points: Array, frames: Array, pairs: Indices, axis: 
 
 @inlined
 def to_joints(servos: NDArray[np.intp], zero: Array, box: Array, ends: Array) -> None:
-    """Writes the `ends` (2, j) [rad] between which the model's joints are while servos are between those of
-    `box` (2, n_servos) [rad]; `servos` (j,) move the joints, and are at `zero` (j,) where they are at 0."""
+    """Writes the `ends` (2, j) [rad] of the model's joints while servos are between those of `box` (2,
+    n_servos) [rad].
+
+    `servos` (j,) move the joints, and are at `zero` (j,) when the joints are at 0.
+    """
     for j in range(len(servos)):
         for k in range(2):
             ends[k, j] = box[k, servos[j]] - zero[j]
@@ -118,10 +124,11 @@ def come_near(
     solids: Arrays, known: Arrays, servos: NDArray[np.intp], zero: Array, box: Array, ends: Array,
     margin: float,
 ) -> int:  # fmt: skip
-    """Counts the pairs that may come as near as `margin` [m] between the angles of `box` (2, n_servos) [rad].
+    """Counts the pairs that may come as close as `margin` [m] between the angles of `box` (2, n_servos)
+    [rad].
 
-    Their numbers are left in the memory, which is renewed in the middle between the angles. `ends` (2, j)
-    gets the angles of the joints: see `to_joints`.
+    Their numbers are written into the memory, which is updated at the middle of the angles. `ends` (2, j)
+    receives the angles of the joints: see `to_joints`.
     """
     joints, shapes, points, _, pairs, levers = solids
     posture, distance, axis, left, bound, _, _, frames, middle = known
@@ -164,11 +171,12 @@ def follow(
     solids: Arrays, known: Arrays, count: int, path: Array, levers: Array, stride: float, margin: float,
     at: Indices, asked: Indices,
 ) -> int:  # fmt: skip
-    """Follows `path` (k, j) [rad] to the first point where pairs must be measured; returns their number.
+    """Follows `path` (k, j) [rad] to the first point at which pairs must be measured; returns their number, 0
+    at the end.
 
-    Only the first `count` pairs of those left in the memory are looked at, at points no farther apart
-    than `stride` [m] by what `levers` (j,) [m/rad] say. `at` is how far it came: a section, a point in it.
-    The pairs are written into `asked`; the angles at the point and the frames are left in the memory.
+    Checks only the first `count` pairs listed in the memory, at points no farther apart than `stride` [m]
+    according to `levers` (j,) [m/rad]. `at` receives the section and the point in it. The pairs are written
+    into `asked`; the angles at the point and the frames into the memory.
     """
     joints, shapes, points, _, pairs, own = solids
     posture, distance, axis, left, slack, least, step, frames, angles = known
@@ -180,7 +188,7 @@ def follow(
                 slack[p] -= abs(path[0, j] - posture[j, p]) * own[j, p]
                 for k in range(len(path) - 1):
                     way += abs(path[k + 1, j] - path[k, j]) * own[j, p]
-            if way == 0.0:  # what does not move comes no nearer
+            if way == 0.0:  # shapes that do not move come no closer
                 slack[p] = np.inf
     while at[0] < len(path) - 1:
         here, there = path[at[0]], path[at[0] + 1]
@@ -194,7 +202,7 @@ def follow(
             for j in range(len(joints)):
                 step[p] += abs(there[j] - here[j]) * own[j, p] / parts
         while at[1] < parts:
-            free = parts - at[1]  # points that the slack of all pairs lasts for
+            free = parts - at[1]  # number of points for which the slack of all pairs suffices
             for u in range(count):
                 p = left[u]
                 if not slack[p] > free * step[p]:
@@ -231,8 +239,7 @@ def follow(
 def stand(
     solids: Arrays, angles: Array, frames: Array, positions: Array, rotations: Array, geoms: Indices
 ) -> None:
-    """Writes the poses of MuJoCo's geoms at `angles` (j,) [rad]: `positions` (n, 3) [m], `rotations`
-    (n, 9)."""
+    """Writes the `positions` (n, 3) [m] and `rotations` (n, 9) of MuJoCo's geoms at `angles` (j,) [rad]."""
     joints, shapes, _, poses, _, _ = solids
     place(joints, angles, frames)
     for g in range(len(geoms)):

@@ -1,4 +1,4 @@
-"""Couplings: linear inequalities that servos which move together keep, for `tci.gate.bounds`."""
+"""Couplings, linear inequalities between servos that move together, for `tci.gate.bounds`."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from tci.compiled import compiled, inlined, views, writes
 from tci.frames import Array
 
 MARGIN = 1e-6
-"""Points stay this far [rad] inside limits and couplings, for ruckig's own rounding."""
+"""Distance [rad] that points keep inside limits and couplings. Assumed: above ruckig's rounding errors."""
 SWEEPS = 50
-"""Sweeps over the couplings in the search for a nearest point. Assumed: it bounds the time of a step."""
+"""Largest number of sweeps in the search for a nearest point, which bounds its time. Assumed; later sweeps
+change little."""
 
 
 @inlined
@@ -23,9 +24,9 @@ def project(
     """Writes the `point` (n,) [rad] near `target` (n,) that is inside `lower` and `upper` (n,), and in bounds
     `lows` <= `coupling` @ point <= `highs` (m,).
 
-    It is a margin inside all of them, or half of the way between two that are narrower. Only servos that are
-    `free` (n,) differ from `target`. Projects onto each violated half-space in turn (Bregman 1965), and onto
-    the limits.
+    It keeps a margin inside all of them, or lies midway between two bounds that are closer. Only servos that
+    are `free` (n,) differ from `target`. Projects onto each violated half-space in turn (Bregman 1965), and
+    onto the limits.
     """
     for i in range(len(target)):
         point[i] = target[i]
@@ -67,14 +68,14 @@ def find_nearest(
     lower: Array, upper: Array, target: Array, coupling: Array, lows: Array, highs: Array,
     free: NDArray[np.bool_], point: Array,
 ) -> None:  # fmt: skip
-    """`project`, called from Python."""
+    """Calls `project` from Python."""
     project(lower, upper, target, coupling, lows, highs, free, point)
 
 
 @compiled(boolean(views(2), views(2), views(1), views(1)))
 def box_keeps(span: Array, coupling: Array, lows: Array, highs: Array) -> bool:
-    """Returns True if all points between angles of `span` (2, n) [rad] are in bounds: `lows` <= `coupling` @
-    point <= `highs` (m,)."""
+    """Returns True if all points between the angles of `span` (2, n) [rad] are in bounds: `lows` <=
+    `coupling` @ point <= `highs` (m,)."""
     for m in range(len(lows)):
         least = most = 0.0
         for i in range(span.shape[1]):
@@ -88,7 +89,8 @@ def box_keeps(span: Array, coupling: Array, lows: Array, highs: Array) -> bool:
 
 @compiled(void(views(2), views(1), views(1), views(1), writes(1), writes(1)))
 def shift(outside: Array, measured: Array, lows: Array, highs: Array, lower: Array, upper: Array) -> None:
-    """Writes the bounds `lower` and `upper` (m,) that servos outside leave of `lows` and `highs` (m,).
+    """Writes the bounds `lower` and `upper` (m,) that remain of `lows` and `highs` (m,) for the other servos'
+    angles.
 
     These are at `measured` (n_servos,) [rad] and have the coefficients `outside` (m, n_servos).
     """

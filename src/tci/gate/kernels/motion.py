@@ -1,4 +1,4 @@
-"""Judges in one compiled loop if servos move as they are told, for `tci.gate.joint_monitor`."""
+"""Checks in one compiled loop that servos follow their references, for `tci.gate.joint_monitor`."""
 
 from __future__ import annotations
 
@@ -8,26 +8,27 @@ from tci.compiled import compiled, inlined, reads, returns, views, writes
 from tci.frames import Array
 
 FOLLOWS, LATE, OPPOSED, FROZEN, DISAGREES, DEAF, JUMPED = range(7)
-"""Findings: nothing; a servo far from its reference, moving against it, or standing still; an angle that goes
-elsewhere than its velocity leads; one that no change of torque moves by a bit; one that jumps."""
+"""Results: no fault; a servo far from its reference, moving against it, or frozen; an angle that contradicts
+its velocity; one that no change of torque moves by a bit; one that jumps."""
 FOLLOWING_ERROR, LAG, PATIENCE, OPPOSING, LEAST_SPEED, LONGEST_REPEAT, TRAVEL, FORGETS, PUSH, STEP = range(10)
-"""Places of the settings."""
+"""Indices of the settings."""
 ANGLE, SPEED, ANGLE_BEFORE, SPEED_BEFORE = range(4)
 """Rows of two successive readings (4, n_servos): angles [rad] and velocities [rad/s] now, and before."""
 FOLLOWED, LOOSE = range(2)
 """Rows of the kinds of modes (2, k): those judged by a reference, and torque mode."""
 LATE_SINCE, OPPOSED_SINCE, REPEATS_SINCE, ORIGIN = range(4)
-"""Rows of the memory (4, n_servos): since when [s] a condition has held without a break, or infinity; where
-the reference was [rad] when the angle began to repeat."""
+"""Rows of the memory (4, n_servos): time [s] since which a condition has held without interruption, or
+infinity; the reference [rad] when the angle began to repeat."""
 DRIFT, WEAKEST, STRONGEST, PUSHED_SINCE = range(4)
-"""Rows of the memory of velocities (4, n_servos): how far they lead away from the angle [rad]; the least and
-the largest torque [N m] since both repeat, and since when [s] these differ."""
+"""Rows of the memory of velocities (4, n_servos): deviation [rad] of the integrated velocity from the angle;
+least and largest torque [N m] since both repeat, and time [s] since which these differ."""
 TORQUE_LIMIT, ACCELERATION, FASTEST = range(3)
-"""Rows of what joints may do (3, n_servos): torque [N m], acceleration [rad/s2], speed [rad/s]."""
+"""Rows of the joints' limits (3, n_servos): torque [N m], acceleration [rad/s2], speed [rad/s]."""
 SELDOM = 0.025
-"""Readings that are farther apart [s] tell nothing of the way between: a velocity may have changed twice."""
+"""Longest time [s] between readings over which velocities are integrated. Assumed: in a longer one a velocity
+may have changed twice."""
 MONITOR = returns(reads(2), reads(1), writes(2), writes(2), writes(2), writes(1))
-"""Type of what a monitor keeps: limits and settings; readings, memory, memory of velocities; worst."""
+"""Type of a monitor's data: limits and settings; readings, memory, memory of velocities; worst."""
 
 
 @compiled(boolean(views(1)))
@@ -41,9 +42,9 @@ def all_finite(values: Array) -> bool:
 
 @inlined
 def _jump(readings: Array, limits: Array, step: float, elapsed: float, worst: Array) -> bool:
-    """Returns True if an angle changed by more than its speed limit allows, and by a `step` [rad] beyond.
+    """Returns True if an angle changed by more than its speed limit allows plus a `step` [rad].
 
-    Writes into `worst` (2,) the place of the worst servo and its change [rad].
+    Writes the index of the worst servo and its change [rad] into `worst` (2,).
     """
     most = 0.0
     for i in range(readings.shape[1]):
@@ -67,11 +68,11 @@ def judge_motion(
     memory: Array,
     worst: Array,
 ) -> int:
-    """Returns what is wrong with the motion of `servos` (k,) whose mode follows a reference.
+    """Returns the fault in the motion of `servos` (k,) whose mode follows a reference.
 
-    The readings are `elapsed` [s] apart, `position` [rad] and `velocity` [rad/s] (k,) their reference.
-    Updates the memory, and writes into `worst` (2,) the place of the worst servo, and its error or its
-    reference's way [rad].
+    The readings are `elapsed` [s] apart; `position` [rad] and `velocity` [rad/s] (k,) are their reference.
+    Updates the memory, and writes into `worst` (2,) the index of the worst servo, and its error or its
+    reference's motion [rad].
     """
     longest = -1.0
     for k in range(len(servos)):
@@ -121,11 +122,12 @@ def judge_velocity(
     memory: Array,
     worst: Array,
 ) -> int:
-    """Returns what is wrong with the angles of `servos` (k,), judged by velocities and by what pushes them.
+    """Returns the fault in the angles of `servos` (k,), judged by velocities and torques.
 
-    The readings are `elapsed` [s] apart; a velocity that is NaN tells nothing. Angles that follow a reference
-    are not judged by velocities. `torque` (k,) [N m] was sent to those that are loose. Updates the memory,
-    and writes into `worst` (2,) the place of the worst servo and the way [rad] that is not seen.
+    The readings are `elapsed` [s] apart; a velocity that is NaN is ignored. Angles that follow a reference
+    are not judged by velocities. `torque` (k,) [N m] was sent to those in torque mode. Updates the memory,
+    and writes into `worst` (2,) the index of the worst servo and the motion [rad] that its angle does not
+    show.
     """
     keeps = max(1.0 - elapsed / settings[FORGETS], 0.0)
     found, worst[1] = FOLLOWS, 0.0
@@ -136,7 +138,7 @@ def judge_velocity(
         mean = 0.5 * (speed + readings[SPEED_BEFORE, servo])
         if not kinds[FOLLOWED, k] and abs(mean) < float("inf") and elapsed <= SELDOM:
             drift = keeps * memory[DRIFT, servo]
-            # In torque mode nothing but its velocity brakes a joint: one that says too little counts too.
+            # In torque mode only the velocity brakes a joint, so one that is too small counts too.
             way = max(abs(speed) * elapsed, abs(change) if kinds[LOOSE, k] else 0.0)
             if way > settings[LEAST_SPEED] * elapsed:
                 drift += mean * elapsed - change
@@ -177,11 +179,11 @@ def judge_reading(
     monitor: tuple[Array, ...], servos: Array, kinds: Array, position: Array, velocity: Array, torque: Array,
     angles: Array, speeds: Array, now: float, elapsed: float,
 ) -> int:  # fmt: skip
-    """Takes a reading of all `angles` [rad] and `speeds` [rad/s] (n_servos,), made at time `now` [s]; returns
-    the first finding of `_jump`, `judge_velocity` and `judge_motion`.
+    """Judges a reading of all `angles` [rad] and `speeds` [rad/s] (n_servos,), made at time `now` [s].
 
-    A reading that is not `elapsed` [s] after the one before is only noted. `servos` (k,) were told `position`
-    [rad], `velocity` [rad/s] and `torque` [N m] (k,).
+    Returns the first fault found by `_jump`, `judge_velocity` and `judge_motion`. A reading that is not
+    `elapsed` [s] after the one before is only stored. `servos` (k,) have the references `position` [rad],
+    `velocity` [rad/s] and `torque` [N m] (k,).
     """
     limits, settings, readings, memory, drifts, worst = monitor
     for i in range(len(angles)):

@@ -1,6 +1,6 @@
-"""A robot's solid links in the few flat arrays that the compiled loops read, and where they are.
+"""A robot's solid links as flat arrays for the compiled loops.
 
-All is said in frames that stand at the joints and are parallel to the world's while every joint is at zero.
+All is given in frames at the joints, parallel to the world's while every joint is at zero.
 """
 
 from __future__ import annotations
@@ -22,35 +22,35 @@ class Solids:
     """Joints, shapes, and the pairs of shapes that could hit each other."""
 
     servos: NDArray[np.intp]
-    """The servo (j,) of each joint; a joint comes after those that carry it."""
+    """Servo (j,) of each joint; a joint comes after those that carry it."""
     zero: Array
-    """Angle (j,) [rad] of each servo where its joint is at zero."""
+    """Angle (j,) [rad] of each servo at which its joint is at zero."""
     joints: Array
-    """Rows (j, 7) of the joints: the joint that carries it, -1 for none; the way from there [m]; its axis."""
+    """Parent joint or -1, position relative to it [m], and axis (j, 7) of each joint."""
     shapes: Array
-    """Rows (g, 16) of the shapes: its joint, -1 for none; the first of its points and the one after the last;
-    the centre [m] and radius [m] of a sphere around it; a matrix E [m]. It is the convex hull of its points,
-    and around each of them the ellipsoid E u, |u| <= 1."""
+    """Joint or -1, first point and last + 1, centre and radius [m] of a bounding sphere, and matrix E [m] (g,
+    16) of each shape. A shape is the convex hull of its points, with the ellipsoid E u, |u| <= 1, around each
+    of them."""
     points: Array
-    """(v, 3) [m]"""
+    """Points (v, 3) [m] of all shapes."""
     poses: Array
-    """Pose (g, 12) of MuJoCo's geom of each shape: position [m] and rotation matrix, in the joint's frame."""
+    """Position [m] and rotation matrix (g, 12) of each shape's MuJoCo geom, in the joint's frame."""
     geoms: Indices
-    """MuJoCo's number (g,) of each."""
+    """MuJoCo's number (g,) of each geom."""
     pairs: Indices
     """First and second shape (p, 2) of each pair of the Clearance."""
     levers: Array
-    """Largest change (j, p) [m/rad] of the distance of each pair by each joint."""
+    """Largest change (j, p) [m/rad] of each pair's distance by each joint."""
 
     @staticmethod
     def of(clearance: Clearance) -> Solids:
-        """Those of a clearance. Raises TciError for a joint that does not turn."""
+        """Returns the solids of a clearance. Raises TciError for a joint that does not turn."""
         model, data = clearance.model, mujoco.MjData(clearance.model)
         mujoco.mj_kinematics(model, data)
         for joint in np.flatnonzero(model.jnt_type != mujoco.mjtJoint.mjJNT_HINGE).tolist():
             raise TciError(f"joint {model.joint(joint).name} does not turn; valid: hinges")
         servo_of = dict(zip(clearance.joints, clearance.servos, strict=True))
-        anchors = np.concatenate([data.xanchor, np.zeros((1, 3))])  # the last is where nothing carries
+        anchors = np.concatenate([data.xanchor, np.zeros((1, 3))])  # the last is for shapes without a joint
         above = [_carrier(model, int(model.jnt_bodyid[joint]), joint) for joint in range(model.njnt)]
         geoms = np.unique(clearance.pairs)
         points: list[Array] = []
@@ -82,7 +82,7 @@ class Solids:
 
 
 def _carrier(model: mujoco.MjModel, body: int, before: int) -> int:
-    """The last joint `before` another that moves a body; -1 for none."""
+    """Returns the last joint `before` another that moves a body; -1 for none."""
     while body:
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
         own = [joint for joint in range(first, first + count) if joint < before]
@@ -93,7 +93,7 @@ def _carrier(model: mujoco.MjModel, body: int, before: int) -> int:
 
 
 def _shape(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:
-    """Points (n, 3) [m] and matrix E (3, 3) [m] of a geom, in its own frame."""
+    """Returns points (n, 3) [m] and matrix E (3, 3) [m] of a geom, in its own frame."""
     x, y, z = model.geom_size[geom].tolist()
     ends = np.array([[0.0, 0.0, -y], [0.0, 0.0, y]])
     kind = mujoco.mjtGeom(int(model.geom_type[geom]))
@@ -115,7 +115,7 @@ def _shape(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:
 
 
 def _hull(model: mujoco.MjModel, mesh: int) -> Array:
-    """Corners (n, 3) [m] of a mesh's convex hull, in the frame of its geom."""
+    """Returns the corners (n, 3) [m] of a mesh's convex hull, in the frame of its geom."""
     first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
     points = np.array(model.mesh_vert[first : first + count], dtype=float)
     graph = int(model.mesh_graphadr[mesh])
@@ -128,7 +128,8 @@ def _hull(model: mujoco.MjModel, mesh: int) -> Array:
 
 
 def _levers(joints: Array, shapes: Array, points: Array, pairs: NDArray[np.intp]) -> Array:
-    """`Solids.levers`: of a joint that carries one of the two, how far that one can be from its axis."""
+    """Returns `Solids.levers`: for a joint that carries one of the two shapes, that shape's largest distance
+    from its axis."""
     reach = np.zeros((len(joints), len(shapes)))
     carried = np.zeros(reach.shape, dtype=bool)
     for index, shape in enumerate(shapes):
@@ -144,7 +145,7 @@ def _levers(joints: Array, shapes: Array, points: Array, pairs: NDArray[np.intp]
             mine = joints[joint, 1:4][None, :]
             joint = int(joints[joint, 0])
     first, second = pairs.T
-    # A joint that carries both changes nothing.
+    # A joint that carries both does not change their distance.
     moves = carried[:, first] != carried[:, second]
     levers: Array = np.ascontiguousarray(np.where(moves, np.maximum(reach[:, first], reach[:, second]), 0.0))
     return levers

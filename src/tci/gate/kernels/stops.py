@@ -23,7 +23,7 @@ is released; how long [s] it ramps up, stays, and is released."""
 
 @inlined
 def _plan(stop: Array, i: int, most: float, jerk: float) -> None:
-    """Plans the time-optimal stop of one servo from where it starts: ramp up, stay, release."""
+    """Plans the time-optimal stop of one servo from its start: ramp up, stay, release."""
     v, a = stop[SPEED, i], stop[PULL, i]
     final = v + a * abs(a) / (2.0 * jerk)  # velocity if the acceleration were released at once
     peak = a
@@ -37,7 +37,7 @@ def _plan(stop: Array, i: int, most: float, jerk: float) -> None:
     stop[FIRST_JERK, i] = jerk if peak > a else -jerk
     stop[LAST_JERK, i] = jerk if peak < 0.0 else -jerk
     stop[RAMP, i], stop[RELEASE, i] = ramp, release
-    # Without a plateau what is left of the velocity is rounding.
+    # Without a plateau the remaining velocity is rounding.
     stop[PLATEAU, i] = plateau if abs(peak) >= most else 0.0
 
 
@@ -66,11 +66,11 @@ def _follow(stop: Array, i: int, time: float) -> tuple[float, float, float]:
 def plan_stop(
     state: Array, here: Array, limits: Array, coupling: Array, lows: Array, highs: Array, stop: Array
 ) -> tuple[bool, bool, bool, float]:
-    """Plans the `stop` (12, n) from a `state` (3, n), angles, velocities and accelerations [rad].
+    """Plans the `stop` (12, n) from a `state` (3, n): angles [rad], velocities and accelerations.
 
-    Returns three truths and its duration [s]. First: it stays inside the `limits` (4, n), or outside them no
-    farther than `here` (n,) [rad], and does not leave them again once it is inside. Second: the box around it
-    is in bounds, `lows` <= `coupling` @ point <= `highs` (m,). Third: the state itself is outside the limits.
+    Returns three truth values and its duration [s]. First: it stays inside the `limits` (4, n), or no farther
+    outside than `here` (n,) [rad], and does not leave them again once inside. Second: the box around it is in
+    bounds, `lows` <= `coupling` @ point <= `highs` (m,). Third: the state itself is outside the limits.
     """
     inside, outside, duration = True, False, 0.0
     for i in range(len(here)):
@@ -98,14 +98,14 @@ def plan_stop(
                 inside = False
             within = within or lower <= at <= upper
         if not (np.isfinite(q + v + a) and np.isfinite(turn) and np.isfinite(end)):
-            inside = False  # min and max of numbers that are none depend on their order
+            inside = False  # min and max of NaN depend on the order of arguments
         outside = outside or q < lower or q > upper
     return inside, box_keeps(stop[: MOST + 1], coupling, lows, highs), outside, duration
 
 
 @compiled(void(reads(2), reads(1), writes(3)))
 def follow_stop(stop: Array, times: Array, states: Array) -> None:
-    """Writes the `states` (k, 3, n) of a `stop` (12, n), angles, velocities and accelerations [rad], at
+    """Writes the `states` (k, 3, n) of a `stop` (12, n), angles [rad], velocities and accelerations, at
     `times` (k,) [s] after it began."""
     for k in range(len(times)):
         for i in range(stop.shape[1]):
@@ -117,10 +117,10 @@ def follow_stop(stop: Array, times: Array, states: Array) -> None:
 
 @compiled(void(views(1, int64), views(1), views(1), reads(2), writes(2)))
 def take_room(index: NDArray[np.intp], measured: Array, told: Array, span: Array, box: Array) -> None:
-    """Writes into `box` (2, n_servos) the least and largest angles that servos `index` (n,) pass through.
+    """Writes the least and largest angles of servos `index` (n,) into `box` (2, n_servos).
 
-    They are told to stay in `span` (2, n), and may be moved from it by what they are away now: `measured`
-    (n_servos,) from `told` (n,). All in [rad].
+    Their references stay in `span` (2, n), and they may deviate from it by their present deviation:
+    `measured` (n_servos,) from `told` (n,). All in [rad].
     """
     for i in range(len(index)):
         servo = index[i]

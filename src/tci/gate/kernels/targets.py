@@ -1,4 +1,4 @@
-"""Checks commands, and turns them into targets of servos that move together."""
+"""Targets of a command to servos that move together."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from tci.gate.kernels.couplings import project
 LOWER, UPPER, FASTEST = range(3)
 """Rows of the limits of a joint group: angles [rad], and speed [rad/s]."""
 TARGET, SPEED, WANTED = range(3)
-"""Rows of its aims."""
+"""Rows of a joint group's aims; the last is work space."""
 
 
 @compiled(boolean(reads(1, int64), reads(1), reads(1), int64, float64))
 def is_acceptable(servos: NDArray[np.intp], values: Array, speeds: Array, count: int, slowest: float) -> bool:
-    """Returns True if there are `servos` (k,), of `count`, each only once, with `values` (k,) that are finite
-    and `speeds` (k,) of at least `slowest`."""
+    """Returns True if `servos` (k,), out of `count`, are valid and occur once, `values` (k,) are finite and
+    `speeds` (k,) at least `slowest`."""
     for k in range(len(servos)):
         if not (0 <= servos[k] < count and np.isfinite(values[k]) and speeds[k] >= slowest):
             return False
@@ -31,8 +31,11 @@ def is_acceptable(servos: NDArray[np.intp], values: Array, speeds: Array, count:
 
 @compiled(boolean(reads(1, int64), reads(1), reads(1), reads(1), float64))
 def is_far_off(servos: NDArray[np.intp], values: Array, lower: Array, upper: Array, far: float) -> bool:
-    """Returns True if one of the angles `values` (k,) [rad] of `servos` (k,) is outside `lower` .. `upper`
-    (n_servos,) [rad] and beyond a full turn, or all of at least two are outside by more than `far` [rad]."""
+    """Returns True if an angle of `values` (k,) [rad] of `servos` (k,) is so large that it may be in degrees.
+
+    That is one outside `lower` .. `upper` (n_servos,) [rad] and beyond a full turn, or all of at least two
+    outside by more than `far` [rad].
+    """
     near = len(servos) < 2
     for k in range(len(servos)):
         outside = max(lower[servos[k]] - values[k], values[k] - upper[servos[k]])
@@ -52,12 +55,12 @@ def take_targets(
     index: NDArray[np.intp], servos: NDArray[np.intp], values: Array, speeds: Array, limits: Array,
     coupling: Array, ends: Array, free: NDArray[np.bool_], aims: Array, sent: Array,
 ) -> float:  # fmt: skip
-    """Aims the servos `index` (n,) of a joint group at those of the `values` (k,) that are theirs; returns
-    the largest distance [rad] of one of these from where its servo is sent.
+    """Aims the servos `index` (n,) of a joint group at those of the `values` (k,) that are theirs.
 
-    Writes into `aims` (3, n) targets [rad] inside `limits` and couplings, and the `speeds` (k,), at most the
-    fastest of the `limits` (3, n); what each of `servos` (k,) is `sent` to, where it is in the group.
-    `coupling` (m, n) and its `ends` (2, m) see `Bounds`; `free` (n,) and the last row of `aims` are room.
+    Returns the largest distance [rad] of a servo's target from its value. Writes into `aims` (3, n) targets
+    [rad] inside `limits` and couplings, and the `speeds` (k,), at most the fastest of the `limits` (3, n);
+    and into `sent` (k,) the targets of those of `servos` (k,) that are in the group. For `coupling` (m, n)
+    and its `ends` (2, m) see `Bounds`; `free` (n,) and the last row of `aims` are work space.
     """
     for i in range(len(index)):
         free[i] = False
@@ -82,10 +85,11 @@ def straight_limits(
     here: Array, target: Array, speed: Array, acceleration: Array, jerk: Array,
     still: float, least: float, limits: Array,
 ) -> None:  # fmt: skip
-    """Writes the largest `limits` (3, n) within `speed`, `acceleration`, `jerk` (n,) that are in the ratio of
-    the ways from `here` to `target` (n,): with these, all go in a straight line.
+    """Writes the largest `limits` (3, n) within `speed`, `acceleration`, `jerk` (n,) that are proportional to
+    the distances from `here` to `target` (n,): with these, all servos move in a straight line.
 
-    A longest way below `still` counts as that, and a way below the share `least` of the longest as that.
+    A longest distance below `still` counts as `still`, and a distance below the fraction `least` of the
+    longest as that fraction.
     """
     longest = still
     for i in range(len(here)):

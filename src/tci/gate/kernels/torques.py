@@ -1,4 +1,4 @@
-"""Torques of servos whose position nobody controls, in one compiled loop, for `tci.gate.torque`."""
+"""Torques of servos whose position is not controlled, in one compiled loop, for `tci.gate.torque`."""
 
 from __future__ import annotations
 
@@ -11,27 +11,29 @@ from tci.frames import Array
 
 LOWER, UPPER, VELOCITY, CREEP, ACCELERATION, APPROACH, TORQUE = range(7)
 """Rows of the limits (7, k) of the servos in torque mode; with the speed [rad/s] at which one outside its
-limits comes back, and the deceleration [rad/s2] that it may count on before them."""
+limits returns, and the deceleration [rad/s2] that is assumed to be available before them."""
 POSITION, SPEED, SLOPE, SINCE_SPEED, SINCE_SLOPE = range(5)
-"""Rows of what was measured (5, n_servos): angles [rad]; velocities [rad/s]; mean speeds [rad/s] that angles
-tell, NaN where they don't; impulses [N m s] of the torques given since each of the two was measured."""
+"""Rows of the measurements (5, n_servos): angles [rad]; velocities [rad/s]; mean speeds [rad/s] from angles,
+NaN if unknown; impulses [N m s] of the torques given since each of the two was measured."""
 WANTED, RISEN, GIVEN, CALM, BEFORE = range(5)
-"""Rows of the memory (5, n_servos): torques [N m] that are wanted, that have risen so far, and that were
-given; share of the braking torque, and speed [rad/s] at which it was chosen."""
+"""Rows of the memory (5, n_servos): torques [N m] that are commanded, that have risen so far, and that were
+given; fraction of the braking torque, and speed [rad/s] at which it was chosen."""
 MARGIN = 1e-6
-"""Speed [rad/s] below which braking in a narrow band would divide by nothing."""
+"""Speed [rad/s] that replaces smaller ones as a divisor, for braking in a narrow band."""
 RISE = 0.02
-"""Time [s] in which a torque may go from zero to its limit. Assumed."""
+"""Time [s] in which a torque may rise from zero to its limit. Assumed; a step would jerk the joint."""
 BAND = 0.1
-"""Share of the allowed speed over which braking takes over beyond it. Assumed."""
+"""Excess over the allowed speed, as a fraction of it, at which braking is complete. Assumed; smaller makes
+the torque chatter, larger lets a joint exceed its limit by more."""
 SETTLE = 2.0
-"""Speeds that could be taken away in this many times the delay are braked in proportion: with all its torque
-a servo that rests at a limit would tremble with the noise of its velocity. Assumed."""
+"""Speeds that could be removed within this many times the delay are braked in proportion: with its full
+torque a servo at rest at a limit would tremble with the noise of its velocity. Assumed."""
 CALMER, BOLDER, LEAST = 0.5, 1.5, 1.0 / 64.0
-"""Factors of the braking torque: after it has turned a joint round, and after it has not; and the least one.
-Assumed: a joint that is much lighter than its limits say would be thrown to and fro with all its torque."""
+"""Factors of the braking torque: after it has reversed a joint, and after it has not; and the least one.
+Assumed: a joint much lighter than its limits imply would be thrown to and fro with its full torque."""
 FADE = float(np.deg2rad(2.0))
-"""Distance [rad] before a limit over which a torque towards it fades out. Assumed."""
+"""Distance [rad] before a limit over which a torque towards it fades out. Assumed; a shorter one pushes
+joints into their limits, a longer one takes more of their range."""
 
 
 @compiled(
@@ -47,10 +49,11 @@ def limit_torques(
     period: float,
     memory: Array,
 ) -> None:
-    """Writes into the memory what `servos` (k,) are given now, by the share (k,) that their data is trusted.
+    """Writes the torques that `servos` (k,) are given now, limited to the `trust` (k,) in their data, into
+    the memory.
 
-    All else has a place for each servo of the robot: `measured` (5, n_servos), which is `late` [s] old when
-    the next torque is made. `halts`: any motion is braked.
+    Other arrays have a column for each servo of the robot: `measured` (5, n_servos), which is `late` [s] old
+    when the next torque is computed. `halts` is True to brake any motion.
     """
     for k in range(len(servos)):
         i = servos[k]
@@ -62,12 +65,12 @@ def limit_torques(
         above, below = max(limits[UPPER, k] - q, 0.0), max(q - limits[LOWER, k], 0.0)
         inside = limits[LOWER, k] <= q <= limits[UPPER, k]
         fastest = limits[VELOCITY if inside else CREEP, k]
-        # What is left of the way when this torque has worked counts, less what slow speeds take to settle.
+        # Distance left when this torque has taken effect, less that which slow speeds need to settle.
         slow = SETTLE * quickest * late
         room = max((above if v > 0.0 else below) - abs(v) * late - slow * SETTLE * late, 0.0)
         safe = 0.0 if halts else min((1.0 - BAND) * fastest, np.sqrt(2.0 * limits[APPROACH, k] * room))
         braking = min(max((abs(v) - safe) / max(BAND * safe, MARGIN), 0.0), 1.0)
-        # A torque that was given since the reading has made the joint faster already.
+        # Torques given since the reading have already accelerated the joint.
         rise, risen = most * period / RISE, memory[RISEN, i]
         risen = memory[RISEN, i] = trust[k] * min(max(wanted, risen - rise), risen + rise)
         way, left = (1.0, above) if risen > 0.0 else (-1.0, below)
@@ -79,7 +82,7 @@ def limit_torques(
             abs(risen) * min(left / FADE, 1.0),
             most * max(limits[VELOCITY, k] - ahead, 0.0) / (quickest * late),
         )
-        # Where angles repeat, or go the other way than the velocity, braking would drive the joint.
+        # If angles repeat, or move opposite to the velocity, braking would drive the joint.
         real = mean != 0.0 and mean * v >= -0.5 * v * v
         before, share = memory[BEFORE, i], memory[CALM, i]
         if v != before:

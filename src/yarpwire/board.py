@@ -78,7 +78,7 @@ class Board(ABC):
         self.prefix = prefix
         """Common prefix of its ports: `/icub/left_arm`."""
         self._rpc = network.caller(contact, sender, self.dialect)
-        self._asked: deque[tuple[Sequence[Any], float]] = deque()
+        self._open_calls: deque[tuple[Sequence[Any], float]] = deque()
         self._refusal: PortError | None = None
 
     def close(self) -> None:
@@ -125,23 +125,23 @@ class Board(ABC):
         """Makes a call and returns the data of its answer."""
         return self.check(call, self._rpc.call(*call))
 
-    def ask(self, call: Sequence[Any]) -> None:
+    def send_call(self, call: Sequence[Any]) -> None:
         """Makes a call without waiting for its answer."""
-        self._rpc.ask(*call)
-        self._asked.append((call, time.monotonic()))
+        self._rpc.send_call(*call)
+        self._open_calls.append((call, time.monotonic()))
 
     def settle(self, patience: float = 0.0) -> bool:
-        """Returns True if all calls of `ask` are answered, waiting at most `patience` [s] for each. Raises
-        PortError when one was refused, or not answered within PATIENCE."""
-        while self._asked:
-            call, since = self._asked[0]
-            if not self._rpc.answered(patience) and time.monotonic() - since < PATIENCE:
+        """Returns True if all calls of `send_call` are answered, waiting at most `patience` [s] for each.
+        Raises PortError when one was refused, or not answered within PATIENCE."""
+        while self._open_calls:
+            call, since = self._open_calls[0]
+            if not self._rpc.is_answered(patience) and time.monotonic() - since < PATIENCE:
                 return False
-            self._asked.popleft()
+            self._open_calls.popleft()
             try:
-                answer = self._rpc.hear()
+                answer = self._rpc.read_reply()
             except PortError:
-                self._asked.clear()
+                self._open_calls.clear()
                 raise
             try:
                 self.check(call, answer)

@@ -75,7 +75,7 @@ class Listener:
         except Exception as error:  # otherwise it would end the process
             if not self._closed:
                 self._wrong += 1
-                self.last_error = told(error)
+                self.last_error = error_text(error)
         finally:
             self._visitors.leave(visitor)
             sock.close()
@@ -87,6 +87,6 @@ def _end(sock: socket.socket) -> None:
         sock.shutdown(socket.SHUT_RDWR)
 
 
-def told(error: Exception) -> str:
+def error_text(error: Exception) -> str:
     """Returns the text of an error, with its type if it is an unexpected one."""
     return str(error) if isinstance(error, YarpError | OSError) else f"{type(error).__name__}: {error}"

@@ -142,7 +142,7 @@ class Names:
         self.key = key
         """Key of the authentication; None if it is off."""
 
-    def ask(self, *words: str) -> list[str]:
+    def request(self, *words: str) -> list[str]:
         """Returns the lines of the answer to a request. Raises PortError when there is no answer, or an
         invalid one."""
         host, port = self.address
@@ -172,25 +172,25 @@ class Names:
 
     def query(self, name: str) -> Contact:
         """Returns the contact of a port. Raises UnknownNameError for one that is not registered, PortError as
-        `ask`."""
-        for line in self.ask("query", name):
+        `request`."""
+        for line in self.request("query", name):
             if (contact := parse_contact(line)) is not None:
                 return contact
         raise UnknownNameError("YARP port", name, sorted(contact.name for contact in self.list()))
 
     def list(self) -> list[Contact]:
         """Returns the contacts of all ports."""
-        return [contact for line in self.ask("list") if (contact := parse_contact(line)) is not None]
+        return [contact for line in self.request("list") if (contact := parse_contact(line)) is not None]
 
     def register(self, contact: Contact, properties: dict[str, str] | None = None) -> None:
         """Registers a port."""
-        lines = self.ask("register", contact.name, contact.carrier, contact.host, str(contact.port))
+        lines = self.request("register", contact.name, contact.carrier, contact.host, str(contact.port))
         if not any(parse_contact(line) for line in lines):
             raise PortError(f"the name server at {self.address[0]} did not register {contact.name}: {lines}")
         for name, value in (properties or {}).items():
-            self.ask("set", contact.name, name, value)
-        self.ask("announce", contact.name)
+            self.request("set", contact.name, name, value)
+        self.request("announce", contact.name)
 
     def unregister(self, name: str) -> None:
         """Unregisters a port."""
-        self.ask("unregister", name)
+        self.request("unregister", name)

@@ -61,13 +61,13 @@ class Caller(Protocol):
     def call(self, *items: Any, patience: float = PATIENCE) -> list[Any]:
         """Returns the reply to a call; empty if the other end sends none."""
 
-    def ask(self, *items: Any) -> None:
-        """Sends a call without waiting for its reply, which `hear` returns."""
+    def send_call(self, *items: Any) -> None:
+        """Sends a call without waiting for its reply, which `read_reply` returns."""
 
-    def answered(self, patience: float) -> bool:
+    def is_answered(self, patience: float) -> bool:
         """Returns True if the reply to the oldest open call arrives within `patience` [s]."""
 
-    def hear(self) -> list[Any]:
+    def read_reply(self) -> list[Any]:
         """Returns the reply to the oldest open call."""
 
     def close(self) -> None:

@@ -15,7 +15,7 @@ from yarpwire.carrier import FAST_TCP, TCP, find_carrier
 from yarpwire.dialect import Dialect
 from yarpwire.errors import PortError
 from yarpwire.incoming import Answer, Delivery, Incoming
-from yarpwire.listener import Listener, told
+from yarpwire.listener import Listener, error_text
 from yarpwire.message import Stamp
 from yarpwire.names import Contact, Names
 from yarpwire.outgoing import Outgoing
@@ -159,7 +159,7 @@ class Port:
             raise
         except Exception as error:
             self.wrong += 1
-            self.last_error = f"{incoming.sender}: {told(error)}"
+            self.last_error = f"{incoming.sender}: {error_text(error)}"
             raise
 
     def _let_go(self, incoming: Incoming) -> None:

@@ -38,7 +38,7 @@ class Rpc:
         self.contact, self.dialect = contact, dialect
         self._sender, self._key, self._carrier = sender, key, carrier
         self._open: tuple[socket.socket, SocketSource] | None = None
-        self._asked = 0
+        self._open_calls = 0
         self._lock = threading.Lock()
 
     def call(self, *items: Any, patience: float = PATIENCE) -> list[Any]:
@@ -47,33 +47,33 @@ class Rpc:
         Raises PortError when nothing answers within `patience` [s], and for an invalid reply. The call is not
         repeated: the caller decides about that.
         """
-        with self._lock, self._told(items):
-            while self._asked:
-                self._hear(patience)  # their caller has given up
+        with self._lock, self._port_errors(items):
+            while self._open_calls:
+                self._next_reply(patience)  # their caller has given up
             sock, source = self._connect(patience)
             self._send(sock, items)
             return self._reply(source)
 
-    def ask(self, *items: Any) -> None:
-        """Sends a call without waiting for its reply, which `hear` returns. Raises PortError."""
-        with self._lock, self._told(items):
+    def send_call(self, *items: Any) -> None:
+        """Sends a call without waiting for its reply, which `read_reply` returns. Raises PortError."""
+        with self._lock, self._port_errors(items):
             self._send(self._connect(PATIENCE)[0], items)
-            self._asked += 1
+            self._open_calls += 1
 
-    def answered(self, patience: float) -> bool:
+    def is_answered(self, patience: float) -> bool:
         """Returns True if the reply to the oldest open call begins to arrive within `patience` [s]."""
         if self._open is None:
-            return True  # `hear` raises the error
+            return True  # `read_reply` raises the error
         sock, source = self._open
         try:
             return source.waiting() or is_readable(sock, patience)
         except (OSError, ValueError):  # closed in the meantime
             return True
 
-    def hear(self, patience: float = SOON) -> list[Any]:
+    def read_reply(self, patience: float = SOON) -> list[Any]:
         """Returns the reply to the oldest open call. Raises PortError as `call`."""
-        with self._lock, self._told(()):
-            return self._hear(patience)
+        with self._lock, self._port_errors(()):
+            return self._next_reply(patience)
 
     def close(self) -> None:
         """Closes the connection."""
@@ -82,18 +82,18 @@ class Rpc:
             self._open = None
 
     @contextmanager
-    def _told(self, items: Sequence[Any]) -> Iterator[None]:
+    def _port_errors(self, items: Sequence[Any]) -> Iterator[None]:
         """Turns errors inside into a PortError, and closes the connection."""
         try:
             yield
         except (OSError, EOFError, WireError) as error:
             self.close()
-            self._asked = 0
+            self._open_calls = 0
             what = "does not answer" if isinstance(error, TimeoutError) else "failed at"
             raise PortError(f"{self.contact.name} {what} {to_text(items)[:80]}: {error}") from error
 
     def _connect(self, patience: float) -> tuple[socket.socket, SocketSource]:
-        if self._open is not None and not self._asked and is_over(self._open[0]):
+        if self._open is not None and not self._open_calls and is_over(self._open[0]):
             self.close()  # ports that authenticate close after 2 s without a call
         sock, source = self._open or self._dial(patience)
         sock.settimeout(patience)
@@ -107,14 +107,14 @@ class Rpc:
         call = message.pack_command(message.CALL)
         sock.sendall(message.pack_message([call, encode_bottle(items, self.dialect)]))
 
-    def _hear(self, patience: float) -> list[Any]:
+    def _next_reply(self, patience: float) -> list[Any]:
         if self._open is None:
-            self._asked = 0
+            self._open_calls = 0
             raise EOFError("the connection was closed")
         sock, source = self._open
         sock.settimeout(patience)
         source.allow()
-        self._asked = max(0, self._asked - 1)
+        self._open_calls = max(0, self._open_calls - 1)
         return self._reply(source)
 
     def _dial(self, patience: float) -> tuple[socket.socket, SocketSource]:

@@ -47,7 +47,7 @@ def test_register_query_list_unregister(server: NameServer) -> None:
     names.register(Contact("/tci/a", "127.0.0.1", 4321), {"offers": "tcp udp"})
     assert names.query("/tci/a") == Contact("/tci/a", "127.0.0.1", 4321)
     assert [contact.name for contact in names.list()] == ["/root", "/tci/a"]
-    assert names.ask("check", "/tci/a", "offers", "udp") == [
+    assert names.request("check", "/tci/a", "offers", "udp") == [
         "port /tci/a property offers value udp present true"
     ]
     names.unregister("/tci/a")
@@ -89,7 +89,7 @@ def test_who_knows_the_key_is_answered_and_nobody_else() -> None:
         with pytest.raises(PortError, match=r"auth\.conf"):
             Names(server.address, key=b"wrong").list()
         with pytest.raises(PortError, match="does not answer"):
-            Names(server.address).ask("query", "/root")
+            Names(server.address).request("query", "/root")
 
 
 @pytest.mark.parametrize(

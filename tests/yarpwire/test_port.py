@@ -141,11 +141,11 @@ def test_a_reply_is_awaited_in_a_process_with_more_than_1024_open_files(make: Ca
         stack.callback(os.close, number)
         rpc = Rpc(port.contact, "/client", V3)
         stack.callback(rpc.close)
-        rpc.ask(0)
-        assert not rpc.answered(0.05)
+        rpc.send_call(0)
+        assert not rpc.is_answered(0.05)
         go.set()
-        assert rpc.answered(10.0)
-        assert rpc.hear(10.0) == [1]
+        assert rpc.is_answered(10.0)
+        assert rpc.read_reply(10.0) == [1]
 
 
 def test_a_second_connection_of_a_sender_ends_the_first(make: Callable[..., Port]) -> None:

@@ -31,28 +31,28 @@ class BindingsCaller:
     def __init__(self, yarp: Any, target: str, sender: str) -> None:
         self._yarp, self._target, self._sender = yarp, target, sender
         self._line: Line | None = None
-        self._asked: deque[Future[list[Any]]] = deque()
+        self._open_calls: deque[Future[list[Any]]] = deque()
 
     def call(self, *items: Any, patience: float = PATIENCE) -> list[Any]:
-        self._asked.clear()  # their caller has given up
+        self._open_calls.clear()  # their caller has given up
         return self._result(self._submit(items), patience)
 
-    def ask(self, *items: Any) -> None:
-        self._asked.append(self._submit(items))
+    def send_call(self, *items: Any) -> None:
+        self._open_calls.append(self._submit(items))
 
-    def answered(self, patience: float) -> bool:
-        return not self._asked or bool(wait([self._asked[0]], patience).done)
+    def is_answered(self, patience: float) -> bool:
+        return not self._open_calls or bool(wait([self._open_calls[0]], patience).done)
 
-    def hear(self) -> list[Any]:
-        if not self._asked:
+    def read_reply(self) -> list[Any]:
+        if not self._open_calls:
             raise PortError(f"{self._target}: the connection was closed")
-        return self._result(self._asked.popleft(), 0.0)
+        return self._result(self._open_calls.popleft(), 0.0)
 
     def close(self) -> None:
         wait([self._let_go()], PATIENCE)
 
     def _let_go(self) -> Future[None]:
-        self._asked.clear()
+        self._open_calls.clear()
         line, self._line = self._line, None
         if line is not None:
             return line.close()

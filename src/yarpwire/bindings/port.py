@@ -24,7 +24,7 @@ from yarpwire.carrier import FAST_TCP
 from yarpwire.dialect import Dialect
 from yarpwire.errors import PortError
 from yarpwire.incoming import Answer, Delivery
-from yarpwire.listener import told
+from yarpwire.listener import error_text
 from yarpwire.message import CALL, DATA, Command, Stamp
 from yarpwire.source import LONGEST
 from yarpwire.values import Array
@@ -111,7 +111,7 @@ class BindingsPort:
         try:
             answer = self._receive(Delivery(command, sender, arrived, body))
         except Exception as error:  # it must not propagate through C++
-            self.last_error = f"{sender}: {told(error)}"
+            self.last_error = f"{sender}: {error_text(error)}"
             return False
         if writer is not None and answer is not None:
             self._answer(writer, answer)

@@ -85,12 +85,12 @@ def test_calls_are_answered(ends: tuple[Network, Network], dialect: Dialect) -> 
     caller = asks.caller(asks.query("/answers"), "/asks", dialect)
     try:
         assert caller.call(*ITEMS) == [Vocab("is"), *ITEMS]
-        caller.ask(1)
-        caller.ask(2.5)
-        assert caller.answered(20.0)
-        assert caller.hear() == [Vocab("is"), 1]
-        assert caller.answered(20.0)
-        assert caller.hear() == [Vocab("is"), 2.5]
+        caller.send_call(1)
+        caller.send_call(2.5)
+        assert caller.is_answered(20.0)
+        assert caller.read_reply() == [Vocab("is"), 1]
+        assert caller.is_answered(20.0)
+        assert caller.read_reply() == [Vocab("is"), 2.5]
     finally:
         caller.close()
         port.close()

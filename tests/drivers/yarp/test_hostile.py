@@ -110,7 +110,7 @@ def test_orders_with_a_name_that_is_none_are_answered(names: Names, target: byte
 
 
 def test_a_host_that_is_none_can_not_be_reached(names: Names) -> None:
-    names.ask("register", "/odd", "tcp", "a..b", "4000")
+    names.request("register", "/odd", "tcp", "a..b", "4000")
     port = Port("/r", names, V3)
     with pytest.raises(PortError, match="can't be reached"):
         port.connect("/odd")

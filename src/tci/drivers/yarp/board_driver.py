@@ -238,10 +238,10 @@ class BoardDriver:
         for servo, mode in wanted.items():
             if mode in (Mode.POSITION, Mode.IMPEDANCE) and mode is not self._told[servo]:
                 soft = COMPLIANT if mode is Mode.IMPEDANCE else STIFF
-                self.board.ask(self.board.interaction_call(mine[servo], soft))
+                self.board.send_call(self.board.interaction_call(mine[servo], soft))
         for mode in dict.fromkeys(wanted.values()):
             axes = [mine[servo] for servo, other in wanted.items() if other is mode]
-            self.board.ask(self.board.modes_call(axes, WORDS[mode]))
+            self.board.send_call(self.board.modes_call(axes, WORDS[mode]))
         self._switching = {servo: self._told[servo] for servo in wanted}
         for servo, mode in wanted.items():
             self._told[servo] = mode

@@ -221,7 +221,7 @@ class Incoming:
 
     def _handle(self, command: Command, body: bytes | str) -> Answer:
         self.count += 1
-        self._visitor.heard = now = time.monotonic()
+        self._visitor.last_message = now = time.monotonic()
         return self._deliver(Delivery(command, self.sender, now, body))
 
 

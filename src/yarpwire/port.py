@@ -144,7 +144,7 @@ class Port:
         visitor.end = partial(self._let_go, incoming)
         try:
             incoming.greet(self.names.key, lambda name: self._add(name, incoming))
-            visitor.hear()
+            visitor.mark_verified()
             self._run(incoming)
         finally:
             with self._lock:

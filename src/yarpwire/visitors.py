@@ -24,22 +24,22 @@ class Visitor:
 
     end: Callable[[], None]
     """Function that closes it; called from whichever thread makes room."""
-    heard: float
+    last_message: float
     """Time [s] of its last message on the monotonic clock; at first, of its arrival."""
-    known: bool = False
+    verified: bool = False
     """True if it has sent a valid message."""
     host: str = ""
     """Address of its other end."""
 
-    def hear(self, now: float | None = None) -> None:
+    def mark_verified(self, now: float | None = None) -> None:
         """Records a valid message."""
-        self.known, self.heard = True, time.monotonic() if now is None else now
+        self.verified, self.last_message = True, time.monotonic() if now is None else now
 
 
 def surplus(visitors: Iterable[Visitor], now: float, most: int) -> list[Visitor]:
     """Returns the connections to close so that at most `most` remain, in that order."""
-    there = sorted(visitors, key=lambda one: (one.known, one.heard))
-    late = sum(not one.known and now - one.heard > PATIENCE for one in there)
+    there = sorted(visitors, key=lambda one: (one.verified, one.last_message))
+    late = sum(not one.verified and now - one.last_message > PATIENCE for one in there)
     return there[: max(late, len(there) - most)]
 
 

@@ -247,18 +247,18 @@ def test_strangers_go_first_then_who_was_silent_the_longest() -> None:
         return visitors.welcome(lambda: gone.append(name))
 
     old, young = welcome("old"), welcome("young")
-    old.hear(0.1)
-    young.hear(0.2)
+    old.mark_verified(0.1)
+    young.mark_verified(0.2)
     now = 1.0
     welcome("stranger")
     welcome("another")
     assert gone == ["stranger"]
-    old.hear(1.1)
+    old.mark_verified(1.1)
     now = 1.0 + PATIENCE + 0.1
     visitors.look()
     assert gone == ["stranger", "another"], "they have only so long"
     for number in range(2):
-        welcome(f"third {number}").hear(now)
+        welcome(f"third {number}").mark_verified(now)
     assert gone == ["stranger", "another", "young"]
     assert (len(visitors), visitors.ended) == (3, 3)
     visitors.leave(old)

@@ -59,7 +59,7 @@ class Guard:
 
         def judge(connection: Any, request: Request) -> Response | None:
             reason = self.refusal(request)
-            connection.visitor.known = not reason
+            connection.visitor.verified = not reason
             if reason:
                 self.refused += 1
                 body = f"{reason}\n".encode()
@@ -134,8 +134,8 @@ def _bounded() -> type[ServerConnection]:
             self.visitor = visitors.welcome(transport.abort)
 
         def data_received(self, data: bytes) -> None:
-            if self.visitor.known:
-                self.visitor.hear()
+            if self.visitor.verified:
+                self.visitor.mark_verified()
             super().data_received(data)
 
         def connection_lost(self, exc: Exception | None) -> None:

@@ -234,7 +234,7 @@ class PlayerServer(RemoteServer):
             if not data:
                 raise OSError("gone")
             for message in client.stream.feed(data):
-                client.visitor.hear()
+                client.visitor.mark_verified()
                 if message.kind == Kind.REQUEST:
                     self._answer(client, message)
                 elif message.kind == Kind.COMMAND:

@@ -48,7 +48,7 @@ class JointArrivals:
         """Names of servos without data so far."""
         return [servo.name for servo in self._robot.servos if np.isnan(self._position[servo.index])]
 
-    def hear(self, fields: Mapping[str, Any], arrival: float) -> None:
+    def receive(self, fields: Mapping[str, Any], arrival: float) -> None:
         """Handles a JointState that arrived at `arrival` [s]. Raises FrameError if its lengths do not
         match."""
         names = tuple(fields["name"])
@@ -113,7 +113,7 @@ class SkinArrivals:
         self.latest: SkinFrame | None = None
         """The latest frame."""
 
-    def hear(self, fields: Mapping[str, Any], values: NDArray[np.generic], arrival: float) -> None:
+    def receive(self, fields: Mapping[str, Any], values: NDArray[np.generic], arrival: float) -> None:
         """Handles raw values that arrived at `arrival` [s]."""
         stamp = self._clock.place(stamp_of(fields), arrival)
         if stamp is None:

@@ -19,7 +19,7 @@ from tci.drivers.remote.protocol import Orders, SessionFrame, State
 from tci.drivers.ros.messages import BYTES, NO_LAYOUT
 from tci.drivers.ros.names import Names
 from tci.drivers.ros.native import NativeRobot
-from tci.drivers.ros.node import Hear, Publish, RosNode
+from tci.drivers.ros.node import Callback, Publish, RosNode
 from tci.errors import DriverError, FrameError
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Reading
@@ -64,7 +64,7 @@ class RosDriver(RemoteDriver):
                 self._wait_for_joints(wait)
             elif arm:
                 self._out = node.advertise(names.orders, BYTES)
-                self._be_heard(wait)
+                self._wait_for_discovery(wait)
         except BaseException:
             node.close()
             raise
@@ -128,7 +128,7 @@ class RosDriver(RemoteDriver):
     def _nobody(self) -> str:
         return self._why or "its process sends no states"
 
-    def _keep(self, topic: str) -> Hear:
+    def _keep(self, topic: str) -> Callback:
         def keep(fields: Mapping[str, Any]) -> None:
             self._received[topic] = bytes(fields["data"])  # keeps the latest message of each topic
 
@@ -159,7 +159,7 @@ class RosDriver(RemoteDriver):
                 raise DriverError(silent if shown else self._why_not(wait))
             time.sleep(0.01)
 
-    def _be_heard(self, seconds: float) -> None:
+    def _wait_for_discovery(self, seconds: float) -> None:
         """Waits until the robot's process has discovered this one: connecting topics of ROS takes a
         moment."""
         end = time.monotonic() + seconds

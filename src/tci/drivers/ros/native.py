@@ -12,7 +12,7 @@ from tci.drivers.remote.whole_parts import WholeParts
 from tci.drivers.ros.arrivals import JointArrivals, SkinArrivals, raw_of_cloud
 from tci.drivers.ros.messages import NO_LAYOUT, TRAJECTORY, VALUES
 from tci.drivers.ros.names import Names
-from tci.drivers.ros.node import Hear, Publish, RosNode
+from tci.drivers.ros.node import Callback, Publish, RosNode
 from tci.errors import DriverError
 from tci.frames import Array
 from tci.gate.safe_command import SafeCommand
@@ -40,11 +40,11 @@ class NativeRobot:
         self.skin = {patch.name: SkinArrivals(robot, patch.name) for patch in robot.patches}
         self._parts = WholeParts(robot)
         self._out: dict[str, Publish] = {}
-        node.subscribe(names.joints, JOINTS, self._timed(self.joints.hear), keep=QUEUE)
+        node.subscribe(names.joints, JOINTS, self._timed(self.joints.receive), keep=QUEUE)
         for patch in self.skin:
-            node.subscribe(names.points(patch), CLOUD, self._timed(partial(self._hear_cloud, patch)))
-            if node.knows(SKIN):
-                node.subscribe(names.skin(patch), SKIN, self._timed(partial(self._hear_frame, patch)))
+            node.subscribe(names.points(patch), CLOUD, self._timed(partial(self._receive_cloud, patch)))
+            if node.supports(SKIN):
+                node.subscribe(names.skin(patch), SKIN, self._timed(partial(self._receive_frame, patch)))
         if arm:
             for part in names.parts():
                 kind = VALUES if self._plain(part) else TRAJECTORY
@@ -53,8 +53,8 @@ class NativeRobot:
     @property
     def complete(self) -> bool:
         """True if data of every joint and every patch has arrived."""
-        heard = (arrivals.latest is not None for arrivals in self.skin.values())
-        return self.joints.latest is not None and all(heard)
+        received = (arrivals.latest is not None for arrivals in self.skin.values())
+        return self.joints.latest is not None and all(received)
 
     def reading(self) -> Reading:
         """Returns the latest data. Raises DriverError before the first joints."""
@@ -84,14 +84,14 @@ class NativeRobot:
     def _plain(self, part: str) -> bool:
         return self._names.command(part).endswith("/commands")
 
-    def _timed(self, use: Callable[[Mapping[str, Any], float], None]) -> Hear:
+    def _timed(self, use: Callable[[Mapping[str, Any], float], None]) -> Callback:
         return lambda fields: use(fields, self._now())
 
-    def _hear_cloud(self, patch: str, fields: Mapping[str, Any], arrival: float) -> None:
-        self.skin[patch].hear(fields, raw_of_cloud(fields), arrival)
+    def _receive_cloud(self, patch: str, fields: Mapping[str, Any], arrival: float) -> None:
+        self.skin[patch].receive(fields, raw_of_cloud(fields), arrival)
 
-    def _hear_frame(self, patch: str, fields: Mapping[str, Any], arrival: float) -> None:
+    def _receive_frame(self, patch: str, fields: Mapping[str, Any], arrival: float) -> None:
         frame = to_frame(fields)
         if frame.patch != patch:
             raise DriverError(f"a frame of {frame.patch[:40]!r} on the topic of {patch}")
-        self.skin[patch].hear(fields, frame.values, arrival)
+        self.skin[patch].receive(fields, frame.values, arrival)

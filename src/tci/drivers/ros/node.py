@@ -13,7 +13,7 @@ from tci.rosmsg.cdr import MessageType
 
 Publish = Callable[[Sequence[Any]], None]
 """Sends one message from its values in the order of `MessageType.flat`."""
-Hear = Callable[[Mapping[str, Any]], None]
+Callback = Callable[[Mapping[str, Any]], None]
 """Handles one message, as `tci.rosmsg.cdr.decode` returns it. Errors that it raises are counted and have no
 other effect."""
 LIFESPAN = 0.1
@@ -40,9 +40,9 @@ class RosNode(ABC):
 
     @abstractmethod
     def subscribe(
-        self, topic: str, kind: MessageType, hear: Hear, *, latched: bool = False, keep: int = 1
+        self, topic: str, kind: MessageType, callback: Callback, *, latched: bool = False, keep: int = 1
     ) -> None:
-        """Passes each message of a topic to `hear`, but between two polls only the last `keep`."""
+        """Passes each message of a topic to `callback`, but between two polls only the last `keep`."""
 
     @abstractmethod
     def types_of(self, topic: str) -> tuple[str, ...]:
@@ -55,14 +55,14 @@ class RosNode(ABC):
     def poll(self) -> None:  # noqa: B027 - a node with a thread needs none
         """Passes on the messages that have arrived, in nodes without a thread for that."""
 
-    def knows(self, kind: MessageType) -> bool:
+    def supports(self, kind: MessageType) -> bool:
         """Returns True if this node can carry messages of a type; it can carry all standard ones."""
         return True
 
-    def _hand_on(self, topic: str, decoded: Callable[[], Mapping[str, Any]], hear: Hear) -> None:
+    def _pass_on(self, topic: str, decoded: Callable[[], Mapping[str, Any]], callback: Callback) -> None:
         """Decodes one message and passes it on, or counts it as rejected."""
         try:
-            hear(decoded())
+            callback(decoded())
         except (TciError, ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
             reason = f"{topic}: {error}"
             self.rejected[reason if len(self.rejected) < MOST_REASONS else f"{topic}: and others"] += 1

@@ -26,7 +26,7 @@ from tci.drivers.driver import Driver
 from tci.drivers.own_sockets import Watch, listening
 from tci.drivers.remote.hosts import numeric
 from tci.drivers.ros.driver import WAIT, RosDriver
-from tci.drivers.ros.node import Hear, Publish, RosNode, namespace_of
+from tci.drivers.ros.node import Callback, Publish, RosNode, namespace_of
 from tci.drivers.ros.server import RosServer
 from tci.drivers.ros.tree import Trees
 from tci.errors import DriverError, MissingExtraError
@@ -94,12 +94,12 @@ class Ros1Node(RosNode):
         if not self._rospy.core.is_initialized():
             others = listening()
             self._rospy.init_node(name, anonymous=True, disable_signals=True)
-            self._hear_everybody()
+            self._serve_in_threads()
             for port in listening() - others:
                 Watch(port)  # runs to the end of this process, as the node does
         self._topics: list[Any] = []
 
-    def _hear_everybody(self) -> None:
+    def _serve_in_threads(self) -> None:
         """Gives each connection a thread of its own: rospy has one for all, which a silent client would
         block."""
         server = import_module("rospy.impl.tcpros_base").init_tcpros_server()  # returns the existing server
@@ -122,13 +122,13 @@ class Ros1Node(RosNode):
         return send
 
     def subscribe(
-        self, topic: str, kind: MessageType, hear: Hear, *, latched: bool = False, keep: int = 1
+        self, topic: str, kind: MessageType, callback: Callback, *, latched: bool = False, keep: int = 1
     ) -> None:
-        def heard(message: Any) -> None:
-            self._hand_on(topic, partial(_trees(kind).flatten, kind, message), hear)
+        def received(message: Any) -> None:
+            self._pass_on(topic, partial(_trees(kind).flatten, kind, message), callback)
 
         subscriber = self._rospy.Subscriber(
-            topic, _type(kind), heard, queue_size=keep, buff_size=BUFFER, tcp_nodelay=True
+            topic, _type(kind), received, queue_size=keep, buff_size=BUFFER, tcp_nodelay=True
         )
         self._topics.append(subscriber)
 

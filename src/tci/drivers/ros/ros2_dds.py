@@ -27,7 +27,7 @@ from cyclonedds.util import duration
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from tci.drivers.remote.hosts import numeric
-from tci.drivers.ros.node import LIFESPAN, Hear, Publish, RosNode
+from tci.drivers.ros.node import LIFESPAN, Callback, Publish, RosNode
 from tci.errors import DriverError
 from tci.rosmsg.cdr import HEADER, MessageType, decode, encode, item_of
 
@@ -77,7 +77,7 @@ class DdsNode(RosNode):
         _open_domain(self._id, reach)
         self._name, self._namespace = name, namespace or "/"
         self._publishers: list[_Publisher] = []
-        self._readers: list[tuple[str, MessageType, DataReader[Any], Hear, int]] = []
+        self._readers: list[tuple[str, MessageType, DataReader[Any], Callback, int]] = []
         self._participant: DomainParticipant | None = DomainParticipant(
             self._id, qos=Qos(Policy.Userdata(b"enclave=/;"))
         )
@@ -93,7 +93,7 @@ class DdsNode(RosNode):
         return self._publishers[-1]
 
     def subscribe(
-        self, topic: str, kind: MessageType, hear: Hear, *, latched: bool = False, keep: int = 1
+        self, topic: str, kind: MessageType, callback: Callback, *, latched: bool = False, keep: int = 1
     ) -> None:
         policies = [
             RELIABLE if latched else Policy.Reliability.BestEffort,
@@ -101,14 +101,14 @@ class DdsNode(RosNode):
             Policy.History.KeepLast(keep),
         ]
         reader = DataReader(self._opened(), self._topic(f"rt{topic}", kind), qos=_qos(policies, kind))
-        self._readers.append((topic, kind, reader, hear, keep))
+        self._readers.append((topic, kind, reader, callback, keep))
         self._announce()
 
     def poll(self) -> None:
-        for topic, kind, reader, hear, keep in self._readers:
+        for topic, kind, reader, callback, keep in self._readers:
             for sample in reader.take(keep):
                 if isinstance(sample, IdlStruct):  # otherwise a writer has left
-                    self._hand_on(topic, partial(decode, kind, sample.raw), hear)  # type: ignore[attr-defined] # _idl's
+                    self._pass_on(topic, partial(decode, kind, sample.raw), callback)  # type: ignore[attr-defined] # _idl's
 
     def types_of(self, topic: str) -> tuple[str, ...]:
         for sample in self._publications.take(1000):

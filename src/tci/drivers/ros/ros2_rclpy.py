@@ -15,7 +15,7 @@ from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from tci.drivers.ros.node import LIFESPAN, Hear, Publish, RosNode
+from tci.drivers.ros.node import LIFESPAN, Callback, Publish, RosNode
 from tci.errors import DriverError
 from tci.rosmsg.cdr import MessageType, decode, encode
 
@@ -58,18 +58,18 @@ class RclpyNode(RosNode):
         return send
 
     def subscribe(
-        self, topic: str, kind: MessageType, hear: Hear, *, latched: bool = False, keep: int = 1
+        self, topic: str, kind: MessageType, callback: Callback, *, latched: bool = False, keep: int = 1
     ) -> None:
-        def heard(data: bytes) -> None:
-            self._hand_on(topic, lambda: decode(kind, data), hear)
+        def received(data: bytes) -> None:
+            self._pass_on(topic, lambda: decode(kind, data), callback)
 
         qos = _qos(keep, latched=latched, reliable=latched)
-        self._node.create_subscription(_type(kind), topic, heard, qos, raw=True)
+        self._node.create_subscription(_type(kind), topic, received, qos, raw=True)
 
     def types_of(self, topic: str) -> tuple[str, ...]:
         return tuple(sorted({info.topic_type for info in self._node.get_publishers_info_by_topic(topic)}))
 
-    def knows(self, kind: MessageType) -> bool:
+    def supports(self, kind: MessageType) -> bool:
         try:
             _type(kind)
         except DriverError:

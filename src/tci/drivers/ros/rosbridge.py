@@ -15,7 +15,7 @@ import roslibpy
 
 from tci.drivers.driver import Driver
 from tci.drivers.ros.driver import WAIT, RosDriver
-from tci.drivers.ros.node import Hear, Publish, RosNode, namespace_of
+from tci.drivers.ros.node import Callback, Publish, RosNode, namespace_of
 from tci.drivers.ros.server import RosServer
 from tci.drivers.ros.tree import Trees
 from tci.errors import DriverError
@@ -82,14 +82,14 @@ class RosbridgeNode(RosNode):
             connection.sendMessage(json.dumps(said).encode())
 
     def subscribe(
-        self, topic: str, kind: MessageType, hear: Hear, *, latched: bool = False, keep: int = 1
+        self, topic: str, kind: MessageType, callback: Callback, *, latched: bool = False, keep: int = 1
     ) -> None:
         found = roslibpy.Topic(self._ros, topic, _short(kind), queue_length=keep)
 
-        def heard(message: Any) -> None:
-            self._hand_on(topic, partial(self._trees.flatten, kind, message), hear)
+        def received(message: Any) -> None:
+            self._pass_on(topic, partial(self._trees.flatten, kind, message), callback)
 
-        found.subscribe(heard)
+        found.subscribe(received)
         self._topics.append(found)
 
     def types_of(self, topic: str) -> tuple[str, ...]:
@@ -98,7 +98,7 @@ class RosbridgeNode(RosNode):
         type_ = str(self._ask("topic_type", "TopicType", {"topic": topic}).get("type", ""))
         return (type_.replace("/msg/", "/").replace("/", "/msg/", 1),) if type_ else ()
 
-    def knows(self, kind: MessageType) -> bool:
+    def supports(self, kind: MessageType) -> bool:
         return not kind.name.startswith("tci_msgs/")  # the server would need the package
 
     def close(self) -> None:

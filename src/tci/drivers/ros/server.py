@@ -62,7 +62,7 @@ class RosServer(RemoteServer):
             self._joints = node.advertise(names.joints, JOINTS)
             self._refusals = node.advertise(names.topic("tci/refusals"), TEXT)
             self._arrived: deque[bytes] = deque(maxlen=MOST_ORDERS)
-            node.subscribe(names.orders, BYTES, self._hear, keep=MOST_ORDERS)
+            node.subscribe(names.orders, BYTES, self._receive_orders, keep=MOST_ORDERS)
             kinematics = KinematicChain(robot)
             self._skin = {
                 patch.name: PatchTopics(robot, number, node, names, kinematics, period)
@@ -70,8 +70,8 @@ class RosServer(RemoteServer):
             }
             self._controllers = PartControllers(robot, self.number, of="a ROS node")
             for part in names.parts():
-                node.subscribe(names.trajectory(part), TRAJECTORY, partial(self._follow, part))
-                node.subscribe(names.values(part), VALUES, partial(self._take, part))
+                node.subscribe(names.trajectory(part), TRAJECTORY, partial(self._execute_trajectory, part))
+                node.subscribe(names.values(part), VALUES, partial(self._execute_values, part))
             node.advertise(names.topic("tci/facts"), TEXT, latched=True)((query(robot).model_dump_json(),))
             if robot.model is not None:
                 node.advertise(names.topic("robot_description"), TEXT, latched=True)((to_urdf(robot),))
@@ -119,14 +119,14 @@ class RosServer(RemoteServer):
         if topics.every.due(frame.stamp):
             topics.publish(SessionFrame(self.number, frame), self._epoch(frame.stamp))
 
-    def _hear(self, fields: Mapping[str, Any]) -> None:
+    def _receive_orders(self, fields: Mapping[str, Any]) -> None:
         self._arrived.append(bytes(fields["data"]))
 
-    def _follow(self, part: str, fields: Mapping[str, Any]) -> None:
+    def _execute_trajectory(self, part: str, fields: Mapping[str, Any]) -> None:
         joints = {self._names.joint(servo): servo.index for servo in self.driver.robot.servos_of(part)}
         self._controllers.hear(part, partial(Trajectory, part, joints, fields))
 
-    def _take(self, part: str, fields: Mapping[str, Any]) -> None:
+    def _execute_values(self, part: str, fields: Mapping[str, Any]) -> None:
         servos = self.driver.robot.servos_of(part)
         self._controllers.hear(part, lambda *_: Once(values_order(part, servos, fields["data"])))
 
@@ -154,7 +154,7 @@ class PatchTopics:
         self._cloud = PatchCloud(patch, build_surface(robot, patch, kinematics))
         self._points = node.advertise(names.points(patch.name), CLOUD)
         self._frames = node.advertise(names.frames(patch.name), BYTES)
-        self._raw = node.advertise(names.skin(patch.name), SKIN) if node.knows(SKIN) else None
+        self._raw = node.advertise(names.skin(patch.name), SKIN) if node.supports(SKIN) else None
 
     def publish(self, message: SessionFrame, stamp: float) -> None:
         """Publishes a frame, measured at `stamp` [s] since 1970."""

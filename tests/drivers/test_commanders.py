@@ -35,7 +35,7 @@ class Robot:
             "sequence": self.numbers[client], "halt": None, "leaving": False, "first": first,
             "orders": orders,
         }  # fmt: skip
-        self.commanders.hear(Orders(**{**message, **changes}))
+        self.commanders.receive(Orders(**{**message, **changes}))
 
     def tick(self) -> SafeCommand:
         if fault := self.commanders.fault():

@@ -159,7 +159,7 @@ def test_33_what_many_commanders_are_refused_fits_in_a_state() -> None:
     everybody = CommandArbiter(NAO, 7, 1.0, lambda: now)
     order = PlatformSwitch(np.full(10_000, 99_999), Mode.POSITION)
     for client in range(1, MOST_COMMANDERS + 1):
-        everybody.hear(
+        everybody.receive(
             dataclasses.replace(ORDERS, session=7, seen=now, client=client, first=1, orders=(order,))
         )
     gate = Gate(NAO, period=0.01, stale_after=1.0)

@@ -60,7 +60,7 @@ class Wire(RemoteDriver):
             raise DriverError("the wire is cut")
         self.said.append(orders)
 
-    def _nobody(self) -> str:
+    def _why_silent(self) -> str:
         return "nobody"
 
 

@@ -24,7 +24,7 @@ from tci.drivers.player.wire import Stream
 from tci.drivers.ros.cloud import PatchCloud
 from tci.drivers.ros.names import Names
 from tci.drivers.ros.native import NativeRobot
-from tci.drivers.ros.node import Hear, Publish, RosNode
+from tci.drivers.ros.node import Callback, Publish, RosNode
 from tci.drivers.ros.tree import Trees
 from tci.errors import DriverError, FrameError
 from tci.recording.schemas import CLOUD, JOINTS, SKIN, joints_values, skin_values
@@ -234,7 +234,7 @@ class _Wires(RosNode):
 
     def __init__(self) -> None:
         super().__init__()
-        self._hear: dict[str, list[Hear]] = {}
+        self._callbacks: dict[str, list[Callback]] = {}
         now = itertools.count()
         self.robot = NativeRobot(
             NAO, self, Names(NAO, "ros2", ""), arm=False, period=0.01, now=lambda: next(now) * 1e-3
@@ -245,15 +245,15 @@ class _Wires(RosNode):
     ) -> None:
         """Delivers one message on a random topic of its type."""
         read = (lambda: decode(kind, data)) if isinstance(data, bytes) else data
-        self._hand_on("topic", read, chance.choice(self._hear[kind.name]))
+        self._pass_on("topic", read, chance.choice(self._callbacks[kind.name]))
         with suppress(DriverError):
             joints = self.robot.reading().joints
             assert joints.position.shape == joints.velocity.shape == (len(NAO.servos),)
 
     def subscribe(
-        self, topic: str, kind: MessageType, hear: Hear, *, latched: bool = False, keep: int = 1
+        self, topic: str, kind: MessageType, callback: Callback, *, latched: bool = False, keep: int = 1
     ) -> None:
-        self._hear.setdefault(kind.name, []).append(hear)
+        self._callbacks.setdefault(kind.name, []).append(callback)
 
     def advertise(self, topic: str, kind: MessageType, *, latched: bool = False) -> Publish:
         raise NotImplementedError

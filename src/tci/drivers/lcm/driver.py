@@ -137,7 +137,7 @@ class LcmDriver(RemoteDriver):
     def _put(self, orders: Orders) -> None:
         self._bus.put("orders", orders_bytes(self.robot, orders))
 
-    def _nobody(self) -> str:
+    def _why_silent(self) -> str:
         return self._why or "serve it with tci serve ROBOT --via lcm, under the same URL"
 
     @property

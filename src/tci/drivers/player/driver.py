@@ -81,7 +81,7 @@ class PlayerDriver(RemoteDriver):
             offered = self._client.devices()
             self.is_native = (OPAQUE, STATES) not in offered
             if self.is_native:
-                self._be_only_gate(f"player:{numeric(host)}:{port}:{robot.name}")
+                self._use_full_gate(f"player:{numeric(host)}:{port}:{robot.name}")
                 self._open_devices(offered)
                 self._wait_for_joints(wait)
             else:
@@ -138,7 +138,7 @@ class PlayerDriver(RemoteDriver):
     def _put(self, orders: Orders) -> None:
         self._client.command(OPAQUE, STATES, STATE, blob(orders_bytes(self.robot, orders)))
 
-    def _nobody(self) -> str:
+    def _why_silent(self) -> str:
         return self._why or self._client.lost or "its process sends no states"
 
     def _open_devices(self, offered: list[tuple[int, int]]) -> None:

@@ -152,11 +152,11 @@ class PlayerServer(RemoteServer):
                 if interface == ACTARRAY:
                     servos = [servo.index for servo in self.driver.robot.servos_of(name)]
                     body = actuators(reading.joints.position[servos], reading.joints.velocity[servos])
-                    self._say(ACTARRAY, index, stamp, body)
+                    self._send_data(ACTARRAY, index, stamp, body)
         super().publish(reading, perception, sent)
         self.rejected += len(self._controllers.refusals(self.commanders.states()))
         for client in list(self._clients):
-            with self._dropping(client):
+            with self._drop_on_error(client):
                 if client.asked and self._is_due:
                     client.asked = False
                     client.send(Message(PLAYER, 0, Kind.SYNCH, 1, time.time(), b"", robot=self.port))
@@ -170,11 +170,11 @@ class PlayerServer(RemoteServer):
     def _poll(self) -> Iterator[Orders]:
         with contextlib.suppress(BlockingIOError, OSError):
             for _ in range(BACKLOG):
-                self._welcome(self._listener.accept()[0])
+                self._add_client(self._listener.accept()[0])
         self._visitors.look()
         for client in list(self._clients):
-            with self._dropping(client):
-                self._hear(client)
+            with self._drop_on_error(client):
+                self._read_messages(client)
                 client.flush()
         yield from self._controllers.messages(self._position, self.driver.clock.now())
         while self._arrived:
@@ -185,22 +185,22 @@ class PlayerServer(RemoteServer):
 
     def _show(self, state: State) -> None:
         if self._is_due:
-            self._say(OPAQUE, STATES, time.time(), blob(state_bytes(self.driver.robot, state)))
+            self._send_data(OPAQUE, STATES, time.time(), blob(state_bytes(self.driver.robot, state)))
 
     def _show_skin(self, frame: SkinFrame) -> None:
         stamp = self._epoch(frame.stamp)
         whole = blob(frame_bytes(self.driver.robot, SessionFrame(self.number, frame)))
-        self._say(OPAQUE, self._frames[frame.patch], stamp, whole)
+        self._send_data(OPAQUE, self._frames[frame.patch], stamp, whole)
         for (interface, index), name in self._devices.items():
             if (interface, name) == (OPAQUE, frame.patch):
-                self._say(OPAQUE, index, stamp, blob(skin(frame.values)))
+                self._send_data(OPAQUE, index, stamp, blob(skin(frame.values)))
 
-    def _say(self, interface: int, index: int, stamp: float, body: bytes) -> None:
+    def _send_data(self, interface: int, index: int, stamp: float, body: bytes) -> None:
         for client in self._clients:
             if (interface, index) in client.devices:
                 client.send(Message(interface, index, Kind.DATA, STATE, stamp, body, robot=self.port))
 
-    def _welcome(self, connection: socket.socket) -> None:
+    def _add_client(self, connection: socket.socket) -> None:
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         client = _Client(connection, self._visitors.welcome(connection.close))
@@ -208,7 +208,7 @@ class PlayerServer(RemoteServer):
         self._clients.append(client)
 
     @contextlib.contextmanager
-    def _dropping(self, client: _Client) -> Iterator[None]:
+    def _drop_on_error(self, client: _Client) -> Iterator[None]:
         """Disconnects a client that is gone or sends invalid requests."""
         try:
             yield
@@ -223,7 +223,7 @@ class PlayerServer(RemoteServer):
         client.socket.close()
         self._clients.remove(client)
 
-    def _hear(self, client: _Client) -> None:
+    def _read_messages(self, client: _Client) -> None:
         """Handles the messages of a client. Raises OSError when it is gone, FrameError for an invalid
         message."""
         for _ in range(PER_POLL):
@@ -303,7 +303,7 @@ class PlayerServer(RemoteServer):
         except (FrameError, CommandError):
             self.rejected += 1
             return
-        self._controllers.hear(name, lambda *_: Once(order))
+        self._controllers.start(name, lambda *_: Once(order))
 
     def _epoch(self, stamp: float) -> float:
         """Converts a time on the driver's clock to Player's: seconds since 1970."""

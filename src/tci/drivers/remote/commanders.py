@@ -25,7 +25,7 @@ class _Member:
     """One process that commands."""
 
     name: str
-    heard: float
+    last_message: float
     """Arrival time [s] of its last message that answers a fresh state."""
     sequence: int = 0
     acknowledged: int = 0
@@ -53,14 +53,14 @@ class CommandArbiter:
         self._clock = clock
         self._members: dict[int, _Member] = {}
         self._waiting: deque[tuple[int, int, PlatformOrder]] = deque(maxlen=MOST_ORDERS * MOST_COMMANDERS)
-        self._handed: list[tuple[int, int, PlatformOrder]] = []
+        self._taken: list[tuple[int, int, PlatformOrder]] = []
         self._left: Reason | None = None
         self._gone: dict[int, float] = {}
         self.rejected = 0
         """Number of rejected messages: late, repeated, of another session, of a process that left, or too
         many."""
 
-    def hear(self, message: Orders) -> None:
+    def receive(self, message: Orders) -> None:
         """Handles a message."""
         now = self._clock()
         member = self._members.get(message.client)
@@ -72,7 +72,7 @@ class CommandArbiter:
             return
         if member is None:
             member = self._members[message.client] = _Member(message.name, now)
-        member.heard, member.sequence, member.halt = now, message.sequence, message.halt
+        member.last_message, member.sequence, member.halt = now, message.sequence, message.halt
         for number, order in enumerate(message.orders, start=message.first):
             if number > member.acknowledged:
                 member.acknowledged = number
@@ -88,7 +88,7 @@ class CommandArbiter:
         now = self._clock()
         reason, self._left = self._left, None
         for client, member in list(self._members.items()):
-            silent = now - member.heard
+            silent = now - member.last_message
             if silent > self._silence + LEASE:
                 self._forget(client, None)
             elif silent > self._silence and member.servos:
@@ -101,7 +101,7 @@ class CommandArbiter:
     def take(self) -> list[PlatformOrder]:
         """Returns the orders for the gate, oldest first; orders for another commander's joints are
         refused."""
-        self._handed = []
+        self._taken = []
         while self._waiting:
             client, number, order = self._waiting.popleft()
             member = self._members.get(client)
@@ -112,25 +112,25 @@ class CommandArbiter:
                 self._refuse(client, number, owner)
                 continue
             member.servos |= wanted
-            self._handed.append((client, number, order))
-        return [order for _, _, order in self._handed]
+            self._taken.append((client, number, order))
+        return [order for _, _, order in self._taken]
 
     def refuse(self, order: Order, reason: Reason) -> None:
         """Records that an order returned by `take` did not reach the gate."""
-        for place, (client, number, handed) in enumerate(self._handed):
-            if handed is order:
+        for place, (client, number, taken) in enumerate(self._taken):
+            if taken is order:
                 self._refuse(client, number, reason)
-                del self._handed[place]
+                del self._taken[place]
                 return
 
     def decided(self, sent: SafeCommand) -> None:
         """Records the gate's decision on the orders of `take`: those it accepted, and the reasons for the
         others."""
         over = {id(order) for order in sent.orders}
-        refused = [(client, number) for client, number, order in self._handed if id(order) not in over]
+        refused = [(client, number) for client, number, order in self._taken if id(order) not in over]
         for (client, number), reason in zip(refused, sent.refusals, strict=False):
             self._refuse(client, number, reason)
-        self._handed = []
+        self._taken = []
 
     def states(self) -> tuple[Commander, ...]:
         """Returns the entry of each commander in the next state."""

@@ -64,7 +64,7 @@ class PartControllers:
         self._arrived: deque[tuple[str, Make]] = deque(maxlen=MOST)
         self._refused: list[Reason] = []
 
-    def hear(self, part: str, make: Make) -> None:
+    def start(self, part: str, make: Make) -> None:
         """Starts a new source for a part; it replaces the previous one."""
         self._arrived.append((part, make))
 
@@ -81,13 +81,13 @@ class PartControllers:
 
     def refusals(self, commanders: Iterable[Commander]) -> list[Reason]:
         """Returns the reasons for refusals since the last call."""
-        told, self._refused = self._refused, []
+        found, self._refused = self._refused, []
         for commander in commanders:
             for controller in self._parts.values():
                 if commander.client == controller.client and commander.refused > controller.refused:
                     controller.refused = commander.refused
-                    told += [commander.reason] if commander.reason is not None else []
-        return told
+                    found += [commander.reason] if commander.reason is not None else []
+        return found
 
 
 class _Part:

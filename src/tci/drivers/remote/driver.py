@@ -73,7 +73,7 @@ class RemoteDriver(Driver):
         """Number of ignored messages: of another session or another sender than the robot's process."""
         self._state: State | None = None
         self._delays: deque[tuple[float, float]] = deque()
-        self._shift = self._heard = 0.0
+        self._shift = self._connected_time = 0.0
         self._arrival = -math.inf
         self._skin: dict[str, SkinFrame] = {}
         self._lost: Reason | None = None
@@ -88,7 +88,7 @@ class RemoteDriver(Driver):
     def _put(self, orders: Orders) -> None:
         """Sends orders to the robot's process."""
 
-    def _be_only_gate(self, lease_name: str) -> None:
+    def _use_full_gate(self, lease_name: str) -> None:
         """Changes to a robot that no TCI process owns: this process then has the full gate and the lease."""
         gate = Gate(self.robot, period=self.period, stale_after=self.gate.stale_after)
         self.info = replace(self.info, gate=gate, lease_name=lease_name)
@@ -98,7 +98,7 @@ class RemoteDriver(Driver):
         return False
 
     @abstractmethod
-    def _nobody(self) -> str:
+    def _why_silent(self) -> str:
         """Returns the probable reason why no state has arrived, for the error."""
 
     def diagnose(self) -> tuple[Finding, ...]:
@@ -134,7 +134,7 @@ class RemoteDriver(Driver):
             self._take()
             waited = time.monotonic() - begin
             if self._state is None and waited > TIMEOUT and not (waited < STARTING and self._starting()):
-                raise DriverError(f"{self.robot.name} does not answer at {self.place}: {self._nobody()}")
+                raise DriverError(f"{self.robot.name} does not answer at {self.place}: {self._why_silent()}")
             time.sleep(0.002)
         end = time.monotonic() + SKIN
         while len(self._skin) < len(self.robot.patches) and time.monotonic() < end:
@@ -151,7 +151,7 @@ class RemoteDriver(Driver):
             self.gate.hold(Reason(Code.OWNER_HOLDS, f"the robot's process: {text_of(state.reason)}"))
         for commander in state.commanders:
             if commander.client == self.client:
-                self._heed(commander)
+                self._process_entry(commander)
         joints = replace(state.joints, stamp=state.joints.stamp + self._shift)
         skin = (replace(frame, stamp=frame.stamp + self._shift) for frame in self._skin.values())
         return Reading(joints, tuple(skin))
@@ -177,7 +177,7 @@ class RemoteDriver(Driver):
             )
         # The robot's process is not sent its own reason, since each would then wait for the other.
         theirs = safe.reason is None or safe.reason.code in (Code.OWNER_HOLDS, Code.OWNER_REFUSES)
-        self._say(state, None if theirs else safe.reason, leaving=False)
+        self._send_orders(state, None if theirs else safe.reason, leaving=False)
 
     def _halt(self) -> None:
         """Drops pending orders and asks the robot's process to hold until it does. Without a connection it
@@ -187,7 +187,7 @@ class RemoteDriver(Driver):
         self._pending.clear()
         end = self.clock.now() + self.gate.stale_after
         while self.clock.now() < end:
-            self._say(self._state, Reason(Code.HALTED, "halted"), leaving=False)
+            self._send_orders(self._state, Reason(Code.HALTED, "halted"), leaving=False)
             self.clock.sleep_until(self.clock.now() + self.period)
             self._take()
             if self._state.gate != GateState.RUN.value:
@@ -197,9 +197,9 @@ class RemoteDriver(Driver):
         if self._state is not None and self._sequence:
             self._pending.clear()
             with suppress(DriverError):  # otherwise the silence ends the command
-                self._say(self._state, None, leaving=True)
+                self._send_orders(self._state, None, leaving=True)
 
-    def _say(self, state: State, halt: Reason | None, *, leaving: bool) -> None:
+    def _send_orders(self, state: State, halt: Reason | None, *, leaving: bool) -> None:
         self._sequence += 1
         self._put(
             Orders(
@@ -239,16 +239,16 @@ class RemoteDriver(Driver):
     def _accept(self, state: State) -> None:
         self._state = state
         arrival = self.clock.now()
-        self._heard += min(arrival - self._arrival, self.gate.stale_after)
+        self._connected_time += min(arrival - self._arrival, self.gate.stale_after)
         self._arrival = arrival
-        delay, begin = arrival - state.sent, self._heard - WINDOW
+        delay, begin = arrival - state.sent, self._connected_time - WINDOW
         while self._delays and (self._delays[0][0] < begin or self._delays[-1][1] >= delay):
             self._delays.popleft() if self._delays[0][0] < begin else self._delays.pop()
-        self._delays.append((self._heard, delay))
+        self._delays.append((self._connected_time, delay))
         # The robot's time on this clock: when the state was sent, if its delay was the shortest one.
         self._shift = state.sent + self._delays[0][1] - state.now
 
-    def _heed(self, commander: Commander) -> None:
+    def _process_entry(self, commander: Commander) -> None:
         """Handles this driver's entry in a state of the robot's process."""
         while self._pending and self._next - len(self._pending) <= commander.acknowledged:
             self._pending.popleft()

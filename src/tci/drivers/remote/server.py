@@ -47,7 +47,7 @@ class RemoteServer(Server):
 
     def fault(self) -> Reason | None:
         for message in self._poll():
-            self.commanders.hear(message)
+            self.commanders.receive(message)
         return self.commanders.fault()
 
     def orders(self) -> Sequence[Order]:

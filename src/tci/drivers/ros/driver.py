@@ -59,7 +59,7 @@ class RosDriver(RemoteDriver):
             self._out: Publish | None = None
             self._why = ""
             if not self._is_tci(wait):
-                self._be_only_gate(f"{middleware}:{namespace}:{robot.name}")
+                self._use_full_gate(f"{middleware}:{namespace}:{robot.name}")
                 self._native = NativeRobot(robot, node, names, arm=arm, period=self.period, now=now)
                 self._wait_for_joints(wait)
             elif arm:
@@ -125,7 +125,7 @@ class RosDriver(RemoteDriver):
         assert self._out is not None  # armed drivers have a publisher
         self._out((NO_LAYOUT, np.frombuffer(orders_bytes(self.robot, orders), dtype=np.uint8)))
 
-    def _nobody(self) -> str:
+    def _why_silent(self) -> str:
         return self._why or "its process sends no states"
 
     def _keep(self, topic: str) -> Callback:
@@ -155,7 +155,7 @@ class RosDriver(RemoteDriver):
             if now - plain_since > STATE_WAIT:
                 return False
             if now - begin > (max(wait, STARTING) if shown else wait):
-                silent = f"{self._names.state} is offered, but {self._nobody()}"
+                silent = f"{self._names.state} is offered, but {self._why_silent()}"
                 raise DriverError(silent if shown else self._why_not(wait))
             time.sleep(0.01)
 
@@ -170,7 +170,7 @@ class RosDriver(RemoteDriver):
                 return
             if time.monotonic() > end:
                 raise DriverError(f"the process of {self.robot.name} does not receive {self._names.orders}")
-            self._say(self._state, None, leaving=False)
+            self._send_orders(self._state, None, leaving=False)
             time.sleep(self.period)
 
     def _wait_for_joints(self, seconds: float) -> None:

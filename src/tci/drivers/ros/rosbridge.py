@@ -70,11 +70,11 @@ class RosbridgeNode(RosNode):
         def send(values: Sequence[Any]) -> None:
             message = self._trees.grow(kind, values)
             said = {"op": "publish", "topic": topic, "msg": message, "latch": latched}
-            self._ros.factory.manager.loop.call_soon_threadsafe(self._say, said)
+            self._ros.factory.manager.loop.call_soon_threadsafe(self._send_message, said)
 
         return send
 
-    def _say(self, said: Mapping[str, Any]) -> None:
+    def _send_message(self, said: Mapping[str, Any]) -> None:
         """Sends a message in roslibpy's thread, which also opens and closes connections. Nothing is stored
         for later: old commands are never sent."""
         connection = self._ros.factory._proto

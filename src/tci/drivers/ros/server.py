@@ -124,11 +124,11 @@ class RosServer(RemoteServer):
 
     def _execute_trajectory(self, part: str, fields: Mapping[str, Any]) -> None:
         joints = {self._names.joint(servo): servo.index for servo in self.driver.robot.servos_of(part)}
-        self._controllers.hear(part, partial(Trajectory, part, joints, fields))
+        self._controllers.start(part, partial(Trajectory, part, joints, fields))
 
     def _execute_values(self, part: str, fields: Mapping[str, Any]) -> None:
         servos = self.driver.robot.servos_of(part)
-        self._controllers.hear(part, lambda *_: Once(values_order(part, servos, fields["data"])))
+        self._controllers.start(part, lambda *_: Once(values_order(part, servos, fields["data"])))
 
     def _epoch(self, stamp: float) -> float:
         """Converts a time on the driver's clock to ROS time: seconds since 1970."""

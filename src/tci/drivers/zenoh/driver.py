@@ -89,7 +89,7 @@ class ZenohDriver(RemoteDriver):
         except zenoh.ZError as error:
             raise DriverError(f"{self.place}: {error}") from error
 
-    def _nobody(self) -> str:
+    def _why_silent(self) -> str:
         if self._why:
             return self._why
         there = ", ".join(_alive(self.session)) or "none"

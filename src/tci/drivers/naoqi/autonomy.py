@@ -128,12 +128,12 @@ class Lookout:
         asked, seen = self._answer, ""
         if asked is not None and asked.isFinished():
             self._answer = None
-            told = None if asked.hasError() else asked.value()
+            state = None if asked.hasError() else asked.value()
             if self._question is None:
-                self._question = getattr(told, "getState", None)
+                self._question = getattr(state, "getState", None)
             else:
-                self._was_off |= told == LIFE_OFF
-                seen = str(told) if self._was_off and told not in (None, LIFE_OFF) else ""
+                self._was_off |= state == LIFE_OFF
+                seen = str(state) if self._was_off and state not in (None, LIFE_OFF) else ""
         if self._answer is None and now >= self._due:
             ask = self._question or partial(self._session.service, LIFE)
             self._answer, self._due = ask(_async=True), now + EVERY

@@ -24,7 +24,7 @@ class Board:
         self.robot = robot
         self.measured: list[float] = first.joints.position.tolist()
         """Measured angles [rad] of all servos."""
-        self.told: list[float] = list(self.measured)
+        self.commanded: list[float] = list(self.measured)
         """Latest commanded angles [rad] of all servos."""
         self.stiffness = [1.0] * len(robot.servos)
         """Stiffness 0..1 of all servos."""
@@ -36,20 +36,20 @@ class Board:
         self._frames: dict[str, SkinFrame] = {}
         self._texts: dict[str, tuple[int, str]] = {}
 
-    def feel(self, reading: Reading) -> None:
+    def store_skin(self, reading: Reading) -> None:
         """Stores this period's skin. The loop calls it."""
         for frame in reading.skin:
             self._frames[frame.patch] = frame
 
-    def show(self, reading: Reading, sent: SafeCommand) -> None:
+    def store(self, reading: Reading, sent: SafeCommand) -> None:
         """Stores one period. The loop calls it."""
         self.measured = reading.joints.position.tolist()
-        told, stiffness = list(self.told), list(self.stiffness)
+        commanded, stiffness = list(self.commanded), list(self.stiffness)
         for servo, angle in zip(sent.servos.tolist(), sent.position.tolist(), strict=True):
-            told[servo] = angle
+            commanded[servo] = angle
         for servo, share in sent.stiffness.items():
             stiffness[servo] = share
-        self.told, self.stiffness = told, stiffness
+        self.commanded, self.stiffness = commanded, stiffness
         self.gate = [sent.state.value, text_of(sent.reason)]
 
     def take(self) -> Sequence[Order]:
@@ -81,7 +81,7 @@ class Board:
         keys: dict[str, Callable[[], Any]] = {"TCI/Gate": lambda: self.gate}
         for servo in self.robot.servos:
             keys[words.angle_key(servo.name, "Sensor")] = partial(self._measured, servo.index)
-            keys[words.angle_key(servo.name, "Actuator")] = partial(self._told, servo.index)
+            keys[words.angle_key(servo.name, "Actuator")] = partial(self._commanded, servo.index)
         for patch, names in words.skin_keys(self.robot, self.robot.binding(words.MIDDLEWARE)).items():
             if len(names) > 1:
                 keys |= {name: partial(self._channel, patch, place) for place, name in enumerate(names)}
@@ -95,8 +95,8 @@ class Board:
     def _measured(self, servo: int) -> float:
         return self.measured[servo]
 
-    def _told(self, servo: int) -> float:
-        return self.told[servo]
+    def _commanded(self, servo: int) -> float:
+        return self.commanded[servo]
 
     def _channel(self, patch: str, place: int) -> float | None:
         frame = self._frames.get(patch)

@@ -58,10 +58,10 @@ class NaoqiServer(Server):
         return self._board.take()
 
     def show(self, reading: Reading) -> None:
-        self._board.feel(reading)
+        self._board.store_skin(reading)
 
     def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
-        self._board.show(reading, sent)
+        self._board.store(reading, sent)
         if not self._ready:  # as on a robot that starts: services appear when they can work
             self._ready = True
             for name, one in services.all_services(self._board).items():

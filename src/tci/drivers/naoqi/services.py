@@ -40,7 +40,7 @@ class ALMotion:
     @qi.bind(qi.List(qi.Float), [qi.Dynamic, qi.Bool])
     def getAngles(self, names: Any, useSensors: bool) -> list[float]:
         """Returns angles [rad], measured or commanded."""
-        angles = self._board.measured if useSensors else self._board.told
+        angles = self._board.measured if useSensors else self._board.commanded
         return [angles[servo.index] for servo in self._find(names)]
 
     @qi.bind(qi.List(qi.Float), [qi.Dynamic])
@@ -74,8 +74,8 @@ class ALMotion:
         """Moves joints by `changes` [rad] from their commanded angles."""
         servos = self._find(names)
         changed = _numbers(changes, len(servos), "change [rad]", -7.0, 7.0)
-        told = self._board.told
-        wanted = [told[servo.index] + change for servo, change in zip(servos, changed, strict=True)]
+        commanded = self._board.commanded
+        wanted = [commanded[servo.index] + change for servo, change in zip(servos, changed, strict=True)]
         self.setAngles([servo.name for servo in servos], wanted, fractionMaxSpeed)
 
     @qi.bind(qi.Void, [qi.Dynamic, qi.Dynamic, qi.Float])
@@ -91,13 +91,13 @@ class ALMotion:
     def angleInterpolation(self, names: Any, angleLists: Any, timeLists: Any, isAbsolute: bool) -> None:
         """Moves each joint to one target, reached after that time [s]; returns when they have arrived."""
         servos = self._find(names)
-        told = self._board.told
+        commanded = self._board.commanded
         wanted = _numbers(angleLists, len(servos), "angle [rad] (one for each joint)", -7.0, 7.0)
         if not isAbsolute:
-            wanted = [told[s.index] + change for s, change in zip(servos, wanted, strict=True)]
+            wanted = [commanded[s.index] + change for s, change in zip(servos, wanted, strict=True)]
         times = _numbers(timeLists, len(servos), "time [s]", 1e-3, 600.0)
         speeds = [
-            max(abs(angle - told[servo.index]) / duration, 1e-3)
+            max(abs(angle - commanded[servo.index]) / duration, 1e-3)
             for servo, angle, duration in zip(servos, wanted, times, strict=True)
         ]
         self._board.move(servos, wanted, speeds)

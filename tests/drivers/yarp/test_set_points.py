@@ -42,7 +42,7 @@ def test_whatever_streams_the_gate_keeps_its_limits() -> None:
             driven.gate.hold("for a test")
         safe = driven.step(*board.book.take())
         board.book.judge(safe.orders, safe.refusals)
-        board.see(reading(driven.angles, driven.time), driven.gate.modes)
+        board.update(reading(driven.angles, driven.time), driven.gate.modes)
         if cycle % 5000 == 4999:
             driven.assert_within_limits()
             del driven.path[:-3]

@@ -99,7 +99,7 @@ class BoardDriver:
         except BaseException:
             self.close()
             raise
-        self._told = {servo.index: servo.modes[0] for servo in self.servos}
+        self._requested = {servo.index: servo.modes[0] for servo in self.servos}
         self._direct: dict[int, bool] = {}
         self._impedance: dict[int, tuple[float, float]] = {}
         self._switching: dict[int, Mode] = {}
@@ -177,7 +177,7 @@ class BoardDriver:
             self._stream_all(safe, ahead, obeying, mine)
 
     @raises_driver_errors
-    def let_go(self, safe: SafeCommand) -> None:
+    def send_torques_only(self, safe: SafeCommand) -> None:
         """Sends only the torques of servos in torque mode, to a board whose state no longer arrives: it would
         keep the last ones. The gate ends torques that are not based on fresh data."""
         mine = {servo.index: axis for servo, axis in zip(self.servos, self.axis, strict=True)}
@@ -212,7 +212,7 @@ class BoardDriver:
         self.feed.reconnect()
 
     @raises_driver_errors
-    def mind_commands(self) -> None:
+    def renew_commands(self) -> None:
         """Connects again if the board has closed the connection for commands, as boards that authenticate do
         after 2 s without one. Raises DriverError."""
         output = self._output  # read once: the loop's thread may set it to None
@@ -222,7 +222,7 @@ class BoardDriver:
     def _must_switch(self, servo: int, mode: Mode, reported: Mode | None, on: bool) -> bool:
         """Returns True if the gate changed the mode, or a joint in position mode has to go to
         position-direct. A mode that another program set stays."""
-        if mode is not self._told[servo]:
+        if mode is not self._requested[servo]:
             return True
         return (
             on and reported is mode and mode in (Mode.POSITION, Mode.IMPEDANCE) and servo not in self._direct
@@ -236,15 +236,15 @@ class BoardDriver:
         if not wanted or self._switching:
             return False
         for servo, mode in wanted.items():
-            if mode in (Mode.POSITION, Mode.IMPEDANCE) and mode is not self._told[servo]:
+            if mode in (Mode.POSITION, Mode.IMPEDANCE) and mode is not self._requested[servo]:
                 soft = COMPLIANT if mode is Mode.IMPEDANCE else STIFF
                 self.board.send_call(self.board.interaction_call(mine[servo], soft))
         for mode in dict.fromkeys(wanted.values()):
             axes = [mine[servo] for servo, other in wanted.items() if other is mode]
             self.board.send_call(self.board.modes_call(axes, WORDS[mode]))
-        self._switching = {servo: self._told[servo] for servo in wanted}
+        self._switching = {servo: self._requested[servo] for servo in wanted}
         for servo, mode in wanted.items():
-            self._told[servo] = mode
+            self._requested[servo] = mode
             self._direct.pop(servo, None)
             if mode in (Mode.POSITION, Mode.IMPEDANCE):
                 self._direct[servo] = True
@@ -258,7 +258,7 @@ class BoardDriver:
                 self._switching = {}
             return answered
         except YarpError:
-            self._told |= self._switching
+            self._requested |= self._switching
             for servo in self._switching:
                 self._direct.pop(servo, None)
             self._switching = {}
@@ -303,7 +303,7 @@ class BoardDriver:
         except YarpError:
             output.close()
             if self._output is output:
-                self._output = None  # nothing is queued; `mind_commands` connects again
+                self._output = None  # nothing is queued; `renew_commands` connects again
 
     def _connect_commands(self) -> None:
         if self._output is not None:

@@ -67,8 +67,8 @@ def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
 def _library(network: Network) -> Finding:
     bindings = importable()
     also = f"; {bindings or 'no bindings of YARP'} can be imported"
-    said = network.title + ("" if network.title == bindings else also)
-    return Finding(Level.OK, "YARP library", said, figures={"library": network.title, "bindings": bindings})
+    error = network.title + ("" if network.title == bindings else also)
+    return Finding(Level.OK, "YARP library", error, figures={"library": network.title, "bindings": bindings})
 
 
 def _no_server(error: Exception) -> Finding:
@@ -89,10 +89,10 @@ def examine(
         part: board.feed for part, board in boards.items() if board.feed is not None
     }
     for name, feed in {**feeds, **skin}.items():
-        said = feed.last_error or feed.port.last_error
-        level = Level.WARNING if feed.wrong or feed.lost or said else Level.OK
+        error = feed.last_error or feed.port.last_error
+        level = Level.WARNING if feed.wrong or feed.lost or error else Level.OK
         what = f"{feed.lost} messages lost, {feed.wrong} invalid"
-        advice = said or ("use a faster carrier or network: yarp:...,carrier=fast_tcp" if feed.lost else "")
+        advice = error or ("use a faster carrier or network: yarp:...,carrier=fast_tcp" if feed.lost else "")
         figures: dict[str, float | str] = {"lost": feed.lost, "wrong": feed.wrong}
         if feed.clock is not None and feed.clock.difference is not None:
             figures["clock_offset_s"] = feed.clock.difference

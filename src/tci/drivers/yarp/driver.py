@@ -203,7 +203,7 @@ class YarpDriver(Driver):
                 self._away.add(part)
                 self._refused.pop(part, None)
             if part in self._away:
-                board.let_go(safe)
+                board.send_torques_only(safe)
                 continue
             try:
                 board.send(safe, ahead)
@@ -212,9 +212,9 @@ class YarpDriver(Driver):
             else:
                 if not board.switches:
                     self._refused.pop(part, None)
-        self._bear(now)
+        self._tolerate_refusals(now)
 
-    def _bear(self, now: float) -> None:
+    def _tolerate_refusals(self, now: float) -> None:
         """Holds the gate while a board refuses, at `now` [s]: a board that holds or starts does so for a
         moment, and gets the request again in each period. Raises DriverError when it refuses for longer than
         REFUSED."""
@@ -299,7 +299,7 @@ class YarpDriver(Driver):
                         self._reconnected.set()
                 else:
                     with contextlib.suppress(DriverError):
-                        board.mind_commands()
+                        board.renew_commands()
             for feed in self._feeds(boards=False):
                 if feed.silent(now) > AWAY:
                     with contextlib.suppress(YarpError):

@@ -46,7 +46,7 @@ COMMANDS = {Stream.POSITION: Mode.POSITION, Stream.VELOCITY: Mode.VELOCITY, Stre
 
 
 class ServedBoard(BoardService):
-    """A robot part as a control board. The loop calls `see`, connections call the other methods."""
+    """A robot part as a control board. The loop calls `update`, connections call the other methods."""
 
     def __init__(self, part: str, servos: Sequence[Servo]) -> None:
         self.part = part
@@ -71,7 +71,7 @@ class ServedBoard(BoardService):
         self.armed = True
         """True if the board accepts commands; otherwise it refuses each with CallError."""
 
-    def see(self, joints: JointReading, modes: Sequence[Mode]) -> None:
+    def update(self, joints: JointReading, modes: Sequence[Mode]) -> None:
         """Stores the joints of this period, and the gate's control mode (n_servos,) of every servo of the
         robot."""
         if not self.book.is_busy():

@@ -72,7 +72,7 @@ class YarpServer(Server):
         self.boards = {part: ServedBoard(part, driver.robot.servos_of(part)) for part in parts}
         joints = driver.read().joints
         for board in self.boards.values():
-            board.see(joints, driver.gate.modes)
+            board.update(joints, driver.gate.modes)
         self.last_error = ""
         """Reason for which the latest refused command was refused."""
         self.refused = 0
@@ -81,7 +81,7 @@ class YarpServer(Server):
         self._sequences: dict[str, int] = {}
         self._stamps: dict[str, int] = {}
         self._due = 0.0
-        self._felt = -np.inf
+        self._skin_time = -np.inf
         self._shown = False
         self._closed = threading.Event()
         try:
@@ -123,7 +123,7 @@ class YarpServer(Server):
         for frame in reading.skin:
             if self._sequences.get(frame.patch) != frame.sequence:
                 self._sequences[frame.patch] = frame.sequence
-                self._felt = time.monotonic()
+                self._skin_time = time.monotonic()
                 self._publish_skin(frame, offset)
 
     @raises_driver_errors
@@ -133,11 +133,11 @@ class YarpServer(Server):
             board.book.judge(sent.orders, sent.refusals)
         offset = time.time() - self.driver.clock.now()
         now = time.monotonic()
-        if now < self._due or (now - self._felt < APART and now < self._due + PERIOD / 2):
+        if now < self._due or (now - self._skin_time < APART and now < self._due + PERIOD / 2):
             return
         self._due = max(self._due + PERIOD, now)
         for part, board in self.boards.items():
-            board.see(reading.joints, self.driver.gate.modes)
+            board.update(reading.joints, self.driver.gate.modes)
             if f"/{self.prefix}/{part}/state:o" not in self._ports:
                 continue  # closed by `close_board`
             stamp = self._stamp(part, reading.joints.stamp + offset)

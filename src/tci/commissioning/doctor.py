@@ -35,7 +35,7 @@ def judge(driver: Driver, seen: Observation) -> tuple[Finding, ...]:
 def _joint_stream(driver: Driver, stream: Stream, cost: Sequence[float] | np.ndarray) -> Iterator[Finding]:
     stale = driver.gate.stale_after
     figures = {"rate_hz": stream.rate, "age_ms": 1e3 * stream.age, "oldest_ms": 1e3 * stream.oldest}
-    said = (
+    text = (
         f"{stream.rate:.0f} readings/s, {1e3 * stream.age:.1f} ms old when read, "
         f"at most {1e3 * stream.oldest:.1f} ms"
     )
@@ -47,7 +47,7 @@ def _joint_stream(driver: Driver, stream: Stream, cost: Sequence[float] | np.nda
         yield Finding(
             Level.FAULT,
             "joints",
-            f"{said}; the gate holds at {1e3 * stale:.0f} ms",
+            f"{text}; the gate holds at {1e3 * stale:.0f} ms",
             "look for a slow network or a wrong clock; a robot that is only slow needs a larger "
             "stale_after in its description",
             figures,
@@ -56,12 +56,12 @@ def _joint_stream(driver: Driver, stream: Stream, cost: Sequence[float] | np.nda
         yield Finding(
             Level.WARNING,
             "joints",
-            f"{said}; the gate holds at {1e3 * stale:.0f} ms",
+            f"{text}; the gate holds at {1e3 * stale:.0f} ms",
             "the robot would hold now and then: use a cable, not a radio link, or close other programs",
             figures,
         )
     else:
-        yield Finding(Level.OK, "joints", said, figures=figures)
+        yield Finding(Level.OK, "joints", text, figures=figures)
     if stream.older:
         yield Finding(Level.WARNING, "joints", f"{stream.older} readings arrived after newer ones")
     late = float(np.quantile(cost, 0.99)) if len(cost) else 0.0
@@ -135,7 +135,7 @@ def _joint_values(robot: Robot, seen: Observation) -> Iterator[Finding]:
 def _skin_stream(robot: Robot, stream: Stream) -> Iterator[Finding]:
     expected = stream.expected or 0.0
     figures = {"rate_hz": stream.rate, "expected_hz": expected, "lost": float(stream.lost)}
-    said = f"{stream.rate:.0f} frames/s of {expected:.0f}, {1e3 * stream.age:.1f} ms old when read"
+    text = f"{stream.rate:.0f} frames/s of {expected:.0f}, {1e3 * stream.age:.1f} ms old when read"
     if not stream.frames:
         yield Finding(
             Level.FAULT,
@@ -156,12 +156,12 @@ def _skin_stream(robot: Robot, stream: Stream) -> Iterator[Finding]:
         yield Finding(
             Level.WARNING,
             stream.name,
-            said,
+            text,
             "a reflex answers that much later: check the skin's driver, or correct the patch's rate",
             figures,
         )
     else:
-        yield Finding(Level.OK, stream.name, said, figures=figures)
+        yield Finding(Level.OK, stream.name, text, figures=figures)
     if stream.lost or stream.older:
         yield Finding(
             Level.WARNING,

@@ -101,8 +101,8 @@ class ServoCheck:
         moved = np.zeros(len(start))
         here = start[servo.index]
         for index, step in enumerate(STEPS):
-            told = way * step
-            moved, reason = self._move(servo, here + told, way, start, noise)
+            offset = way * step
+            moved, reason = self._move(servo, here + offset, way, start, noise)
             if reason is not None:
                 return moved, reason
             own = moved[servo.index] * way
@@ -206,13 +206,13 @@ def _verdict(
         words = f"it moved {np.rad2deg(own):.2f} of {np.rad2deg(STEPS[-1]):.1f} degrees"
         advice = "check that it is stiff and free to move, and the unit of its commands"
         return Finding(Level.FAULT, servo.name, words, advice, figures)
-    said = f"it moved {np.rad2deg(own):.2f} of {np.rad2deg(STEPS[-1]):.1f} degrees and back"
+    text = f"it moved {np.rad2deg(own):.2f} of {np.rad2deg(STEPS[-1]):.1f} degrees and back"
     if seen is None:
-        return Finding(Level.NOTE, servo.name, f"{said}; the direction was not seen", figures=figures)
+        return Finding(Level.NOTE, servo.name, f"{text}; the direction was not seen", figures=figures)
     if not seen:
         return Finding(
-            Level.FAULT, servo.name, f"{said} by its encoder, but not in the expected direction",
+            Level.FAULT, servo.name, f"{text} by its encoder, but not in the expected direction",
             "another joint moved, or this one the other way: correct its sign, or its place in the part",
             figures,
         )  # fmt: skip
-    return Finding(Level.OK, servo.name, said, figures=figures)
+    return Finding(Level.OK, servo.name, text, figures=figures)

@@ -55,31 +55,31 @@ class SkinCheck:
             return Finding(Level.FAULT, subject, "its patch sends nothing", "run tci doctor first")
         if not self.operator.press(patch.name, taxel, self._where(patch, taxel)):
             return Finding(Level.NOTE, subject, "not pressed")
-        felt: dict[str, Array] = {}
+        responses: dict[str, Array] = {}
         for _ in self.driver.ticks(duration=PRESS):
-            felt = self._felt(rest, noise, self.driver.read())
-            if felt:
+            responses = self._responses(rest, noise, self.driver.read())
+            if responses:
                 break
         self._settle()
-        felt = self._felt(rest, noise, self.driver.read()) or felt
+        responses = self._responses(rest, noise, self.driver.read()) or responses
         self.operator.release()
         for _ in self.driver.ticks(duration=PRESS):
-            if not self._felt(rest, noise, self.driver.read()):
+            if not self._responses(rest, noise, self.driver.read()):
                 break
-        return self._judge(subject, patch, taxel, felt)
+        return self._judge(subject, patch, taxel, responses)
 
-    def _judge(self, subject: str, patch: Patch, taxel: int, felt: dict[str, Array]) -> Finding:
-        if not felt:
+    def _judge(self, subject: str, patch: Patch, taxel: int, responses: dict[str, Array]) -> Finding:
+        if not responses:
             words = f"no response within {PRESS:.0f} s"
             return Finding(
                 Level.FAULT, subject, words, "the taxel is dead or covered: check its module's cable"
             )
-        if patch.name not in felt:
+        if patch.name not in responses:
             return Finding(
-                Level.FAULT, subject, f"the response is on {', '.join(felt)} instead",
+                Level.FAULT, subject, f"the response is on {', '.join(responses)} instead",
                 "two patches are swapped: correct the addresses in the description's binding",
             )  # fmt: skip
-        change = felt[patch.name]
+        change = responses[patch.name]
         if change.sum() < 0.0:
             return Finding(
                 Level.FAULT, subject, "its value goes the wrong way",
@@ -100,7 +100,9 @@ class SkinCheck:
             )  # fmt: skip
         return Finding(Level.OK, subject, f"the response was {1e3 * away:.0f} mm away", figures=figures)
 
-    def _felt(self, rest: dict[str, Array], noise: dict[str, Array], reading: Reading) -> dict[str, Array]:
+    def _responses(
+        self, rest: dict[str, Array], noise: dict[str, Array], reading: Reading
+    ) -> dict[str, Array]:
         """Returns the change (taxels,) [counts], positive with pressure, of the taxels of patches with a
         response."""
         found = {}

@@ -90,17 +90,17 @@ def _timing(duration: float) -> Iterator[Finding]:
     # Modulo PERIOD, a tick that is slightly early looks almost one period late.
     late = np.where(late > PERIOD * 0.999, 0.0, late)
     middle, worst = np.quantile(late, [0.5, 0.99])
-    said = f"wakes up {1e6 * middle:.0f} us late (median), {1e3 * worst:.2f} ms (p99)"
+    text = f"wakes up {1e6 * middle:.0f} us late (median), {1e3 * worst:.2f} ms (p99)"
     figures = {"late_p50_us": 1e6 * float(middle), "late_p99_us": 1e6 * float(worst)}
     if worst > LATE:
         yield Finding(
             Level.WARNING,
             "clock",
-            said,
+            text,
             "loops will miss periods: close other programs, or run on a machine that is less busy",
             figures,
         )
     else:
-        yield Finding(Level.OK, "clock", said, figures=figures)
+        yield Finding(Level.OK, "clock", text, figures=figures)
     if sys.platform != "linux":
         yield Finding(Level.NOTE, "clock", "not Linux: timers are coarser here")

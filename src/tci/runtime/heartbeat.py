@@ -89,7 +89,7 @@ class Listener:
             raise TciError(f"heartbeat timeout {timeout} s; valid: above 0")
         self._timeout = timeout
         self._clock = clock
-        self._heard: dict[str, tuple[float, int]] = {name: (-float("inf"), -1) for name in needed}
+        self._last_beats: dict[str, tuple[float, int]] = {name: (-float("inf"), -1) for name in needed}
         self.rejected = 0
         """Number of datagrams that were no beats of a needed process, or old ones."""
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -111,12 +111,12 @@ class Listener:
             except BlockingIOError:
                 break
             beat = decode(data)
-            if beat is None or beat[0] not in self._heard or beat[1] <= self._heard[beat[0]][1]:
+            if beat is None or beat[0] not in self._last_beats or beat[1] <= self._last_beats[beat[0]][1]:
                 self.rejected += 1
                 continue
-            self._heard[beat[0]] = self._clock(), beat[1]
+            self._last_beats[beat[0]] = self._clock(), beat[1]
         now = self._clock()
-        silent = [name for name, (stamp, _) in self._heard.items() if now - stamp > self._timeout]
+        silent = [name for name, (stamp, _) in self._last_beats.items() if now - stamp > self._timeout]
         if not silent:
             return None
         return Reason(Code.HEARTBEAT_MISSING, f"no heartbeat of {', '.join(silent)}")

@@ -86,8 +86,8 @@ class Lease:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            said = os.pread(handle, 64, 0)
-            holder = said.decode() if _HOLDER.fullmatch(said) else "another process"
+            content = os.pread(handle, 64, 0)
+            holder = content.decode() if _HOLDER.fullmatch(content) else "another process"
             raise DriverError(
                 f"{self._name} is commanded by {holder} already; valid: one commander at a time"
             ) from None

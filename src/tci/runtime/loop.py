@@ -194,7 +194,7 @@ class _Loop(Generic[Memory]):
         sent = self._sent = gate.step(orders, reading.joints, now, refused=refused)
         if self.write:
             self.driver.write(sent)
-        self.account.see(seen, reading.joints.position, sent, opening=opening)
+        self.account.add(seen, reading.joints.position, sent, opening=opening)
         if opening and sent.refusals:
             name = type(self.capability).__name__
             raise CommandError(f"{name} can't begin: {'; '.join(map(str, sent.refusals))}")

@@ -120,7 +120,7 @@ class Account:
         self._refusals, self._clamps, self._holds = ReasonCounter(), ReasonCounter(), ReasonCounter()
         self._stopped: Reason | None = None
 
-    def see(self, seen: Perception | None, position: Array, sent: SafeCommand, *, opening: bool) -> None:
+    def add(self, seen: Perception | None, position: Array, sent: SafeCommand, *, opening: bool) -> None:
         """Adds one period: `seen` is None if the reading did not fit the robot, else the servos are at
         `position` (n_servos,) [rad]. `opening` commands are those that the capability begins with."""
         if seen is not None:

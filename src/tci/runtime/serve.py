@@ -48,7 +48,7 @@ def serve(
     orders = _Orders(server, served if served is not None else Served(), clock or MonotonicClock())
 
     def see(tick: Tick) -> None:
-        orders.see(tick)
+        orders.publish(tick)
         if observe is not None:
             observe(tick)
 
@@ -97,7 +97,7 @@ class _Orders(Capability[None]):
         missed = self.server.fault()
         return (self._standstill.fault() if self._standstill is not None else None) or missed
 
-    def see(self, tick: Tick) -> None:
+    def publish(self, tick: Tick) -> None:
         """Publishes a period."""
         if self._standstill is None:  # the first period compiles and reads files
             self._standstill = StallDetector(self.clock, stale_after=self.server.driver.gate.stale_after)

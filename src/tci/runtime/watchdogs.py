@@ -55,7 +55,7 @@ class SkinWatchdog:
         is sent on change (send-on-delta): each patch sends at least once in that time."""
         least = max(stale_after, LEAST_SILENCE, PERIODS * (keep_alive or 0.0))
         self._longest = {patch.name: max(PERIODS / patch.rate, least) for patch in robot.patches}
-        self._heard: dict[str, tuple[int, float]] = {}
+        self._last_frames: dict[str, tuple[int, float]] = {}
         self._skin: object = None
         self._soonest, self._quiet = np.inf, ""
 
@@ -65,19 +65,19 @@ class SkinWatchdog:
         if reading.skin is not self._skin:
             self._skin = reading.skin
             for frame in reading.skin:
-                before = self._heard.get(frame.patch)
+                before = self._last_frames.get(frame.patch)
                 if before is None or before[0] != frame.sequence:
-                    self._heard[frame.patch] = frame.sequence, now
+                    self._last_frames[frame.patch] = frame.sequence, now
             self._soonest, self._quiet = min(
                 (
-                    (heard + self._longest.get(patch, np.inf), patch)
-                    for patch, (_, heard) in self._heard.items()
+                    (arrival + self._longest.get(patch, np.inf), patch)
+                    for patch, (_, arrival) in self._last_frames.items()
                 ),
                 default=(np.inf, ""),
             )
         if now <= self._soonest:
             return None
-        silent = (now - self._heard[self._quiet][1]) * 1e3
+        silent = (now - self._last_frames[self._quiet][1]) * 1e3
         return Reason(Code.SKIN_SILENT, f"the skin of {self._quiet} has sent nothing for {silent:.0f} ms")
 
 
@@ -161,13 +161,13 @@ _watching: list[Interruption] = []
 _hook = threading.excepthook
 
 
-def _in_thread(told: threading.ExceptHookArgs) -> None:
-    if told.exc_value is not None and told.exc_type is not SystemExit:
+def _in_thread(raised: threading.ExceptHookArgs) -> None:
+    if raised.exc_value is not None and raised.exc_type is not SystemExit:
         for found in _watching:
             if found.failure is None:
-                found.failure = told.exc_value
-                found.thread = told.thread.name if told.thread else "a thread"
-    _hook(told)
+                found.failure = raised.exc_value
+                found.thread = raised.thread.name if raised.thread else "a thread"
+    _hook(raised)
 
 
 def _watch_threads(found: Interruption) -> None:

@@ -67,8 +67,8 @@ def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
 def _library(network: Network) -> Finding:
     bindings = importable()
     also = f"; {bindings or 'no bindings of YARP'} can be imported"
-    error = network.title + ("" if network.title == bindings else also)
-    return Finding(Level.OK, "YARP library", error, figures={"library": network.title, "bindings": bindings})
+    text = network.title + ("" if network.title == bindings else also)
+    return Finding(Level.OK, "YARP library", text, figures={"library": network.title, "bindings": bindings})
 
 
 def _no_server(error: Exception) -> Finding:

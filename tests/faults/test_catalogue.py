@@ -39,7 +39,7 @@ def test_the_page_says_what_the_catalogue_says(known: KnownFault) -> None:
 
 def test_injectors_name_known_faults() -> None:
     assert {kind.number for kind in INJECTORS.values()} <= FAULTS.keys()
-    assert all(kind.says for kind in INJECTORS.values())
+    assert all(kind.description for kind in INJECTORS.values())
 
 
 def test_57_nothing_unsafe_is_imported() -> None:

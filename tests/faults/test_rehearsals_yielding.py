@@ -105,7 +105,7 @@ class AnotherRobot(Injector):
     """Readings of a NAO in place of the robot's own."""
 
     number = 16
-    says = "joints and skin are another robot's"
+    description = "joints and skin are another robot's"
 
     def begin(self) -> None:
         self.nao = SimulatedDriver(load_robot("nao"))
@@ -133,7 +133,7 @@ class Scattered(Injector):
     """Single taxels and their neighbours, pressed by something that TCI has no knowledge of."""
 
     number = 17
-    says = "thirty places are touched at once"
+    description = "thirty places are touched at once"
 
     def begin(self) -> None:
         skin, left = Skin(self.driver.robot), 30

@@ -40,7 +40,7 @@ def list_faults(
                     "state": "open" if known.missing else "tested",
                     "test": known.test,
                     "missing": known.missing,
-                    "injectors": {name: INJECTORS[name].says for name in names[known.number]},
+                    "injectors": {name: INJECTORS[name].description for name in names[known.number]},
                 }
                 for known in FAULTS.values()
             ]

@@ -86,7 +86,9 @@ class RunLog:
         for plan in self._driver.begun[len(self._begun) :]:
             self._begun.append((now, plan))
             expected = FAULTS[INJECTORS[plan.name].number].expected
-            self.tell(now, "FAULT", f"{plan}: {INJECTORS[plan.name].says}; expected: {expected}", "magenta")
+            self.tell(
+                now, "FAULT", f"{plan}: {INJECTORS[plan.name].description}; expected: {expected}", "magenta"
+            )
         for begin, plan in self._begun:
             if plan not in self._over and now - begin >= plan.lasts:
                 self._over.add(plan)

@@ -14,7 +14,7 @@ def description(name: str) -> str:
     detected."""
     injector = INJECTORS[name]
     late = f"; it can be known after {injector.shows_after:g} s" if injector.shows_after else ""
-    return f"{injector.says}{late}.  \nExpected: {FAULTS[injector.number].expected}"
+    return f"{injector.description}{late}.  \nExpected: {FAULTS[injector.number].expected}"
 
 
 class Rehearsal:

@@ -13,7 +13,7 @@ class Dropped(Injector):
     """Loss of all new data."""
 
     number = 10
-    says = "the robot sends nothing new: joints and skin stay as they were, with their old stamps"
+    description = "the robot sends nothing new: joints and skin stay as they were, with their old stamps"
 
     def read(self, reading: Reading) -> Reading:
         return self.first
@@ -23,7 +23,7 @@ class SkinSilent(Injector):
     """Loss of the skin's data; only the joints continue."""
 
     number = 10
-    says = "the skin sends nothing new, while the joints go on"
+    description = "the skin sends nothing new, while the joints go on"
 
     def read(self, reading: Reading) -> Reading:
         return replace(reading, skin=self.first.skin)
@@ -33,7 +33,7 @@ class OutOfOrder(Injector):
     """Reordering: every second frame of the skin is an old one."""
 
     number = 11
-    says = "every second skin frame is an old one"
+    description = "every second skin frame is an old one"
 
     def begin(self) -> None:
         self._count = 0
@@ -51,7 +51,7 @@ class Duplicates(Injector):
     """Duplication: frames arrive twice."""
 
     number = 12
-    says = "every skin frame appears twice in one reading"
+    description = "every skin frame appears twice in one reading"
 
     def read(self, reading: Reading) -> Reading:
         return replace(reading, skin=reading.skin + reading.skin)
@@ -61,7 +61,7 @@ class Frozen(Injector):
     """Frozen joints: old angles with fresh stamps."""
 
     number = 14
-    says = "the joint data stays the same under fresh stamps"
+    description = "the joint data stays the same under fresh stamps"
 
     def joints(self, joints: JointReading) -> JointReading:
         return replace(self.first.joints, stamp=joints.stamp)
@@ -71,7 +71,7 @@ class ConnectionLost(Injector):
     """Loss of the connection."""
 
     number = 28
-    says = "reading from the robot fails"
+    description = "reading from the robot fails"
 
     def read(self, reading: Reading) -> Reading:
         raise DriverError(f"the connection to {self.driver.robot.name} is lost, on purpose")

@@ -1,4 +1,4 @@
-"""Base class of fault injectors. Each works on any driver, unless it says otherwise."""
+"""Base class of fault injectors. Each works on any driver unless its description restricts it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Injector(ABC):
 
     number: ClassVar[int]
     """Number of the fault in the catalogue."""
-    says: ClassVar[str]
+    description: ClassVar[str]
     """Description of the fault, for `tci fault list`."""
     shows_after: ClassVar[float] = 0.0
     """Longest time [s] until the fault can be detected."""

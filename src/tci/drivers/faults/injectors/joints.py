@@ -27,7 +27,7 @@ class WrongDirection(_Angles):
     """Inverted sign of the measured motion."""
 
     number = 19
-    says = "all joints move against their commands (the sign of gamma)"
+    description = "all joints move against their commands (the sign of gamma)"
 
     def angles(self, position: Array, age: float) -> Array:
         return 2.0 * self.first.joints.position - position
@@ -37,7 +37,7 @@ class StaleEncoder(_Angles):
     """Constant angles."""
 
     number = 20
-    says = "all angles stay the same to the bit, under fresh stamps and numbers"
+    description = "all angles stay the same to the bit, under fresh stamps and numbers"
 
     def angles(self, position: Array, age: float) -> Array:
         return self.first.joints.position.copy()
@@ -47,7 +47,7 @@ class Stall(Injector):
     """Joints that only tremble instead of moving."""
 
     number = 21
-    says = "all joints are blocked where they are, and tremble"
+    description = "all joints are blocked where they are, and tremble"
 
     def joints(self, joints: JointReading) -> JointReading:
         age = joints.stamp - self.first.joints.stamp
@@ -60,7 +60,7 @@ class EncoderStep(_Angles):
     """A jump of the first servo's angle."""
 
     number = 25
-    says = "the first encoder jumps by 10 degrees"
+    description = "the first encoder jumps by 10 degrees"
 
     def angles(self, position: Array, age: float) -> Array:
         stepped = position.copy()
@@ -72,7 +72,7 @@ class NaNAngle(_Angles):
     """An angle that is not a number."""
 
     number = 4
-    says = "the angle of the first servo is not a number"
+    description = "the angle of the first servo is not a number"
 
     def angles(self, position: Array, age: float) -> Array:
         spoilt = position.copy()
@@ -84,7 +84,7 @@ class ServoOff(Injector):
     """Loss of the servos' power."""
 
     number = 22
-    says = "all servos report that they are off; simulated ones go limp"
+    description = "all servos report that they are off; simulated ones go limp"
 
     def begin(self) -> None:
         self._world = getattr(self.driver, "world", None)
@@ -104,7 +104,7 @@ class ModeMismatch(Injector):
     """A control mode other than the commanded one."""
 
     number = 23
-    says = "all servos report torque mode; those in torque mode report position"
+    description = "all servos report torque mode; those in torque mode report position"
 
     def joints(self, joints: JointReading) -> JointReading:
         loose = (mode is Mode.TORQUE for mode in self.driver.gate.modes)

@@ -19,7 +19,7 @@ class ClockJump(Injector):
     """A jump of the date by an hour."""
 
     number = 13
-    says = "the date of this process jumps by an hour; the monotonic clock does not"
+    description = "the date of this process jumps by an hour; the monotonic clock does not"
 
     def begin(self) -> None:
         self._time: Callable[[], float] = time.time
@@ -33,7 +33,7 @@ class Overrun(Injector):
     """One period that takes as long as five."""
 
     number = 41
-    says = "one period takes as long as five"
+    description = "one period takes as long as five"
 
     def begin(self) -> None:
         self.driver.clock.sleep_until(self.driver.clock.now() + 5.0 * self.driver.period)
@@ -43,7 +43,7 @@ class Terminated(Injector):
     """A signal of the operating system that asks the process to end."""
 
     number = 42
-    says = "the process gets SIGTERM"
+    description = "the process gets SIGTERM"
 
     def begin(self) -> None:
         os.kill(os.getpid(), signal.SIGTERM)
@@ -53,7 +53,7 @@ class ThreadFails(Injector):
     """An exception in a thread."""
 
     number = 45
-    says = "a thread beside the loop raises an exception"
+    description = "a thread beside the loop raises an exception"
 
     def begin(self) -> None:
         def fail() -> None:

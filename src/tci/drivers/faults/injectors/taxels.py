@@ -35,7 +35,7 @@ class StuckHigh(_Taxels):
     """One taxel that always reports the hardest touch."""
 
     number = 1
-    says = "one taxel of the first patch reports the hardest touch"
+    description = "one taxel of the first patch reports the hardest touch"
     shows_after = 62.0
 
     def change(self, values: Array, pressed: float, rest: float) -> Array:
@@ -47,7 +47,7 @@ class StuckLow(_Taxels):
     """One taxel that never reports a touch."""
 
     number = 2
-    says = "one taxel of the first patch reports rest"
+    description = "one taxel of the first patch reports rest"
     shows_after = 62.0
 
     def change(self, values: Array, pressed: float, rest: float) -> Array:
@@ -59,7 +59,7 @@ class DeadPatch(_Taxels):
     """A patch whose taxels all report no touch."""
 
     number = 3
-    says = "the first patch reports zeros"
+    description = "the first patch reports zeros"
     shows_after = 62.0
 
     def change(self, values: Array, pressed: float, rest: float) -> Array:
@@ -70,7 +70,7 @@ class NaNTaxel(_Taxels):
     """A tenth of the taxels with values that are not numbers."""
 
     number = 4
-    says = "every tenth taxel of the first patch is not a number"
+    description = "every tenth taxel of the first patch is not a number"
 
     def change(self, values: Array, pressed: float, rest: float) -> Array:
         values[::10] = np.nan
@@ -81,7 +81,7 @@ class Saturated(_Taxels):
     """A few taxels at the end of their range."""
 
     number = 5
-    says = "twelve neighbouring channels of the first patch are at the end of their range"
+    description = "twelve neighbouring channels of the first patch are at the end of their range"
 
     def change(self, values: Array, pressed: float, rest: float) -> Array:
         values[:12] = pressed
@@ -92,7 +92,7 @@ class BaselineStep(_Taxels):
     """A step of all rest values."""
 
     number = 7
-    says = "all taxels of the first patch read a fifth of their range more than before"
+    description = "all taxels of the first patch read a fifth of their range more than before"
     shows_after = 32.0
 
     def change(self, values: Array, pressed: float, rest: float) -> Array:
@@ -104,7 +104,7 @@ class WrongCount(_Taxels):
     """A frame with a wrong number of values."""
 
     number = 15
-    says = "frames of the first patch lack their last value"
+    description = "frames of the first patch lack their last value"
 
     def change(self, values: Array, pressed: float, rest: float) -> Array:
         return values[:-1]
@@ -114,7 +114,7 @@ class WrongType(_Taxels):
     """A frame of text instead of numbers."""
 
     number = 35
-    says = "frames of the first patch hold text instead of numbers"
+    description = "frames of the first patch hold text instead of numbers"
 
     def change(self, values: Array, pressed: float, rest: float) -> NDArray[np.generic]:
         return np.array(["touch"] * len(values))

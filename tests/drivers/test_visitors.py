@@ -269,7 +269,7 @@ def test_strangers_go_first_then_who_was_silent_the_longest() -> None:
 
 
 def test_whoever_spoke_may_be_silent_for_as_long_as_there_is_room() -> None:
-    known = [Visitor(lambda: None, 0.0, known=True) for _ in range(3)]
+    known = [Visitor(lambda: None, 0.0, verified=True) for _ in range(3)]
     assert surplus(known, 1e9, 3) == []
 
 

@@ -1,14 +1,14 @@
 """YARP in pure Python: ports, calls, a name server and control boards, with no YARP build to install.
 
-It talks with programs of YARP 3.12 and 4.0, as a client and as a server, and needs nothing but numpy.
+It exchanges data with programs of YARP 3.12 and 4.0, as client and as server, and needs nothing but numpy.
 README.md begins with five lines that read a port.
 
 dialect, values, bottle, text    types and their encoding: 3.x and 4.x number some of them differently
 message, source                  framing: header, index, command, envelope, acknowledgement
 incoming, outgoing, auth         one connection, by its carrier: tcp, fast_tcp, udp, text, text_ack
 listener, visitors               accepting connections, and the bound on their number
-names, name_server               the name server's client, and a name server
-port, rpc, feed                  named ports, calls, and the latest messages of somebody's port
+names, name_server               the client of a name server, and a name server
+port, rpc, feed                  named ports, calls, and the latest messages of another program's port
 network, wire, bindings          one interface to ports and calls, by this package or by YARP's own bindings
 board, state                     a client of iCub's control boards
 board_service, calls_v3, calls_v4, streams    a control board that this process offers

@@ -1,4 +1,4 @@
-"""A NAO in a process of its own, with autonomous life on or off when it starts; tests kill and restart it."""
+"""A NAO in a process of its own, started with autonomous life on or off. Tests kill and restart it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class LivingNao:
     """A NAOqi service in another process."""
 
     def __init__(self, life: str, port: int = 0, *, late: bool = False) -> None:
-        """In the state `life` from the start on; with `late` autonomous life is there only after `go_on`."""
+        """Starts in the state `life`; with `late` autonomous life is available only after `go_on`."""
         needs_qi()
         self.process = subprocess.Popen(
             [sys.executable, "-m", "drivers.naoqi.living_nao", life, str(port), *(["late"] * late)],
@@ -30,14 +30,14 @@ class LivingNao:
         self.via = f"naoqi://127.0.0.1:{self.port}"
 
     def go_on(self) -> None:
-        """Let autonomous life be there."""
+        """Makes autonomous life available."""
         assert self.process.stdin is not None
         self.process.stdin.write("\n")
         self.process.stdin.flush()
         self._await("complete")
 
     def life(self) -> str:
-        """The state of autonomous life, as anybody is told it."""
+        """State of autonomous life, as clients read it."""
         import qi
 
         session = qi.Session()
@@ -48,7 +48,7 @@ class LivingNao:
             session.close()
 
     def kill(self) -> None:
-        """End it with -9."""
+        """Ends the process with SIGKILL."""
         self.process.kill()
         self.process.communicate()
 
@@ -69,7 +69,7 @@ class LivingNao:
 
 
 def cut(port: int) -> None:
-    """End each connection of this process with `port`; whoever listens there goes on."""
+    """Shuts down each connection of this process to `port`; the listener is not affected."""
     for number in os.listdir("/proc/self/fd"):
         try:
             if not stat.S_ISSOCK(os.fstat(int(number)).st_mode):

@@ -182,7 +182,7 @@ def test_26_a_folder_that_others_may_write_to_is_refused(
     refused("File exists")
     monkeypatch.setenv("TCI_LEASES", str(folder))
     monkeypatch.setattr(os, "getuid", lambda: 4_000_000)
-    refused("belongs to somebody else")
+    refused("belongs to another user")
 
 
 @pytest.mark.parametrize("usual", [0.02, 0.8 * TURN])

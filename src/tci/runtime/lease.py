@@ -24,7 +24,9 @@ from tci.errors import DriverError
 
 FOLDER = "TCI_LEASES"
 """Environment variable for another folder, such as one that containers share."""
-VALID = f"valid: a folder of your own; {FOLDER} names another, the same for all who command the robot"
+VALID = (
+    f"valid: a folder of your own; {FOLDER} names another, the same in every program that commands the robot"
+)
 _HOLDER = re.compile(rb"process [0-9]{1,10}")
 
 
@@ -173,6 +175,6 @@ def _make(folder: Path) -> None:
     if not stat.S_ISDIR(found.st_mode):
         raise DriverError(f"leases lie in {folder}, which is no folder; {VALID}")
     if found.st_uid != os.getuid():
-        raise DriverError(f"leases lie in {folder}, which belongs to somebody else; {VALID}")
+        raise DriverError(f"leases lie in {folder}, which belongs to another user; {VALID}")
     if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         raise DriverError(f"leases lie in {folder}, which others may write to; {VALID}")

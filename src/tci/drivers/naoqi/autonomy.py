@@ -112,8 +112,8 @@ def switch_on(session: Any, found: list[Mover]) -> list[str]:
 
 
 class Lookout:
-    """Detects that autonomous life is switched on by somebody else. It queries from time to time and never
-    blocks."""
+    """Detects that a person or another program switches autonomous life on. It queries from time to time and
+    never blocks."""
 
     def __init__(self, session: Any, *, was_off: bool) -> None:
         """Takes `was_off`: autonomous life was off, or not started yet, and is not just ending."""

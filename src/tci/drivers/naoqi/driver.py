@@ -176,7 +176,7 @@ class NaoqiDriver(Driver):
             self._restless = Reason(Code.MOVED_BY_ITSELF, f"after a new connection {error}")
 
     def _glance(self) -> None:
-        """Checks if autonomous life was switched on by somebody else, in the poller's thread."""
+        """Checks if a person or another program switched autonomous life on. Runs in the poller's thread."""
         if self._lookout is not None and (state := self._lookout.look(self.clock.now())):
             words = f"autonomous life has been switched on ({state}); valid: end that and connect again"
             self._restless = Reason(Code.MOVED_BY_ITSELF, words)

@@ -51,7 +51,7 @@ class Sensed:
 
 
 class Poller:
-    """Requests data of one robot whenever somebody reads, and at a low rate otherwise."""
+    """Requests data of one robot whenever a reader waits, and at a low rate otherwise."""
 
     def __init__(
         self, robot: Robot, address: Address, clock: Clock, *, joints: bool, skin: bool,

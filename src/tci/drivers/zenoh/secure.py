@@ -131,7 +131,7 @@ def _access(
         rule(f"{robot} shows", "ingress", ["put", "reply", "declare_queryable"], seen)
         rule(f"{robot} lives", "ingress", ["liveliness_token"], [alive])
         rule(f"{robot} listens", "ingress", ["declare_subscriber"], [orders])
-        rule(f"{robot} hears", "egress", ["put"], [orders])
+        rule(f"{robot} takes", "egress", ["put"], [orders])
         rule(f"{robot} is asked", "egress", ["query", "declare_subscriber"], seen)
         rule(f"see {robot}", "ingress", ["declare_subscriber", "query"], seen)
         rule(f"get {robot}", "egress", ["put", "reply", "declare_queryable"], seen)
@@ -140,7 +140,7 @@ def _access(
         rule(f"reach {robot}", "egress", ["declare_subscriber"], [orders])  # needed to send anything
     rule("find robots", "ingress", ["liveliness_query", "declare_liveliness_subscriber"], ["tci/*/alive"])
     policies = [
-        {"subjects": [robot], "rules": [f"{robot} {does}" for does in ("shows", "lives", "listens", "hears",
+        {"subjects": [robot], "rules": [f"{robot} {does}" for does in ("shows", "lives", "listens", "takes",
                                                                        "is asked")]}
         for robot in robots
     ]  # fmt: skip

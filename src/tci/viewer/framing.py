@@ -10,7 +10,8 @@ FOV, USUAL = 0.7, 0.8
 AROUND = 1.32, 1.2
 """Height and width of the picture at the robots, relative to theirs. Assumed: room for moving arms."""
 NARROW = 400
-"""Width of a picture [pixels] below which the panel next to it is folded, once. Assumed."""
+"""Width of a picture [pixels] below which the panel next to it is folded, once. Assumed: a telephone's; the
+panel would cover most of it."""
 
 
 class Framing:

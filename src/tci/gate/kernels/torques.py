@@ -26,8 +26,8 @@ BAND = 0.1
 """Excess over the allowed speed, as a fraction of it, at which braking is complete. Assumed; smaller makes
 the torque chatter, larger lets a joint exceed its limit by more."""
 SETTLE = 2.0
-"""Speeds that could be removed within this many times the delay are braked in proportion: with its full
-torque a servo at rest at a limit would tremble with the noise of its velocity. Assumed."""
+"""Speeds that could be removed within this many times the delay are braked in proportion. Assumed: with its
+full torque a servo at rest at a limit would tremble with the noise of its velocity."""
 CALMER, BOLDER, LEAST = 0.5, 1.5, 1.0 / 64.0
 """Factors of the braking torque: after it has reversed a joint, and after it has not; and the least one.
 Assumed: a joint much lighter than its limits imply would be thrown to and fro with its full torque."""

@@ -15,6 +15,7 @@ from tci.errors import CommandError, UnknownNameError
 from tci.experiments.same_stimulus import initial_joints
 from tci.frames import Array, apply, invert, transform
 from tci.messages import CartesianCommand, JointReading, PlatformCommand
+from tci.reasons import Code
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 from tci.robot.generic_arm import forearm_rotation, upper_arm_rotation
@@ -143,6 +144,7 @@ def test_out_of_reach_is_one_clear_error_or_the_nearest_place(name: str) -> None
     orders, (reason,) = body.to_platform([far], joints)
     assert not orders
     assert "to [2.0, 0.0, 0.0] arm lengths: out of reach by" in reason.text
+    assert reason.code is Code.OUT_OF_REACH
     ((order,), _) = body.to_platform([replace(far, nearest=True)], joints)
     assert isinstance(order, PlatformCommand)
     position = np.array(joints.position)

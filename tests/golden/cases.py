@@ -38,8 +38,8 @@ FOLDER = Path(__file__).parent
 AT = 0.34
 """Time [s] of a fault, while the arm withdraws."""
 NOT_RECORDED = ("sigterm", "thread-fails", "link-lost", "wrong-type")
-"""Injectors without effect on a recording: the end of a process, a thread or a connection, and values that
-are no numbers."""
+"""Injectors without effect on these recordings: the end of a process, a thread or a connection, and text in
+place of numbers, which format 1 does not hold."""
 
 
 def poke_head(driver: SimulatedDriver) -> None:

@@ -15,7 +15,7 @@ from robot.test_xml import GOOD
 from small_robot import build
 from tci.errors import RecordingError
 from tci.gate.gate import Gate
-from tci.messages import JointReading, Mode, PlatformCommand
+from tci.messages import JointReading, Mode, PlatformCommand, Reading, SkinFrame
 from tci.recording.recorder import Recorder
 from tci.recording.recording import Recording
 from tci.recording.schemas import same_decision
@@ -35,6 +35,20 @@ def test_all_that_passed_through_the_loop_is_read_back_bit_for_bit(robot: str, t
         assert len(now.commands) == len(then.commands)
     assert any(tick.commands for tick in found), "the poke was answered"
     assert recording.about["robot"] == robot
+
+
+@pytest.mark.parametrize("values", [["touch", "none"], [b"touch"], [True, False], [1.5]])
+def test_a_frame_that_no_robot_should_send_is_read_back_too(values: list[object], tmp_path: Path) -> None:
+    """The gate refuses frames of text (fault 35); the recording must show them."""
+    robot, path = two_parts(tmp_path), tmp_path / "a.mcap"
+    zeros = np.zeros(len(robot.servos))
+    joints = JointReading(0.0, 0, zeros, zeros)
+    reading = Reading(joints, (SkinFrame("skin", 0.0, 0, np.array(values)),))
+    gate = Gate(robot, period=0.01, stale_after=0.1)
+    with Recorder(path, robot) as recorder:
+        recorder.tick(0.0, reading, (), gate.step([], joints, 0.0))
+    [tick] = Recording(path).ticks()
+    assert equal_readings(tick.reading, reading)
 
 
 def test_44_the_hash_of_the_description_is_in_the_file(tmp_path: Path) -> None:

@@ -58,6 +58,23 @@ def test_skin_takes_its_rest_values_from_it(tmp_path: Path) -> None:
     assert (felt > 0.0).sum() == 1
 
 
+def test_without_a_measured_response_the_description_s_curve_holds(tmp_path: Path) -> None:
+    robot = small_robot.build(tmp_path)
+    name = "left_arm_forearm"
+    curve = ((0.0, 0.0), (10.0, 500.0), (20.0, 4000.0))
+    patches = tuple(
+        patch.model_copy(update={"sensor": patch.sensor.model_copy(update={"response": curve})})
+        for patch in robot.patches
+    )
+    robot = robot.model_copy(update={"patches": patches})
+    measured = made(small_robot.TAXELS)
+    for response, pressure in ((((0.0, 0.0), (10.0, 1e3)), 1500.0), ((), 2250.0)):
+        one = measured.patches[name].model_copy(update={"response": response})
+        skin = FeltSkin(robot, calibration=measured.model_copy(update={"patches": {name: one}}))
+        state = skin.update(small_robot.reading(small_robot.frame(name, {7: 25})))
+        assert state[name].pressure.max() == pytest.approx(pressure)  # 15 counts from the measured rest
+
+
 def test_calibration_of_another_skin_is_refused(tmp_path: Path) -> None:
     robot = small_robot.build(tmp_path)
     with pytest.raises(TciError, match="'nao'"):

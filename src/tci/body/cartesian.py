@@ -14,6 +14,7 @@ from tci.body.posture import speed_limits
 from tci.errors import CommandError, DescriptionError
 from tci.frames import Array, apply, invert, read_only
 from tci.messages import CartesianCommand, Mode, PlatformCommand
+from tci.reasons import Code
 from tci.robot.description import Robot
 from tci.robot.generic_arm import SEGMENTS
 from tci.robot.inverse import InverseKinematics, InverseSettings
@@ -106,7 +107,8 @@ def cartesian_to_platform(robot: Robot, command: CartesianCommand, position: Arr
         asked, there = (np.round(place, 3).tolist() for place in (target, reach.place(found)))
         raise CommandError(
             f"{command.point} of {command.part} to {asked} arm lengths: out of reach by "
-            f"{1e3 * error:.0f} mm; the nearest place is {there}"
+            f"{1e3 * error:.0f} mm; the nearest place is {there}",
+            code=Code.OUT_OF_REACH,
         )
     joints = joint_map(robot, command.part)
     return PlatformCommand(

@@ -30,8 +30,8 @@ from tci.rosmsg.cdr import MessageType, decode, encode
 MODES = tuple(Mode)
 """Modes in the order of their numbers in a recording; 255 stands for unknown."""
 UNKNOWN = 255
-DTYPE = re.compile(r"[<>|]?[buif][1248]")
-"""Types of raw values that a recording may contain."""
+DTYPE = re.compile(r"[<>|]?([buif][1248]|[US][1-9][0-9]{0,3})")
+"""Types of raw values that a recording may contain: numbers, and text, which a faulty source may send."""
 
 JOINTS = MessageType(
     "sensor_msgs/msg/JointState",
@@ -205,7 +205,7 @@ def cloud_fields(points: NDArray[np.float32]) -> tuple[Any, ...]:
 def to_frame(fields: Mapping[str, Any]) -> SkinFrame:
     """Returns the frame in a SkinFrame message. Raises RecordingError."""
     if not DTYPE.fullmatch(fields["dtype"]):
-        raise RecordingError(f"skin values of type {fields['dtype']!r}; valid: as <f8, |u1")
+        raise RecordingError(f"skin values of type {fields['dtype']!r}; valid: as <f8, |u1, <U5")
     try:
         values = np.frombuffer(fields["data"].tobytes(), dtype=np.dtype(fields["dtype"]))
     except (TypeError, ValueError) as error:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tci.engine import mujoco
 from tci.errors import CommandError
 from tci.frames import Array, read_only
+from tci.reasons import Code
 from tci.robot.description import Robot
 from tci.robot.kinematics import KinematicChain
 
@@ -105,7 +106,8 @@ class InverseKinematics:
         unlimited = np.flatnonzero(np.isnan(self._lower + self._upper))
         if unlimited.size:
             names = ", ".join(robot.servos[self.servos[i]].name for i in unlimited)
-            raise CommandError(f"no limits of {names}; valid: a lower and an upper limit of each servo")
+            words = f"no limits of {names}; valid: a lower and an upper limit of each servo"
+            raise CommandError(words, code=Code.LIMITS_UNKNOWN)
         self._chosen: NDArray[np.intp] = np.array(self.servos, dtype=np.intp)
         rows, lower_sum, upper_sum = robot.coupling_rows
         named = rows[:, self._chosen].any(axis=1)

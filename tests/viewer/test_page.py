@@ -116,7 +116,7 @@ def test_a_click_beside_the_robots_pokes_nobody(viewer: Viewer, page: Page) -> N
     box = page.locator("canvas").first.bounding_box()
     assert box is not None
     page.mouse.click(box["x"] + box["width"] / 2.0, box["y"] + box["height"] - 30.0)
-    page.get_by_text("No skin there.").wait_for()
+    page.get_by_text("No skin at that place.").wait_for()
     assert [session.pokes for session in viewer.sessions.values()] == before
 
 

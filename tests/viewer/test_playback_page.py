@@ -50,7 +50,7 @@ def test_play_pause_and_scrub(player: Player, page: Page) -> None:
     time.fill("0.1")
     time.press("Enter")
     wait_for(lambda: abs(player.time - player.begin - 0.1) < 0.011, "the slider sets the time")
-    page.get_by_text("nothing yet").wait_for()
+    page.get_by_text("no events yet").wait_for()
     page.get_by_text("paused at 0.10").wait_for()
 
     touch = player.touches[0]

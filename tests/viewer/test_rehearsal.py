@@ -27,9 +27,9 @@ def test_a_fault_that_lasts_as_long_as_asked_for_is_not_for_ever(name: str) -> N
 def test_the_answers_of_the_gate_are_told_with_their_time() -> None:
     rehearsal = Rehearsal(FaultPlan("stall", 0.0, 1.0))
     rehearsal.see(1.0, sent(GateState.RUN), active=False)
-    assert rehearsal.words == "stall for 1 s: about to happen"
+    assert rehearsal.words == "stall for 1 s: begins in the next period"
     rehearsal.see(2.0, sent(GateState.RUN), active=True)
-    assert rehearsal.words == "stall for 1 s: the gate lets commands pass"
+    assert rehearsal.words == "stall for 1 s: commands pass so far"
     rehearsal.see(2.05, sent(GateState.HOLD, "too old"), active=True)
     rehearsal.see(2.06, sent(GateState.HOLD, "older"), active=True)
     rehearsal.see(2.2, sent(GateState.STOP, "does not follow"), active=True)

@@ -47,9 +47,9 @@ class Film:
         if self._format == VIDEO:
             needs_video()
         if path.exists():
-            raise CommandError(f"{path} exists; valid: a name that is free")
+            raise CommandError(f"{path} exists and is not replaced; valid: a new file name")
         if not path.parent.is_dir():
-            raise CommandError(f"{path.parent} is no folder; valid: one that is there")
+            raise CommandError(f"{path.parent} is no folder; valid: a folder that exists")
         self.path = path
         self._world = world
         self._part = part
@@ -82,7 +82,7 @@ class Film:
     def save(self) -> int:
         """Writes the file; returns its number of pictures. Raises CommandError for a run without pictures."""
         if not self._pictures:
-            raise CommandError(f"no film at {self.path}: the run had no period")
+            raise CommandError(f"no film at {self.path}: the run had no period; valid: a longer run")
         if self._format == VIDEO:
             save_video(self.path, self._pictures, shown=SHOWN, last=LAST)
             return len(self._pictures)

@@ -73,7 +73,7 @@ class Recorder:
         try:
             self._file = _Out(self.path)
         except FileExistsError:
-            raise RecordingError(f"{self.path} exists; valid: a name that is free") from None
+            raise RecordingError(f"{self.path} exists and is not replaced; valid: a new file name") from None
         except OSError as error:
             raise RecordingError(f"no recording at {self.path}: {error.strerror}") from error
         self._robot = robot

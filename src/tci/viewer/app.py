@@ -39,7 +39,7 @@ SKY = (208, 218, 230), (250, 250, 250)
 """Colours of the background, from top to bottom: darker than a white robot."""
 Source = Session | Player
 """A source of views: a running robot or a recorded one."""
-HINT = "**Click the skin of an arm** to poke it there. Drag to turn, scroll to come nearer."
+HINT = "**Click the skin of an arm** to poke it there. Drag to rotate, scroll to zoom."
 
 
 class Viewer:
@@ -154,7 +154,7 @@ class Viewer:
             hit = pick(figure, origin, direction)
             if hit is not None:
                 found.append((hit[1], key, hit[0]))
-        _set(self._hint, HINT if found else "No skin there. " + HINT)
+        _set(self._hint, HINT if found else "No skin at that place. " + HINT)
         if found:
             _, key, place = min(found, key=lambda hit: hit[0])
             self.poke(key, place)
@@ -197,7 +197,7 @@ class Viewer:
         if fields:
             with gui.add_folder("receptive fields"):
                 gui.add_html(legend(tuple(fields)))
-        with gui.add_folder("what happened"):
+        with gui.add_folder("events"):
             self._events = gui.add_html("")
         self.controls: dict[str, Controls] = {}
         if self.sessions:
@@ -228,7 +228,7 @@ class Viewer:
             self._speed = gui.add_slider("speed [m/s]", 0.05, 0.5, 0.05, 0.25)
             if len(self.sources) > 1:
                 self._everywhere = gui.add_checkbox("same place on every robot", True)
-            pace = gui.add_slider("pace: 1 is real time", 0.0, 1.0, 0.05, 1.0)
+            pace = gui.add_slider("pace (1 is real time)", 0.0, 1.0, 0.05, 1.0)
             pace.on_update(lambda _: self._set_pace(float(pace.value)))
 
         @self.server.scene.on_click()

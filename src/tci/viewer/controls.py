@@ -130,7 +130,7 @@ class Controls:
         with self._gui.add_folder("recording", expand_by_default=False):
             name = self.file = self._gui.add_text("file", self._free_name())
             button = self._gui.add_button("Record", color="red")
-            told = self._gui.add_markdown(f"goes to `{self._folder}`")
+            told = self._gui.add_markdown(f"writes to `{self._folder}`")
 
         @button.on_click
         def _(_: object) -> None:
@@ -141,7 +141,7 @@ class Controls:
                     self._session.record(path)
                     button.label, told.content = "Stop recording", f"recording to `{path}`"
                 else:
-                    button.disabled, told.content = True, "packing ..."
+                    button.disabled, told.content = True, "compressing ..."
                     recorder = self._session.stop_recording()
                     button.disabled, button.label = False, "Record"
                     if recorder is not None:

@@ -88,7 +88,7 @@ class Guard:
             socket_wanted = (request.headers.get("Upgrade") or "").lower() == "websocket"
             cookies = request.headers.get("Cookie") or ""
         except MultipleValuesError:
-            return "a header came twice"
+            return "a header occurs twice"
         if host is None or not self._is_here(host):
             return "this host name is not the viewer's"
         if (origin is not None or socket_wanted) and origin not in (f"http://{host}", f"https://{host}"):

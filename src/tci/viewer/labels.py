@@ -18,7 +18,7 @@ COLOURS = {GateState.RUN: "#2b8a3e", GateState.HOLD: "#e8890c", GateState.STOP: 
 GREY = "#868e96"
 MEANING = {
     GateState.RUN: "commands pass, within limits",
-    GateState.HOLD: "the robot keeps its position; clears by itself",
+    GateState.HOLD: "the robot keeps its position until the cause is gone",
     GateState.STOP: "the robot stays stopped until you reset it",
 }
 SIDES = ("flexor", "lateral", "extensor", "medial")
@@ -29,9 +29,9 @@ def badge(title: str, view: View | None, ended: str, loop: str = "") -> str:
     if ended:
         colour, name, words = COLOURS[GateState.STOP], "LOOP ENDED", ended
     elif view is None:
-        colour, name, words = GREY, "WAITING", "nothing was read yet"
+        colour, name, words = GREY, "WAITING", "no data received yet"
     elif view.state is None:
-        colour, name, words = GREY, "NOT COMMANDED", view.reason or "nothing was sent to the robot"
+        colour, name, words = GREY, "NOT COMMANDED", view.reason or "no command was sent to the robot"
     else:
         colour, name, words = COLOURS[view.state], view.state.name, view.reason or MEANING[view.state]
     touched = ", ".join(touch(contact) for contact in view.contacts[:2]) if view else ""
@@ -68,7 +68,7 @@ def event_list(events: list[tuple[str, float, str]]) -> str:
         for robot, time, words in events
     ]
     look = "font-size:12px;line-height:1.4;padding:3px 12px;height:8.4em;overflow-y:auto"
-    return f'<div style="{look}">{"".join(rows) or "nothing yet"}</div>'
+    return f'<div style="{look}">{"".join(rows) or "no events yet"}</div>'
 
 
 def moves(part: str, values: Array) -> str:

@@ -1,8 +1,8 @@
-// Added to viser's page: it says when the viewer has ended, and on a telephone its controls begin folded.
+// Added to viser's page: shows a message when the viewer has ended, and folds the controls on a telephone.
 (() => {
   const told = document.createElement("div");
   told.setAttribute("role", "alert");
-  told.textContent = "The viewer has ended: nothing here is live any more. Start tci view again.";
+  told.textContent = "The viewer has ended, so this page no longer changes. Start it again with: tci view";
   told.style.cssText = "display:none;position:fixed;z-index:9999;top:0;left:0;right:0;padding:10px 16px;" +
     "background:#c92a2a;color:white;font:600 15px system-ui,sans-serif;text-align:center";
   const ask = async () => {

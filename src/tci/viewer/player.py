@@ -136,7 +136,7 @@ class Player:
 
     def poke(self, place: Place, *, force: float, speed: float) -> None:
         """Raises CommandError: a recorded robot can't be touched."""
-        raise CommandError("this is a recording; nothing can touch it")
+        raise CommandError("a recording can't be poked; valid: a simulated robot (tci view nao)")
 
     def _keep(self, recording: Recording, progress: Callable[[float], None]) -> None:
         periods, patches = [], [patch.name for patch in self.robot.patches]
@@ -146,7 +146,7 @@ class Player:
         for period in perceive(recording, self.robot):
             if self._views and period.now - self._views[0].time > LONGEST:
                 raise RecordingError(
-                    f"{recording.path} is longer than {LONGEST:g} s; play a part of it: tci log cut"
+                    f"{recording.path} is longer than {LONGEST:g} s; valid: a part of it (tci log cut)"
                 )
             decision = period.decision
             now_state = (decision["state"], decision["reason"]) if decision else ("", "")
@@ -162,7 +162,9 @@ class Player:
             periods.append(period)
             progress(period.now)
         if not self._views:
-            raise RecordingError(f"{recording.path} has no whole period")
+            raise RecordingError(
+                f"{recording.path} has no complete period; valid: a recording of a run (tci log info)"
+            )
         self.touches = tuple(find_touches(periods))
         self._tell(periods)
 

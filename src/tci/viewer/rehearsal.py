@@ -13,7 +13,7 @@ def description(name: str) -> str:
     """Returns the text for a fault: its description, the expected answer, and the delay until it can be
     detected."""
     injector = INJECTORS[name]
-    late = f"; it can be known after {injector.shows_after:g} s" if injector.shows_after else ""
+    late = f"; it can be detected after {injector.shows_after:g} s" if injector.shows_after else ""
     return f"{injector.description}{late}.  \nExpected: {FAULTS[injector.number].expected}"
 
 
@@ -52,9 +52,9 @@ class Rehearsal:
         """The fault and the gate's answers, as text."""
         answers = "; ".join(self._answers)
         if not answers and self.over:
-            answers = "the gate let commands pass: nothing showed the fault"
+            answers = "commands passed: the gate did not detect the fault"
         elif not answers:
-            answers = "the gate lets commands pass" if self._begun is not None else "about to happen"
+            answers = "commands pass so far" if self._begun is not None else "begins in the next period"
         return f"{self.plan.name} for {self.plan.lasts:g} s{', over' * self.over}: {answers}"
 
     def _answer(self, now: float, words: str) -> None:

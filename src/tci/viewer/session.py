@@ -95,7 +95,7 @@ class Session:
     def loop_words(self) -> str:
         """Timing of the loop, as text."""
         if not self.armed:
-            return "nobody commands it from here"
+            return "read-only: this viewer does not command it"
         work = 1e3 * self.report.work.quantile(0.5)
         return f"{self.report.ticks} periods, {self.report.overruns} overruns, {work:.2f} ms each"
 
@@ -124,7 +124,9 @@ class Session:
         """
         world = self.world
         if world is None:
-            raise CommandError(f"{self.robot.name} is not simulated, so there is no finger")
+            raise CommandError(
+                f"{self.robot.name} is not simulated, so no finger can poke it; valid: --via sim"
+            )
 
         def begin() -> None:
             world.finger.retire()

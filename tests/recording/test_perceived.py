@@ -96,7 +96,9 @@ def test_only_the_recorded_description_will_do(poked: Poked) -> None:
     recording = Recording(poked.path)
     assert recorded_robot(recording) == poked.robot
     recording.about["description_sha256"] = "0" * 64
-    with pytest.raises(RecordingError, match=r"another description of 'nao'.*give the file of then as ROBOT"):
+    with pytest.raises(
+        RecordingError, match=r"another description of 'nao'.*give the description of that time as ROBOT"
+    ):
         recorded_robot(recording)
     recording.about["robot"] = "../etc/robot.xml"
     with pytest.raises(RecordingError, match="give its description"):

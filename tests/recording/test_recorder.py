@@ -137,7 +137,7 @@ def test_a_model_that_can_not_be_used_leaves_the_recording_whole(tmp_path: Path)
         for now, reading in made_up(3, servos=10):
             recorder.tick(now, reading)
         Path(robot.model.path).write_text("<mujoco/>")
-    assert recorder.failed.startswith("whole, but not packed: ")
+    assert recorder.failed.startswith("complete, but not compressed: ")
     recording = Recording(tmp_path / "a.mcap")
     assert len(list(recording.ticks())) == 3
     assert recording.complete

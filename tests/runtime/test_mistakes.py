@@ -219,7 +219,7 @@ def test_9_two_commands_and_no_memory(driver: SimulatedDriver) -> None:
 
 def test_9_a_generic_command_for_the_gate(driver: SimulatedDriver) -> None:
     sent = driver.gate.step([head(0.1, 0.0, 0.0)], driver.read().joints, driver.clock.now())
-    words = "a GenericCommand is in no robot's joints; valid: what GenericBody.to_platform gives"
+    words = "a GenericCommand is not in the robot's own joints; valid: the result of GenericBody.to_platform"
     assert [*map(str, sent.refusals)] == [words]
 
 

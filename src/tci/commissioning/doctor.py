@@ -199,7 +199,7 @@ def _raw(patch: Patch, values: np.ndarray) -> Iterator[Finding]:
         yield Finding(
             Level.WARNING if valid.any() else Level.FAULT,
             patch.name,
-            f"{int((~valid).sum())} of {values.size} values are none that its sensor can send "
+            f"{int((~valid).sum())} of {values.size} values are outside the range of its sensor "
             f"({sensor.lowest:g} .. {sensor.highest:g})",
             "they are ignored: correct the sensor's min and max in the description, or its unit",
         )

@@ -197,7 +197,8 @@ class Gate:
                 if not isinstance(command, PlatformOrder):
                     kind = type(command).__name__
                     raise CommandError(
-                        f"a {kind} is in no robot's joints; valid: what GenericBody.to_platform gives"
+                        f"a {kind} is not in the robot's own joints; "
+                        "valid: the result of GenericBody.to_platform"
                     )
                 if isinstance(command, PlatformCommand) and command.mode in SHARES:
                     shares = stiffness if command.mode is Mode.STIFFNESS else damping
@@ -236,7 +237,7 @@ class Gate:
         drivers."""
         if self._issued is None or safe is not self._issued:
             raise DriverError(
-                "not the latest command of this link's gate, or written before; "
+                "not the latest command of this driver's gate, or written before; "
                 "valid: write(gate.step(...)), once per step"
             )
         self._issued = None
@@ -296,8 +297,8 @@ class Gate:
             _log.warning(
                 f"{self.robot.name}: gate.step is called every {1e3 / rate:.4g} ms and plans for "
                 f"{1e3 * self.period:.4g} ms: motions take {passed:.3g} times as long; valid: a step in each "
-                f"of link.ticks(), or connect to 'sim' with rate={rate:.4g}; other links have the rate of "
-                "their binding in the robot's description"
+                f"of driver.ticks(), or connect to 'sim' with rate={rate:.4g}; other drivers have the "
+                "rate of their binding in the robot's description"
             )
         elif not math.isnan(self._pace):
             self._pace = passed

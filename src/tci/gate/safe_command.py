@@ -71,4 +71,4 @@ class SafeCommand:
 
     def __post_init__(self) -> None:
         if not isinstance(self.seal, GateToken):
-            raise DriverError("only a gate makes a SafeCommand: use link.gate.step(...)")
+            raise DriverError("only a gate makes a SafeCommand: use driver.gate.step(...)")

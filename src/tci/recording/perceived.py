@@ -52,7 +52,7 @@ def recorded_robot(recording: Recording, robot: str | None = None) -> Robot | No
     if found.digest != digest:
         raise RecordingError(
             f"{recording.path} was recorded with another description of {name!r} ({digest[:12]}; "
-            f"here {found.digest[:12]}); give the file of then as ROBOT"
+            f"here {found.digest[:12]}); give the description of that time as ROBOT"
         )
     return found
 

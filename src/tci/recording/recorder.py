@@ -130,7 +130,7 @@ class Recorder:
             try:
                 compact(self.path, self.path, robot=self._robot)
             except TciError as error:
-                self.failed = f"whole, but not packed: {error}"
+                self.failed = f"complete, but not compressed: {error}"
 
     def _skin(self, frame: SkinFrame, stamp: int) -> None:
         number = self._numbers.setdefault(frame.patch, len(self._numbers))

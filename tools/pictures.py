@@ -1,20 +1,25 @@
 """Creates the pictures of docs/images again, with the code that they show. `make pictures`; needs chromium.
 
-python tools/pictures.py [NAME...]     names: demo foot plot shrug viewer
+python tools/pictures.py [NAME...]     names: see MAKERS
 """
 
 from __future__ import annotations
 
 import os
+import re
 import runpy
 import shutil
 import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import gallery
 import numpy as np
+import touch_to_motion
 from foot import draw as draw_foot
 
 import tci
@@ -70,6 +75,14 @@ def shrug(folder: Path) -> None:
         tci.run(driver, shrugging, duration=1.0, observe=watch)
         film.save()
     shutil.copy(folder / "shrug.gif", IMAGES / "shrug.gif")
+
+
+def notebook(folder: Path) -> None:
+    """The figure that the notebook ends with."""
+    names: dict[str, Any] = {}
+    for block in re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "notebook.md").read_text(), re.DOTALL):
+        exec(block, names)
+    shutil.copy(names["path"].with_name("notebook.png"), IMAGES / "notebook.png")
 
 
 def viewer(folder: Path) -> None:
@@ -137,12 +150,27 @@ def come_near(shown: Viewer, key: str, link: str) -> None:
     camera.look_at = aim
 
 
+MAKERS: dict[str, Callable[[Path], None]] = {
+    "demo": demo,
+    "foot": foot,
+    "plot": plot,
+    "shrug": shrug,
+    "notebook": notebook,
+    "pokes": lambda folder: gallery.pokes(folder, IMAGES),
+    "soft": lambda folder: gallery.soft(folder, IMAGES),
+    "body": lambda folder: gallery.body(folder, IMAGES),
+    "robots": lambda folder: gallery.robots(folder, IMAGES),
+    "touch": lambda folder: touch_to_motion.draw_path(IMAGES / "touch-to-motion.svg"),
+    "bad_command": lambda folder: touch_to_motion.draw_bad_command(IMAGES / "bad-command.svg"),
+    "viewer": viewer,
+}
+
+
 def main() -> None:
-    makers = {"demo": demo, "foot": foot, "plot": plot, "shrug": shrug, "viewer": viewer}
-    for name in sys.argv[1:] or makers:
+    for name in sys.argv[1:] or MAKERS:
         with tempfile.TemporaryDirectory() as folder:
             print(f"making {name}", flush=True)
-            makers[name](Path(folder))
+            MAKERS[name](Path(folder))
 
 
 if __name__ == "__main__":

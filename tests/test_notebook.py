@@ -1,0 +1,26 @@
+"""The notebook runs from top to bottom and prints what its page shows."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+from pathlib import Path
+from typing import Any
+
+PAGE = Path(__file__).parent.parent / "docs" / "notebook.md"
+CELL = re.compile(r"```python\n(.*?)```\n\n```text\n(.*?)```", re.DOTALL)
+NUMBER = re.compile(r"\d+(\.\d+)?")
+
+
+def test_the_notebook_prints_what_it_shows() -> None:
+    cells = CELL.findall(PAGE.read_text())
+    assert len(cells) == PAGE.read_text().count("```python") == 7
+    names: dict[str, Any] = {}
+    for code, shown in cells:
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed):
+            exec(compile(code, str(PAGE), "exec"), names)
+        # The last digit is not the same on every processor.
+        assert NUMBER.sub("0", printed.getvalue()) == NUMBER.sub("0", shown), code
+    assert names["path"].with_name("notebook.png").stat().st_size > 5000

@@ -1,0 +1,128 @@
+"""Films and portraits of the README and the gallery (docs/gallery.md); `tools/pictures.py` calls it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image, ImageSequence
+
+import tci
+from tci.body.places import find_place
+from tci.pictures.camera import fit
+from tci.pictures.film import LAST, SHOWN, Film
+from tci.pictures.paint import FULL_SCALE, field_looks
+from tci.pictures.portrait import Portrait, keep_moment
+from tci.skin.skin import Skin
+
+ROBOTS = ("nao", "nao-whole", "icub", "icub-whole", "g1", "talos", "alex")
+SCALE = 0.8
+"""Size of the films against those of `tci run --film`."""
+FACE = "head_skin"
+Touch = Callable[[Any, tci.Robot], None]
+
+
+def touch_forearm(driver: Any, robot: tci.Robot, **motion: float) -> None:
+    """Pokes the centre of the first receptive field of the left forearm: one place on every robot."""
+    site = tci.default_fields()[0]
+    place = find_place(Skin(robot), "left_arm", site.segment, site.u, site.theta, driver.read().joints)
+    driver.world.finger.poke(place.patch, place.p_L, place.n_L, gap=0.02, **motion)
+
+
+def push_forearm(driver: Any, robot: tci.Robot) -> None:
+    """Pushes the forearm slowly and far, as a hand does."""
+    touch_forearm(driver, robot, speed=0.06, depth=0.03)
+
+
+def touch_face(driver: Any, robot: tci.Robot) -> None:
+    """Pokes the taxel in the middle of those that face forward on the head."""
+    skin, joints = Skin(robot), driver.read().joints
+    places = skin.positions(FACE, joints, frame="torso")
+    forward = np.flatnonzero(skin.normals(FACE, joints, frame="torso")[:, 0] > 0.7)
+    away = np.abs(places - places.mean(axis=0))[:, 1:].sum(axis=1)
+    driver.world.finger.poke(FACE, int(forward[away[forward].argmin()]), gap=0.02)
+
+
+def film(
+    folder: Path, name: str, capability: Any, touch: Touch, *, duration: float, release: float = np.inf
+) -> list[Image.Image]:
+    """Returns the pictures of a run that `touch` disturbs; the finger leaves at `release` [s]."""
+    robot = tci.load_robot(name)
+    fields = getattr(capability, "fields", ()) if isinstance(capability, tci.WithdrawalReflex) else ()
+    path = folder / f"{name}-{type(capability).__name__}.gif"
+    with tci.connect(robot, "sim") as driver:
+        touch(driver, robot)
+        shown = Film(driver.world, path, fields=fields, part="left_arm")
+
+        def watch(tick: tci.Tick) -> None:
+            shown.see(tick)
+            if tick.now > release:
+                driver.world.finger.retire()
+
+        tci.run(driver, capability, duration=duration, observe=watch)
+        shown.save()
+    with Image.open(path) as pictures:
+        return [picture.convert("RGB") for picture in ImageSequence.Iterator(pictures)]
+
+
+def side_by_side(films: list[list[Image.Image]]) -> list[Image.Image]:
+    """Returns one film of several; a shorter one stands still at its end."""
+    joined = []
+    for index in range(max(map(len, films))):
+        pictures = [one[min(index, len(one) - 1)] for one in films]
+        wide = Image.new("RGB", (sum(p.width for p in pictures), pictures[0].height))
+        for number, picture in enumerate(pictures):
+            wide.paste(picture, (sum(p.width for p in pictures[:number]), 0))
+        joined.append(wide)
+    return joined
+
+
+def save(pictures: list[Image.Image], path: Path) -> None:
+    """Writes an animated GIF with one palette, at the speed of `tci run --film`."""
+    small = [p.resize((round(SCALE * p.width), round(SCALE * p.height))) for p in pictures]
+    palette = small[len(small) // 2].quantize(128)
+    frames = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in small]
+    times = [round(1e3 * SHOWN)] * (len(frames) - 1) + [round(1e3 * LAST)]
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=times, loop=0, optimize=True)
+
+
+def pokes(folder: Path, images: Path) -> None:
+    """The withdrawal reflex on two robots that are poked at one place: the film of the README."""
+    reflex = tci.WithdrawalReflex()
+    both = [film(folder, name, reflex, touch_forearm, duration=0.7) for name in ("nao", "icub")]
+    save(side_by_side(both), images / "pokes.gif")
+
+
+def soft(folder: Path, images: Path) -> None:
+    """An arm that gives way."""
+    save(
+        film(folder, "nao", tci.SoftReaction(), push_forearm, duration=1.0),
+        images / "soft-reaction.gif",
+    )
+
+
+def body(folder: Path, images: Path) -> None:
+    """A touched face nods back."""
+    save(
+        film(folder, "icub-whole", tci.BodyWithdrawal(stance="supported"), touch_face, duration=0.7),
+        images / "body-withdrawal.gif",
+    )
+
+
+def robots(_: Path, images: Path) -> None:
+    """Each robot as it stands in its simulation, with its receptive fields."""
+    looks = field_looks(tci.default_fields())
+    for name in ROBOTS:
+        with tci.connect(tci.load_robot(name), "sim") as driver:
+            world = driver.world
+            moment = keep_moment(world, driver.read())
+            portrait = Portrait(world, looks, full_scale=FULL_SCALE)
+            sides = [portrait.outline(moment, part=arm, lowest=-np.inf) for arm in ("left_arm", "right_arm")]
+            camera = fit(
+                np.concatenate(sides), azimuth=0.5, elevation=0.15, width=300, height=420, margin=0.05,
+                frame=portrait.torso(moment),
+            )  # fmt: skip
+            picture = Image.fromarray(portrait.draw(moment, camera))
+            picture.quantize(128).save(images / f"robot-{name}.png", optimize=True)

@@ -7,6 +7,7 @@ import re
 import threading
 import time
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 import psutil
@@ -35,38 +36,35 @@ position."""
 
 pytestmark = pytest.mark.timeout(120)  # a silent peer must not block the test run
 PEERS = PEERS | BINDINGS
-ALL = [pytest.param(name, marks=pytest.mark.xdist_group(f"driver-{name}")) for name in PEERS]
-ELSEWHERE = [param for param in ALL if PEERS[str(param.values[0])].other_process]
 
 
-def started(name: str) -> Iterator[Peer]:
-    """Yields a peer that all tests of one driver share; it ends before that of the next driver begins."""
-    peer = PEERS[name]()
-    try:
-        peer.start()
-        yield peer
-    finally:
-        peer.stop()
+def group(*names: str) -> list[Any]:
+    """Returns the parameters of these drivers; all tests of one run in the same process, with one peer."""
+    return [pytest.param(name, marks=pytest.mark.xdist_group(f"driver-{name}")) for name in names]
 
 
-@pytest.fixture(scope="module", params=ALL)
-def any_peer(request: pytest.FixtureRequest) -> Iterator[Peer]:
-    """Yields a peer of any driver."""
-    yield from started(request.param)
+ELSEWHERE = group(*(name for name, peer in PEERS.items() if peer.other_process))
+HERE = group(*(name for name, peer in PEERS.items() if not peer.other_process))
+elsewhere = pytest.mark.parametrize("peer", ELSEWHERE, indirect=True)
 
 
-@pytest.fixture(scope="module", params=ELSEWHERE)
+@pytest.fixture(scope="module", params=[*ELSEWHERE, *HERE])
 def peer(request: pytest.FixtureRequest) -> Iterator[Peer]:
-    """Yields a peer in another process."""
-    yield from started(request.param)
+    """Yields a peer that all tests of one driver share; it ends before that of the next driver begins."""
+    made = PEERS[request.param]()
+    try:
+        made.start()
+        yield made
+    finally:
+        made.stop()
 
 
 @pytest.fixture
-def open_driver(any_peer: Peer) -> Iterator[Callable[..., Driver]]:
+def open_driver(peer: Peer) -> Iterator[Callable[..., Driver]]:
     opened: list[Driver] = []
 
     def make(*, arm: bool = True) -> Driver:
-        opened.append(any_peer.open(arm=arm))
+        opened.append(peer.open(arm=arm))
         return opened[-1]
 
     yield make
@@ -257,6 +255,7 @@ def test_closing_leaves_nothing_behind(open_driver: Callable[..., Driver]) -> No
         assert not left_behind(open_driver, use)
 
 
+@elsewhere
 def test_28_34_a_peer_that_falls_silent_means_hold_and_comes_back_without_replay(peer: Peer) -> None:
     with peer.open(arm=True) as driver:
         assert drive_until(driver, lambda: abs(elbow(driver) + 0.3) < 0.01, bend(driver, -0.3))
@@ -293,6 +292,7 @@ def test_28_34_a_peer_that_falls_silent_means_hold_and_comes_back_without_replay
         assert drive_until(driver, lambda: abs(elbow(driver) + 0.3) < 0.03, bend(driver, -0.3))
 
 
+@elsewhere
 def test_33_garbage_floods_and_wrong_types_change_nothing(peer: Peer) -> None:
     with peer.open(arm=True) as driver:
         garbage = [bytes(random.Random(n).randbytes(n % 700)) for n in range(200)]
@@ -315,36 +315,31 @@ def test_33_garbage_floods_and_wrong_types_change_nothing(peer: Peer) -> None:
         assert psutil.Process().memory_info().rss - memory < 50e6
 
 
-@pytest.mark.parametrize("name", ELSEWHERE)
-def test_a_peer_that_is_killed_means_hold_and_closing_works(name: str) -> None:
-    mine = PEERS[name]()
-    mine.start()
+@elsewhere
+def test_43_a_commander_that_is_killed_leaves_a_robot_at_rest(peer: Peer) -> None:
+    with peer.open(arm=True) as driver:
+        assert drive_until(driver, lambda: abs(elbow(driver) + 1.2) < 0.03, bend(driver, -1.2))
+    commander = peer.commander()
     try:
-        with mine.open(arm=True) as driver:
-            drive(driver, bend(driver, -1.2), duration=0.3)
-            mine.kill()
-            held = drive(driver, duration=10.0, until=lambda sent: sent.state is not GateState.RUN)
-            assert held.state is not GateState.RUN
-            drive(driver, duration=0.3)
-    finally:
-        mine.stop()
-
-
-@pytest.mark.parametrize("name", ELSEWHERE)
-def test_43_a_commander_that_is_killed_leaves_a_robot_at_rest(name: str) -> None:
-    mine = PEERS[name]()
-    mine.start()
-    try:
-        commander = mine.commander()
         assert commander.stdout is not None
         assert commander.stdout.readline() == "moving\n"
-        commander.kill()
-        commander.wait()
-        with mine.open(arm=False) as driver:
-            driver.clock.sleep_until(driver.clock.now() + 2.0)
-            there = elbow(driver)
-            assert there < -0.5  # on its way, which takes 9 s
-            driver.clock.sleep_until(driver.clock.now() + 1.0)
-            assert elbow(driver) == pytest.approx(there, abs=0.02)
     finally:
-        mine.stop()
+        commander.kill()
+        commander.communicate()
+    with peer.open(arm=False) as driver:
+        driver.clock.sleep_until(driver.clock.now() + 2.0)
+        there = elbow(driver)
+        assert there < -0.5  # on its way, which takes 11 s
+        driver.clock.sleep_until(driver.clock.now() + 1.0)
+        assert elbow(driver) == pytest.approx(there, abs=0.02)
+
+
+@elsewhere
+def test_a_peer_that_is_killed_means_hold_and_closing_works(peer: Peer) -> None:
+    """Must be the last test of each driver: the others need its peer."""
+    with peer.open(arm=True) as driver:
+        drive(driver, bend(driver, -0.3), duration=0.3)
+        peer.kill()
+        held = drive(driver, duration=10.0, until=lambda sent: sent.state is not GateState.RUN)
+        assert held.state is not GateState.RUN
+        drive(driver, duration=0.3)

@@ -146,6 +146,16 @@ def test_a_driver_whose_wire_is_cut_is_closed_all_the_same(wire: Wire) -> None:
         wire.read()
 
 
+def test_a_driver_that_has_not_read_for_a_while_leaves_with_a_message_that_counts(wire: Wire) -> None:
+    """The robot's process rejects messages that refer to an old state, and the joints would stay reserved."""
+    wire.order(wire.native("LArm").command({"LElbowRoll": -1.2}))
+    wire.time.advance(5.0)
+    wire.tell()
+    wire.close()
+    assert wire.said[-1].leaving
+    assert wire.said[-1].seen == wire.time.now()
+
+
 @pytest.mark.parametrize("text", ["left_elbow: commanded by another already", "links: besetzt"])
 def test_an_order_for_joints_of_another_commander_is_an_error_by_its_code_not_its_text(
     wire: Wire, text: str

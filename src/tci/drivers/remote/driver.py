@@ -197,6 +197,7 @@ class RemoteDriver(Driver):
         if self._state is not None and self._sequence:
             self._pending.clear()
             with suppress(DriverError):  # otherwise the silence ends the command
+                self._take()  # a message that refers to an old state would be rejected
                 self._send_orders(self._state, None, leaving=True)
 
     def _send_orders(self, state: State, halt: Reason | None, *, leaving: bool) -> None:

@@ -77,15 +77,23 @@ def exclude_overlaps(spec: mujoco.MjSpec, robot: Robot, posture: Array) -> mujoc
     """
     assert robot.model is not None  # solid_spec has raised
     model = compiled(spec, robot.model)
+    pairs = _overlapping(model, robot, posture)
+    if not pairs:
+        return model
+    for first, second in pairs:
+        spec.add_exclude(bodyname1=model.body(first).name, bodyname2=model.body(second).name)
+    del model  # an iCub's takes 50 MB
+    return compiled(spec, robot.model)
+
+
+def _overlapping(model: mujoco.MjModel, robot: Robot, posture: Array) -> list[tuple[int, int]]:
+    """Returns the pairs of bodies, by MuJoCo's number, that are in contact at `posture`."""
     data = mujoco.MjData(model)
     servos, addresses, _ = joints_of(robot, model)
     data.qpos[addresses] = posture[servos]
     mujoco.mj_forward(model, data)
     touching = model.geom_bodyid[data.contact.geom[: data.ncon]]
-    pairs = {(int(low), int(high)) for low, high in np.sort(touching, axis=1)}
-    for first, second in sorted(pairs):
-        spec.add_exclude(bodyname1=model.body(first).name, bodyname2=model.body(second).name)
-    return compiled(spec, robot.model) if pairs else model
+    return sorted({(int(low), int(high)) for low, high in np.sort(touching, axis=1)})
 
 
 def _arms(spec: mujoco.MjSpec, robot: Robot) -> dict[str, tuple[int, int]]:

@@ -10,10 +10,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import Distribution, distribution, entry_points, packages_distributions
-
-from packaging.requirements import Requirement
+from typing import TYPE_CHECKING
 
 from tci.errors import MissingExtraError
+
+if TYPE_CHECKING:
+    from packaging.requirements import Requirement
 
 OWN = "tci.cli.main:main"
 """Value of the entry point that every distribution of TCI has."""
@@ -36,6 +38,8 @@ def advice(extra: str, *, of: Distribution | None = None) -> str:
     name = found.metadata["Name"]
     if extra not in (found.metadata.get_all("Provides-Extra") or ()):
         return f"install it with: pip install {name}"
+    from packaging.requirements import Requirement  # every program imports this file, few need advice
+
     needs = [Requirement(text) for text in found.requires or ()]
     markers = [need.marker for need in needs if need.marker is not None and _names(need, extra)]
     if not any(marker.evaluate({"extra": extra}) for marker in markers):

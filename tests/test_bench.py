@@ -31,7 +31,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 @pytest.mark.parametrize(
     ("taxels", "fields", "contacts"), [(30, 5, 1), (230, 5, 1), (768, 16, 5), (4000, 64, 30)]
 )
-def test_the_kernel_in_c_and_ours_are_the_same(bench: None, taxels: int, fields: int, contacts: int) -> None:
+def test_the_kernel_in_c_gives_equal_results(bench: None, taxels: int, fields: int, contacts: int) -> None:
     frame = importlib.import_module("frame")
     ours = frame.Frame(taxels, fields, contacts)
     theirs = frame.InC(ours)

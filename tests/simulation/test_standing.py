@@ -145,7 +145,7 @@ def test_a_leg_without_weight_answers_while_the_other_one_carries(name: str) -> 
     assert np.rad2deg(tilt(world)) < 5.0
     moved, why = poke_the_shin(standing(name, lean=np.deg2rad(LEAN[name])), BodyWithdrawal(), "right_leg")
     assert not moved
-    assert "the sole of right_leg feels" in why
+    assert "the sole of right_leg measures" in why
 
 
 def test_where_the_centre_of_mass_would_be_is_told() -> None:

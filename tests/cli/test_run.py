@@ -57,7 +57,7 @@ def test_a_stall_stops_the_robot_and_the_status_says_so() -> None:
     fault, stop = told["events"][-3:-1]
     assert fault["time_s"] == pytest.approx(0.32, abs=0.005)
     assert "fault 21" in fault["words"]
-    assert "expected: following-error STOP" in fault["words"]
+    assert "expected: STOP for the following error" in fault["words"]
     assert "does not follow" in stop["words"]
     (outcome,) = told["faults"]
     assert (outcome["fault"], outcome["answer"]) == ("stall", "STOP")

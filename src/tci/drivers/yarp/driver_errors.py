@@ -30,6 +30,6 @@ def driver_error(error: YarpError) -> TciError:
     """Returns a DriverError with the text of `error`, or a MissingExtraError if YARP's own bindings are not
     installed."""
     if isinstance(error, BindingsError):
-        advice = f"{error.advice}. Without `bindings` TCI needs no YARP"
+        advice = f"{error.advice}. TCI speaks YARP itself: leave out `bindings`"
         return MissingExtraError("yarp:bindings", error.missing, advice)
     return DriverError(str(error))

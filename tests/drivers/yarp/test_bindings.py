@@ -30,7 +30,8 @@ def no_bindings(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("no_bindings")
 def test_without_bindings_the_error_says_how_to_get_them_and_what_works_without() -> None:
     for address in ("bindings", "127.0.0.1:9,bindings", "bindings,dialect=3"):
-        with pytest.raises(MissingExtraError, match=r"(?s)conda-forge.*CREATE_PYTHON.*PyPI.*leave out `bindings`"):
+        advice = r"(?s)conda-forge.*CREATE_PYTHON.*PyPI.*leave out `bindings`"
+        with pytest.raises(MissingExtraError, match=advice):
             tci.connect(tci.load_robot("nao"), f"yarp:{address}")
     (finding,) = YarpDriver.probe(tci.load_robot("nao"), "bindings")
     assert finding.level is Level.FAULT

@@ -80,7 +80,7 @@ def measure(case: str) -> list[dict[str, Any]]:
 
 def show(rows: list[dict[str, Any]]) -> None:
     table = Table(title="Beside peers, in the same run: median, and spread of the ratio over all rounds")
-    for head in ("what", "ours", "cold", "peer", "its", "cold", "unit", "ratio", "spread", "target", "met"):
+    for head in ("what", "TCI", "cold", "peer", "time", "cold", "unit", "ratio", "spread", "target", "met"):
         table.add_column(head, justify="left" if head in ("what", "peer", "target") else "right")
     for row in rows:
         table.add_row(

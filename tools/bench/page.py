@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 PAGE = Path(__file__).parents[2] / "docs" / "tables" / "performance.md"
-HEAD = ("what", "ours", "cold", "peer", "its", "cold", "unit", "ratio", "spread", "target", "note")
+HEAD = ("what", "TCI", "cold", "peer", "time", "cold", "unit", "ratio", "spread", "target", "note")
 MET = {True: ": met", False: ": missed", None: ""}
 
 

@@ -256,7 +256,7 @@ def test_why_a_touched_leg_stays_is_told_once(
         place = GenericBody(driver.robot).landmark("left_leg", Landmark("shank", (1.0, 0.0, 0.0)))
         driver.world.finger.poke(place.patch, place.p_L, place.n_L)
 
-    monkeypatch.setattr("tci.cli.run.poke_forearm", poke_the_shin)
+    monkeypatch.setattr("tci.runtime.session.poke_forearm", poke_the_shin)
     run_capability("body-withdrawal", "nao-whole", duration=0.4, poke=True, as_json=True)
     told = json.loads(capsys.readouterr().out)
     notes = [event["words"] for event in told["events"] if event["kind"] == "NOTE"]

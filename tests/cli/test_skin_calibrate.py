@@ -14,7 +14,6 @@ from typer.testing import CliRunner
 import tci.robot
 from felt_skin import FeltSkin
 from tci.cli.main import app
-from tci.cli.record import recorder_for
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import DescriptionError, TciError
 from tci.messages import JointReading, Reading
@@ -23,6 +22,7 @@ from tci.robot.catalogue import load_robot
 from tci.robot.joint_map import initial_position
 from tci.robot.skin_files.calibration import read_calibration
 from tci.robot.xml import read_robot
+from tci.runtime.session import recorder_for
 from tci.simulation.world import World
 
 NAO = Path(tci.robot.__file__).parent / "robots" / "nao"

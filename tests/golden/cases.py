@@ -22,7 +22,6 @@ import numpy as np
 import tci
 from faults.rehearsal import Sway
 from tci.capabilities.body_withdrawal import BodyWithdrawal
-from tci.cli.run import poke_forearm
 from tci.drivers.driver import Driver
 from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
 from tci.drivers.faults.injectors import INJECTORS
@@ -33,6 +32,7 @@ from tci.recording.recorder import Recorder
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 from tci.runtime.loop import Tick, run
+from tci.runtime.session import poke_forearm
 
 FOLDER = Path(__file__).parent
 AT = 0.34

@@ -139,6 +139,15 @@ class Recorder:
             self._topics.put(f"/skin/{frame.patch}", SKIN, stamp, skin_bytes(frame, number))
         self._frames[frame.patch] = frame
 
+    def to_json(self) -> dict[str, Any]:
+        """Returns the facts of the file that was written as JSON values."""
+        return {
+            "file": str(self.path),
+            "periods": self.ticks,
+            "bytes": self.path.stat().st_size,
+            "failed": self.failed,
+        }
+
     def __enter__(self) -> Self:
         return self
 

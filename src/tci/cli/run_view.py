@@ -1,0 +1,118 @@
+"""Prints a run as it happens: one line for each event, and below them a line with the current state."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager, nullcontext
+
+from rich.console import RenderableType
+from rich.live import Live
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from tci.cli.console import console
+from tci.drivers.faults.injectors import INJECTORS
+from tci.drivers.replay import ReplayDriver
+from tci.runtime.loop import Tick
+from tci.runtime.run_log import Event
+from tci.runtime.session import Session
+
+COLOURS = {
+    "RUN": "green", "HOLD": "yellow", "STOP": "bold red", "touch": "blue", "command": "cyan",
+    "at rest": "dim", "FAULT": "magenta", "over": "magenta",
+}  # fmt: skip
+"""Colour of each kind of event; yellow for all others."""
+
+
+class RunView:
+    """Shows a run on the terminal; nothing if `quiet`, as for programs."""
+
+    def __init__(self, *, quiet: bool) -> None:
+        self._live = None if quiet else Live(console=console, refresh_per_second=10, transient=True)
+
+    def shown(self) -> AbstractContextManager[object]:
+        """Returns the context in which the line with the state is shown."""
+        return self._live or nullcontext()
+
+    def event(self, event: Event) -> None:
+        """Prints one event."""
+        if self._live is not None:
+            console.print(_row(f"{event.now:8.3f} s", event.kind, event.words, _colour(event.kind)))
+
+    def tick(self, tick: Tick, session: Session) -> None:
+        """Renews the line with the state."""
+        if self._live is None:
+            return
+        line = Text(f"{tick.now:8.3f} s  ")
+        line.append(f" {tick.sent.state.name} ", style=f"reverse {_colour(tick.sent.state.name)}")
+        counts = session.driver.gate.counts
+        line.append(
+            f"  contacts {len(tick.perception.contacts)}  clamps {sum(counts.clamps.values())}  "
+            f"refusals {counts.refusals}  overruns {session.report.overruns}"
+        )
+        self._live.update(line)
+
+
+def conclude(session: Session) -> None:
+    """Prints the repeated refusals and clamps, the outcome of each fault, and the statistics of a run."""
+    for kind, reasons in (("refused", session.log.refused), ("clamped", session.log.clamped)):
+        for notice in reasons.notices():
+            if notice.count > 1:
+                console.print(_row("", kind, str(notice), "yellow"))
+    for one in session.log.outcome():
+        shows = INJECTORS[one["fault"]].shows_after
+        if one["answer"]:
+            after = one["after_s"]
+            late = f"{after * 1e3:.0f} ms" if after < 1.0 else f"{after:.1f} s"
+            words = f"{one['answer']} {late} after {one['fault']}: {one['why']}"
+        elif shows:
+            words = (
+                f"{one['fault']}: the gate did not react. It detects this fault {shows:g} s after its "
+                f"begin, on skin that it has read for some seconds; try {one['fault']}@5"
+            )
+        else:
+            words = f"{one['fault']}: the gate had no reason to hold"
+        console.print(_row("", "outcome", f"{words}; expected: {one['expected']}", "bold"))
+    if session.result is not None:
+        console.print(session.result.summary, highlight=False, markup=False)
+    report, counts, state = session.report, session.driver.gate.counts, session.driver.gate.state
+    console.print(
+        f"{report.ticks} periods, {report.overruns} overruns ({report.missed} periods missed); "
+        f"computing time p50 {report.work.quantile(0.5) * 1e3:.2f}, "
+        f"p99.9 {report.work.quantile(0.999) * 1e3:.2f} ms; "
+        f"gate: {counts.holds} holds, {counts.stops} stops, {counts.refusals} refusals; "
+        f"state at the end: [{_colour(state.name)}]{state.name}[/]",
+        highlight=False,
+    )
+    for line in _about_recordings(session):
+        console.print(line, highlight=False)
+
+
+def _about_recordings(session: Session) -> list[str]:
+    """Returns the lines about the recording that was written and the one that was replayed."""
+    lines, recorder, driver = [], session.recorder, session.source
+    if recorder is not None:
+        end = f"[red]{escape(recorder.failed)}[/]" if recorder.failed else "complete"
+        lines.append(f"recording {escape(str(recorder.path))}: {recorder.ticks} periods, {end}")
+    if isinstance(driver, ReplayDriver):
+        same = "all identical, bit for bit" if not driver.different else (
+            f"[yellow]{len(driver.different)} differ, first at {driver.different[0]:.3f} s[/]")  # fmt: skip
+        same = same if driver.compared else "the recording has none"
+        lines.append(f"replay: {driver.compared} decisions of the gate compared: {same}")
+        if driver.different and driver.changed:
+            lines.append(escape(f"it was recorded with other versions: {'; '.join(driver.changed)}"))
+    return lines
+
+
+def _colour(kind: str) -> str:
+    return COLOURS.get(kind, "yellow")
+
+
+def _row(time: str, kind: str, words: str, colour: str) -> RenderableType:
+    """Lays out an event in three columns. Text that needs more than one line stays in its column."""
+    table = Table.grid(padding=(0, 2, 0, 0))
+    table.add_column(width=10, justify="right", no_wrap=True)
+    table.add_column(width=7, no_wrap=True)
+    table.add_column()
+    table.add_row(time, Text(kind, style=colour), Text(words))
+    return table

@@ -1,0 +1,209 @@
+"""A run with recording, injected faults and the log of its events: the work of `tci run`."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from tci.body.places import find_place
+from tci.capabilities.capability import Capability
+from tci.capabilities.fields import default_fields
+from tci.drivers.driver import Driver
+from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
+from tci.drivers.faults.injectors import INJECTORS, THREAD
+from tci.drivers.registry import JOIN
+from tci.drivers.replay import ReplayDriver
+from tci.drivers.simulated import SimulatedDriver
+from tci.errors import CommandError
+from tci.gate.gate import GateState
+from tci.reasons import OTHERS, Reason, ReasonCounter
+from tci.recording.recorder import Recorder
+from tci.runtime.loop import Tick, run
+from tci.runtime.loop_report import LoopReport
+from tci.runtime.result import RunResult
+from tci.runtime.run_log import Event, RunLog
+from tci.skin.skin import Skin
+
+REHEARSAL = 1.5
+"""Shortest run [s] with an injected fault: long enough for one poke and the response."""
+FLICKER = 0.4
+"""Noise [counts] of the simulated skin in a rehearsal: most rounded values stay, some change by one."""
+POKE_DELAY = 0.3
+"""Time [s] from the start of the run to the finger's touch. The robot is at rest by then."""
+
+
+class Session:
+    """One run of a capability on an open driver. `run` runs it; the rest tells how it went."""
+
+    def __init__(
+        self,
+        driver: Driver,
+        capability: Capability[Any],
+        *,
+        faults: Sequence[FaultPlan] = (),
+        flicker: float = 0.0,
+        recorder: Recorder | None = None,
+        listen: Callable[[Event], None] = lambda event: None,
+        observe: Callable[[Tick], None] = lambda tick: None,
+    ) -> None:
+        """Prepares a run.
+
+        Args:
+            driver: Open driver of the robot.
+            capability: Capability to run.
+            faults: Faults to inject.
+            flicker: Noise [counts] of the skin while faults are injected.
+            recorder: Open recorder, which gets each period.
+            listen: Called with each event as it happens.
+            observe: Called with each tick.
+        """
+        self.source = driver
+        """The robot's own driver."""
+        self.driver = FaultInjector(driver, faults, flicker=flicker) if faults else driver
+        """The driver that is run: `source`, or one that injects faults into it."""
+        self.recorder = recorder
+        self.report = LoopReport()
+        self.log = RunLog(self.driver, listen)
+        self.result: RunResult[Any] | None = None
+        """Result of the run; None if an error ended it."""
+        self.error: BaseException | None = None
+        """Error of the capability, or the signal, that ended the run."""
+        self._capability, self._observe = capability, observe
+
+    @property
+    def failed(self) -> bool:
+        """True if the run stopped, ended by an error, or had every command refused."""
+        return self.log.worst is GateState.STOP or not self.result
+
+    def run(self, duration: float | None = None) -> None:
+        """Runs the capability for `duration` [s], or until interrupted.
+
+        An error after the begin of the run, and a signal, is kept in `error`. Raises errors from before.
+        """
+        notes, clock, log = ReasonCounter(), self.driver.clock, self.log
+
+        def see(tick: Tick) -> None:
+            if self.recorder is not None:
+                self.recorder.tick(tick.now, tick.reading, tick.commands, tick.sent)
+            log.see(tick)
+            self._observe(tick)
+
+        def take_notes(memory: Any) -> bool:
+            for note in self._capability.notes(memory):
+                if notes.add(Reason.of(note), clock.now()):
+                    log.tell(clock.now(), "NOTE", note)
+            return False
+
+        with _quiet_threads() if self.driver is not self.source else contextlib.nullcontext():
+            try:
+                self.result = run(
+                    self.driver, self._capability, duration=duration, observe=see, until=take_notes,
+                    report=self.report,
+                )  # fmt: skip
+            except (Exception, KeyboardInterrupt, SystemExit) as error:
+                if not self.report.ended:  # it never began
+                    raise
+                self.error = error
+                log.tell_faults(clock.now())
+                rest = "; the robot was brought to rest" if self.driver.armed else ""
+                log.worst = GateState.STOP
+                log.tell(clock.now(), "STOP", f"{self.report.ended}{self._place(error)}{rest}")
+        if self.result is not None and self.result.refused_all:
+            log.tell(clock.now(), "refused", "every command was refused, so the capability moved nothing")
+        if self.report.cut_short:
+            log.tell(clock.now(), "at rest", "the run ended during a motion; a hold stopped it")
+        if notes.counts[OTHERS]:
+            log.tell(clock.now(), "NOTE", "further notes are not shown")
+
+    def to_json(self) -> dict[str, Any]:
+        """Returns all that is known of the run as JSON values."""
+        counts = self.driver.gate.counts
+        told: dict[str, Any] = {
+            "state": self.driver.gate.state.value,
+            "worst": self.log.worst.value,
+            "events": [event.to_json() for event in self.log.events],
+            "refusals": [notice.to_json() for notice in self.log.refused.notices()],
+            "clamps": [notice.to_json() for notice in self.log.clamped.notices()],
+            "faults": self.log.outcome(),
+            "gate": {"holds": counts.holds, "stops": counts.stops, "refusals": counts.refusals,
+                     "clamps": dict(counts.clamps), "near_misses": counts.near_misses},
+            "loop": self.report.to_json(),
+        }  # fmt: skip
+        if self.result is not None:
+            told |= {"touched_N": dict(self.result.touched), "moved_rad": dict(self.result.moved)}
+        if self.recorder is not None:
+            told["recording"] = self.recorder.to_json()
+        if isinstance(self.source, ReplayDriver):
+            told["replay"] = {"compared": self.source.compared, "different": len(self.source.different),
+                              "other_versions": self.source.changed}  # fmt: skip
+        return told
+
+    def _place(self, error: BaseException) -> str:
+        """Returns the file and line of an error in the capability's own file; empty for one elsewhere."""
+        file = sys.modules[type(self._capability).__module__].__file__
+        frames = traceback.extract_tb(error.__traceback__)
+        lines = [frame.lineno for frame in frames if frame.filename == file]
+        return f" ({Path(str(file)).name}, line {lines[-1]})" if lines else ""
+
+
+def rehearsal_length(faults: Sequence[FaultPlan]) -> float:
+    """Returns the time [s] in which the response to one poke and to each fault can be seen."""
+    return max(REHEARSAL, *(plan.at + INJECTORS[plan.name].shows_after + 1.0 for plan in faults))
+
+
+def recorder_for(path: Path, driver: Driver, via: str, about: Mapping[str, str]) -> Recorder:
+    """Opens a recorder for the readings of a driver. Raises RecordingError as `Recorder` does.
+
+    Args:
+        path: File to write.
+        driver: Driver whose robot, period and facts are recorded.
+        via: NAME or NAME:ADDRESS by which the driver was opened.
+        about: Further facts about the recording, by key.
+    """
+    return Recorder(
+        path,
+        driver.robot,
+        middleware=via.split(JOIN)[0].partition(":")[0],
+        period=driver.period,
+        keep_alive=driver.info.keep_alive,
+        about={**driver.info.about, **about},
+    )
+
+
+def about_capability(name: str, capability: Capability[object]) -> dict[str, str]:
+    """Returns the metadata of a recording that name the behaviour that ran, and its settings."""
+    return {"capability": name, "settings": repr(capability)}
+
+
+def poke_forearm(driver: Driver) -> None:
+    """Pokes the left forearm with the simulated finger. Raises CommandError for a real robot."""
+    if not isinstance(driver, SimulatedDriver):
+        raise CommandError("--poke needs a simulated robot; valid: --via sim")
+    site = default_fields()[0]
+    joints = driver.read().joints
+    place = find_place(Skin(driver.robot), "left_arm", site.segment, site.u, site.theta, joints)
+    speed = 0.25
+    driver.world.finger.poke(
+        place.patch, place.p_L, place.n_L, speed=speed, depth=0.01, gap=speed * POKE_DELAY
+    )
+
+
+@contextlib.contextmanager
+def _quiet_threads() -> Iterator[None]:
+    """Suppresses the traceback of a thread that an injected fault ends on purpose."""
+    usual = threading.excepthook
+
+    def hook(told: threading.ExceptHookArgs) -> None:
+        if told.thread is None or told.thread.name != THREAD:
+            usual(told)
+
+    threading.excepthook = hook
+    try:
+        yield
+    finally:
+        threading.excepthook = usual

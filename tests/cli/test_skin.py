@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 from made_skins import LENGTH, RIPPLE, SKINS
 from skin_data import SkinData, cone_file
 from tci.authoring.skin_map import best_cone, skin_cone, unroll
+from tci.authoring.skin_picture import maps
 from tci.cli.main import app
-from tci.cli.skin_picture import maps
 from tci.errors import CommandError, DescriptionError, TciError
 from tci.robot.skin_files.file import read_skin_file
 

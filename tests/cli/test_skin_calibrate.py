@@ -173,7 +173,7 @@ def test_bad_arguments_write_nothing(tmp_path: Path) -> None:
 def test_a_place_where_nothing_can_be_written_is_known_before_anybody_lifts_a_weight(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tci.cli.skin_calibrate.connect", None)
+    monkeypatch.setattr("tci.authoring.load_skin.connect", None)
     out = tmp_path / "none" / "x.json"
     with pytest.raises(TciError, match=r"x\.json can't be written; valid: --out FILE"):
         run("nao", "--patch", "left_forearm", "--weight", "1", "--out", str(out))

@@ -74,7 +74,7 @@ def test_a_file_in_another_frame_is_wrong_and_its_correction_is_printed(
         assert link is surface
         return found
 
-    monkeypatch.setattr("tci.cli.skin_check.register", known)  # the search takes half a minute
+    monkeypatch.setattr("tci.authoring.check_skin.register", known)  # the search takes half a minute
     status, text = check("icub", "--file", str(file), "--link", "l_upper_arm", "--json")
     (row,) = json.loads(text)["skins"]
     assert (status, row["verdict"], row["correction"]["mends"]) == (1, "wrong", True)

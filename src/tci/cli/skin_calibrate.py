@@ -3,247 +3,91 @@ on."""
 
 from __future__ import annotations
 
-import csv
-import os
 import sys
-from collections.abc import Iterator, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from statistics import median
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
-from numpy.typing import NDArray
+import typer
 from rich import box
-from rich.progress import Progress
 from rich.table import Table
 
-from tci.authoring.calibrate_skin import Load, calibrate, loads_of_stream
 from tci.cli.console import console, print_json
-from tci.drivers.driver import Driver
-from tci.drivers.registry import connect
-from tci.drivers.simulated import SimulatedDriver
-from tci.errors import CommandError, DriverError, TciError
-from tci.frames import Array
-from tci.robot.catalogue import load_robot
-from tci.robot.kinematics import KinematicChain
-from tci.robot.skin_files.calibration import (
-    PatchCalibration,
-    SkinCalibration,
-    calibration_path,
-    read_calibration,
-    write_calibration,
-)
-from tci.robot.xml.values import decimal
-from tci.simulation.finger import STIFFNESS
-from tci.skin.layout import normal_channels
-from tci.skin.surfaces import Surface, build_surface
+from tci.cli.options import RobotName, Via
+from tci.errors import CommandError
 
-SILENCE = 5.0
-"""Longest time [s] without a frame of the patch. Assumed: a person notices the end of the data by then."""
-SETTLE = 0.6
-"""Time [s] that the simulated finger presses before frames are taken. Assumed: finger and arm are at rest
-then."""
-PLACES = 4
-"""Number of places that the simulated finger presses with each force. Assumed: averages over the taxels'
-grid."""
+if TYPE_CHECKING:
+    from tci.authoring.load_skin import PatchMeasurement
 
 
-def calibrate_patch(
-    robot_name: str,
-    patch: str,
-    *,
-    via: str,
-    weights: Sequence[float],
-    force_log: Path | None,
-    frames: int,
-    out: Path | None,
-    as_json: bool,
+def calibrate(
+    robot: RobotName,
+    patch: Annotated[str, typer.Option(help="Patch of skin to calibrate.")],
+    via: Via = "sim",
+    weight: Annotated[
+        list[float] | None, typer.Option(help="Known load \\[N]; repeat for several, light ones first.")
+    ] = None,
+    force_log: Annotated[
+        Path | None,
+        typer.Option(
+            help="Instead of weights: readings of a force sensor, CSV with time,force on the driver's clock."
+        ),
+    ] = None,
+    frames: Annotated[int, typer.Option(min=20, help="Number of frames to take at rest.")] = 200,
+    out: Annotated[
+        Path | None, typer.Option(help="Calibration to write. \\[default: beside the robot's description]")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and ask nothing.")] = False,
 ) -> None:
-    """Measures a patch, writes its calibration, and prints the remaining errors. Options as in `tci skin`.
+    """Measure a patch's rest values and noise, and its response to known loads, step by step.
 
-    Raises CommandError for options that exclude each other, UnknownNameError for a patch, DriverError without
-    frames, TciError for a file that can't be read or written.
+    Without loads the response in the description is kept. A simulated robot is pressed by the simulated
+    finger. The result is stored beside the description and used from then on.
+
+    Example:  tci skin calibrate nao --patch left_forearm --weight 0.5 --weight 2 --out nao.skin.json
+
+    Example:  tci skin calibrate icub --patch left_forearm --via replay:loads.mcap --force-log force.csv
     """
-    robot = load_robot(robot_name)
-    words = robot.patch(patch)
-    if weights and force_log is not None:
-        raise CommandError("--weight and --force-log exclude each other; valid: one of them")
-    for weight in weights:
-        if not 0.0 < weight < np.inf:
-            raise CommandError(f"--weight {weight} N; valid: above 0 and finite")
-    stream = read_force_log(force_log) if force_log is not None else None
-    if stream is not None and not via.startswith("replay:"):
-        raise CommandError(
-            "--force-log needs a recording of the robot made at the same time; valid: --via replay:FILE"
-        )
-    surface = build_surface(robot, words, KinematicChain(robot))
-    target = out or calibration_path(Path(robot.source))
-    if not os.access(target if target.exists() else target.absolute().parent, os.W_OK):
-        raise CommandError(f"{target} can't be written; valid: --out FILE in a folder that you may write to")
-    before = read_calibration(target) if target.is_file() else None
-    with connect(robot, via, arm=False) as driver:
-        session = _Session(driver, patch, normal_channels(words, surface), quiet=as_json)
-        if isinstance(driver, SimulatedDriver):
-            driver.world.finger.retire()
-        loads: Sequence[Load]
-        if stream is None:
-            session.ask("Take everything off the skin.")
-            _, rest = session.take(frames, "at rest")
-            loads = list(_pressed(session, surface, weights))
-        else:
-            stamps, values = session.take_all()
-            rest, loads = loads_of_stream(stamps, values, *stream)
-    when = datetime.now(UTC).isoformat(timespec="seconds")
-    found = calibrate(words.sensor, surface.areas, rest, loads, when=when)
-    patches = {} if before is None else dict(before.patches)
-    write_calibration(target, SkinCalibration(robot=robot.name, date=when, patches=patches | {patch: found}))
-    rows = [_row(words.sensor, surface.areas, found, load) for load in loads]
-    if as_json:
-        print_json({"file": str(target), "patch": patch, "report": found.report, "loads": rows})
-    else:
-        console.print(_table(patch, found, rows))
-        console.print(f"calibration {target}", highlight=False, markup=False)
+    from rich.progress import Progress
 
+    from tci.authoring.load_skin import calibrate_patch
+    from tci.robot.catalogue import load_robot
 
-class _Session:
-    """Takes frames of one patch from a driver, and asks the person beside the robot."""
-
-    def __init__(self, driver: Driver, patch: str, channels: NDArray[np.intp], *, quiet: bool) -> None:
-        self.driver = driver
-        self.patch = patch
-        self._channels = channels
-        self._quiet = quiet
-        self._sequence = -1
-
-    def ask(self, words: str) -> None:
-        """Prints a request and waits for Enter; not for a simulated robot, and not for programs.
-
-        Raises CommandError without a terminal.
-        """
-        if self._quiet or isinstance(self.driver, SimulatedDriver):
+    def ask(words: str) -> None:
+        if as_json:
             return
         if not sys.stdin.isatty():
             raise CommandError("no terminal to press Enter in; valid: a terminal, --json, or --force-log")
+        bar.stop()  # it would be drawn over the answer
         console.input(f"{words} [dim]Press Enter when ready.[/] ")
+        bar.start()
 
-    def take(self, count: int, what: str) -> tuple[Array, Array]:
-        """Returns stamps (count,) [s] and raw values (count, taxels) of the next frames. Raises
-        DriverError."""
-        stamps, values = [], []
-        with Progress(
-            console=console, transient=True, disable=self._quiet or not console.is_terminal
-        ) as progress:
-            task = progress.add_task(what, total=count)
-            for stamp, frame in self._frames():
-                stamps.append(stamp)
-                values.append(frame)
-                progress.advance(task)
-                if len(values) == count:
-                    return np.array(stamps), np.array(values)
-        raise DriverError(
-            f"{self.patch}: the data ended after {len(values)} frames {what}; valid: {count} frames"
-        )
-
-    def take_all(self) -> tuple[Array, Array]:
-        """Returns stamps (n,) [s] and raw values (n, taxels) of all frames, to the end of the recording."""
-        found = list(self._frames())
-        if not found:
-            raise DriverError(f"{self.patch}: the recording has no frame of it; valid: a recorded patch")
-        stamps, values = zip(*found, strict=True)
-        return np.array(stamps), np.array(values)
-
-    def _frames(self) -> Iterator[tuple[float, Array]]:
-        last: float | None = None
-        for now in self.driver.ticks():
-            frame = next((one for one in self.driver.read().skin if one.patch == self.patch), None)
-            last = now if last is None else last
-            if frame is not None and frame.sequence != self._sequence:
-                self._sequence, last = frame.sequence, now
-                yield frame.stamp, frame.values[self._channels].astype(np.float64)
-            elif now - last > SILENCE:
-                raise DriverError(
-                    f"{self.patch}: no frame for {SILENCE:g} s; see tci doctor {self.driver.robot.name}"
-                )
+    with Progress(console=console, transient=True, disable=as_json or not console.is_terminal) as bar:
+        task = bar.add_task("")
+        done = calibrate_patch(
+            load_robot(robot), patch, via=via, weights=weight or [], force_log=force_log, frames=frames,
+            out=out, ask=ask,
+            progress=lambda what, seen, of: bar.update(task, description=what, completed=seen, total=of),
+        )  # fmt: skip
+    if as_json:
+        told = {"file": str(done.file), "patch": patch, "report": done.found.report, "loads": done.loads}
+        print_json(told)
+    else:
+        console.print(_table(patch, done))
+        console.print(f"calibration {done.file}", highlight=False, markup=False)
 
 
-def _pressed(session: _Session, surface: Surface, weights: Sequence[float]) -> Iterator[Load]:
-    """Yields loads of known force, one after the other: weights put on by a person, or the simulated
-    finger."""
-    driver = session.driver
-    generator = np.random.default_rng(0)
-    for weight in weights:
-        if not isinstance(driver, SimulatedDriver):
-            session.ask(
-                f"Put {weight:g} N ({weight / 9.81 * 1e3:.0f} g) on the skin, and take your hand away."
-            )
-            yield Load(weight, session.take(50, f"under {weight:g} N")[1])
-            continue
-        finger = driver.world.finger
-        places = 0
-        for taxel in generator.permutation(len(surface.positions)):
-            try:
-                finger.poke(session.patch, int(taxel), speed=0.1, depth=weight / STIFFNESS)
-            except TciError:
-                continue  # the finger has no room there
-            driver.world.advance(driver.clock.now() + SETTLE)
-            felt = session.take(10, f"under {weight:g} N")[1]
-            yield Load(driver.world.contact_truth(session.patch).force, felt)
-            finger.retire()
-            places += 1
-            if places == PLACES:
-                break
-
-
-def read_force_log(path: Path) -> tuple[Array, Array]:
-    """Reads stamps (n,) [s] and forces (n,) [N] from a CSV file `time,force`, on the driver's clock.
-
-    Raises TciError with the line of the fault.
-    """
-    try:
-        with path.open(newline="") as file:
-            rows = list(csv.reader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise TciError(f"{path} can't be read: {error}") from None
-    if not rows or [cell.strip().lower() for cell in rows[0]] != ["time", "force"]:
-        raise TciError(f"{path}: line 1; valid: the header time,force (in s and N)")
-    values: list[tuple[float, float]] = []
-    for line, row in enumerate(rows[1:], start=2):
-        try:
-            time, force = (decimal(cell.strip(" ")) for cell in row)
-        except ValueError:
-            raise TciError(
-                f"{path}: line {line}: {row}; valid: two numbers, time [s] and force [N]"
-            ) from None
-        if values and time <= values[-1][0]:
-            raise TciError(f"{path}: line {line}: {row}; valid: a time later than that of the line before")
-        values.append((time, force))
-    if len(values) < 2:
-        raise TciError(f"{path}: {len(values)} rows of numbers; valid: 2 or more")
-    stamps, forces = np.array(values).T
-    return stamps, forces
-
-
-def _row(sensor: Any, areas: Array, found: PatchCalibration, load: Load) -> dict[str, float]:
-    """Returns the force [N] of a load, and that measured with the description's and the calibrated
-    response."""
-    counts = np.sign(sensor.pascal_per_count) * (load.values - np.array(found.rest))
-    counts = np.where(counts > 3.0 * np.array(found.noise), counts, 0.0)
-    after = sensor.model_copy(update={"response": found.response})
-    forces = [float((one.pressure(counts) @ areas).mean()) for one in (sensor, after)]
-    return {"force_N": load.force, "before_N": forces[0], "after_N": forces[1]}
-
-
-def _table(patch: str, found: PatchCalibration, rows: list[dict[str, float]]) -> Table:
-    noise = float(np.median(found.noise))
+def _table(patch: str, done: PatchMeasurement) -> Table:
+    noise = median(done.found.noise)
     table = Table(
-        title=f"{patch}: {len(found.rest)} taxels, median noise {noise:.2f} counts",
+        title=f"{patch}: {len(done.found.rest)} taxels, median noise {noise:.2f} counts",
         caption="load: force on the skin; before, after: force measured with the response of the description "
         "and with the calibrated response",
         box=box.SIMPLE_HEAD,
     )
     for column in ("load [N]", "before [N]", "after [N]", "error [%]"):
         table.add_column(column.replace("[", "\\["), justify="right")
-    for row in rows:
+    for row in done.loads:
         error = 100.0 * (row["after_N"] / row["force_N"] - 1.0)
         table.add_row(*(f"{row[key]:.2f}" for key in ("force_N", "before_N", "after_N")), f"{error:+.1f}")
     return table

@@ -3,84 +3,50 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-import numpy as np
 import typer
 from rich import box
 from rich.table import Table
-from scipy.spatial.transform import Rotation
 
-from tci.authoring.registration import Registration, link_surface, register
 from tci.cli.console import console, print_json
-from tci.errors import CommandError, DescriptionError
-from tci.robot.catalogue import load_robot
-from tci.robot.description import Robot
-from tci.robot.kinematics import KinematicChain
-from tci.robot.skin_files.reader import read_layout
-from tci.skin.surfaces import build_surface
+from tci.cli.options import AsJson, RobotName
 
 
-def check(name: str, file: Path | None, link: str | None, *, as_json: bool) -> None:
-    """Checks one skin file on one link, or every patch of a robot, and prints the distances.
+def check(
+    robot: RobotName,
+    file: Annotated[
+        Path | None, typer.Option(help="Skin file to check instead of the robot's own skin.")
+    ] = None,
+    link: Annotated[str | None, typer.Option(help="Link that carries the skin of the file.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Measure the distances of taxels from the surface of their link, and find the correction of a wrong
+    frame.
 
-    Raises CommandError for a file without a link, or a link without a file. Exit status 1 if a skin is wrong.
+    Exit status 1 if a skin does not fit its link.
+
+    Example:  tci skin check icub --file right_arm.txt --link r_upper_arm
     """
-    robot = load_robot(name)
-    if (file is None) != (link is None):
-        raise CommandError("--file and --link need each other; valid: --file FILE --link LINK")
-    rows: list[dict[str, Any]] = []
-    skins = _patches(robot) if file is None or link is None else [(file.name, link, _taxels(file))]
+    from tci.authoring.check_skin import check_skins
+    from tci.robot.catalogue import load_robot
+
+    words = load_robot(robot)
     with console.status("comparing taxels with meshes"):
-        for title, where, taxels in skins:
-            row: dict[str, Any] = {"skin": title, "link": where, "taxels": len(taxels)}
-            try:
-                row |= _facts(register(taxels, link_surface(robot, where)))
-            except DescriptionError as error:
-                row |= {"verdict": "not checked", "reason": error.faults[0].message}
-            rows.append(row)
+        rows = check_skins(words, file, link)
     if as_json:
-        print_json({"robot": robot.name, "skins": rows})
+        print_json({"robot": words.name, "skins": rows})
     else:
-        console.print(_table(robot, rows))
+        console.print(_table(words.name, rows))
         for row in rows:
             _advise(row)
     if any(row["verdict"] == "wrong" for row in rows):
         raise typer.Exit(1)
 
 
-def _taxels(file: Path) -> np.ndarray:
-    skin = read_layout(file)
-    return np.array(skin.positions[skin.valid])
-
-
-def _patches(robot: Robot) -> list[tuple[str, str, np.ndarray]]:
-    kinematics = KinematicChain(robot)
-    return [
-        (patch.name, patch.link, build_surface(robot, patch, kinematics).positions) for patch in robot.patches
-    ]
-
-
-def _facts(found: Registration) -> dict[str, Any]:
-    rpy = Rotation.from_matrix(found.correction[:3, :3]).as_euler("xyz", degrees=True)
-    return {
-        "mean_mm": found.mean * 1e3,
-        "max_mm": found.largest * 1e3,
-        "verdict": "fits" if found.fits else "wrong",
-        "correction": {
-            "mends": found.mends,
-            "mean_mm": found.corrected_mean * 1e3,
-            "max_mm": found.corrected_largest * 1e3,
-            "xyz_m": found.correction[:3, 3].tolist(),
-            "rpy_deg": rpy.tolist(),
-            "R": found.correction[:3, :3].tolist(),
-        },
-    }
-
-
-def _table(robot: Robot, rows: list[dict[str, Any]]) -> Table:
+def _table(robot: str, rows: list[dict[str, Any]]) -> Table:
     table = Table(
-        title=f"taxels of {robot.name} against the meshes of their links",
+        title=f"taxels of {robot} against the meshes of their links",
         caption="distances in mm; corrected: mean after the best rigid correction",
         box=box.SIMPLE_HEAD,
     )

@@ -2,37 +2,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-import numpy as np
-from numpy.typing import ArrayLike
+import typer
 from rich import box
 from rich.table import Table
 
-from tci.authoring.skin_map import skin_cone
+from tci.cli import completion
 from tci.cli.console import console, print_json
-from tci.errors import CommandError, TciError
-from tci.exports.cone import Freedom, limb_axis
-from tci.frames import Array
-from tci.robot.catalogue import load_robot
-from tci.robot.kinematics import KinematicChain
-from tci.robot.skin_files.reader import read_layout
-from tci.skin.surfaces import build_surface
-
-KINDS: dict[str, Freedom] = {"kinematic": "none", "free centre": "centre", "free axis": "axis"}
-Skin = tuple[str, int, Array, Array, Array]
-"""Name, channels, taxels (n, 3) [m], a point (3,) [m] on the axis and its direction (3,)."""
+from tci.cli.options import AsJson
 
 
-def fit(skin: str, axis: ArrayLike | None, origin: ArrayLike | None, *, as_json: bool) -> None:
-    """Fits cones to one skin file, or to every patch on a limb of a robot, and prints them.
+def fit(
+    skin: Annotated[
+        str,
+        typer.Argument(
+            help="Skin file (.txt as iCub's, .csv, .urdf), name of a robot, or description file.",
+            autocompletion=completion.robots,
+        ),
+    ],
+    axis: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            help="For a file: direction of the limb's axis towards the hand, in its frame. \\[default: 0 0 1]"
+        ),
+    ] = None,
+    origin: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(help="For a file: a point \\[m] on that axis, in its frame. \\[default: 0 0 0]"),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fit the paper's truncated cone to a skin, and print the distances of the taxels from it.
 
-    `axis` (3,) and `origin` (3,) [m] belong to a file. Raises CommandError for an axis of a robot, TciError
-    for a robot without skin on limbs.
+    There are three fits: the axis is kept; it may move sideways; it may also tilt. The axes of a robot are
+    those of its segments.
+
+    Example:  tci skin fit left_forearm.txt --axis 0.9659 0 0.2588
+
+    Example:  tci skin fit icub
     """
-    told = [_fits(one) for one in _skins(skin, axis, origin)]
+    from tci.authoring.fit_skin import fit_skins
+
+    told = fit_skins(skin, axis, origin)
     if as_json:
         print_json({"file": skin, **told[0]} if Path(skin).is_file() and len(told) == 1 else {"skins": told})
         return
@@ -42,51 +55,6 @@ def fit(skin: str, axis: ArrayLike | None, origin: ArrayLike | None, *, as_json:
         for row in one["cones"]:
             if "error" in row:
                 console.print(f"  {row['axis']}: {row['error']}", style="yellow", highlight=False)
-
-
-def _skins(skin: str, axis: ArrayLike | None, origin: ArrayLike | None) -> Iterator[Skin]:
-    path = Path(skin)
-    if path.is_file() and path.suffix != ".xml":
-        file = read_layout(path)
-        along, through = np.array(axis or (0.0, 0.0, 1.0)), np.array(origin or (0.0, 0.0, 0.0))
-        yield file.name or path.name, file.channels, file.positions[file.taxels], through, along
-        return
-    robot = load_robot(skin)
-    if axis is not None or origin is not None:
-        raise CommandError("--axis and --origin are for skin files only; valid: without them for a robot")
-    kinematics = KinematicChain(robot)
-    limbs = [patch for patch in robot.patches if robot.limb_segment(patch)]
-    if not limbs:
-        raise TciError(f"{robot.name} has no skin on a limb to fit a cone to; valid: a skin file")
-    for patch in limbs:
-        surface = build_surface(robot, patch, kinematics)
-        yield patch.name, patch.channels, surface.positions, *limb_axis(robot, surface, kinematics)
-
-
-def _fits(skin: Skin) -> dict[str, Any]:
-    name, channels, taxels, origin, axis = skin
-    rows: list[dict[str, Any]] = []
-    for kind, free in KINDS.items():
-        try:
-            cone = skin_cone(taxels, origin=origin, axis=axis, free=free)
-        except TciError as error:
-            rows.append({"axis": kind, "error": str(error)})
-            continue
-        cosine = float(np.clip(cone.axis @ axis / np.linalg.norm(axis), -1.0, 1.0))
-        rows.append(
-            {
-                "axis": kind,
-                "length_mm": cone.length * 1e3,
-                "r1_mm": cone.r1 * 1e3,
-                "r2_mm": cone.r2 * 1e3,
-                "rms_mm": cone.rms * 1e3,
-                "max_mm": cone.largest * 1e3,
-                "tilt_deg": float(np.degrees(np.arccos(cosine))),
-                "origin_m": cone.origin.tolist(),
-                "direction": cone.axis.tolist(),
-            }
-        )
-    return {"name": name, "taxels": len(taxels), "channels": channels, "cones": rows}
 
 
 def _table(rows: list[dict[str, Any]]) -> Table:

@@ -1,0 +1,64 @@
+"""Comparison of the positions of taxels with the mesh of their link."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tci.authoring.registration import Registration, link_surface, register
+from tci.errors import CommandError, DescriptionError
+from tci.robot.description import Robot
+from tci.robot.kinematics import KinematicChain
+from tci.robot.skin_files.reader import read_layout
+from tci.skin.surfaces import build_surface
+
+
+def check_skins(robot: Robot, file: Path | None = None, link: str | None = None) -> list[dict[str, Any]]:
+    """Returns the distances of one skin file from one link, or of every patch of a robot from its own link.
+
+    Each row is made of JSON values. Raises CommandError for a file without a link, or the other way round.
+    """
+    if (file is None) != (link is None):
+        raise CommandError("--file and --link need each other; valid: --file FILE --link LINK")
+    rows: list[dict[str, Any]] = []
+    skins = _patches(robot) if file is None or link is None else [(file.name, link, _taxels(file))]
+    for title, where, taxels in skins:
+        row: dict[str, Any] = {"skin": title, "link": where, "taxels": len(taxels)}
+        try:
+            row |= _facts(register(taxels, link_surface(robot, where)))
+        except DescriptionError as error:
+            row |= {"verdict": "not checked", "reason": error.faults[0].message}
+        rows.append(row)
+    return rows
+
+
+def _taxels(file: Path) -> np.ndarray:
+    skin = read_layout(file)
+    return np.array(skin.positions[skin.valid])
+
+
+def _patches(robot: Robot) -> list[tuple[str, str, np.ndarray]]:
+    kinematics = KinematicChain(robot)
+    return [
+        (patch.name, patch.link, build_surface(robot, patch, kinematics).positions) for patch in robot.patches
+    ]
+
+
+def _facts(found: Registration) -> dict[str, Any]:
+    rpy = Rotation.from_matrix(found.correction[:3, :3]).as_euler("xyz", degrees=True)
+    return {
+        "mean_mm": found.mean * 1e3,
+        "max_mm": found.largest * 1e3,
+        "verdict": "fits" if found.fits else "wrong",
+        "correction": {
+            "mends": found.mends,
+            "mean_mm": found.corrected_mean * 1e3,
+            "max_mm": found.corrected_largest * 1e3,
+            "xyz_m": found.correction[:3, 3].tolist(),
+            "rpy_deg": rpy.tolist(),
+            "R": found.correction[:3, :3].tolist(),
+        },
+    }

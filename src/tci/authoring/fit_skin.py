@@ -1,0 +1,77 @@
+"""Fits of the paper's truncated cone to the skins of a file or a robot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tci.authoring.skin_map import skin_cone
+from tci.errors import CommandError, TciError
+from tci.exports.cone import Freedom, limb_axis
+from tci.frames import Array
+from tci.robot.catalogue import load_robot
+from tci.robot.kinematics import KinematicChain
+from tci.robot.skin_files.reader import read_layout
+from tci.skin.surfaces import build_surface
+
+KINDS: dict[str, Freedom] = {"kinematic": "none", "free centre": "centre", "free axis": "axis"}
+Skin = tuple[str, int, Array, Array, Array]
+"""Name, channels, taxels (n, 3) [m], a point (3,) [m] on the axis and its direction (3,)."""
+
+
+def fit_skins(skin: str, axis: ArrayLike | None, origin: ArrayLike | None) -> list[dict[str, Any]]:
+    """Returns the cones of one skin file, or of every patch on a limb of a robot, as JSON values.
+
+    `axis` (3,) and `origin` (3,) [m] belong to a file. Raises CommandError for an axis of a robot, TciError
+    for a robot without skin on limbs.
+    """
+    return [_fits(one) for one in _skins(skin, axis, origin)]
+
+
+def _skins(skin: str, axis: ArrayLike | None, origin: ArrayLike | None) -> Iterator[Skin]:
+    path = Path(skin)
+    if path.is_file() and path.suffix != ".xml":
+        file = read_layout(path)
+        along, through = np.array(axis or (0.0, 0.0, 1.0)), np.array(origin or (0.0, 0.0, 0.0))
+        yield file.name or path.name, file.channels, file.positions[file.taxels], through, along
+        return
+    robot = load_robot(skin)
+    if axis is not None or origin is not None:
+        raise CommandError("--axis and --origin are for skin files only; valid: without them for a robot")
+    kinematics = KinematicChain(robot)
+    limbs = [patch for patch in robot.patches if robot.limb_segment(patch)]
+    if not limbs:
+        raise TciError(f"{robot.name} has no skin on a limb to fit a cone to; valid: a skin file")
+    for patch in limbs:
+        surface = build_surface(robot, patch, kinematics)
+        yield patch.name, patch.channels, surface.positions, *limb_axis(robot, surface, kinematics)
+
+
+def _fits(skin: Skin) -> dict[str, Any]:
+    name, channels, taxels, origin, axis = skin
+    rows: list[dict[str, Any]] = []
+    for kind, free in KINDS.items():
+        try:
+            cone = skin_cone(taxels, origin=origin, axis=axis, free=free)
+        except TciError as error:
+            rows.append({"axis": kind, "error": str(error)})
+            continue
+        cosine = float(np.clip(cone.axis @ axis / np.linalg.norm(axis), -1.0, 1.0))
+        rows.append(
+            {
+                "axis": kind,
+                "length_mm": cone.length * 1e3,
+                "r1_mm": cone.r1 * 1e3,
+                "r2_mm": cone.r2 * 1e3,
+                "rms_mm": cone.rms * 1e3,
+                "max_mm": cone.largest * 1e3,
+                "tilt_deg": float(np.degrees(np.arccos(cosine))),
+                "origin_m": cone.origin.tolist(),
+                "direction": cone.axis.tolist(),
+            }
+        )
+    return {"name": name, "taxels": len(taxels), "channels": channels, "cones": rows}

@@ -1,0 +1,255 @@
+"""Calibration of a patch on a robot, from frames at rest and frames under known loads.
+
+The loads are weights that a person puts on, pokes of the simulated finger, or a log of forces.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.authoring.calibrate_skin import Load, calibrate, loads_of_stream
+from tci.drivers.driver import Driver
+from tci.drivers.registry import connect
+from tci.drivers.simulated import SimulatedDriver
+from tci.errors import CommandError, DriverError, TciError
+from tci.frames import Array
+from tci.robot.description import Robot
+from tci.robot.kinematics import KinematicChain
+from tci.robot.skin_files.calibration import (
+    PatchCalibration,
+    SkinCalibration,
+    calibration_path,
+    read_calibration,
+    write_calibration,
+)
+from tci.robot.xml.values import decimal
+from tci.simulation.finger import STIFFNESS
+from tci.skin.layout import normal_channels
+from tci.skin.surfaces import Surface, build_surface
+
+SILENCE = 5.0
+"""Longest time [s] without a frame of the patch. Assumed: a person notices the end of the data by then."""
+SETTLE = 0.6
+"""Time [s] that the simulated finger presses before frames are taken. Assumed: finger and arm are at rest
+then."""
+PLACES = 4
+"""Number of places that the simulated finger presses with each force. Assumed: averages over the taxels'
+grid."""
+
+
+@dataclass(frozen=True)
+class PatchMeasurement:
+    """Result of a calibration."""
+
+    file: Path
+    """File that it was written to."""
+    found: PatchCalibration
+    loads: list[dict[str, float]]
+    """For each load its force [N], and that measured with the description's and the calibrated response."""
+
+
+def calibrate_patch(
+    robot: Robot,
+    patch: str,
+    *,
+    via: str,
+    weights: Sequence[float] = (),
+    force_log: Path | None = None,
+    frames: int = 200,
+    out: Path | None = None,
+    ask: Callable[[str], None],
+    progress: Callable[[str, int, int], None] = lambda what, done, count: None,
+) -> PatchMeasurement:
+    """Measures a patch and writes its calibration.
+
+    Args:
+        robot: Robot with the patch.
+        patch: Name of the patch.
+        via: Driver, NAME or NAME:ADDRESS.
+        weights: Known loads [N], light ones first.
+        force_log: Instead of weights, a log of forces beside a recording of the skin.
+        frames: Number of frames to take at rest.
+        out: File to write, by default beside the description.
+        ask: Called with a request to the person beside the robot; returns when it is done.
+        progress: Called after each frame with its purpose, the frames so far, and their number.
+
+    Raises CommandError for options that exclude each other, UnknownNameError for a patch, DriverError without
+    frames, TciError for a file that can't be read or written.
+    """
+    site = robot.patch(patch)
+    if weights and force_log is not None:
+        raise CommandError("--weight and --force-log exclude each other; valid: one of them")
+    for weight in weights:
+        if not 0.0 < weight < np.inf:
+            raise CommandError(f"--weight {weight} N; valid: above 0 and finite")
+    stream = read_force_log(force_log) if force_log is not None else None
+    if stream is not None and not via.startswith("replay:"):
+        raise CommandError(
+            "--force-log needs a recording of the robot made at the same time; valid: --via replay:FILE"
+        )
+    surface = build_surface(robot, site, KinematicChain(robot))
+    target = out or calibration_path(Path(robot.source))
+    if not os.access(target if target.exists() else target.absolute().parent, os.W_OK):
+        raise CommandError(f"{target} can't be written; valid: --out FILE in a folder that you may write to")
+    before = read_calibration(target) if target.is_file() else None
+    loads: Sequence[Load]
+    with connect(robot, via, arm=False) as driver:
+        session = _LoadSession(driver, patch, normal_channels(site, surface), ask=ask, progress=progress)
+        if isinstance(driver, SimulatedDriver):
+            driver.world.finger.retire()
+        if stream is None:
+            session.ask("Take everything off the skin.")
+            _, rest = session.take(frames, "at rest")
+            loads = list(_pressed(session, surface, weights))
+        else:
+            stamps, values = session.take_all()
+            rest, loads = loads_of_stream(stamps, values, *stream)
+    when = datetime.now(UTC).isoformat(timespec="seconds")
+    found = calibrate(site.sensor, surface.areas, rest, loads, when=when)
+    patches = {} if before is None else dict(before.patches)
+    write_calibration(target, SkinCalibration(robot=robot.name, date=when, patches=patches | {patch: found}))
+    rows = [_compare(site.sensor, surface.areas, found, load) for load in loads]
+    return PatchMeasurement(target, found, rows)
+
+
+class _LoadSession:
+    """Takes frames of one patch from a driver, and asks the person beside the robot for each load."""
+
+    def __init__(
+        self,
+        driver: Driver,
+        patch: str,
+        channels: NDArray[np.intp],
+        *,
+        ask: Callable[[str], None],
+        progress: Callable[[str, int, int], None] = lambda what, done, count: None,
+    ) -> None:
+        """Prepares a session.
+
+        Args:
+            driver: Open driver of the robot.
+            patch: Name of the patch.
+            channels: Channels (taxels,) of the forces in the raw frame.
+            ask: Called with a request to the person; returns when it is done.
+            progress: Called after each frame with the reason, the frames so far, and their number.
+        """
+        self.driver = driver
+        self.patch = patch
+        self._channels, self._ask, self._progress = channels, ask, progress
+        self._sequence = -1
+
+    def ask(self, words: str) -> None:
+        """Makes a request to the person, unless the robot is simulated."""
+        if not isinstance(self.driver, SimulatedDriver):
+            self._ask(words)
+
+    def take(self, count: int, what: str) -> tuple[Array, Array]:
+        """Returns stamps (count,) [s] and raw values (count, taxels) of the next frames. Raises
+        DriverError."""
+        stamps, values = [], []
+        for stamp, frame in self._frames():
+            stamps.append(stamp)
+            values.append(frame)
+            self._progress(what, len(values), count)
+            if len(values) == count:
+                return np.array(stamps), np.array(values)
+        raise DriverError(
+            f"{self.patch}: the data ended after {len(values)} frames {what}; valid: {count} frames"
+        )
+
+    def take_all(self) -> tuple[Array, Array]:
+        """Returns stamps (n,) [s] and raw values (n, taxels) of all frames, to the end of the recording."""
+        found = list(self._frames())
+        if not found:
+            raise DriverError(f"{self.patch}: the recording has no frame of it; valid: a recorded patch")
+        stamps, values = zip(*found, strict=True)
+        return np.array(stamps), np.array(values)
+
+    def _frames(self) -> Iterator[tuple[float, Array]]:
+        last: float | None = None
+        for now in self.driver.ticks():
+            frame = next((one for one in self.driver.read().skin if one.patch == self.patch), None)
+            last = now if last is None else last
+            if frame is not None and frame.sequence != self._sequence:
+                self._sequence, last = frame.sequence, now
+                yield frame.stamp, frame.values[self._channels].astype(np.float64)
+            elif now - last > SILENCE:
+                raise DriverError(
+                    f"{self.patch}: no frame for {SILENCE:g} s; see tci doctor {self.driver.robot.name}"
+                )
+
+
+def _pressed(session: _LoadSession, surface: Surface, weights: Sequence[float]) -> Iterator[Load]:
+    """Yields loads of known force, one after the other: weights put on by a person, or the simulated
+    finger."""
+    driver = session.driver
+    generator = np.random.default_rng(0)
+    for weight in weights:
+        if not isinstance(driver, SimulatedDriver):
+            session.ask(
+                f"Put {weight:g} N ({weight / 9.81 * 1e3:.0f} g) on the skin, and take your hand away."
+            )
+            yield Load(weight, session.take(50, f"under {weight:g} N")[1])
+            continue
+        finger = driver.world.finger
+        places = 0
+        for taxel in generator.permutation(len(surface.positions)):
+            try:
+                finger.poke(session.patch, int(taxel), speed=0.1, depth=weight / STIFFNESS)
+            except TciError:
+                continue  # the finger has no room there
+            driver.world.advance(driver.clock.now() + SETTLE)
+            felt = session.take(10, f"under {weight:g} N")[1]
+            yield Load(driver.world.contact_truth(session.patch).force, felt)
+            finger.retire()
+            places += 1
+            if places == PLACES:
+                break
+
+
+def read_force_log(path: Path) -> tuple[Array, Array]:
+    """Reads stamps (n,) [s] and forces (n,) [N] from a CSV file `time,force`, on the driver's clock.
+
+    Raises TciError with the line of the fault.
+    """
+    try:
+        with path.open(newline="") as file:
+            rows = list(csv.reader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise TciError(f"{path} can't be read: {error}") from None
+    if not rows or [cell.strip().lower() for cell in rows[0]] != ["time", "force"]:
+        raise TciError(f"{path}: line 1; valid: the header time,force (in s and N)")
+    values: list[tuple[float, float]] = []
+    for line, row in enumerate(rows[1:], start=2):
+        try:
+            time, force = (decimal(cell.strip(" ")) for cell in row)
+        except ValueError:
+            raise TciError(
+                f"{path}: line {line}: {row}; valid: two numbers, time [s] and force [N]"
+            ) from None
+        if values and time <= values[-1][0]:
+            raise TciError(f"{path}: line {line}: {row}; valid: a time later than that of the line before")
+        values.append((time, force))
+    if len(values) < 2:
+        raise TciError(f"{path}: {len(values)} rows of numbers; valid: 2 or more")
+    stamps, forces = np.array(values).T
+    return stamps, forces
+
+
+def _compare(sensor: Any, areas: Array, found: PatchCalibration, load: Load) -> dict[str, float]:
+    """Returns the force [N] of a load, and that measured with the description's and the calibrated
+    response."""
+    counts = np.sign(sensor.pascal_per_count) * (load.values - np.array(found.rest))
+    counts = np.where(counts > 3.0 * np.array(found.noise), counts, 0.0)
+    after = sensor.model_copy(update={"response": found.response})
+    forces = [float((one.pressure(counts) @ areas).mean()) for one in (sensor, after)]
+    return {"force_N": load.force, "before_N": forces[0], "after_N": forces[1]}

@@ -20,6 +20,7 @@ BENCH = Path(__file__).parents[1] / "tools" / "bench"
 @pytest.fixture
 def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     before = set(sys.modules)
+    monkeypatch.syspath_prepend(str(BENCH.parent))
     monkeypatch.syspath_prepend(str(BENCH))
     yield
     for name in set(sys.modules) - before:

@@ -18,6 +18,7 @@ TOOLS = Path(__file__).parents[1] / "tools" / "reliability"
 @pytest.fixture
 def exposure(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     """The tool that lists sockets."""
+    monkeypatch.syspath_prepend(str(TOOLS.parent))
     monkeypatch.syspath_prepend(str(TOOLS))
     yield importlib.import_module("exposure")
     for name, module in [*sys.modules.items()]:
@@ -27,10 +28,11 @@ def exposure(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
 def of_page(exposure: Any) -> list[str]:
     """The rows of the table in the page, without its header."""
-    page = importlib.import_module("page").PAGE.read_text()
-    table: str = page.split(exposure.BEGIN)[1].split(exposure.END)[0]
-    assert table.startswith(exposure.HEAD)
-    return table.removeprefix(exposure.HEAD).splitlines(keepends=True)
+    report = importlib.import_module("report")
+    table: str = report.between(exposure.PAGE, exposure.BEGIN, exposure.END)
+    head: str = report.markdown(exposure.HEAD, [])
+    assert table.startswith(head)
+    return table.removeprefix(head).splitlines()
 
 
 def test_the_page_has_every_server(exposure: Any) -> None:
@@ -47,8 +49,8 @@ def test_the_page_says_what_the_system_shows_and_nothing_is_open_to_a_network(ex
         pytest.skip(f"did not run: {error}")
     assert {"lcm", "player", "yarp", "zenoh"} <= seen.keys(), "what needs nothing but TCI's own extras"
     lines = of_page(exposure)
-    for line in exposure.table(seen):
-        assert line in lines
+    for cells in exposure.table(seen):
+        assert f"| {' | '.join(cells)} |" in lines
     assert [(name, one) for name, sockets in seen.items() for one in sockets if one.beyond] == []
 
 

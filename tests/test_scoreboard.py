@@ -15,6 +15,7 @@ TOOLS = Path(__file__).parents[1] / "tools" / "reliability"
 @pytest.fixture
 def tool(monkeypatch: pytest.MonkeyPatch) -> Any:
     """A module of tools/reliability, by its name."""
+    monkeypatch.syspath_prepend(str(TOOLS.parent))
     monkeypatch.syspath_prepend(str(TOOLS))
     yield lambda name: importlib.import_module(name)
     for name, module in [*sys.modules.items()]:
@@ -77,17 +78,17 @@ def test_a_job_that_fails_takes_no_other_with_it(
 
 
 def test_a_row_that_was_not_tried_stays_as_it_is_on_the_page(tool: Any, tmp_path: Path) -> None:
-    row, page = tool("row"), tool("page")
+    row, head = tool("row"), tool("report").markdown(tool("row").HEAD, [])
     path = tmp_path / "page.md"
     old = "| a | 9 times | fine | 0 | yes | abc |\n| b | 9 times | fine | 0 | yes | abc |\n"
-    path.write_text(f"before\n{page.BEGIN}{page.HEAD}{old}{page.END}after\n")
+    path.write_text(f"before\n{row.BEGIN}{head}{old}{row.END}after\n")
     tried = row.Row("a", 10, 10, "times", "bad", "0", False, "def")
-    page.write_page(
+    row.write_page(
         [tried, row.Row("b", 0, 10, "times", "", "0", True), row.Row("c", 0, 10, "", "", "0", True)], path
     )
     new = "| a | 10 times | bad | 0 | no | def |\n" + old.splitlines(keepends=True)[1]
     new += "| c | 0 of 10  | not run | 0 | open |  |\n"
-    assert path.read_text() == f"before\n{page.BEGIN}{page.HEAD}{new}{page.END}after\n"
+    assert path.read_text() == f"before\n{row.BEGIN}{head}{new}{row.END}after\n"
 
 
 @pytest.mark.parametrize(

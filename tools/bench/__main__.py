@@ -11,22 +11,19 @@ from __future__ import annotations
 import importlib
 import json
 import os
-import platform
 import subprocess
 import sys
-import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).parent
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # it threads small matrices, to no good
-sys.path[:0] = [str(HERE), str(HERE.parents[1] / "tests")]
+sys.path[:0] = [str(HERE), str(HERE.parents[1] / "tests"), str(HERE.parent)]
 
-from page import write_page
-from rich.console import Console
+from page import HEAD, cells, write_page
+from report import conditions, save, show
 from rich.progress import track
-from rich.table import Table
 
 CASES = {
     "pipeline": "pipeline:pipeline",
@@ -51,12 +48,11 @@ CASES = {
     "touch_hand": "touch:touch_hand",
     "worlds": "touch:worlds",
     "drivers": "wires:wires",
-    "networks": "networks:networks",
+    "networks": "wires:networks",
     "viewer": "looked_at:viewer",
 }
 """Module and function of each case; the function returns rows."""
 MARK = "bench rows: "
-PACKAGES = ("tci", "numpy", "scipy", "numba", "ruckig", "mujoco")
 
 
 def child(case: str) -> None:
@@ -78,52 +74,6 @@ def measure(case: str) -> list[dict[str, Any]]:
     return [{"case": case, **row} for row in rows]
 
 
-def show(rows: list[dict[str, Any]]) -> None:
-    table = Table(title="Beside peers, in the same run: median, and spread of the ratio over all rounds")
-    for head in ("what", "TCI", "cold", "peer", "time", "cold", "unit", "ratio", "spread", "target", "met"):
-        table.add_column(head, justify="left" if head in ("what", "peer", "target") else "right")
-    for row in rows:
-        table.add_row(
-            row["name"], f"{row['ours']:.4g}", _cold(row["cold"]), row["peer"], f"{row['theirs']:.4g}",
-            _cold(row["theirs_cold"]), row["unit"],
-            f"{row['ratio']:.2f}", f"{row['ratio_min']:.2f}-{row['ratio_max']:.2f}", row["target"],
-            {True: "[green]yes[/]", False: "[red]no[/]", None: ""}[row["met"]],
-        )  # fmt: skip
-    console = Console(width=None if sys.stdout.isatty() else 150)
-    console.print(table)
-    for row in rows:
-        if row["note"]:
-            console.print(f"{row['name']}: {row['note']}", highlight=False)
-
-
-def _cold(value: float | None) -> str:
-    return "" if value is None else f"{value:.4g}"
-
-
-def conditions() -> dict[str, Any]:
-    """Returns the commit, the machine and the versions of a run."""
-    describe = ["git", "describe", "--always", "--dirty", "--abbrev=10"]
-    answer = subprocess.run(describe, capture_output=True, text=True, check=False, cwd=HERE)
-    return {
-        "commit": answer.stdout.strip() or "unknown",
-        "date": time.strftime("%Y-%m-%d"),
-        "processor": processor(),
-        "cores": os.cpu_count(),
-        "load": os.getloadavg()[0],
-        "system": f"{platform.system()} {platform.release()}",
-        "python": platform.python_version(),
-        "versions": {name: importlib.import_module(name).__version__ for name in PACKAGES},
-    }
-
-
-def processor() -> str:
-    """Returns the name of the processor, which Linux has in a file."""
-    cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text().splitlines() if cpuinfo.is_file() else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
-
-
 def main() -> None:
     cases = sys.argv[1:] or list(CASES)
     unknown = [case for case in cases if case not in CASES]
@@ -131,12 +81,17 @@ def main() -> None:
         raise SystemExit(f"no case {', '.join(unknown)}; valid: {', '.join(CASES)}")
     found = {case: measure(case) for case in track(cases, "measuring", disable=None)}
     rows = [row for case in cases for row in found[case]]
-    show(rows)
-    out = Path(os.environ.get("OUT", "out"))
-    out.mkdir(parents=True, exist_ok=True)
+    show(
+        "Beside peers, in the same run: median, and spread of the ratio over all rounds",
+        HEAD[:-1],
+        [cells(row)[:-1] for row in rows],
+    )
+    for row in rows:
+        if row["note"]:
+            print(f"{row['name']}: {row['note']}")
     failed = [case for case in cases if not found[case]]
     figures = {"on": conditions(), "rows": rows}
-    (out / "bench.json").write_text(json.dumps(figures, indent=2) + "\n")
+    save("bench.json", figures)
     if not sys.argv[1:] and not failed:
         write_page(figures)
     if failed:

@@ -1,38 +1,35 @@
-"""Writes docs/tables/performance.md from one complete run; rows of earlier runs are not kept."""
+"""Cells of the benchmark's rows, and docs/tables/performance.md from one complete run."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-PAGE = Path(__file__).parents[2] / "docs" / "tables" / "performance.md"
+from report import TABLES, markdown
+
 HEAD = ("what", "TCI", "cold", "peer", "time", "cold", "unit", "ratio", "spread", "target", "note")
 MET = {True: ": met", False: ": missed", None: ""}
 
 
+def cells(row: Mapping[str, Any]) -> list[str]:
+    """Returns the cells of a row, in the order of `HEAD`."""
+    return [
+        row["name"], _number(row["ours"]), _number(row["cold"]), row["peer"], _number(row["theirs"]),
+        _number(row["theirs_cold"]), row["unit"], f"{row['ratio']:.3g}",
+        f"{row['ratio_min']:.3g}-{row['ratio_max']:.3g}", row["target"] + MET[row["met"]], row["note"],
+    ]  # fmt: skip
+
+
 def write_page(figures: Mapping[str, Any]) -> None:
-    """Writes the results of a complete run, with `figures` as in bench.json."""
+    """Writes the results of a complete run, with `figures` as in bench.json; earlier rows are not kept."""
     on = figures["on"]
     versions = ", ".join(f"{name} {version}" for name, version in on["versions"].items())
     about = (
         f"Measured on {on['date']} at commit `{on['commit']}`: {on['cores']} cores of {on['processor']}, "
         f"{on['system']}, Python {on['python']}, {versions}; load at the end {on['load']:.1f}."
     )
-    lines = [about, "", _line(HEAD), _line(["---"] * len(HEAD)), *map(_row, figures["rows"])]
-    PAGE.write_text("\n".join(lines) + "\n")
-
-
-def _row(row: Mapping[str, Any]) -> str:
-    return _line([
-        row["name"], _number(row["ours"]), _number(row["cold"]), row["peer"], _number(row["theirs"]),
-        _number(row["theirs_cold"]), row["unit"], f"{row['ratio']:.3g}",
-        f"{row['ratio_min']:.3g}-{row['ratio_max']:.3g}", row["target"] + MET[row["met"]], row["note"],
-    ])  # fmt: skip
-
-
-def _line(cells: Any) -> str:
-    return f"| {' | '.join(cells)} |"
+    rows: Sequence[Mapping[str, Any]] = figures["rows"]
+    (TABLES / "performance.md").write_text(f"{about}\n\n{markdown(HEAD, map(cells, rows))}")
 
 
 def _number(value: float | None) -> str:

@@ -1,6 +1,6 @@
-"""Round trips of a frame of doubles over TCI's YARP ports, beside a raw TCP socket.
+"""Round trips of a frame of doubles over YARP ports, Zenoh and LCM, beside a raw TCP socket.
 
-A port calls the receiver in the thread of the connection. The time is from the write to this call.
+A YARP port calls the receiver in the thread of the connection. The time is from the write to this call.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from time import perf_counter as wall
 
 import numpy as np
 from measured import ROUNDS, Measured, row
+from round_trip import SIZE, in_turn
 
 from yarpwire.carrier import FAST_TCP, TCP
 from yarpwire.dialect import V3
@@ -175,4 +176,19 @@ def wires() -> list[Measured]:
             flight.close()
             sock.close()
             raw.communicate()
+    return rows
+
+
+def networks() -> list[Measured]:
+    rows = []
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    for name, where in (("zenoh", f"tcp/127.0.0.1:{port}"), ("lcm", f"udpm://239.255.76.67:{port}?ttl=0")):
+        medians = (
+            1e6 * np.median(times, axis=1) for times in in_turn(name, where, blocks=ROUNDS, calls=CALLS)
+        )
+        pairs = [(float(ours), float(theirs)) for ours, theirs in zip(*medians, strict=True)]
+        note = f"{8 * SIZE} bytes each way; both ends poll, encode, check and decode"
+        rows.append(row(f"{name}, {SIZE} doubles, there and back", "raw TCP", pairs, note=note))
     return rows

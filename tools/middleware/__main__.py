@@ -14,6 +14,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -21,10 +22,12 @@ from xml.etree import ElementTree
 
 ROOT = Path(__file__).parents[2]
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-sys.path[:0] = [str(ROOT / "tools" / "bench"), str(ROOT / "tests")]
+sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tools")]
 
+import numpy as np
+from report import TABLES, markdown
 from rich.progress import track
-from round_trip import round_trip
+from round_trip import in_turn
 
 import tci
 from drivers.ros_robots import here_only, roscore
@@ -32,7 +35,7 @@ from drivers.wires import PEERS, Peer, free_port, lcm_url
 from tci.gate.safe_command import GateState
 from yarpwire.name_server import NameServer
 
-TABLE = ROOT / "docs" / "tables" / "middleware.md"
+TABLE = TABLES / "middleware.md"
 CONTRACT = "tests/drivers/test_driver.py"
 HEAD = (
     "middleware", "contract suite", "genuine peer", "tests with it",
@@ -133,30 +136,32 @@ def held_after(peer: Peer) -> float:
     raise SystemExit("it does not hold")
 
 
-def timed(name: str, row: Row) -> dict[str, float]:
-    """Measures the round trip of one middleware, and starts its name server or master, if it needs one."""
+def timed(name: str, row: Row) -> tuple[str, str]:
+    """Returns the medians and 99th percentiles [ms] of round trips over one middleware and over raw TCP, and
+    starts its name server or master, if it needs one."""
     where = row.where()
-    if name == "ros1":
-        roscore()
-    if name == "ros2":
-        here_only()
-    if name.startswith("yarp"):
-        with NameServer() as server:
-            return round_trip(
-                name, f"{server.address[0]}:{server.address[1]},{'4' if name == 'yarp4' else '3'}"
-            )
-    if name == "rosbridge":
-        relay = subprocess.Popen(
-            [sys.executable, str(ROOT / "tests/drivers/rosbridge_relay.py")],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-        )  # fmt: skip
-        assert relay.stdout is not None
-        try:
-            return round_trip(name, relay.stdout.readline().strip())
-        finally:
-            relay.kill()
-            relay.communicate()
-    return round_trip(name, where)
+    with ExitStack() as stack:
+        if name == "ros1":
+            roscore()
+        if name == "ros2":
+            here_only()
+        if name.startswith("yarp"):
+            server = stack.enter_context(NameServer())
+            where = f"{server.address[0]}:{server.address[1]},{'4' if name == 'yarp4' else '3'}"
+        if name == "rosbridge":
+            relay = subprocess.Popen(
+                [sys.executable, str(ROOT / "tests/drivers/rosbridge_relay.py")],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+            )  # fmt: skip
+            stack.callback(relay.communicate)
+            stack.callback(relay.kill)
+            assert relay.stdout is not None
+            where = relay.stdout.readline().strip()
+        ours, theirs = in_turn(name, where)
+    return (
+        f"{1e3 * np.median(ours):.2f} / {1e3 * np.percentile(ours, 99):.2f}",
+        f"{1e3 * np.median(theirs):.3f} / {1e3 * np.percentile(theirs, 99):.3f}",
+    )
 
 
 def share(found: Counter[str]) -> str:
@@ -168,17 +173,13 @@ def main() -> None:
     figures = {name: timed(name, row) for name, row in track(ROWS.items(), "round trips")}
     held = {name: held_after(PEERS[name]()) for name in track(ROWS, "killing peers")}
     tests = contract()
-    lines = [f"| {' | '.join(HEAD)} |", "|---" * len(HEAD) + "|"]
-    for name, row in ROWS.items():
-        time_ = figures[name]
-        cells = (
-            f"`{name}`", share(tests[name]), row.peer(), ", ".join(f"`{name}`" for name in row.tests.split()),
-            f"{time_['median_ms']:.2f} / {time_['p99_ms']:.2f}",
-            f"{time_['tcp_median_ms']:.3f} / {time_['tcp_p99_ms']:.3f}", f"{held[name]:.0f}", row.back,
-        )  # fmt: skip
-        lines.append(f"| {' | '.join(cells)} |")
+    table = markdown(HEAD, [
+        (f"`{name}`", share(tests[name]), row.peer(), ", ".join(f"`{name}`" for name in row.tests.split()),
+         *figures[name], f"{held[name]:.0f}", row.back)
+        for name, row in ROWS.items()
+    ])  # fmt: skip
     about = f"Times are median / 99th percentile, on {os.cpu_count()} cores at a load of {load:.1f}."
-    TABLE.write_text("\n".join([*lines, "", about]) + "\n")
+    TABLE.write_text(f"{table}\n{about}\n")
     print(TABLE.read_text())
 
 

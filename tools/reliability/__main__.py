@@ -5,7 +5,6 @@ FULL=1 runs the full size, ROWS="limits loop" some rows only, and PAGE=1 also wr
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from collections.abc import Callable
@@ -13,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE), str(HERE.parents[1] / "tests")]
+sys.path[:0] = [str(HERE), str(HERE.parents[1] / "tests"), str(HERE.parent)]
 
 from attacks import bodies, limits
 from away import moves_away
@@ -26,13 +25,11 @@ from exposure import exposure
 from kills import yarp_kills
 from mutation import branches, mutation
 from non_finite import non_finite
-from page import write_page
 from plant import plant
-from pool import COMMITS, commit
+from pool import COMMITS
 from recordings import killed, minute
-from rich.console import Console
-from rich.table import Table
-from row import Row
+from report import commit, save, show
+from row import HEAD, Row, write_page
 from stream import yarp_skin
 from timing import one_kilohertz
 from wires import wires
@@ -54,18 +51,8 @@ def main() -> int:
     if unknown := [name for name in names if name not in ROWS]:
         raise SystemExit(f"no row {', '.join(unknown)}; valid: {', '.join(ROWS)}")
     rows = [replace(ROWS[name](full), commit=COMMITS.get(name, commit())) for name in names]
-    table = Table(title=f"Reliability, {'full' if full else 'CI'} size")
-    for head in ("figure", "size", "measured", "target", "met"):
-        table.add_column(head)
-    colours = {"yes": "green", "so far": "green", "no": "red", "open": "yellow"}
-    for row in rows:
-        met = f"[{colours[row.met]}]{row.met}[/]"
-        table.add_row(row.name, row.size, row.measured, row.target, met)
-    Console().print(table)
-    out = Path(os.environ.get("OUT", "out"))
-    out.mkdir(parents=True, exist_ok=True)
-    report = {"full": full, "rows": [row.to_json() for row in rows]}
-    (out / "reliability.json").write_text(json.dumps(report, indent=2) + "\n")
+    show(f"Reliability, {'full' if full else 'CI'} size", HEAD, [row.cells for row in rows])
+    save("reliability.json", {"full": full, "rows": [row.to_json() for row in rows]})
     if os.environ.get("PAGE") == "1":
         write_page(rows)
     return int(any(row.met == "no" for row in rows))

@@ -20,16 +20,14 @@ from ipaddress import ip_address
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import psutil
-from page import write_between
-from row import Row
+sys.path.append(str(Path(__file__).parents[1]))  # also as a program of its own
 
-ROOT = Path(__file__).parents[2]
+import psutil
+from report import ROOT, markdown, write_between
+from row import PAGE, Row
+
 BEGIN, END = "<!-- exposure -->\n", "<!-- end of exposure -->\n"
-HEAD = (
-    "| server | address | port | who may read | who may command | opened to a network by |\n"
-    "|---|---|---|---|---|---|\n"
-)
+HEAD = ("server", "address", "port", "who may read", "who may command", "opened to a network by")
 ALONE = """
 ip link set lo up
 ip link add eth0 type veth peer name far
@@ -221,9 +219,9 @@ def _alone() -> None:
     print(json.dumps(found))
 
 
-def table(found: dict[str, list[Seen]]) -> list[str]:
-    """Returns the lines of the table."""
-    lines = []
+def table(found: dict[str, list[Seen]]) -> list[tuple[str, ...]]:
+    """Returns the rows of the table, in the order of `HEAD`."""
+    rows = []
     for name, sockets in found.items():
         server = SERVERS[name]
         ports: dict[str, set[str]] = {}
@@ -233,8 +231,8 @@ def table(found: dict[str, list[Seen]]) -> list[str]:
         addresses = "<br>".join(ports) or "none"
         numbers = "<br>".join(", ".join(sorted(some)) for some in ports.values()) or "none"
         cells = (command, addresses, numbers, server.read, server.command, server.opened_by)
-        lines.append(f"| {' | '.join(cells)} |\n")
-    return lines
+        rows.append(cells)
+    return rows
 
 
 def exposure(full: bool) -> Row:
@@ -253,7 +251,7 @@ if __name__ == "__main__":
     if sys.argv[1:] == ["alone"]:
         _alone()
     else:
-        lines = table(seen())
-        print(HEAD + "".join(lines), end="")
+        lines = markdown(HEAD, table(seen()))
+        print(lines, end="")
         if sys.argv[1:] == ["page"]:
-            write_between(BEGIN, END, HEAD + "".join(lines))
+            write_between(PAGE, BEGIN, END, lines)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import subprocess
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -13,13 +12,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from report import commit, out
 from rich.progress import track
 
 import tci
 
 Job = tuple[Any, ...]
 Result = dict[str, Any]
-HERE = Path(__file__).parent
 COMMITS: dict[str, str] = {}
 """Commit at which each row was measured, by the name under which it is kept."""
 
@@ -34,7 +33,7 @@ def gather(
     `alone`: one job at a time. What a job raises is raised when the others are done. PART=0/2 does every 2nd
     job only. MINUTES=0 does nothing and takes what was kept last, of whatever sources; `COMMITS` tells which.
     """
-    kept = Path(os.environ.get("OUT", "out")) / "reliability" / f"{name}.jsonl"
+    kept = out() / "reliability" / f"{name}.jsonl"
     minutes = float(os.environ.get("MINUTES", "inf"))
     done = _kept(name, kept, last=minutes == 0.0) if full else {}
     jobs = [tuple(job) for job in jobs]
@@ -77,15 +76,6 @@ def _kept(name: str, path: Path, *, last: bool) -> dict[str, Result]:
     lines = [line for line in lines if line["sources"] == wanted]
     COMMITS[name] = lines[-1].get("commit", "") if lines else commit()
     return {line["job"]: line["result"] for line in lines}
-
-
-@cache
-def commit() -> str:
-    """Returns the commit that is checked out."""
-    where = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=False, cwd=HERE
-    )
-    return where.stdout.strip()
 
 
 @cache

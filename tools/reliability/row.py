@@ -1,8 +1,16 @@
-"""One row of the scoreboard."""
+"""One row of the scoreboard, and the scoreboard in docs/reliability.md."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from report import ROOT, between, markdown, write_between
+
+PAGE = ROOT / "docs" / "reliability.md"
+BEGIN, END = "<!-- scoreboard -->\n", "<!-- end of the scoreboard -->\n"
+HEAD = ("figure", "tried", "measured", "target", "met", "at")
 
 
 @dataclass(frozen=True)
@@ -47,6 +55,22 @@ class Row:
             return "no"
         return "yes" if self.tried >= self.wanted else "so far"
 
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Cells of the table, in the order of `HEAD`."""
+        at = self.commit if self.tried else ""
+        return self.name, self.size, self.measured, self.target, self.met, at
+
     def to_json(self) -> dict[str, object]:
         """Returns the row as JSON values."""
         return {**asdict(self), "size": self.size, "met": self.met}
+
+
+def write_page(rows: Sequence[Row], page: Path = PAGE) -> None:
+    """Writes the rows that were tried into the page; the others are kept."""
+    table = between(page, BEGIN, END).splitlines()[2:]
+    lines = {cells[0]: cells for cells in (line[2:-2].split(" | ") for line in table)}
+    for row in rows:
+        if row.tried or row.name not in lines:
+            lines[row.name] = [*row.cells]
+    write_between(page, BEGIN, END, markdown(HEAD, lines.values()))

@@ -1,30 +1,33 @@
 """Round trip of a frame of 768 doubles to another process over each middleware, in turn with a raw TCP
-socket."""
+socket. `make middleware` and `make bench` use it."""
 
 from __future__ import annotations
 
 import contextlib
-import os
 import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import numpy as np
-from networks import over_lcm, over_zenoh
+import zenoh
+from numpy.typing import NDArray
 
 import tci
 from tci.drivers.lcm import encoding as remote_lcm
+from tci.drivers.lcm.driver import _Bus
 from tci.drivers.player.wire import OPAQUE, STATE, Kind, Message, Stream, blob, to_blob
 from tci.drivers.remote import encoding as remote_cdr
+from tci.drivers.remote.address import parse_remote
 from tci.drivers.remote.protocol import SessionFrame
 from tci.drivers.ros.messages import BYTES, NO_LAYOUT
 from tci.drivers.ros.node import RosNode
 from tci.drivers.ros.ros1 import Ros1Node
 from tci.drivers.ros.ros2 import open_node
 from tci.drivers.ros.rosbridge import RosbridgeNode
+from tci.drivers.zenoh.driver import QOS
+from tci.drivers.zenoh.session import close_session, open_session, parse_address
 from tci.messages import SkinFrame
 from yarpwire.dialect import DIALECTS
 from yarpwire.errors import PortError
@@ -45,6 +48,32 @@ PATIENCE = 20.0
 """Longest time [s] until the first frame returns. Assumed: discovery takes some seconds at most."""
 Ways = tuple[Callable[[bytes], object], Callable[[], Iterator[bytes]], Callable[[], None]]
 """Functions that send a frame, yield the frames that have come, and close the connection."""
+
+
+def over_zenoh(where: str, there: bool) -> Ways:
+    """Exchanges bytes under two keys, with the quality of service of TCI's driver."""
+    session = open_session(parse_address(where, "nao"), "listen" if there else "connect")
+    out = session.declare_publisher("tci/bench/back" if there else "tci/bench/there", **QOS)
+    key = "tci/bench/there" if there else "tci/bench/back"
+    came = session.declare_subscriber(key, zenoh.handlers.RingChannel(1))
+
+    def receive() -> Iterator[bytes]:
+        sample = came.try_recv()
+        if sample is not None:
+            yield sample.payload.to_bytes()
+
+    return out.put, receive, lambda: close_session(session)
+
+
+def over_lcm(where: str, there: bool) -> Ways:
+    """Exchanges bytes on two channels of a multicast group."""
+    bus = _Bus(parse_remote("lcm", where, "bench", ""))
+    wanted = "there" if there else "back"
+
+    def receive() -> Iterator[bytes]:
+        yield from (data for name, data, _ in bus.poll() if name == wanted)
+
+    return lambda data: bus.put("back" if there else "there", data), receive, bus.close
 
 
 def over_ros(node: RosNode, there: bool) -> Ways:
@@ -195,26 +224,28 @@ def echo(name: str, where: str) -> None:
         time.sleep(0)
 
 
-def round_trip(name: str, where: str) -> dict[str, float]:
-    """Returns medians and 99th percentiles [ms] over the middleware and over raw TCP, measured in turn."""
+def in_turn(
+    name: str, where: str, *, blocks: int = BLOCKS, calls: int = CALLS
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the times (blocks, calls) [s] of round trips over the middleware, and over raw TCP in turn."""
     robot, codec = tci.load_robot("nao"), remote_lcm if name == "lcm" else remote_cdr
     values = np.random.default_rng(0).normal(size=SIZE)
     frame = SessionFrame(1, SkinFrame(robot.patches[0].name, 1.0, 1, values))
-    path = os.pathsep.join([str(Path(__file__).parents[1] / "bench"), os.environ.get("PYTHONPATH", "")])
-    other = subprocess.Popen([sys.executable, __file__, name, where], env={**os.environ, "PYTHONPATH": path})
+    other = subprocess.Popen([sys.executable, __file__, name, where])
     raw = subprocess.Popen([sys.executable, "-c", TCP, str(values.nbytes)], stdout=subprocess.PIPE, text=True)
     assert raw.stdout is not None
     sock = socket.create_connection(("127.0.0.1", int(raw.stdout.readline())))
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     send, receive, close = _open(name, where)
+    back = bytearray(values.nbytes)
 
     def bare() -> None:
         sock.sendall(values)
-        got = 0
-        while got < values.nbytes:
-            got += len(sock.recv(1 << 16))
+        view, got = memoryview(back), 0
+        while got < len(back):
+            got += sock.recv_into(view[got:])
 
-    def there_and_back(patience: float) -> bool:
+    def there_and_back(patience: float = 5.0) -> bool:
         send(values.tobytes() if name in PLAIN else codec.frame_bytes(robot, frame))
         end = time.perf_counter() + patience
         while time.perf_counter() < end:
@@ -232,23 +263,24 @@ def round_trip(name: str, where: str) -> dict[str, float]:
                 raise SystemExit(f"{name}: no frame comes back")
         time.sleep(0.5)
         list(receive())  # answers to earlier tries
-        ours, theirs = [], []
-        for _ in range(BLOCKS):
-            for work, found in ((lambda: there_and_back(5.0), ours), (bare, theirs)):
-                for _ in range(CALLS):
-                    begin = time.perf_counter()
-                    work()
-                    found.append((time.perf_counter() - begin) * 1e3)
+        found = [[_times(work, calls) for work in (there_and_back, bare)] for _ in range(blocks)]
     finally:
         close()
         sock.close()
         for process in (other, raw):
             process.kill()
             process.communicate()
-    return {
-        "median_ms": float(np.median(ours)), "p99_ms": float(np.percentile(ours, 99)),
-        "tcp_median_ms": float(np.median(theirs)), "tcp_p99_ms": float(np.percentile(theirs, 99)),
-    }  # fmt: skip
+    ours, theirs = np.array(found).transpose(1, 0, 2)
+    return ours, theirs
+
+
+def _times(work: Callable[[], object], calls: int) -> list[float]:
+    times = []
+    for _ in range(calls):
+        begin = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - begin)
+    return times
 
 
 if __name__ == "__main__":

@@ -138,7 +138,7 @@ def bad_command() -> tuple[Array, str, float, list[str]]:
                     )
                     asked = value if np.isfinite(value) else asked
             safe = driver.gate.step(orders, joints, now)
-            said += [*safe.clamped, *map(str, safe.refusals)]
+            said += map(str, (*safe.clamped, *safe.refusals))
             driver.write(safe)
             sent = safe.position[0] if len(safe.position) else np.nan
             rows.append((now, asked, sent, joints.position[servo.index]))

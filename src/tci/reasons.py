@@ -1,4 +1,4 @@
-"""Reasons to refuse, hold or stop: a code for programs, a text for people."""
+"""Reasons to refuse, clamp, hold or stop: a code for programs, a text for people."""
 
 from __future__ import annotations
 
@@ -88,6 +88,8 @@ class Code(IntEnum):
     """No posture reaches the target."""
     NOT_ARMED = 510
     """The driver is read-only, or the robot has not been read yet."""
+    CLAMPED = 511
+    """A value was replaced by the nearest one that the limits allow."""
 
     OTHER_COMMANDER = 600
     """Another process commands these joints."""
@@ -136,10 +138,13 @@ NO_REASON = 0xFFFF
 
 @dataclass(frozen=True, slots=True)
 class Reason:
-    """The cause of a refusal, hold or stop. Programs compare `code`; `text` is for people only."""
+    """The cause of a refusal, clamp, hold or stop. Programs read `code` and `names`; `text` is for people."""
 
     code: Code
     text: str
+    names: tuple[str, ...] = ()
+    """Names of what it concerns, if it was made in this process: the servo of CLAMPED, the two links of
+    SELF_COLLISION."""
 
     def __str__(self) -> str:
         return self.text

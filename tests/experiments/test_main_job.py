@@ -254,7 +254,7 @@ def limited(
     assert not safe.refusals
     position = np.array(start.position)
     position[safe.servos] = gate.targets
-    return replace(start, position=position), [message.split(":")[0] for message in safe.clamped]
+    return replace(start, position=position), [clamp.names[0] for clamp in safe.clamped]
 
 
 def test_generic_to_platform_to_generic_on_both_robots() -> None:

@@ -22,6 +22,7 @@ from tci.errors import CommandError, DriverError, TciError
 from tci.gate.acceptance import SLOWEST
 from tci.gate.gate import Gate, GateSettings, GateState, SafeCommand
 from tci.messages import Mode, PlatformCommand
+from tci.reasons import Code
 from tci.robot.description import Limits
 
 ZERO = [0.0] * 6
@@ -54,8 +55,8 @@ ANGLES = pytest.mark.parametrize("mode", [Mode.POSITION, Mode.IMPEDANCE])
 def test_position_is_clamped_reported_and_what_is_sent_is_the_clamped_value(mode: Mode) -> None:
     driven = Driven(make_robot(modes=(mode,)), ZERO)
     safe = driven.step(dataclasses.replace(position_command([3], [6.0]), mode=mode))
-    assert "joint3" in safe.clamped[0]
-    assert "114.59" in safe.clamped[0]
+    assert (safe.clamped[0].code, safe.clamped[0].names) == (Code.CLAMPED, ("joint3",))
+    assert "114.59" in str(safe.clamped[0])
     driven.settle()
     assert 2.0 - 1e-5 < driven.angles[3] <= 2.0
     assert driven.gate.counts.clamps == {"joint3": 1}
@@ -195,7 +196,7 @@ def test_stiffness_and_damping_are_clamped_to_a_share() -> None:
     for mode, name in ((Mode.STIFFNESS, "stiffness"), (Mode.DAMPING, "damping")):
         safe = driven.step(PlatformCommand(mode, np.array([0, 1]), np.array([0.4, 1.7]), np.ones(2)))
         assert getattr(safe, name) == {0: 0.4, 1: 1.0}
-        assert name in safe.clamped[0]
+        assert name in str(safe.clamped[0])
 
 
 def test_old_joint_data_means_hold_and_clears_by_itself_without_replay() -> None:
@@ -419,7 +420,7 @@ def test_less_than_no_stiffness_is_none() -> None:
     driven = Driven(make_robot(), ZERO)
     safe = driven.step(PlatformCommand(Mode.DAMPING, np.array([0, 1]), np.array([-0.4, 0.7]), np.ones(2)))
     assert safe.damping == {0: 0.0, 1: 0.7}
-    assert safe.clamped == ("joint0: -0.40 damping asked, clamped to 0.00",)
+    assert [*map(str, safe.clamped)] == ["joint0: -0.40 damping asked, clamped to 0.00"]
 
 
 def test_what_lies_ahead_is_where_the_robot_then_is() -> None:

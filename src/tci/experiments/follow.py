@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -16,14 +15,13 @@ from tci.drivers.driver import Driver
 from tci.errors import CommandError
 from tci.frames import Array
 from tci.messages import Order, Perception
-from tci.reasons import Reason
+from tci.reasons import Code, Reason
 from tci.runtime.loop import Tick, run
 
 MOST = 60.0
 """Time [s] for the approach and for interruptions, in addition to the duration of the gesture. Assumed: ends
 a playback that a touch interrupts for ever."""
 
-NEAR = re.compile(r"stopped on the way: (\S+) would come .* near ([^\s;]+)")
 """Message of the gate when a motion would come too close to the robot's own body."""
 
 
@@ -108,9 +106,9 @@ def follow(driver: Driver, play: PlayGesture, *, observe: Callable[[Tick], None]
     stopped: dict[str, None] = {}
 
     def see(tick: Tick) -> None:
-        for said in tick.sent.clamped:
-            if met := NEAR.search(said):
-                stopped[f"{met[1]} near {met[2]}"] = None
+        for clamp in tick.sent.clamped:
+            if clamp.code is Code.SELF_COLLISION:
+                stopped[" near ".join(clamp.names)] = None
         if observe is not None:
             observe(tick)
 

@@ -186,7 +186,7 @@ class Gate:
         self._tally.steps += 1
         reason = self.reason = self._judge(joints, now)
         refusals = list(refused)
-        clamped: list[str] = []
+        clamped: list[Reason] = []
         taken: list[PlatformOrder] = []
         stiffness: dict[int, float] = {}
         damping: dict[int, float] = {}
@@ -303,7 +303,7 @@ class Gate:
         elif not math.isnan(self._pace):
             self._pace = passed
 
-    def _set_share(self, command: PlatformCommand, shares: dict[int, float]) -> list[str]:
+    def _set_share(self, command: PlatformCommand, shares: dict[int, float]) -> list[Reason]:
         """Sets stiffness or damping: fractions 0..1, clamped and reported. Raises CommandError."""
         check_command(self.robot, command)
         if command.mode is Mode.STIFFNESS:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,8 +122,8 @@ class Motion:
         self.groups.drop()
         self._torque.relax()
 
-    def accept(self, command: PlatformOrder, now: float) -> list[str]:
-        """Accepts an order; returns descriptions of clamped values. Raises CommandError, and changes nothing,
+    def accept(self, command: PlatformOrder, now: float) -> list[Reason]:
+        """Accepts an order; returns what was clamped. Raises CommandError, and changes nothing,
         if it can't."""
         if isinstance(command, PlatformSwitch):
             self._switch(command)
@@ -146,11 +147,11 @@ class Motion:
         self._fed[servos] = now
         return clamped
 
-    def step(self, now: float) -> list[str]:
+    def step(self, now: float) -> list[Reason]:
         """Moves by one period; returns the motions that were ended to avoid self-collisions."""
         self._switched.clear()
         longest = self._settings.command_timeout
-        near: list[str] = []
+        near: list[Reason] = []
         chains, body = self.groups.chains, self.groups.body
         moving = [chain for chain in chains if not chain.limiter.rests]
         for chain in moving if body is None or not moving else body.turns(chains, moving):
@@ -158,8 +159,8 @@ class Motion:
             if late:
                 chain.limiter.drive_at(late, np.zeros(len(late)))
             chain.limiter.step()
-            if chain.limiter.ended:
-                near.append(f"stopped on the way: {chain.limiter.ended}")
+            if (ended := chain.limiter.ended) is not None:
+                near.append(replace(ended, text=f"stopped on the way: {ended}"))
         if self._torque.servos.size:
             self._torque.relax(np.flatnonzero(now - self._fed > longest))
         self._tally.near_misses += len(near)
@@ -189,7 +190,7 @@ class Motion:
             torque = self._torque.again(trust=trust)
         return frozen(np.concatenate([np.zeros(others), torque]))
 
-    def _push(self, command: PlatformCommand) -> list[str]:
+    def _push(self, command: PlatformCommand) -> list[Reason]:
         """Sets torques of servos in torque mode."""
         sent = self._torque.ask(command.servos, command.values)
         return self.clamps(command, sent.tolist(), "N m")
@@ -207,7 +208,7 @@ class Motion:
                     code=Code.WRONG_MODE,
                 )
 
-    def _drive(self, command: PlatformCommand) -> list[str]:
+    def _drive(self, command: PlatformCommand) -> list[Reason]:
         """Drives servos in velocity mode; if one can't be as fast, all slow down by one factor."""
         servos = command.servos.tolist()
         limits = np.array([self.robot.servos[servo].limits.velocity for servo in servos], dtype=float)
@@ -238,17 +239,16 @@ class Motion:
                 )
         self._shares[command.servos] = np.clip(command.values, 0.0, 1.0)
 
-    def clamps(self, command: PlatformCommand, sent: Sequence[float], unit: str) -> list[str]:
+    def clamps(self, command: PlatformCommand, sent: Sequence[float], unit: str) -> list[Reason]:
         """Counts and describes the servos whose accepted value differs from the requested one."""
-        clamped: list[str] = []
+        clamped: list[Reason] = []
         for servo, asked, allowed in zip(command.servos.tolist(), command.values.tolist(), sent, strict=True):
             if abs(asked - allowed) > 2 * MARGIN:
                 name = self.robot.servos[servo].name
                 self._tally.clamps[name] += 1
                 factor = DEGREE if unit.startswith("degrees") else 1.0
-                clamped.append(
-                    f"{name}: {asked * factor:.2f} {unit} asked, clamped to {allowed * factor:.2f}"
-                )
+                text = f"{name}: {asked * factor:.2f} {unit} asked, clamped to {allowed * factor:.2f}"
+                clamped.append(Reason(Code.CLAMPED, text, (name,)))
         return clamped
 
     def _switch(self, switch: PlatformSwitch) -> None:

@@ -59,8 +59,8 @@ class SafeCommand:
     """New fraction (0..1) of full stiffness, by servo index, if commanded."""
     damping: Mapping[int, float]
     """New fraction (0..1) of full damping, by servo index, if commanded."""
-    clamped: tuple[str, ...]
-    """Descriptions of values that were clamped or motions that were ended."""
+    clamped: tuple[Reason, ...]
+    """Values that were clamped (CLAMPED) and motions that were ended (SELF_COLLISION)."""
     refusals: tuple[Reason, ...]
     """Reasons of the commands that were refused."""
     reason: Reason | None = None

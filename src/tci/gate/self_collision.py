@@ -121,6 +121,7 @@ class SelfCollision:
                     Code.SELF_COLLISION,
                     f"{first} would come {then[worst] * 1e3:.1f} mm near {second}; "
                     f"valid: at least {self.margin * 1e3:g} mm",
+                    (first, second),
                 )
         return None
 

@@ -173,7 +173,7 @@ def decision_bytes(sent: SafeCommand) -> bytes:
             *header(sent.stamp), sent.stamp, sent.state.value, text_of(sent.reason), sent.servos,
             [mode_number(mode) for mode in sent.modes], sent.position, sent.velocity, sent.torque,
             list(sent.stiffness), list(sent.stiffness.values()),
-            list(sent.damping), list(sent.damping.values()), sent.clamped,
+            list(sent.damping), list(sent.damping.values()), [clamp.text for clamp in sent.clamped],
             [refusal.text for refusal in sent.refusals],
             [number_of(sent.reason), *(int(refusal.code) for refusal in sent.refusals)],
         ),

@@ -135,7 +135,7 @@ class Account:
         for refusal in sent.refusals:
             self._note(self._refusals, "refused", refusal, sent.stamp)
         for clamp in sent.clamped:
-            self._note(self._clamps, "clamped", Reason.of(clamp), sent.stamp)
+            self._note(self._clamps, "clamped", clamp, sent.stamp)
         if sent.state is GateState.HOLD and sent.reason is not None:
             self._note(self._holds, "held", sent.reason, sent.stamp)
         elif sent.state is GateState.STOP:

@@ -152,9 +152,9 @@ class RunLog:
         for reason in tick.sent.refusals:
             if self.refused.add(reason, tick.now):
                 self.tell(tick.now, "refused", reason.text)
-        for words in tick.sent.clamped:
-            if self.clamped.add(Reason.of(words), tick.now):
-                self.tell(tick.now, "clamped", words)
+        for clamp in tick.sent.clamped:
+            if self.clamped.add(clamp, tick.now):
+                self.tell(tick.now, "clamped", str(clamp))
 
     def _command(self, now: float, command: GenericCommand) -> None:
         if self._modes.get(command.part) is not command.mode:

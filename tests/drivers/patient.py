@@ -22,9 +22,7 @@ PATIENCE = 0.5
 
 def patient(name: str, silence: float = PATIENCE) -> Robot:
     """Returns a robot by name that waits for `silence` [s] before it holds."""
-    robot = tci.load_robot(name)
-    bindings = tuple(binding.model_copy(update={"stale_after": silence}) for binding in robot.bindings)
-    return robot.model_copy(update={"bindings": bindings})
+    return tci.load_robot(name).with_stale_after(silence)
 
 
 def main() -> None:

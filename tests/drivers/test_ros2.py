@@ -92,13 +92,9 @@ def test_a_robot_in_ros_sends_joints_and_skin_and_takes_trajectories(start: Star
 def test_plain_values_where_the_binding_says_so(start: Start, namespace: str) -> None:
     process = ros_robot(start, namespace)
     robot = tci.load_robot("nao")
-    bindings = []
-    for binding in robot.bindings:
-        if binding.middleware == "ros2":
-            place = tci.robot.description.Address(of="LArm", to="LArm_controller/commands")
-            binding = binding.model_copy(update={"addresses": (place,)})
-        bindings.append(binding)
-    robot = robot.model_copy(update={"bindings": tuple(bindings)})
+    place = tci.robot.description.Address(of="LArm", to="LArm_controller/commands")
+    binding = robot.binding("ros2").model_copy(update={"addresses": (place,)})
+    robot = robot.model_copy(update={"bindings": (binding,)})
     with connect(robot, f"ros2:{namespace}", arm=True, wait=60.0) as driver:
         go(driver, "LElbowRoll", -1.2)
         drive(driver, seconds=0.2)

@@ -13,9 +13,10 @@ from drivers.ros_robots import anywhere, here_only, roscore
 from drivers.served import needs_qi
 from drivers.wires import free_port, lcm_url
 from tci.errors import DriverError
+from tci.experiments.body_trials import deaf
 from tci.experiments.experiment import SIDES, trials_of
-from tci.experiments.measure import Trial
-from tci.experiments.poke import Stimulus, poke
+from tci.experiments.measure import Trial, measure
+from tci.experiments.poke import Stimulus, poke, poke_place
 from tci.experiments.remote_trial import RemoteTrial
 from tci.runtime.loop import Tick
 from tci.simulation.world import World
@@ -30,6 +31,8 @@ VIAS: dict[str, Callable[[], str]] = {
 }
 EVERY_POKE = "zenoh"
 """Middleware with all ten pokes of a robot. Others differ in their protocol only: one poke of each arm."""
+WITHOUT_BINDING = {"ros2": ("g1",)}
+"""Further robot: a sample of those whose description names no middleware. `make middleware` runs all."""
 TRIES = 4
 """Number of tries: on a busy machine two processes may miss real time, and then the robot rightly holds."""
 
@@ -55,9 +58,9 @@ def test_pokes_of_the_demo_are_answered_from_another_process(name: str) -> None:
     reflex = tci.WithdrawalReflex()
     if name != EVERY_POKE:
         reflex = replace(reflex, fields=reflex.fields[:1])
-    for robot in (patient("icub"), patient("nao")):
-        if name not in {binding.middleware for binding in robot.bindings}:
-            continue
+    for robot in map(patient, ("icub", "nao", *WITHOUT_BINDING.get(name, ()))):
+        if name == "naoqi" and robot.name != "nao":
+            continue  # it is NAO's
         sites = {(side, field.name) for side in SIDES for field in reflex.fields}
         for _ in range(TRIES):
             for trial in trials_of(robot, reflex, stimulus=Stimulus(), seed=3, via=VIAS[name]()):
@@ -82,7 +85,7 @@ def test_what_keeps_the_other_process_away_is_told() -> None:
 
 def test_a_process_that_ends_in_the_middle_of_a_trial_is_told() -> None:
     robot, reflex = tci.load_robot("nao"), tci.WithdrawalReflex()
-    with RemoteTrial(robot, VIAS["zenoh"](), reflex.mode) as elsewhere:
+    with RemoteTrial(robot, VIAS["zenoh"](), reflex) as elsewhere:
 
         def end(tick: Tick) -> None:
             elsewhere._process.kill()
@@ -90,3 +93,20 @@ def test_a_process_that_ends_in_the_middle_of_a_trial_is_told() -> None:
         with pytest.raises(DriverError, match=r"the process with the reflex, connected by zenoh.*: ended"):
             poke(World(robot), "left_arm", reflex.fields[0], Stimulus(), reflex=reflex, seed=3,
                  watch=end, elsewhere=elsewhere)  # fmt: skip
+
+
+def test_a_head_is_withdrawn_from_another_process() -> None:
+    """The reflex of head, torso and legs too, on a robot without a binding to the middleware."""
+    robot, reflex = patient("nao-whole"), tci.BodyWithdrawal()
+    world, body = World(robot), tci.GenericBody(robot)
+    field = next(one for one in reflex.fields.field if one.kind == "head")
+    place = body.landmark("head", field.spot)
+    held = poke_place(world, place, Stimulus(), reflex=deaf(reflex), seed=3)
+    with RemoteTrial(robot, VIAS["zenoh"](), reflex) as elsewhere:
+        for _ in range(TRIES):
+            acted = poke_place(world, place, Stimulus(), reflex=reflex, seed=3, elsewhere=elsewhere)
+            trial = measure(robot, "head", field.name, acted, held)
+            assert not trial.violations
+            if trial.responded:
+                return
+    raise AssertionError(trial)

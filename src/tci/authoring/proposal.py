@@ -20,7 +20,6 @@ from tci.errors import DescriptionError, Fault
 from tci.frames import Array, rotation_rpy, rpy_of
 from tci.messages import Mode
 from tci.robot.description import (
-    Binding,
     GenericPart,
     GenericServo,
     Limits,
@@ -79,7 +78,7 @@ def propose(path: Path, *, name: str, package: str | None = None, mount: bool = 
     index = {servo.joint: servo.index for servo in servos}
     draft = Robot(
         name=name, title=f"{name}, proposed from {path.name}", source=str(path), digest="", model=model,
-        servos=servos, parts=(), bindings=(Binding(middleware="sim", rate=500.0, stale_after=0.05),),
+        servos=servos, parts=(),
     )  # fmt: skip
     parts, patches = [], []
     for side, limb in body.arms.items():

@@ -158,6 +158,4 @@ def remarks(robot: Robot) -> list[str]:
                 )
     if robot.model is None:
         notes.append("no kinematic model: the robot can't be simulated, and its skin has no place in space")
-    if not robot.bindings:
-        notes.append("no binding: no driver can reach the robot; add <binding middleware=.../>")
     return notes

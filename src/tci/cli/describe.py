@@ -82,7 +82,7 @@ def _print_tables(robot: Robot) -> None:
         console.print(f"coupling {coupling.name}: {lower:.1f} <= {terms} <= {upper:.1f} degrees")
     if patches:
         console.print(_skin_table(patches))
-    for binding in robot.bindings:
+    for binding in robot.all_bindings:
         console.print(
             f"driver [bold]{binding.middleware}[/]: {binding.rate:g} commands/s; the robot holds when joint "
             f"data is older than {binding.stale_after * 1000:g} ms"

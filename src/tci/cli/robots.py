@@ -62,7 +62,7 @@ def _row(name: str) -> dict[str, Any]:
         "parts": [part.name for part in robot.parts],
         "servos": len(robot.servos),
         "skin": {patch.name: patch.channels for patch in robot.patches},
-        "drivers": [binding.middleware for binding in robot.bindings],
+        "drivers": [binding.middleware for binding in robot.all_bindings],
     }
 
 

@@ -66,7 +66,7 @@ def _robots() -> Iterator[Finding]:
         except TciError as error:
             yield Finding(Level.NOTE, f"robot {name}", str(error))
             continue
-        drivers = ", ".join(binding.middleware for binding in robot.bindings) or "none"
+        drivers = ", ".join(binding.middleware for binding in robot.all_bindings)
         yield Finding(Level.OK, f"robot {name}", f"{robot.title}; drivers: {drivers}")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.errors import TciError
 from tci.experiments.measure import Trial, measure
 from tci.experiments.poke import Stimulus, poke_place
+from tci.experiments.remote_trial import RemoteTrial
 from tci.robot.description import Robot
 from tci.simulation.world import World
 
@@ -39,19 +41,26 @@ def deaf(reflex: BodyWithdrawal) -> BodyWithdrawal:
 
 
 def body_trials_of(
-    robot: Robot, reflex: BodyWithdrawal, *, stimulus: Stimulus | None = None, seed: int = 0
+    robot: Robot,
+    reflex: BodyWithdrawal,
+    *,
+    stimulus: Stimulus | None = None,
+    seed: int = 0,
+    via: str | None = None,
 ) -> Iterator[Trial]:
     """Pokes the centre of every field in which a part of the robot can respond, with the reflex and without.
 
     Yields one trial for each field and part. `stimulus` is the motion of the finger, by default `Stimulus()`;
-    `seed` is that of the first trial, and each further trial adds 1. Raises what `poke_place` raises.
+    `seed` is that of the first trial, and each further trial adds 1. With `via` the reflex runs in another
+    process, which reaches the robot through that middleware. Raises what `poke_place` raises.
     """
     world, body = World(robot, seed=seed), GenericBody(robot)
     stimulus = stimulus or Stimulus()
-    for field in reflex.fields.field:
-        for part in answerable(body, field):
-            place = body.landmark(part, field.spot)
-            held = poke_place(world, place, stimulus, reflex=deaf(reflex), seed=seed)
-            acted = poke_place(world, place, stimulus, reflex=reflex, seed=seed)
-            yield measure(robot, part, field.name, acted, held)
-            seed += 1
+    with RemoteTrial(robot, via, reflex) if via else nullcontext() as elsewhere:
+        for field in reflex.fields.field:
+            for part in answerable(body, field):
+                place = body.landmark(part, field.spot)
+                held = poke_place(world, place, stimulus, reflex=deaf(reflex), seed=seed)
+                acted = poke_place(world, place, stimulus, reflex=reflex, seed=seed, elsewhere=elsewhere)
+                yield measure(robot, part, field.name, acted, held)
+                seed += 1

@@ -37,11 +37,11 @@ def trials_of(
     """Pokes the centre of every field of `reflex`, on both arms of one robot, with the reflex and without.
 
     Without the reflex the arms hold their posture in the same control mode. With `via` the reflex runs in
-    another process, which reaches the robot through that middleware; it must then have its default fields.
+    another process, which reaches the robot through that middleware.
     """
     nothing = replace(reflex, fields=())
     world = World(robot, seed=seed)
-    with RemoteTrial(robot, via, reflex.mode) if via else nullcontext() as elsewhere:
+    with RemoteTrial(robot, via, reflex) if via else nullcontext() as elsewhere:
         for index, (side, site) in enumerate((side, site) for side in SIDES for site in reflex.fields):
             part = f"{side}_arm"
             held = poke(world, part, site, stimulus, reflex=nothing, seed=seed + index)

@@ -7,6 +7,8 @@ it (`real_time`), as on a robot, so that the measured times are not those of oth
 
 from __future__ import annotations
 
+import base64
+import pickle
 import queue
 import subprocess
 import sys
@@ -14,17 +16,15 @@ import threading
 import time
 from collections.abc import Iterator
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
-from tci.authoring.dense_skin import with_skin_rate
-from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.capabilities.capability import Capability
 from tci.drivers.driver import Driver
 from tci.drivers.registry import connect, open_server
 from tci.drivers.simulated import SimulatedDriver
 from tci.drivers.wrapper import DriverWrapper
 from tci.errors import DriverError
-from tci.messages import CONTROL_MODES, Mode, Order, PlatformCommand
-from tci.robot.catalogue import load_robot
+from tci.messages import CONTROL_MODES, Order, PlatformCommand
 from tci.robot.description import Robot
 from tci.runtime.loop import Tick, run
 from tci.runtime.real_time import real_time_where_permitted
@@ -63,24 +63,21 @@ def try_server(robot: Robot, via: str) -> None:
 
 
 class RemoteTrial:
-    """The other process, which runs the withdrawal reflex for one robot, for any number of pokes."""
+    """The other process, which runs a reflex for one robot, for any number of pokes."""
 
-    def __init__(self, robot: Robot, via: str, mode: Mode) -> None:
-        """Starts the process. `via` is NAME or NAME:ADDRESS, as in `tci serve`; `mode` is that of the reflex.
+    def __init__(self, robot: Robot, via: str, reflex: Capability[Any]) -> None:
+        """Starts the process, which runs `reflex`. `via` is NAME or NAME:ADDRESS, as in `tci serve`.
 
-        Raises UnknownNameError for a robot without a binding to that middleware.
+        Raises UnknownNameError for a robot that this middleware can't carry.
         """
         self.robot, self.via = robot, via
-        rates = {str(patch.rate) for patch in robot.patches}
-        rate = rates.pop() if len(rates) == 1 else ""
-        name = via.partition(":")[0]
-        silence = str(robot.binding(name).stale_after)
+        robot.binding(via.partition(":")[0])
         self._process = subprocess.Popen(
-            [sys.executable, "-m", __name__, robot.source, mode.value, rate, name, silence],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-        )  # fmt: skip
+            [sys.executable, "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
         self._said: queue.Queue[str] = queue.Queue()
         threading.Thread(target=self._listen, daemon=True).start()
+        self._tell(base64.b64encode(pickle.dumps((robot, reflex))).decode())
 
     def _listen(self) -> None:
         assert self._process.stdout is not None
@@ -195,17 +192,9 @@ def _patiently(robot: Robot, via: str) -> Driver:
 
 
 def main() -> None:
-    """Entry point of the other process: reads an address, connects, runs the reflex until the next line."""
-    source, mode, rate, name, silence = sys.argv[1:]
-    robot = load_robot(source)
-    bindings = tuple(
-        binding.model_copy(update={"stale_after": float(silence)}) if binding.middleware == name else binding
-        for binding in robot.bindings
-    )
-    robot = robot.model_copy(update={"bindings": bindings})
-    if rate:
-        robot = with_skin_rate(robot, float(rate))
-    reflex = WithdrawalReflex(mode=Mode(mode))
+    """Entry point of the other process: reads robot and reflex; then, again and again, reads an address,
+    connects, and runs the reflex until the next line."""
+    robot, reflex = pickle.loads(base64.b64decode(sys.stdin.readline()))
     told: queue.Queue[str] = queue.Queue()
     threading.Thread(target=_hear, args=(told,), daemon=True).start()
     while via := told.get():

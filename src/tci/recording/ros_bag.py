@@ -43,8 +43,6 @@ def import_ros_bag(bag: Path, out: Path, robot: Robot) -> int:
     stamped; a joint state that is not newer than the previous one is dropped. Raises MissingExtraError,
     RecordingError for a bag that can't be read, does not fit the robot, or whose clock was set back.
     """
-    known = {binding.middleware for binding in robot.bindings}
-    middleware = "ros2" if "ros2" in known else "sim"
     readings = _readings(bag, robot)
     first = list(islice(readings, FIRST))
     if not first:
@@ -52,7 +50,7 @@ def import_ros_bag(bag: Path, out: Path, robot: Robot) -> int:
         raise RecordingError(f"{bag} has no {JOINTS.name} of all servos of {robot.name}: {servos}, ...")
     period = float(np.median(np.diff([reading.joints.stamp for reading in first]))) if len(first) > 1 else 0.0
     source = f"ROS bag {bag.name}"
-    with importing(out, robot, middleware=middleware, source=source, period=period) as recorder:
+    with importing(out, robot, middleware="ros2", source=source, period=period) as recorder:
         for reading in chain(first, readings):
             recorder.tick(reading.joints.stamp, reading)
     return recorder.ticks

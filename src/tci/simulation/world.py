@@ -28,9 +28,6 @@ from tci.skin.surfaces import Surface, build_surface
 MIDDLEWARE = "sim"
 MAX_STEP = 0.005
 """Longest step [s]: the time constant of the servos. Contacts become softer from 0.002 s on."""
-_PERIOD = 0.002
-"""Time [s] between two targets for a robot without a binding to the simulation. Assumed: that of TCI's
-robots."""
 
 
 class World:
@@ -83,7 +80,8 @@ class World:
         self._generator = np.random.default_rng(seed)
         self._physics = Physics(build_scene(robot, self.surfaces, home, step=step, stands=stands))
         self._home = home
-        self._servos = Servos(self._physics, robot, home, period=_period(robot) if period is None else period)
+        period = 1.0 / robot.binding(MIDDLEWARE).rate if period is None else period
+        self._servos = Servos(self._physics, robot, home, period=period)
         self._skin = PosedSkin(self._physics, robot.model, self.surfaces)
         self._taxels = Taxels(self._physics, worn, self.surfaces, noise=noise, generator=self._generator)
         self.finger = Finger(self._physics, self._skin)
@@ -257,10 +255,3 @@ def _checked_seed(seed: int) -> int:
     if not isinstance(seed, int | np.integer) or seed < 0:
         raise CommandError(f"seed {seed}; valid: a whole number from 0 on")
     return int(seed)
-
-
-def _period(robot: Robot) -> float:
-    for binding in robot.bindings:
-        if binding.middleware == MIDDLEWARE:
-            return 1.0 / binding.rate
-    return _PERIOD

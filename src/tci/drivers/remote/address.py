@@ -6,6 +6,11 @@ import re
 from dataclasses import dataclass
 
 from tci.errors import DriverError
+from tci.robot.description import wire_name
+
+LONGEST = 32
+"""Longest name of a robot on the network: with the rest of its name, a channel of LCM has at most 63
+characters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +30,9 @@ class RemoteAddress:
 def parse_remote(middleware: str, text: str, robot: str, where: str) -> RemoteAddress:
     """Parses an address; `robot` and `where` are its defaults. Raises DriverError for a bad name."""
     name, at, place = text.rpartition("@")
-    name = name if at else robot
-    if not re.fullmatch(r"[A-Za-z0-9_-]{1,32}", name):
-        raise DriverError(f"{middleware}: the robot's name {name!r}; valid: 1 to 32 letters, digits, _ and -")
+    name = name if at else wire_name(robot)[:LONGEST]
+    if not re.fullmatch(rf"[A-Za-z0-9_-]{{1,{LONGEST}}}", name):
+        raise DriverError(
+            f"{middleware}: the robot's name {name!r}; valid: 1 to {LONGEST} letters, digits, _ and -"
+        )
     return RemoteAddress(middleware, name, place or where)

@@ -3,24 +3,40 @@
 from __future__ import annotations
 
 from tci.errors import DriverError
-from tci.robot.description import Robot, Servo
+from tci.robot.description import Robot, Servo, wire_name
+
+
+def token(name: str) -> str:
+    """Returns a name of a description as one token of a topic, or as the name of a node."""
+    return wire_name(name, dash=False)
 
 
 class Names:
     """The names of a robot's topics and joints: ROS conventions, or the addresses of its binding."""
 
     def __init__(self, robot: Robot, middleware: str, namespace: str) -> None:
-        """Takes a `namespace` as `namespace_of` returns it. Raises DriverError when two servos have one
-        name."""
+        """Takes a `namespace` as `namespace_of` returns it.
+
+        Raises DriverError when two servos, parts or patches have one name.
+        """
         self._robot = robot
         self._binding = robot.binding(middleware)
         self._namespace = namespace
         self.indices: dict[str, int] = {}
         """Index of each servo by its name in ROS."""
-        for servo in robot.servos:
-            if self.indices.setdefault(self.joint(servo), servo.index) != servo.index:
-                name = self.joint(servo)
-                raise DriverError(f"two servos of {robot.name} are called {name!r}; ROS needs one name each")
+        parts, patches = self.parts(), [patch.name for patch in robot.patches]
+        for what, names in (
+            ("servos", [self.joint(servo) for servo in robot.servos]),
+            ("parts", [self.command(part) for part in parts]),
+            ("patches", [self.skin(patch) for patch in patches]),
+        ):
+            for name in names:
+                if names.count(name) > 1:
+                    raise DriverError(
+                        f"two {what} of {robot.name} are called {name!r}; ROS needs one name each: "
+                        "give one of them an <address> in a binding"
+                    )
+        self.indices.update((self.joint(servo), servo.index) for servo in robot.servos)
 
     @property
     def joints(self) -> str:
@@ -39,7 +55,7 @@ class Names:
 
     def frames(self, patch: str) -> str:
         """Returns the topic of std_msgs/UInt8MultiArray with a patch's skin frames of `remote`."""
-        return self.topic(f"tci/frames/{patch}")
+        return self.topic(f"tci/frames/{token(patch)}")
 
     def topic(self, name: str) -> str:
         """Returns a topic in the robot's namespace; a name that begins with a slash stays unchanged."""
@@ -51,11 +67,11 @@ class Names:
 
     def trajectory(self, robot_part: str) -> str:
         """Returns the topic of trajectory_msgs/JointTrajectory, as a joint_trajectory_controller takes it."""
-        return self.topic(f"{robot_part}_controller/joint_trajectory")
+        return self.topic(f"{token(robot_part)}_controller/joint_trajectory")
 
     def values(self, robot_part: str) -> str:
         """Returns the topic of std_msgs/Float64MultiArray, as a forward_command_controller takes it."""
-        return self.topic(f"{robot_part}_controller/commands")
+        return self.topic(f"{token(robot_part)}_controller/commands")
 
     def command(self, robot_part: str) -> str:
         """Returns the topic on which a robot takes commands for a part; a name that ends in `/commands` means
@@ -64,7 +80,7 @@ class Names:
 
     def skin(self, patch: str) -> str:
         """Returns the topic of tci_msgs/SkinFrame with the raw frames of a patch."""
-        return self.topic(self._binding.address(patch, f"skin/{patch}"))
+        return self.topic(self._binding.address(patch, f"skin/{token(patch)}"))
 
     def points(self, patch: str) -> str:
         """Returns the topic of sensor_msgs/PointCloud2 with a patch's frames, positions and pressures."""

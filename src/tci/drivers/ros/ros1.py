@@ -26,6 +26,7 @@ from tci.drivers.driver import Driver
 from tci.drivers.own_sockets import Watch, listening
 from tci.drivers.remote.hosts import numeric
 from tci.drivers.ros.driver import WAIT, RosDriver
+from tci.drivers.ros.names import token
 from tci.drivers.ros.node import Callback, Publish, RosNode, namespace_of
 from tci.drivers.ros.server import RosServer
 from tci.drivers.ros.tree import Trees
@@ -202,7 +203,7 @@ class Ros1Driver(RosDriver):
         """Connects; `address` is the robot's namespace. Raises DriverError when no joints arrive within
         `wait` [s]."""
         namespace = namespace_of(address)
-        node = Ros1Node(f"tci_{robot.name}_behaviour")
+        node = Ros1Node(f"tci_{token(robot.name)}_behaviour")
         super().__init__(robot, node, middleware="ros1", namespace=namespace, arm=arm, wait=wait)
 
 
@@ -212,7 +213,7 @@ class Ros1Server(RosServer):
     def __init__(self, driver: Driver, address: str = "") -> None:
         """Serves in the namespace `address`. Raises DriverError without a master."""
         namespace = namespace_of(address)
-        node = Ros1Node(f"tci_{driver.robot.name}")
+        node = Ros1Node(f"tci_{token(driver.robot.name)}")
         super().__init__(driver, address, node, middleware="ros1", namespace=namespace)
 
     def where(self) -> str:

@@ -14,6 +14,7 @@ from importlib.util import find_spec
 from tci.drivers.driver import Driver
 from tci.drivers.own_sockets import on_loopback
 from tci.drivers.ros.driver import WAIT, RosDriver
+from tci.drivers.ros.names import token
 from tci.drivers.ros.node import RosNode, namespace_of
 from tci.drivers.ros.server import RosServer
 from tci.errors import DriverError
@@ -60,7 +61,7 @@ class Ros2Driver(RosDriver):
         """Connects; `address` is the robot's namespace. Raises DriverError when no joints arrive within
         `wait` [s]."""
         namespace = namespace_of(address)
-        node = open_node(f"tci_{robot.name}_behaviour", namespace)
+        node = open_node(f"tci_{token(robot.name)}_behaviour", namespace)
         super().__init__(robot, node, middleware="ros2", namespace=namespace, arm=arm, wait=wait)
 
     def _where_else(self) -> str:
@@ -74,7 +75,7 @@ class Ros2Server(RosServer):
     def __init__(self, driver: Driver, address: str = "") -> None:
         """Serves in the namespace `address`. Raises DriverError when ROS refuses."""
         namespace = namespace_of(address)
-        node = open_node(f"tci_{driver.robot.name}", namespace)
+        node = open_node(f"tci_{token(driver.robot.name)}", namespace)
         super().__init__(driver, address, node, middleware="ros2", namespace=namespace)
 
     def where(self) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 
 from tci.drivers.yarp.driver_errors import raises_driver_errors
 from tci.errors import DriverError
-from tci.robot.description import Robot
+from tci.robot.description import Robot, wire_name
 from yarpwire.bindings.network import Bindings
 from yarpwire.carrier import CARRIERS, FAST_TCP, TEXT, TEXT_ACK
 from yarpwire.dialect import DIALECTS, Dialect
@@ -90,8 +90,14 @@ def _valid() -> str:
 
 
 def patch_port(robot: Robot, prefix: str, patch: str) -> str:
-    """Returns the name of the port with a patch's raw values: that of the robot's binding to YARP if it has
+    """Returns the name of the port with a patch's raw values: that of the robot's binding to YARP if it gives
     one, else `/PREFIX/skin/PATCH`."""
-    usual = f"skin/{patch}"
-    bindings = {binding.middleware: binding for binding in robot.bindings}
-    return f"/{prefix}/{bindings['yarp'].address(patch, usual) if 'yarp' in bindings else usual}"
+    return f"/{prefix}/{robot.binding('yarp').address(patch, f'skin/{wire_name(patch)}')}"
+
+
+def board_ports(robot: Robot, prefix: str) -> dict[str, str]:
+    """Returns the first part of the port names of each robot part's control board: that of the robot's
+    binding to YARP if it gives one, else `/PREFIX/PART`."""
+    binding = robot.binding("yarp")
+    parts = dict.fromkeys(servo.robot_part for servo in robot.servos)
+    return {part: f"/{prefix}/{binding.address(part, wire_name(part))}" for part in parts}

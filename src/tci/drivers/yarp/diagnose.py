@@ -10,10 +10,10 @@ import numpy as np
 
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.yarp import address as addresses
-from tci.drivers.yarp.address import patch_port
+from tci.drivers.yarp.address import board_ports, patch_port
 from tci.drivers.yarp.board_driver import BoardDriver
 from tci.errors import MissingExtraError, TciError
-from tci.robot.description import Robot
+from tci.robot.description import Robot, wire_name
 from yarpwire.bindings.module import importable
 from yarpwire.board import find_board
 from yarpwire.dialect import Dialect
@@ -43,11 +43,11 @@ def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
     host, port = network.address
     found = [_library(network)]
     found += [Finding(Level.OK, "name server", f"{host}:{port} has {len(there)} ports")]
-    prefix = options.robot or robot.name
+    prefix = options.robot or wire_name(robot.name)
     dialect = options.dialect or network.dialect
-    for part in dict.fromkeys(servo.robot_part for servo in robot.servos):
+    for part, where in board_ports(robot, prefix).items():
         try:
-            board = find_board(network, f"/{prefix}/{part}", f"/tci/{os.getpid()}/probe/{part}", dialect)
+            board = find_board(network, where, f"/tci/{os.getpid()}/probe/{wire_name(part)}", dialect)
             axes = board.axes()
             board.close()
             found.append(

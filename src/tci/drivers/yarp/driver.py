@@ -20,7 +20,7 @@ from tci.drivers.info import DriverInfo
 from tci.drivers.remote.hosts import numeric
 from tci.drivers.remote.source_clock import SourceClock
 from tci.drivers.yarp import address as addresses
-from tci.drivers.yarp.address import patch_port
+from tci.drivers.yarp.address import board_ports, patch_port
 from tci.drivers.yarp.board_driver import AHEAD, BoardDriver
 from tci.drivers.yarp.diagnose import examine, probe
 from tci.drivers.yarp.driver_errors import raises_driver_errors
@@ -30,7 +30,7 @@ from tci.frames import read_only
 from tci.gate.gate import SafeCommand
 from tci.messages import JointReading, Mode, Reading, SkinFrame
 from tci.reasons import Code, Reason
-from tci.robot.description import Patch, Robot
+from tci.robot.description import Patch, Robot, wire_name
 from yarpwire.dialect import Dialect
 from yarpwire.errors import UnknownNameError, WireError, YarpError
 from yarpwire.feed import Feed
@@ -81,7 +81,7 @@ class YarpDriver(Driver):
         clock = MonotonicClock()
         super().__init__(DriverInfo.of(robot, "yarp", clock=clock, armed=arm))
         self.network: Network = options.network()
-        self.prefix = options.robot or robot.name
+        self.prefix = options.robot or wire_name(robot.name)
         host, port = self.network.address
         self.info = replace(self.info, lease_name=f"yarp:{numeric(host)}:{port}/{self.prefix}")
         own = f"/tci/{os.getpid()}/{next(_numbers)}"
@@ -238,11 +238,10 @@ class YarpDriver(Driver):
                 connection.close()
 
     def _open_boards(self, dialect: Dialect | None) -> None:
-        for part in dict.fromkeys(servo.robot_part for servo in self.robot.servos):
-            where = self.robot.binding("yarp").address(part, part)
+        for part, where in board_ports(self.robot, self.prefix).items():
             self.boards[part] = BoardDriver(
-                f"/{self.prefix}/{where}", self.robot.servos_of(part), self.network,
-                own=f"{self._own}/{part}", carrier=self._carrier, dialect=dialect,
+                where, self.robot.servos_of(part), self.network,
+                own=f"{self._own}/{wire_name(part)}", carrier=self._carrier, dialect=dialect,
             )  # fmt: skip
             dialect = self.boards[part].board.dialect
 
@@ -264,7 +263,7 @@ class YarpDriver(Driver):
             self.network,
             self.dialect,
             decode,
-            own=f"{self._own}/skin/{patch.name}:i",
+            own=f"{self._own}/skin/{wire_name(patch.name)}:i",
             carrier=self._carrier,
             clock=SourceClock(),
         )

@@ -18,7 +18,7 @@ import numpy as np
 from tci.drivers.driver import Driver
 from tci.drivers.server import Server
 from tci.drivers.yarp import address as addresses
-from tci.drivers.yarp.address import YarpAddress, patch_port
+from tci.drivers.yarp.address import YarpAddress, board_ports, patch_port
 from tci.drivers.yarp.driver_errors import raises_driver_errors
 from tci.drivers.yarp.served_board import ServedBoard
 from tci.drivers.yarp.skin_events import encode_events
@@ -27,6 +27,7 @@ from tci.frames import Array
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Order, Perception, Reading, SkinFrame
 from tci.reasons import Code, Reason
+from tci.robot.description import wire_name
 from yarpwire.calls_v3 import answer_v3
 from yarpwire.calls_v4 import answer_v4
 from yarpwire.dialect import V3, V4, Dialect
@@ -64,12 +65,12 @@ class YarpServer(Server):
         """
         super().__init__(driver, address)
         options = addresses.parse(address)
-        self.prefix = options.robot or driver.robot.name
+        self.prefix = options.robot or wire_name(driver.robot.name)
         self._bindings = options.bindings
         self._own, self.network = self._name_server(options)
         self.dialect: Dialect = options.dialect or self.network.dialect or V3
-        parts = dict.fromkeys(servo.robot_part for servo in driver.robot.servos)
-        self.boards = {part: ServedBoard(part, driver.robot.servos_of(part)) for part in parts}
+        self._where = board_ports(driver.robot, self.prefix)
+        self.boards = {part: ServedBoard(part, driver.robot.servos_of(part)) for part in self._where}
         joints = driver.read().joints
         for board in self.boards.values():
             board.update(joints, driver.gate.modes)
@@ -138,11 +139,12 @@ class YarpServer(Server):
         self._due = max(self._due + PERIOD, now)
         for part, board in self.boards.items():
             board.update(reading.joints, self.driver.gate.modes)
-            if f"/{self.prefix}/{part}/state:o" not in self._ports:
+            where = self._where[part]
+            if f"{where}/state:o" not in self._ports:
                 continue  # closed by `close_board`
             stamp = self._stamp(part, reading.joints.stamp + offset)
-            self._write(f"/{self.prefix}/{part}/state:o", board.state.position, stamp)
-            extended = f"/{self.prefix}/{part}/stateExt:o"
+            self._write(f"{where}/state:o", board.state.position, stamp)
+            extended = f"{where}/stateExt:o"
             if self._ports[extended].outputs:
                 self._write(extended, encode_state(board.state, self.dialect), stamp)
         if self._events.outputs:
@@ -198,14 +200,14 @@ class YarpServer(Server):
 
         board.armed = self.driver.armed
         for name, receive in ((calls, call), ("command:i", command), ("state:o", None), ("stateExt:o", None)):
-            self._open(f"/{self.prefix}/{part}/{name}", receive)
+            self._open(f"{self._where[part]}/{name}", receive)
 
     @raises_driver_errors
     def close_board(self, part: str) -> None:
         """Closes the ports of one control board until `open_board`, like a board that restarts. Rehearsals of
         faults use it."""
         for name in list(self._ports):
-            if name.startswith(f"/{self.prefix}/{part}/"):
+            if name.startswith(f"{self._where[part]}/"):
                 self._ports.pop(name).close()
 
     def _open(self, name: str, receive: Callable[[Delivery], Answer] | None = None) -> NamedPort:

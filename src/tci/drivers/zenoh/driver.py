@@ -27,7 +27,7 @@ from tci.drivers.zenoh.session import close_session, open_session, parse_address
 from tci.errors import DriverError, FrameError, TciError
 from tci.exports.facts import query, read_facts
 from tci.messages import SkinFrame
-from tci.robot.description import Robot
+from tci.robot.description import Robot, wire_name
 
 PER_POLL = 16
 """Messages read per call; the latest are kept. Assumed: bounds the time that a flood of messages costs."""
@@ -123,7 +123,7 @@ class ZenohServer(RemoteServer):
         )
         self._states = self.session.declare_publisher(f"{self._key}/state", **QOS)
         self._frames = {
-            patch.name: self.session.declare_publisher(f"{self._key}/skin/{patch.name}", **QOS)
+            patch.name: self.session.declare_publisher(f"{self._key}/skin/{wire_name(patch.name)}", **QOS)
             for patch in driver.robot.patches
         }
         key = f"{self._key}/facts"  # a query may be for tci/*/facts

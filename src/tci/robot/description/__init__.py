@@ -5,7 +5,7 @@ joint of a generic part (GS), `scale` is gamma and `offset` sigma.
 """
 
 from tci.robot.description.base import Description, Vector
-from tci.robot.description.binding import Address, Binding
+from tci.robot.description.binding import Address, Binding, wire_name
 from tci.robot.description.part import GenericPart, GenericServo, Kind, Segment, Term
 from tci.robot.description.patch import SOLE, Patch, Table, TriangularModules, TruncatedCone
 from tci.robot.description.robot import Model, Robot
@@ -33,4 +33,5 @@ __all__ = [
     "TriangularModules",
     "TruncatedCone",
     "Vector",
+    "wire_name",
 ]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
+
 from tci.robot.description.base import Description
 
 
@@ -30,3 +33,29 @@ class Binding(Description):
         """Returns the address of the patch, robot part or servo named `of`, or `usual` if the file gives
         none."""
         return next((address.to for address in self.addresses if address.of == of), usual)
+
+
+USUAL: Mapping[str, Binding] = {
+    name: Binding(middleware=name, rate=rate, stale_after=stale_after)
+    for name, rate, stale_after in (
+        ("sim", 500.0, 0.05),
+        ("zenoh", 200.0, 0.08),
+        ("lcm", 200.0, 0.08),
+        ("yarp", 200.0, 0.08),
+        ("ros2", 100.0, 0.08),
+        ("ros1", 100.0, 0.08),
+        ("rosbridge", 25.0, 0.08),
+        ("player", 100.0, 0.08),
+    )
+}
+"""Bindings of robots whose description has none, for each middleware that can carry any robot. Assumed: rates
+that the middleware keeps up with, and silences of a few of its messages (docs/tables/middleware.md)."""
+
+
+def wire_name(name: str, *, dash: bool = True) -> str:
+    """Returns a name of a description as a part of an address: letters, digits, `_` and, if allowed, `-`.
+
+    Every other character becomes `_`. A name that would begin with a digit gets a `_` before it.
+    """
+    found = re.sub(r"[^A-Za-z0-9_-]" if dash else r"[^A-Za-z0-9_]", "_", name)
+    return f"_{found}" if found[0].isdigit() else found

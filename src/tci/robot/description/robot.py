@@ -10,7 +10,7 @@ import numpy as np
 from tci.errors import UnknownNameError
 from tci.frames import Array, read_only, rotation_rpy, transform
 from tci.robot.description.base import Description, Vector
-from tci.robot.description.binding import Binding
+from tci.robot.description.binding import USUAL, Binding
 from tci.robot.description.part import GenericPart, Segment
 from tci.robot.description.patch import Patch
 from tci.robot.description.servo import Coupling, Servo
@@ -54,6 +54,7 @@ class Robot(Description):
     parts: tuple[GenericPart, ...]
     patches: tuple[Patch, ...] = ()
     bindings: tuple[Binding, ...] = ()
+    """Bindings of the file; `binding` returns those of every other middleware too."""
 
     def __hash__(self) -> int:
         return hash((self.name, self.digest))
@@ -67,6 +68,17 @@ class Robot(Description):
             row[list(coupling.servos)] = coupling.coefficients
         lower, upper = [c.lower for c in self.couplings], [c.upper for c in self.couplings]
         return read_only(rows), read_only(lower), read_only(upper)
+
+    @cached_property
+    def all_bindings(self) -> tuple[Binding, ...]:
+        """Bindings to every middleware that can carry this robot: the file's own, then the usual ones."""
+        own = {binding.middleware for binding in self.bindings}
+        return *self.bindings, *(usual for name, usual in USUAL.items() if name not in own)
+
+    def with_stale_after(self, seconds: float) -> Robot:
+        """Returns this robot with another staleness limit [s] in each of its bindings."""
+        patient = [one.model_copy(update={"stale_after": seconds}) for one in self.all_bindings]
+        return self.model_copy(update={"bindings": tuple(patient)})
 
     def part(self, name: str) -> GenericPart:
         """Returns the generic part of that name. Raises UnknownNameError."""
@@ -90,11 +102,15 @@ class Robot(Description):
         return part.segment(patch.segment)
 
     def binding(self, middleware: str) -> Binding:
-        """Returns the binding to that middleware. Raises UnknownNameError."""
-        for binding in self.bindings:
+        """Returns the binding to that middleware: the file's own, else the usual one.
+
+        Raises UnknownNameError for a middleware that carries only robots with a binding of their own.
+        """
+        for binding in self.all_bindings:
             if binding.middleware == middleware:
                 return binding
-        raise UnknownNameError(f"binding of {self.name}", middleware, [b.middleware for b in self.bindings])
+        valid = [binding.middleware for binding in self.all_bindings]
+        raise UnknownNameError(f"binding of {self.name}", middleware, valid)
 
     def servos_of(self, robot_part: str) -> tuple[Servo, ...]:
         """Returns the servos of one of the robot's own parts, by id. Raises UnknownNameError."""

@@ -265,7 +265,8 @@ MODEL = Element(
 )  # fmt: skip
 
 BINDING = Element(
-    "Commands per second, and the age beyond which joint data means hold.",
+    "Commands per second, and the age beyond which joint data means hold. Without a binding these are the "
+    "usual ones of the middleware, for each that can carry any robot.",
     needs={
         "middleware": NAME, "rate": RATE, "stale_after": Number(most=10.0, positive=True, unit="s"),
     },

@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -101,8 +101,8 @@ def listening() -> set[int]:
 
 
 @contextmanager
-def on_loopback() -> Iterator[None]:
-    """Makes UDP sockets that are opened inside the block receive data from this machine only.
+def on_interface(name: str) -> Iterator[None]:
+    """Makes UDP sockets that are opened inside the block receive data from one network interface only.
 
     DDS listens on every network interface, even if it is configured to use one, and would also read data that
     arrives on the others.
@@ -111,7 +111,12 @@ def on_loopback() -> Iterator[None]:
     yield
     for found in own_sockets(socket.SOCK_DGRAM):
         if found.name not in before:
-            found.bind_to(b"lo\0")
+            found.bind_to(name.encode() + b"\0")
+
+
+def on_loopback() -> AbstractContextManager[None]:
+    """Makes UDP sockets that are opened inside the block receive data from this machine only."""
+    return on_interface("lo")
 
 
 class Watch:

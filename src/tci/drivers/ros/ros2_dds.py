@@ -17,7 +17,7 @@ from xml.sax.saxutils import quoteattr
 
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
 from cyclonedds.core import DDSException
-from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import IdlStruct, make_idl_struct, types
 from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos
@@ -26,13 +26,12 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from tci.drivers.dds_domain import MOST_PARTICIPANTS, close_domain, open_domain
 from tci.drivers.remote.hosts import numeric
 from tci.drivers.ros.node import LIFESPAN, Callback, Publish, RosNode
 from tci.errors import DriverError
 from tci.rosmsg.cdr import HEADER, MessageType, decode, encode, item_of
 
-MOST_PARTICIPANTS = 32
-"""Processes of one domain on this machine that can find each other without multicast, as in ROS."""
 RELIABLE = Policy.Reliability.Reliable(duration(milliseconds=0))
 """Repeats lost messages, but never waits for a slow reader."""
 FRESH = Policy.Lifespan(duration(seconds=LIFESPAN))
@@ -62,8 +61,6 @@ SIMPLE = {
 }  # fmt: skip
 _TIME = ("builtin_interfaces/Time", (("int32", "sec"), ("uint32", "nanosec")))
 _HEADER = ("std_msgs/Header", (("builtin_interfaces/Time", "stamp"), HEADER[2]))
-_domains: dict[int, tuple[Domain, int]] = {}
-"""Domains of this process and their number of nodes: Cyclone takes one configuration per domain."""
 
 
 class DdsNode(RosNode):
@@ -130,7 +127,7 @@ class DdsNode(RosNode):
         for publisher in (*self._publishers, self._graph):
             publisher.writer = None
         del self._publications
-        _close_domain(self._id)
+        close_domain(self._id)
 
     def _writer(self, name: str, kind: MessageType, *, latched: bool) -> DataWriter[Any]:
         policies = [
@@ -237,21 +234,8 @@ def _domain_id() -> int:
 
 
 def _open_domain(number: int, reach: str) -> None:
-    if number in _domains:
-        domain, users = _domains[number]
-        _domains[number] = domain, users + 1
-        return
     own = os.environ.get("CYCLONEDDS_URI")
-    try:
-        _domains[number] = Domain(number, f"{own},{_settings(reach)}" if own else _settings(reach)), 1
-    except DDSException as error:
-        raise DriverError(f"ROS 2 domain {number} can't be opened: {error}") from error
-
-
-def _close_domain(number: int) -> None:
-    domain, users = _domains.pop(number)
-    if users > 1:
-        _domains[number] = domain, users - 1
+    open_domain(number, f"{own},{_settings(reach)}" if own else _settings(reach), "ROS 2")
 
 
 def _static_peers() -> list[str]:

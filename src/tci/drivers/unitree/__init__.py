@@ -1,0 +1,1 @@
+"""Unitree's robots over their own DDS topics."""

@@ -1,0 +1,249 @@
+"""`unitree:INTERFACE[/DOMAIN]`: a Unitree G1 over its own DDS topics.
+
+| topic | content | from |
+|---|---|---|
+| `rt/lowstate` | angles, speeds and torques of all motors, pelvis, remote; 500 Hz | robot |
+| `rt/arm_sdk` | targets and gains of waist and arms, and their weight | driver |
+| `rt/lowcmd` | targets and gains of all motors, with `?control=all` | driver |
+
+DDS has no passwords here: the interface must be named, and one that others may reach is refused. Commands
+are sent by a process of their own, which hands the motors back even if this one is killed (`keeper`).
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.clock import MonotonicClock
+from tci.drivers.diagnosis import Finding, Level
+from tci.drivers.driver import Driver
+from tci.drivers.info import DriverInfo
+from tci.drivers.remote.source_clock import SourceClock
+from tci.drivers.unitree import messages
+from tci.drivers.unitree.address import parse_unitree
+from tci.drivers.unitree.handover import DQ, KP, ROWS, TAU, Phase, Q
+from tci.drivers.unitree.health import Health
+from tci.drivers.unitree.held_motors import HeldMotors, Status
+from tci.drivers.unitree.motors import MOTORS, NAMES, UPPER, VARIANTS, absent, commanded, gains
+from tci.drivers.unitree.node import UnitreeNode, latest
+from tci.drivers.unitree.switcher import Switcher
+from tci.drivers.unitree.wire import decode_state
+from tci.errors import DriverError, FrameError
+from tci.frames import read_only
+from tci.gate.safe_command import SafeCommand
+from tci.messages import JointReading, Mode, Reading
+from tci.reasons import Code, Reason
+from tci.robot.description import Robot
+
+WAIT = 5.0
+"""Time [s] that a driver waits for the first state when it opens. Assumed: discovery takes a second."""
+
+
+class UnitreeDriver(Driver):
+    """Driver of a G1. It is armed only on request, and takes waist and arms slowly."""
+
+    def __init__(
+        self, robot: Robot, address: str = "", *, arm: bool = False, skin: bool = True, wait: float = WAIT
+    ) -> None:
+        """Connects to the robot at the cable of an interface, such as `eth0`.
+
+        An armed driver takes over the motors in the posture in which they are, within a second; with
+        `?control=all` it first switches the robot's own controller off, which keeps its balance.
+
+        Raises DriverError for an interface that others may reach, when no state arrives within `wait` [s],
+        and when the robot is not ready: an error of a motor, another program that commands it, L2+B.
+        """
+        self.where = parse_unitree(address)
+        super().__init__(
+            DriverInfo.of(
+                robot, "unitree", clock=MonotonicClock(), armed=arm, lease_name=f"unitree:{self.where}"
+            )
+        )
+        self._slots = slots_of(robot)
+        self._health = Health(simulation=self.where.simulation)
+        self._source = SourceClock()
+        self._joints: JointReading | None = None
+        self._phase = Phase.WAITING
+        self._share = np.ones((2, MOTORS))
+        self._gains = gains(whole=self.where.whole)
+        self._held: HeldMotors | None = None
+        self._node = UnitreeNode(self.where.interface, self.where.domain)
+        try:
+            self._states = self._node.reader("rt/lowstate", messages.STATE)
+            self._wait(wait)
+            self._movable = self._movable_slots()
+            if arm:
+                self._arm()
+        except BaseException:
+            self._close()
+            raise
+
+    @classmethod
+    def probe(cls, robot: Robot, address: str) -> tuple[Finding, ...]:
+        try:
+            where = parse_unitree(address)
+        except DriverError as error:
+            return (Finding(Level.FAULT, "network", str(error), "see docs/unitree.md"),)
+        steps = [Finding(Level.OK, "network", f"{where.interface} is there and private")]
+        try:
+            cls(robot, address).close()
+        except DriverError as error:
+            advice = "switch the robot on, plug its cable in, and give this end an address of its network"
+            return (*steps, Finding(Level.FAULT, "states", str(error), advice))
+        return (*steps, Finding(Level.OK, "states", "rt/lowstate arrives with right checksums"))
+
+    def diagnose(self) -> tuple[Finding, ...]:
+        self._check_open()
+        health, found = self._health, []
+        variant = int(health.state["mode_machine"])
+        count = VARIANTS.get(variant, (MOTORS, ()))[0]
+        found.append(Finding(Level.OK, "variant", f"{count} motors (mode_machine {variant})"))
+        wrong = {"wrong": float(health.wrong)}
+        level = Level.WARNING if health.wrong else Level.OK
+        advice = "another program may send states that are none of the robot's" if health.wrong else ""
+        found.append(
+            Finding(level, "checksums", f"{health.wrong} states with a wrong one", advice, figures=wrong)
+        )
+        others = self._node.other_writers(self.where.topic) - (self._held is not None)
+        if others > 0:
+            words = f"{others} other programs write {self.where.topic}"
+            found.append(Finding(Level.FAULT, "commands", words, "end them: only one may command the robot"))
+        if health.lasting:
+            found.append(Finding(Level.FAULT, "robot", health.lasting, "the robot can't be armed like this"))
+        heat = health.state["motor"]["temperature"][:MOTORS]
+        hottest = int(np.argmax(heat.max(axis=1)))
+        words = f"the warmest is {NAMES[hottest]}: {heat[hottest].max()} C"
+        found.append(Finding(Level.OK, "motors", words))
+        return tuple(found)
+
+    def _receive(self) -> Reading:
+        self._hear()
+        if self._held is not None:
+            self._follow(self._held.poll())
+        assert self._joints is not None  # the constructor waits for them
+        return Reading(self._joints, ())
+
+    def _send(self, safe: SafeCommand) -> None:
+        assert self._held is not None  # armed drivers hold motors
+        slots = self._slots[safe.servos]
+        for servo, slot in zip(safe.servos.tolist(), slots.tolist(), strict=True):
+            if slot not in self._movable:
+                raise DriverError(f"{self.robot.servos[servo].name} can't be moved: {self._why_not(slot)}")
+        if self._phase is Phase.WAITING and not self._held.status.lasting:
+            self._held.take()
+            return
+        for row, shares in enumerate((safe.stiffness, safe.damping)):
+            for servo, share in shares.items():
+                self._share[row, self._slots[servo]] = share
+        chosen, targets = np.zeros(MOTORS, dtype=bool), np.zeros((ROWS, MOTORS))
+        chosen[slots] = True
+        targets[Q, slots], targets[DQ, slots], targets[TAU, slots] = (
+            safe.position, safe.velocity, safe.torque
+        )  # fmt: skip
+        targets[KP:, slots] = (self._gains * self._share)[:, slots]
+        loose = slots[[mode is Mode.TORQUE for mode in safe.modes]]
+        targets[KP:, loose] = 0.0
+        self._held.follow(chosen, targets)
+
+    def _halt(self) -> None:
+        assert self._held is not None  # armed drivers hold motors
+        self._hear()
+        targets = np.zeros((ROWS, MOTORS))
+        targets[Q], targets[KP:] = self._health.posture, self._gains
+        self._held.follow(np.ones(MOTORS, dtype=bool), targets)
+
+    def _close(self) -> None:
+        if self._held is not None:
+            self._held.close()
+        self._node.close()
+
+    def _hear(self) -> None:
+        """Reads the latest state."""
+        now = self.clock.now()
+        for sample in latest(self._states):
+            try:
+                state, right = decode_state(sample.raw)
+            except FrameError:
+                self._health.wrong += 1
+                continue
+            if not self._health.see(state, right, now):
+                continue
+            stamp = self._source.place(sample.sample_info.source_timestamp * 1e-9, now)
+            if stamp is not None:
+                self._joints = self._reading(state["motor"][self._slots], min(stamp, now))
+
+    def _reading(self, motors: Any, stamp: float) -> JointReading:
+        sequence = 0 if self._joints is None else self._joints.sequence + 1
+        position, velocity, torque = (read_only(motors[name], float) for name in ("q", "dq", "tau_est"))
+        return JointReading(stamp, sequence, position, velocity, torque)
+
+    def _wait(self, seconds: float) -> None:
+        """Waits for the first state. Raises DriverError."""
+        end = time.monotonic() + seconds
+        while self._joints is None:
+            self._hear()
+            if time.monotonic() > end:
+                why = self._health.passing(self.clock.now())
+                raise DriverError(f"{why} within {seconds:g} s on {self.where}, topic rt/lowstate")
+            time.sleep(0.002)
+
+    def _movable_slots(self) -> frozenset[int]:
+        gone = absent(int(self._health.state["mode_machine"]), simulation=self.where.simulation)
+        return frozenset(commanded(whole=self.where.whole).tolist()) - frozenset(gone)
+
+    def _why_not(self, slot: int) -> str:
+        if slot not in UPPER and not self.where.whole:
+            return "rt/arm_sdk moves waist and arms; valid: ?control=all behind the address"
+        count = VARIANTS[int(self._health.state["mode_machine"])][0]
+        return f"this robot has {count} motors, and not this one"
+
+    def _arm(self) -> None:
+        """Takes the motors. Raises DriverError with the reason if the robot is not ready."""
+        if self._health.lasting:
+            raise DriverError(f"the robot can't be armed: {self._health.lasting}")
+        if self.where.whole:
+            Switcher(self._node).release()
+        self._held = HeldMotors(self.where, self.period)
+        self._held.take()
+        self._held.wait()
+        self._phase = Phase.LEADING
+        self._joints = None
+        self._wait(WAIT)
+
+    def _follow(self, status: Status) -> None:
+        """Makes the gate follow the handover of the motors."""
+        before, self._phase = self._phase, status.phase
+        if status.lasting:
+            self.gate.stop(Reason(Code.ROBOT_REFUSES, f"the motors are handed back: {status.reason}"))
+        elif status.phase is Phase.LEADING:
+            if before is not Phase.LEADING:
+                self.gate.drop()  # the robot's posture may have changed
+        elif not self._health.passing(self.clock.now()):
+            why = f": {status.reason}" if status.reason else ""
+            words = f"the robot's own controller has the motors, weight {status.weight:.1f}{why}"
+            self.gate.hold(Reason(Code.ROBOT_REFUSES, words))
+
+
+def slots_of(robot: Robot) -> NDArray[np.intp]:
+    """Returns the slot (n_servos,) of each servo's motor, by its name or by the address in the binding.
+
+    Raises DriverError for a servo without a motor, and for a motor with two servos.
+    """
+    binding = robot.binding("unitree")
+    slots: dict[int, str] = {}
+    for servo in robot.servos:
+        usual = str(NAMES.index(servo.name)) if servo.name in NAMES else ""
+        to = binding.address(servo.name, usual)
+        if not (to.isascii() and to.isdigit() and int(to) < MOTORS):
+            raise DriverError(
+                f"{servo.name} has the motor {to!r}; valid: 0 to {MOTORS - 1}, as the `to` of an address in "
+                "the binding to unitree"
+            )
+        if int(to) in slots:
+            raise DriverError(f"{servo.name} and {slots[int(to)]} have the motor {to}; valid: one each")
+        slots[int(to)] = servo.name
+    return np.array([*slots], dtype=np.intp)

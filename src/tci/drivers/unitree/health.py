@@ -1,0 +1,105 @@
+"""Conditions under which a robot may be commanded, judged by its own states."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tci.drivers.unitree.motors import MOTORS, NAMES, absent
+from tci.errors import DriverError
+from tci.frames import Array
+
+STALE = 0.1
+"""Age [s] of the last good state from which no new target is sent. The vendor's own limit is 1 s; assumed
+shorter: at 500 Hz fifty states are then missing."""
+TILT = 1.0
+"""Largest tilt [rad] of the pelvis (the vendor's)."""
+SPEED = 10.0
+"""Largest speed [rad/s] of a joint (the vendor's)."""
+TURN = 6.0
+"""Largest speed [rad/s] of the pelvis about an axis (the vendor's)."""
+CASING, WINDING = 85, 120
+"""Largest temperatures [C] of a motor (the vendor's)."""
+L2, B = 1 << 5, 1 << 9
+"""Bits of the remote's buttons, bytes 2 and 3 of its data."""
+
+
+class Health:
+    """Judges the states of one robot. A fault of its own remains until a person connects again."""
+
+    def __init__(self, *, simulation: bool = False) -> None:
+        """Accepts states without checksum if they come from the vendor's `simulation`."""
+        self._simulation = simulation
+        self.state: Any = None
+        """Latest good state; None before the first."""
+        self.wrong = 0
+        """Number of states with a wrong checksum."""
+        self.lasting = ""
+        """Reason of a lasting fault; empty without one."""
+        self._heard = -np.inf
+        self._there = np.arange(MOTORS)
+
+    def see(self, state: Any, right: bool, now: float) -> bool:
+        """Takes a state that arrived at `now` [s], and if its checksum is right; returns True if it can be
+        used."""
+        if not right and not (self._simulation and state["crc"] == 0):
+            self.wrong += 1
+            return False
+        before, self.state, self._heard = self.state, state, now
+        if before is None or before["mode_machine"] != state["mode_machine"]:
+            if before is not None:
+                changed = f"from {before['mode_machine']} to {state['mode_machine']}"
+                self.lasting = self.lasting or f"mode_machine has changed {changed}"
+            try:
+                gone = absent(int(state["mode_machine"]), simulation=self._simulation)
+                self._there = np.setdiff1d(np.arange(MOTORS), gone)
+            except DriverError as error:
+                self.lasting = self.lasting or str(error)
+        self.lasting = self.lasting or self._fault(state)
+        return True
+
+    @property
+    def posture(self) -> Array:
+        """Angles (29,) [rad] of all motors in the latest state; 0 for motors that this robot lacks."""
+        return np.asarray(self.state["motor"]["q"][:MOTORS], dtype=float)
+
+    def age(self, now: float) -> float:
+        """Returns the age [s] of the latest good state at `now` [s]."""
+        return now - self._heard
+
+    def passing(self, now: float) -> str:
+        """Returns the reason why no command may be sent at `now` [s], which may end by itself; or nothing."""
+        if self.state is None:
+            wrong = f" ({self.wrong} with a wrong checksum)" if self.wrong else ""
+            return f"no usable state from the robot{wrong}"
+        age = self.age(now)
+        return f"the robot's last state is {age * 1e3:.0f} ms old" if age > STALE else ""
+
+    def _fault(self, state: Any) -> str:
+        keys = int(state["remote"][2]) | int(state["remote"][3]) << 8
+        if keys & L2 and keys & B:
+            return "L2+B on the remote"
+        motors = state["motor"][self._there]
+        if np.any(bad := motors["motorstate"] != 0):
+            return self._name(bad, "reports the error", motors["motorstate"])
+        if not np.all(good := np.isfinite(motors["q"]) & np.isfinite(motors["dq"])):
+            return self._name(~good, "reports the angle", motors["q"])
+        if np.any(bad := np.abs(motors["dq"]) > SPEED):
+            return self._name(bad, f"is faster than {SPEED:g} rad/s:", motors["dq"])
+        for place, (what, most) in enumerate((("casing", CASING), ("winding", WINDING))):
+            heat = motors["temperature"][:, place]
+            if np.any(bad := heat > most):
+                return self._name(bad, f"has a {what} above {most} C:", heat)
+        _, x, y, _ = state["quaternion"].tolist()
+        if not (tilt := np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0))) <= TILT:
+            return f"the pelvis is tilted by {tilt:.2f} rad; valid: at most {TILT:g}"
+        if not np.all(np.abs(state["gyroscope"]) <= TURN):
+            return (
+                f"the pelvis turns at {np.abs(state['gyroscope']).max():.1f} rad/s; valid: at most {TURN:g}"
+            )
+        return ""
+
+    def _name(self, bad: Any, what: str, values: Any) -> str:
+        first = int(np.argmax(bad))
+        return f"{NAMES[self._there[first]]} {what} {values[first]:g}"

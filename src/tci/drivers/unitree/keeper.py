@@ -1,0 +1,240 @@
+"""Process that holds a robot's motors for a behaviour, and hands them back when that ends, however it ends.
+
+It is started by the driver, sends the set-points that the driver gives it, and judges the robot's states on
+its own. The behaviour's process may be killed at any instant: its end of the socket then closes, and the
+motors are handed back slowly (`handover`).
+"""
+
+from __future__ import annotations
+
+import json
+import select
+import signal
+import socket
+import struct
+import sys
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from types import FrameType
+from typing import Any
+
+import numpy as np
+
+from tci.drivers.unitree import messages
+from tci.drivers.unitree.handover import DQ, KD, KP, ROWS, TAU, Handover, Phase, Q
+from tci.drivers.unitree.health import STALE, Health
+from tci.drivers.unitree.motors import MOTORS, absent, commanded, gains
+from tci.drivers.unitree.node import UnitreeNode, latest
+from tci.drivers.unitree.wire import COMMAND, WEIGHT, decode_state, encode_command
+from tci.errors import DriverError, FrameError, TciError
+
+TAKE, GIVE, FOLLOW = b"T", b"G", b"F"
+"""First byte of the driver's messages."""
+FOLLOWS = struct.Struct(f"<c{MOTORS}?{ROWS * MOTORS}d")
+STATUS = struct.Struct("<B?d")
+"""Phase, whether a fault lasts, and weight; then the reason as text."""
+DISCOVERY = 0.5
+"""Time [s] after the first state in which other writers are looked for. Assumed: participants answer a new
+one at once."""
+SILENT = 1.0
+"""Time [s] without targets after which a driver that has sent some counts as hung. Assumed: far longer than
+a loop's holds."""
+LOOK = 0.1
+"""Time [s] between two looks for other writers. Assumed: a person who starts another program is slower."""
+LAST = 5
+"""Number of times that the last command, of weight zero, is sent. Assumed: four may be lost."""
+
+
+@dataclass(frozen=True, slots=True)
+class Orders:
+    """Settings of the process, from its command line."""
+
+    interface: str
+    domain: int
+    topic: str
+    whole: bool
+    simulation: bool
+    period: float
+    socket: int
+
+
+class Keeper:
+    """The robot's motors, between the driver's socket and the robot."""
+
+    def __init__(self, orders: Orders, node: UnitreeNode, driver: socket.socket) -> None:
+        self._topic, self._whole = orders.topic, orders.whole
+        self._node, self._driver = node, driver
+        self._states = node.reader("rt/lowstate", messages.STATE)
+        self._write = node.out(orders.topic, messages.COMMAND)
+        self.health = Health(simulation=orders.simulation)
+        self.handover = Handover(gains(whole=orders.whole), whole=orders.whole)
+        self._command: Any = np.zeros((), COMMAND)
+        self._commanded = commanded(whole=orders.whole)
+        self.leaving = False
+        """True once the process is to end."""
+        self._wanted = False
+        self._followed: float | None = None
+        self._first: float | None = None
+        self._looked = -np.inf
+        self._reason = ""
+        self._told = b""
+
+    def step(self, now: float) -> bool:
+        """Does the work of one period at `now` [s]; returns False at the end."""
+        self._hear(now)
+        self._read(now)
+        self._judge(now)
+        before = self.handover.phase
+        if before is Phase.WAITING:
+            if self.leaving:
+                return False
+            self._take(now)
+        else:
+            self._send(targets := self.handover.step(now))
+            if self.handover.phase is Phase.WAITING:  # handed back
+                for _ in range(LAST):
+                    self._send(targets)
+        self._report()
+        return True
+
+    def _hear(self, now: float) -> None:
+        """Reads the robot's states."""
+        for sample in latest(self._states):
+            try:
+                state, right = decode_state(sample.raw)
+            except FrameError:
+                self.health.wrong += 1
+                continue
+            away = self.health.state is not None and self.health.age(now) > STALE
+            if not self.health.see(state, right, now):
+                continue
+            self._first = now if self._first is None else self._first
+            if away and self.handover.phase is not Phase.WAITING:
+                # The robot may have moved unseen: the old targets would be a step.
+                self.handover.give(self.health.posture)
+
+    def _read(self, now: float) -> None:
+        """Reads the driver's messages; only its latest targets count."""
+        targets = b""
+        while True:
+            try:
+                message = self._driver.recv(FOLLOWS.size)
+            except BlockingIOError:
+                break
+            except OSError:
+                message = b""
+            if not message:
+                self._leave("the behaviour's process has ended")
+                break
+            if message == GIVE:
+                self._leave("")
+            elif message == TAKE:
+                self._wanted, self._followed = True, None
+            elif len(message) == FOLLOWS.size:
+                targets = message
+        if targets and self.health.state is not None:
+            values = FOLLOWS.unpack(targets)
+            chosen = np.array(values[1 : 1 + MOTORS])
+            goal = np.array(values[1 + MOTORS :]).reshape(ROWS, MOTORS)
+            if np.isfinite(goal).all():
+                self._followed = now
+                self.handover.follow(chosen, goal, self.health.posture, now)
+
+    def _leave(self, why: str) -> None:
+        self.leaving, self._reason = True, why
+
+    def _judge(self, now: float) -> None:
+        """Hands the motors back for a reason."""
+        if now - self._looked > LOOK:
+            self._looked = now
+            if self._node.other_writers(self._topic):
+                words = f"another program writes {self._topic}; valid: only one"
+                self.health.lasting = self.health.lasting or words
+        silent = self._followed is not None and now - self._followed > SILENT
+        why = self.health.lasting or self.health.passing(now)
+        if not why and silent and self.handover.phase is Phase.LEADING:
+            why = f"the behaviour has sent nothing for {now - (self._followed or now):.1f} s"
+        if why:
+            self._reason = why
+        if (why or self.leaving) and self.handover.phase is not Phase.WAITING:
+            self._wanted = False
+            self.handover.give()
+        elif not why and self.handover.phase is Phase.LEADING:
+            self._reason = ""
+
+    def _take(self, now: float) -> None:
+        """Takes the motors if the driver wants that and nothing is against it."""
+        if not self._wanted or self.health.lasting or self.health.passing(now):
+            return
+        if self._first is None or now - self._first < DISCOVERY:
+            return
+        gone = absent(int(self.health.state["mode_machine"]), simulation=True)
+        self._commanded = np.setdiff1d(self._commanded, gone)
+        self._command["mode_pr"] = self.health.state["mode_pr"]
+        self._command["mode_machine"] = self.health.state["mode_machine"]
+        self.handover.take(self.health.posture, now)
+
+    def _send(self, targets: Any) -> None:
+        """Sends targets (5, 29) to the motors that are commanded; the others stay disabled."""
+        motor, these = self._command["motor"], self._commanded
+        motor["mode"][these] = 1
+        for name, row in (("q", Q), ("dq", DQ), ("tau", TAU), ("kp", KP), ("kd", KD)):
+            motor[name][these] = targets[row, these]
+        if not self._whole:
+            motor["q"][WEIGHT] = self.handover.weight
+        with suppress(DriverError):  # the next one may pass
+            self._write(encode_command(self._command))
+
+    def _report(self) -> None:
+        """Tells the driver what has changed."""
+        handover = self.handover
+        status = STATUS.pack(handover.phase, bool(self.health.lasting), handover.weight)
+        status += self._reason.encode()[:400]
+        if status != self._told:
+            try:
+                self._driver.send(status)
+                self._told = status
+            except BlockingIOError:
+                pass  # a driver that does not read gets it later
+            except OSError:
+                self.leaving = True
+
+
+def keep(keeper: Keeper, driver: socket.socket, period: float) -> None:
+    """Works once per `period` [s], and at once when targets arrive, until the motors are handed back."""
+    poll = select.poll()
+    poll.register(driver, select.POLLIN)
+    due = time.monotonic()
+    while keeper.step(time.monotonic()):
+        due = max(due + period, time.monotonic())
+        if keeper.leaving:  # the socket may be closed, and would be ready for ever
+            time.sleep(max(0.0, due - time.monotonic()))
+        else:
+            poll.poll(max(0.0, due - time.monotonic()) * 1e3)
+
+
+def main() -> None:
+    """Runs the process; its argument are `Orders` as JSON."""
+    orders = Orders(**json.loads(sys.argv[1]))
+    driver = socket.socket(fileno=orders.socket)
+    driver.setblocking(False)
+    try:
+        node = UnitreeNode(orders.interface, orders.domain)
+        keeper = Keeper(orders, node, driver)
+    except TciError as error:
+        driver.send(STATUS.pack(Phase.WAITING, True, 0.0) + str(error).encode())
+        return
+
+    def leave(number: int, frame: FrameType | None) -> None:
+        keeper.leaving = True
+
+    signal.signal(signal.SIGTERM, leave)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    keep(keeper, driver, orders.period)
+    node.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,56 @@
+"""Motors of a G1: slots in its messages, gains, and those that its variants lack."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.errors import DriverError
+from tci.frames import Array
+
+_LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
+_ARM = (
+    "shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow", "wrist_roll", "wrist_pitch", "wrist_yaw"
+)  # fmt: skip
+NAMES = (
+    *(f"{side}_{joint}_joint" for side in ("left", "right") for joint in _LEG),
+    *(f"waist_{axis}_joint" for axis in ("yaw", "roll", "pitch")),
+    *(f"{side}_{joint}_joint" for side in ("left", "right") for joint in _ARM),
+)
+"""Usual name of the joint of each motor, by its slot."""
+MOTORS = len(NAMES)
+UPPER = range(12, MOTORS)
+"""Slots of waist and arms, which rt/arm_sdk moves."""
+VARIANTS: dict[int, tuple[int, tuple[int, ...]]] = {
+    4: (23, (13, 14, 20, 21, 27, 28)),
+    5: (29, ()),
+    6: (27, (13, 14)),
+}
+"""Number of motors, and slots without one, by `mode_machine`."""
+ALL_GAINS = np.array([
+    [60, 60, 60, 100, 40, 40] * 2 + [60, 40, 40] + [40] * 14,
+    [1, 1, 1, 2, 1, 1] * 2 + [1] * 17,
+], dtype=float)  # fmt: skip
+"""Gains (2, 29) [N m/rad], [N m s/rad] of full stiffness and damping over rt/lowcmd: the vendor's example."""
+ARM_GAINS = np.repeat(np.array([[60.0], [1.5]]), MOTORS, axis=1)
+"""Gains (2, 29) of full stiffness and damping over rt/arm_sdk: the vendor's example."""
+
+
+def gains(*, whole: bool) -> Array:
+    """Returns the gains (2, 29) of full stiffness and damping."""
+    return ALL_GAINS if whole else ARM_GAINS
+
+
+def commanded(*, whole: bool) -> NDArray[np.intp]:
+    """Returns the slots that receive commands: all motors, or those of waist and arms."""
+    return np.arange(0 if whole else UPPER.start, MOTORS)
+
+
+def absent(mode_machine: int, *, simulation: bool = False) -> tuple[int, ...]:
+    """Returns the slots without a motor. Raises DriverError for a robot that is no G1 known here."""
+    if simulation and mode_machine == 0:
+        return ()
+    if mode_machine not in VARIANTS:
+        valid = ", ".join(f"{mode} ({count} motors)" for mode, (count, _) in VARIANTS.items())
+        raise DriverError(f"the robot reports mode_machine {mode_machine}; valid: {valid}")
+    return VARIANTS[mode_machine][1]

@@ -1,0 +1,116 @@
+"""One participant in a Unitree robot's DDS domain.
+
+No Python thread receives: Cyclone keeps the newest messages until they are read.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
+from cyclonedds.core import DDSException
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+from tci.drivers.dds_domain import MOST_PARTICIPANTS, close_domain, open_domain
+from tci.drivers.own_sockets import on_interface
+from tci.drivers.unitree.network import is_loopback
+from tci.errors import DriverError
+
+RELIABLE = Policy.Reliability.Reliable(duration(milliseconds=0))
+"""Repeats lost messages, but never waits for a slow reader."""
+CALLS = 16
+"""Requests or responses that are kept until they are read. Assumed: a robot gets a few per second."""
+
+
+class Out:
+    """Sends messages of one topic as bytes."""
+
+    def __init__(self, writer: DataWriter[Any], kind: type[IdlStruct]) -> None:
+        self._writer = writer
+        self._sample: Any = kind.__new__(kind)
+
+    def __call__(self, data: bytes) -> None:
+        """Sends one message; a slow reader misses it. Raises DriverError."""
+        self._sample.raw = data
+        try:
+            self._writer.write(self._sample)
+        except DDSException as error:
+            if error.code != DDSException.DDS_RETCODE_TIMEOUT:
+                raise DriverError(f"a message can't be sent: {error}") from error
+
+
+class UnitreeNode:
+    """One participant; it talks with the network of one interface."""
+
+    def __init__(self, interface: str, domain: int) -> None:
+        """Joins a domain. Raises DriverError."""
+        self._domain = domain
+        with on_interface(interface):
+            open_domain(domain, _settings(interface), f"Unitree on {interface}")
+            self._participant: DomainParticipant | None = DomainParticipant(domain)
+        self._publications = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
+        self._writers: dict[Any, str] = {}
+
+    def out(self, topic: str, kind: type[IdlStruct]) -> Out:
+        """Returns a writer of bytes."""
+        return Out(self.writer(topic, kind), kind)
+
+    def writer(self, topic: str, kind: type[IdlStruct], keep: int = 1) -> DataWriter[Any]:
+        """Returns a writer of samples, of which the last `keep` are repeated if they are lost."""
+        qos = Qos(RELIABLE, Policy.History.KeepLast(keep))
+        return DataWriter(self._there(), Topic(self._there(), topic, kind), qos=qos)
+
+    def reader(self, topic: str, kind: type[IdlStruct], *, calls: bool = False) -> DataReader[Any]:
+        """Returns a reader of the newest message, or of `calls`, of which none may be lost."""
+        kept = (RELIABLE, Policy.History.KeepLast(CALLS)) if calls else (
+            Policy.Reliability.BestEffort, Policy.History.KeepLast(1)
+        )  # fmt: skip
+        return DataReader(self._there(), Topic(self._there(), topic, kind), qos=Qos(*kept))
+
+    def other_writers(self, topic: str) -> int:
+        """Returns the number of writers of a topic that other participants have."""
+        own = self._there().guid
+        for sample in self._publications.take(1000):
+            if sample.sample_info.valid_data:
+                self._writers[sample.key] = "" if sample.participant_key == own else sample.topic_name
+            else:
+                self._writers.pop(sample.key, None)
+        return sum(name == topic for name in self._writers.values())
+
+    def close(self) -> None:
+        """Leaves the domain. A second call does nothing."""
+        if self._participant is not None:
+            self._participant.__del__()  # deletes all its entities, even if something still refers to them
+            self._participant = None
+            del self._publications
+            close_domain(self._domain)
+
+    def _there(self) -> DomainParticipant:
+        if self._participant is None:
+            raise DriverError("this connection to a Unitree robot is closed")
+        return self._participant
+
+
+def latest(reader: DataReader[Any], most: int = 1) -> list[Any]:
+    """Returns the samples that arrived since the last call, oldest first."""
+    return [sample for sample in reader.take(most) if isinstance(sample, IdlStruct)]
+
+
+def _settings(interface: str) -> str:
+    """Returns Cyclone's settings: this interface only, on loopback without multicast, which it lacks."""
+    here = is_loopback(interface)
+    network = (
+        f'<NetworkInterface name="{interface}"{" multicast=" + chr(34) + "false" + chr(34) if here else ""}/>'
+    )
+    general = f"<General><Interfaces>{network}</Interfaces>"
+    general += "<AllowMulticast>false</AllowMulticast></General>" if here else "</General>"
+    found = "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
+    found += f"<MaxAutoParticipantIndex>{MOST_PARTICIPANTS}</MaxAutoParticipantIndex>"
+    found += '<Peers><Peer address="127.0.0.1"/></Peers>' if here else ""
+    return f'<CycloneDDS><Domain Id="any">{general}{found}</Discovery></Domain></CycloneDDS>'

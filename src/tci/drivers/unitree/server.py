@@ -1,0 +1,138 @@
+"""Serves a simulated G1 on the topics of a real one, to the vendor's SDKs and to the driver.
+
+The built-in controller of this robot keeps the posture of its start. Commands pass the gate of this process.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tci.clock import Every
+from tci.drivers.driver import Driver
+from tci.drivers.remote.controllers import movable, position_order
+from tci.drivers.server import Server
+from tci.drivers.unitree import messages
+from tci.drivers.unitree.address import parse_unitree
+from tci.drivers.unitree.driver import slots_of
+from tci.drivers.unitree.motors import commanded
+from tci.drivers.unitree.network import is_loopback
+from tci.drivers.unitree.node import UnitreeNode, latest
+from tci.drivers.unitree.switcher import SwitcherServer
+from tci.drivers.unitree.wire import STATE, WEIGHT, decode_command, encode_state
+from tci.errors import FrameError
+from tci.gate.safe_command import SafeCommand
+from tci.messages import Order, Perception, Reading
+from tci.reasons import Code, Reason
+
+RATE = 500.0
+"""States per second [Hz], as a robot sends them."""
+VARIANT = 5
+"""`mode_machine` of a G1 with 29 motors."""
+WARM, SUPPLY = 30, 50.0
+"""Temperature [C] and voltage [V] that motors report. Assumed: a robot at rest."""
+
+
+class UnitreeServer(Server):
+    """Serves a robot as a Unitree G1."""
+
+    def __init__(self, driver: Driver, address: str = "") -> None:
+        """Opens the topics at INTERFACE[/DOMAIN], by default on this machine only. Raises DriverError."""
+        super().__init__(driver, address)
+        self._where = parse_unitree(address, usual="lo")
+        self._slots = slots_of(driver.robot)
+        self.rejected: Counter[str] = Counter()
+        """Number of commands that were not used, by reason."""
+        self._state: Any = np.zeros((), STATE)
+        self._state["mode_machine"], self._state["quaternion"][0] = VARIANT, 1.0
+        self._state["accelerometer"][2] = 9.81
+        motors = self._state["motor"]
+        motors["mode"][self._slots], motors["vol"][self._slots] = 1, SUPPLY
+        motors["temperature"][self._slots] = WARM
+        self._due = Every(1.0 / RATE)
+        self._own: Any = None
+        self._silent: float | None = None
+        self._node = UnitreeNode(self._where.interface, self._where.domain)
+        self._arms = self._node.reader("rt/arm_sdk", messages.COMMAND)
+        self._all = self._node.reader("rt/lowcmd", messages.COMMAND)
+        self._states = self._node.out("rt/lowstate", messages.STATE)
+        self.switcher = SwitcherServer(self._node)
+
+    def where(self) -> str:
+        everybody = "" if is_loopback(self._where.interface) else ", read and commanded by everybody there"
+        return f"unitree:{self._where}{everybody}"
+
+    def orders(self) -> Sequence[Order]:
+        self.switcher.poll()
+        now, found = self.driver.clock.now(), []
+        balanced = bool(self.switcher.name)
+        for reader, arms in ((self._arms, True), (self._all, False)):
+            for sample in latest(reader):
+                command = self._command(sample.raw)
+                if command is None or self._own is None:
+                    continue
+                if arms is not balanced:
+                    self.rejected["for the other control than motion_switcher has selected"] += 1
+                    continue
+                self._silent = now if not arms or command["motor"]["q"][WEIGHT] > 0.0 else None
+                if (order := self._order(command["motor"], arms=arms)) is not None:
+                    found.append(order)
+        return found
+
+    def fault(self) -> Reason | None:
+        silence = self.driver.robot.binding("unitree").stale_after
+        if self._silent is None or self.driver.clock.now() - self._silent <= silence:
+            return None
+        return Reason(Code.COMMANDER_SILENT, f"no command for {silence * 1e3:.0f} ms")
+
+    def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
+        joints = reading.joints
+        if self._own is None:
+            self._own = np.array(joints.position)
+        now = self.driver.clock.now()
+        if not self._due.due(now):
+            return
+        motors = self._state["motor"]
+        motors["q"][self._slots], motors["dq"][self._slots] = joints.position, joints.velocity
+        if joints.torque is not None:
+            motors["tau_est"][self._slots] = joints.torque
+        self._state["tick"] = int(now * 1e3) & 0xFFFFFFFF
+        self._states(encode_state(self._state))
+
+    def refuse(self, order: Order, reason: Reason) -> None:
+        self.rejected[reason.text] += 1
+
+    def close(self) -> None:
+        self._node.close()
+
+    def _command(self, data: bytes) -> Any:
+        """Returns a command that is meant for this robot, or None."""
+        try:
+            command, right = decode_command(data)
+        except FrameError:
+            self.rejected["of another size"] += 1
+            return None
+        if not right:
+            self.rejected["with a wrong checksum"] += 1
+        elif command["mode_machine"] != VARIANT:
+            self.rejected["with another mode_machine"] += 1
+        elif not np.isfinite(command["motor"]["q"]).all():
+            self.rejected["with angles that are not finite"] += 1
+        else:
+            return command
+        return None
+
+    def _order(self, motors: Any, *, arms: bool) -> Order | None:
+        """Returns the set-points of all enabled motors, mixed with those of the robot's own controller."""
+        weight = float(np.clip(motors["q"][WEIGHT], 0.0, 1.0)) if arms else 1.0
+        slots = commanded(whole=not arms)
+        enabled = slots[(motors["mode"][slots] == 1) & (motors["kp"][slots] > 0.0)]
+        servos = np.flatnonzero(np.isin(self._slots, enabled))
+        if not servos.size:
+            return None
+        wanted = motors["q"][self._slots[servos]].astype(float)
+        mixed = weight * wanted + (1.0 - weight) * self._own[servos]
+        return movable(position_order(servos, mixed), self.driver.robot)

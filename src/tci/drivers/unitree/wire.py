@@ -1,0 +1,144 @@
+"""Unitree's messages as bytes: records of numpy, and the checksum.
+
+Unitree's checksum is over the C struct, whose padding the bytes on the wire (CDR) leave out in part: here
+messages are records with the layout of the C structs, and `encode_*` removes what the wire lacks.
+"""
+
+from __future__ import annotations
+
+import zlib
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.errors import FrameError
+
+HEAD = b"\0\1\0\0"
+"""First bytes of each message: CDR, little-endian."""
+SLOTS = 35
+"""Number of motors in a message; a G1 has up to 29."""
+WEIGHT = 29
+"""Slot whose `q` is the weight (0..1) of rt/arm_sdk against the robot's own controller."""
+TAXELS = 12
+"""Number of values of one press sensor."""
+MOST_ITEMS = 64
+"""Largest number of motors or press sensors of a hand. Assumed: bounds memory; a Dex3 has 7 and 9."""
+
+
+def _record(size: int, **fields: tuple[Any, int]) -> np.dtype[np.void]:
+    formats, offsets = zip(*fields.values(), strict=True)
+    return np.dtype({"names": [*fields], "formats": formats, "offsets": offsets, "itemsize": size})
+
+
+MOTOR_COMMAND = _record(
+    28, mode=("u1", 0), q=("<f4", 4), dq=("<f4", 8), tau=("<f4", 12), kp=("<f4", 16), kd=("<f4", 20),
+    reserve=("<u4", 24),
+)  # fmt: skip
+COMMAND = _record(
+    1004, mode_pr=("u1", 0), mode_machine=("u1", 1), motor=((MOTOR_COMMAND, SLOTS), 4),
+    reserve=(("<u4", 4), 984), crc=("<u4", 1000),
+)  # fmt: skip
+"""LowCmd_ of rt/lowcmd and rt/arm_sdk. A motor's torque is tau + kp (q - q_now) + kd (dq - dq_now)."""
+MOTOR_STATE = _record(
+    56, mode=("u1", 0), q=("<f4", 4), dq=("<f4", 8), ddq=("<f4", 12), tau_est=("<f4", 16),
+    temperature=(("<i2", 2), 20), vol=("<f4", 24), sensor=(("<u4", 2), 28), motorstate=("<u4", 36),
+    reserve=(("<u4", 4), 40),
+)  # fmt: skip
+STATE = _record(
+    2092, version=(("<u4", 2), 0), mode_pr=("u1", 8), mode_machine=("u1", 9), tick=("<u4", 12),
+    quaternion=(("<f4", 4), 16), gyroscope=(("<f4", 3), 32), accelerometer=(("<f4", 3), 44),
+    rpy=(("<f4", 3), 56), temperature=("<i2", 68), motor=((MOTOR_STATE, SLOTS), 72),
+    remote=(("u1", 40), 2032), reserve=(("<u4", 4), 2072), crc=("<u4", 2088),
+)  # fmt: skip
+"""LowState_ of rt/lowstate."""
+PRESS = _record(
+    104, pressure=(("<f4", TAXELS), 0), temperature=(("<f4", TAXELS), 48), lost=("<u4", 96),
+    reserve=("<u4", 100),
+)  # fmt: skip
+"""PressSensorState_ of a hand."""
+_REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+
+
+def checksum(data: bytes) -> int:
+    """Returns Unitree's checksum of whole 32-bit words: CRC-32/MPEG-2 of each word's bytes in reverse order.
+
+    `zlib` computes the mirrored polynomial, hence the mirrored bits.
+    """
+    mirrored = np.frombuffer(data, "<u4").byteswap().tobytes().translate(_REVERSED)
+    return int(f"{zlib.crc32(mirrored) ^ 0xFFFFFFFF:032b}"[::-1], 2)
+
+
+def encode_command(command: NDArray[np.void]) -> bytes:
+    """Returns the bytes of a record of COMMAND, with the checksum."""
+    data = command.tobytes()
+    return b"".join((HEAD, data[:2], data[4:6], data[8:1000], checksum(data[:1000]).to_bytes(4, "little")))
+
+
+def encode_state(state: NDArray[np.void]) -> bytes:
+    """Returns the bytes of a record of STATE, with the checksum."""
+    data = state.tobytes()
+    ends = checksum(data[:2088]).to_bytes(4, "little")
+    return b"".join((HEAD, data[:70], data[72:74], data[76:2088], ends))
+
+
+def decode_command(data: bytes) -> tuple[Any, bool]:
+    """Returns a record of COMMAND, and True if its checksum is right. Raises FrameError."""
+    body = _body(data, COMMAND, "a command")
+    return _judged(b"".join((body[:2], b"\0\0", body[2:4], b"\0\0", body[4:])), COMMAND)
+
+
+def decode_state(data: bytes) -> tuple[Any, bool]:
+    """Returns a record of STATE, and True if its checksum is right. Raises FrameError."""
+    body = _body(data, STATE, "a state")
+    return _judged(b"".join((body[:70], b"\0\0", body[70:72], b"\0\0", body[72:])), STATE)
+
+
+def _body(data: bytes, kind: np.dtype[np.void], what: str) -> bytes:
+    size = kind.itemsize - 4  # the wire lacks 4 bytes of padding in both kinds
+    if data[:4] != HEAD or len(data) != size + 4:
+        found = f"{len(data)} bytes that begin with {data[:4].hex()}"
+        raise FrameError(f"{what} of Unitree: {found}; valid: {size + 4} that begin with {HEAD.hex()}")
+    return data[4:]
+
+
+def _judged(struct: bytes, kind: np.dtype[np.void]) -> tuple[Any, bool]:
+    found = np.frombuffer(struct, kind)[0]
+    return found, checksum(struct[:-4]) == int(found["crc"])
+
+
+class HandState(NamedTuple):
+    """State of one Dex3 hand."""
+
+    motors: NDArray[np.void]
+    """Records (m,) of MOTOR_STATE."""
+    pads: NDArray[np.void]
+    """Records (p,) of PRESS."""
+
+
+def decode_hand(data: bytes) -> HandState:
+    """Returns motors and press sensors of a hand; the message tells how many there are. Raises FrameError."""
+    motors, at = _items(data, 4, MOTOR_STATE, "motors")
+    pads, _ = _items(data, at, PRESS, "press sensors")
+    return HandState(motors, pads)
+
+
+def _items(data: bytes, at: int, kind: np.dtype[np.void], what: str) -> tuple[NDArray[np.void], int]:
+    count = int.from_bytes(data[at : at + 4], "little")
+    end = at + 4 + count * kind.itemsize
+    if data[:4] != HEAD or count > MOST_ITEMS or end > len(data):
+        raise FrameError(
+            f"a hand's state of {len(data)} bytes with {count} {what}; valid: at most {MOST_ITEMS}, "
+            "and as many bytes as they need"
+        )
+    return np.frombuffer(data, kind, count, at + 4), end
+
+
+def encode_hand(motors: NDArray[np.void], pads: NDArray[np.void]) -> bytes:
+    """Returns the bytes of a hand's state: records of MOTOR_STATE and PRESS, all else zero."""
+    parts = (HEAD, *(len(items).to_bytes(4, "little") + items.tobytes() for items in (motors, pads)))
+    return b"".join((*parts, bytes(HAND_REST)))
+
+
+HAND_REST = 56 + 16 + 16
+"""Bytes behind the press sensors: IMUState_ (54, padded), voltages and currents, errors and a reserve."""

@@ -1,0 +1,32 @@
+"""Program that holds the motors of the robot at `python holder.py DOMAIN` until it is killed. It prints
+`holding` once its targets are followed."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import numpy as np
+
+from tci.drivers.unitree.address import parse_unitree
+from tci.drivers.unitree.handover import KP, ROWS, Q
+from tci.drivers.unitree.held_motors import HeldMotors
+from tci.drivers.unitree.motors import ARM_GAINS, MOTORS
+
+
+def main() -> None:
+    held = HeldMotors(parse_unitree(f"lo/{sys.argv[1]}"), 0.004)
+    held.take()
+    held.wait()
+    targets = np.full((ROWS, MOTORS), 0.1)
+    targets[Q], targets[KP:] = 0.3, ARM_GAINS
+    for count in range(100_000):
+        held.follow(np.ones(MOTORS, dtype=bool), targets)
+        held.poll()
+        time.sleep(0.004)
+        if count == 5:
+            print("holding", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,145 @@
+"""The motors change hands without a step: weights, targets and gains over time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tci.drivers.unitree.handover import DAMPED, DQ, GIVE, KD, KP, QUIET, ROWS, TAKE, TAU, Handover, Phase, Q
+from tci.drivers.unitree.motors import ARM_GAINS, MOTORS, gains
+from tci.frames import Array
+
+PERIOD = 0.004
+HERE = np.linspace(-1.0, 1.0, MOTORS)
+
+
+def leading(*, whole: bool = False) -> tuple[Handover, float]:
+    """Returns a handover after its ramp, and the time."""
+    handover, now = Handover(gains(whole=whole), whole=whole), 10.0
+    handover.take(HERE, now)
+    while handover.phase is Phase.TAKING:
+        now += PERIOD
+        handover.step(now)
+    return handover, now
+
+
+def order(value: float) -> Array:
+    targets = np.full((ROWS, MOTORS), value)
+    targets[KP:] = ARM_GAINS
+    return targets
+
+
+ALL = np.ones(MOTORS, dtype=bool)
+
+
+def test_the_weight_rises_in_a_second_at_the_posture() -> None:
+    handover, now = Handover(ARM_GAINS, whole=False), 10.0
+    handover.take(HERE, now)
+    weights = []
+    while handover.phase is Phase.TAKING:
+        now += PERIOD
+        sent = handover.step(now)
+        weights.append(handover.weight)
+        handover.follow(ALL, order(0.3), HERE, now)  # too early
+        assert (sent[Q] == HERE).all()
+        assert not sent[DQ:KP].any()
+    assert now - 10.0 == pytest.approx(TAKE, abs=PERIOD)
+    assert np.diff(weights).max() <= PERIOD / TAKE + 1e-9
+
+
+def test_targets_of_chosen_motors_are_followed_and_others_stay() -> None:
+    handover, now = leading()
+    chosen = np.arange(MOTORS) == 18
+    handover.follow(chosen, order(0.5), HERE, now)
+    sent = handover.step(now + PERIOD)
+    assert (sent[:KP, 18] == 0.5).all()
+    assert (sent[Q, ~chosen] == HERE[~chosen]).all()
+    assert not sent[DQ:KP, ~chosen].any()
+
+
+def test_the_weight_falls_in_two_seconds_while_targets_stay() -> None:
+    handover, now = leading()
+    handover.follow(ALL, order(0.5), HERE, now)
+    handover.give()
+    begin, weights = now, [handover.weight]
+    while handover.phase is Phase.GIVING:
+        now += PERIOD
+        sent = handover.step(now)
+        handover.follow(ALL, order(-0.5), HERE, now)  # too late
+        weights.append(handover.weight)
+        assert (sent[Q] == 0.5).all()
+        assert not sent[DQ:KP].any()
+    assert now - begin == pytest.approx(GIVE, abs=PERIOD)
+    assert weights[-1] == 0.0
+    assert -np.diff(weights).min() <= PERIOD / GIVE + 1e-9
+
+
+def test_a_process_that_stood_still_does_not_jump() -> None:
+    handover = Handover(ARM_GAINS, whole=False)
+    handover.take(HERE, 10.0)
+    handover.step(15.0)
+    assert handover.weight < 0.05
+    handover, now = leading()
+    handover.give()
+    handover.step(now + 5.0)
+    assert handover.weight > 0.95
+
+
+def test_an_old_ramp_is_never_resumed() -> None:
+    handover, now = leading()
+    handover.follow(ALL, order(0.5), HERE, now)
+    handover.give()
+    handover.step(now + 0.004)
+    handover.take(HERE, now + 0.008)  # still being given
+    assert handover.phase is Phase.GIVING
+    handover.give(HERE)  # the robot moved unseen
+    assert (handover.step(now + 0.012)[Q] == HERE).all()
+    while handover.phase is not Phase.WAITING:
+        handover.step(now := now + PERIOD)
+    handover.take(HERE / 2, now)
+    sent = handover.step(now + PERIOD)
+    assert handover.weight <= PERIOD / TAKE + 1e-9
+    assert (sent[Q] == HERE / 2).all()
+
+
+def test_velocities_and_torques_end_when_targets_stop() -> None:
+    handover, now = leading()
+    torque = order(0.4)
+    torque[KP:] = 0.0
+    handover.follow(ALL, torque, HERE, now)
+    assert (handover.step(now + PERIOD)[TAU] == 0.4).all()
+    late = handover.step(now + QUIET + PERIOD)
+    assert not late[DQ:KP].any()
+    assert (late[KD] == ARM_GAINS[1]).all()
+
+
+def test_a_motor_under_torque_that_is_left_stays_where_it_is() -> None:
+    handover, now = leading()
+    torque = order(0.4)
+    torque[KP:] = 0.0
+    handover.follow(ALL, torque, HERE, now)
+    chosen = np.arange(MOTORS) < 20
+    handover.follow(chosen, order(0.1), HERE + 0.2, now)
+    sent = handover.step(now + PERIOD)
+    assert (sent[Q, 20:] == HERE[20:] + 0.2).all()
+    assert (sent[KP:, 20:] == ARM_GAINS[:, 20:]).all()
+    assert not sent[TAU, 20:].any()
+
+
+def test_without_a_controller_of_its_own_stiffness_rises_and_damping_is_the_end() -> None:
+    whole = gains(whole=True)
+    handover, now = Handover(whole, whole=True), 10.0
+    handover.take(HERE, now)
+    sent = handover.step(now + PERIOD)
+    assert (sent[KP] < 0.01 * whole[0]).all()
+    assert (sent[KD] >= whole[1]).all()
+    handover, now = leading(whole=True)
+    assert (handover.step(now)[KP] == whole[0]).all()
+    handover.give()
+    begin = now
+    while handover.phase is Phase.GIVING:
+        now += PERIOD
+        sent = handover.step(now)
+        assert not sent[[DQ, TAU, KP]].any()
+        assert (sent[KD] > 0.0).all()
+    assert now - begin == pytest.approx(DAMPED, abs=PERIOD)

@@ -1,0 +1,169 @@
+"""The process that holds the motors: what a robot hears from it, whatever becomes of the behaviour."""
+
+from __future__ import annotations
+
+import itertools
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.unitree.puppets import Puppet
+from tci.drivers.unitree import messages
+from tci.drivers.unitree.address import parse_unitree
+from tci.drivers.unitree.handover import GIVE, KP, LONGEST, ROWS, TAKE, Phase, Q
+from tci.drivers.unitree.held_motors import HeldMotors
+from tci.drivers.unitree.motors import ARM_GAINS, MOTORS
+from tci.drivers.unitree.node import UnitreeNode
+from tci.errors import DriverError
+
+pytestmark = pytest.mark.timeout(60)
+DOMAINS = itertools.count(120)
+ALL = np.ones(MOTORS, dtype=bool)
+STEP = 3 * LONGEST
+"""Largest time [s] between two weights that arrive: a busy machine loses some."""
+
+
+@pytest.fixture
+def domain() -> int:
+    """A DDS domain that no other test uses."""
+    return next(DOMAINS)
+
+
+@pytest.fixture
+def puppet(domain: int) -> Iterator[Puppet]:
+    with Puppet(domain) as robot:
+        yield robot
+
+
+def hold(domain: int) -> HeldMotors:
+    held = HeldMotors(parse_unitree(f"lo/{domain}"), 0.004)
+    held.take()
+    return held
+
+
+def lead(held: HeldMotors, angle: float, seconds: float) -> None:
+    targets = np.zeros((ROWS, MOTORS))
+    targets[Q], targets[KP:] = angle, ARM_GAINS
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        held.follow(ALL, targets)
+        held.poll()
+        time.sleep(0.004)
+
+
+def largest_steps(puppet: Puppet) -> tuple[float, float]:
+    """Returns the largest rise and fall of the weight between two commands."""
+    change = np.diff([0.0, *puppet.weights])
+    return float(change.max()), -float(change.min())
+
+
+def test_motors_are_taken_and_handed_back_slowly(domain: int, puppet: Puppet) -> None:
+    with closing(hold(domain)) as held:
+        held.wait()
+        posture = puppet.state["motor"]["q"][12:29]
+        assert all((heard.motor["q"][12:29] == posture).all() for heard in puppet.heard)
+        lead(held, 0.3, 0.2)
+    assert puppet.weights[-1] == 0.0
+    rise, fall = largest_steps(puppet)
+    assert rise <= STEP / TAKE
+    assert fall <= STEP / GIVE
+    full = max(place for place, weight in enumerate(puppet.weights) if weight == 1.0)
+    falling = [heard for heard in puppet.heard[full:] if heard.weight > 0.0]
+    assert falling[-1].time - falling[0].time == pytest.approx(GIVE, abs=0.6)
+    assert all((heard.motor["q"][12:29] == np.float32(0.3)).all() for heard in falling)
+    assert {heard.mode_machine for heard in puppet.heard} == {5}
+    assert all(heard.right for heard in puppet.heard)
+    assert not any(heard.motor["mode"][:12].any() for heard in puppet.heard)  # the legs
+
+
+def test_a_behaviour_that_is_killed_leaves_a_completed_fade(domain: int, puppet: Puppet) -> None:
+    command = [sys.executable, str(Path(__file__).with_name("holder.py")), str(domain)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == "holding\n"
+        holder.kill()
+    killed = time.monotonic()
+    puppet.wait(lambda robot: robot.weights[-1] == 0.0)
+    assert puppet.heard[-1].time - killed == pytest.approx(GIVE, abs=0.6)
+    assert largest_steps(puppet)[1] <= STEP / GIVE
+    assert puppet.heard[-1].motor["q"][20] == np.float32(0.3)
+    assert not puppet.heard[-1].motor["dq"].any()  # it was killed at a speed
+
+
+def test_states_that_stop_end_all_and_a_new_start_is_from_zero(domain: int, puppet: Puppet) -> None:
+    with closing(hold(domain)) as held:
+        held.wait()
+        lead(held, 0.3, 0.1)
+        puppet.silent, begin = True, time.monotonic()
+        lead(held, -0.3, 0.15)
+        lead(held, 0.2, 0.3)  # too late: the last state is older than 0.1 s
+        assert held.poll().phase is Phase.GIVING
+        assert "ms old" in held.status.reason
+        assert puppet.heard[-1].time > begin + 0.4
+        assert not any(heard.motor["q"][20] == np.float32(0.2) for heard in puppet.heard)
+        puppet.state["motor"]["q"][:29] = 0.7
+        puppet.silent = False
+        puppet.wait(lambda robot: robot.weights[-1] == 0.0)
+        assert puppet.heard[-1].motor["q"][20] == np.float32(0.7)  # where it is now: no step
+        count = len(puppet.heard)
+        lead(held, 0.1, 0.3)
+        assert len(puppet.heard) - count <= 5  # repetitions of the last
+        held.take()
+        held.wait()
+        again = puppet.heard[count + 5 :]
+        assert max(np.diff([0.0, *(heard.weight for heard in again)])) <= STEP / TAKE
+        assert all(heard.motor["q"][20] == np.float32(0.7) for heard in again)
+
+
+def test_l2_and_b_hand_back_until_a_person_connects_again(domain: int, puppet: Puppet) -> None:
+    with closing(hold(domain)) as held:
+        held.wait()
+        puppet.state["remote"][2:4] = 1 << 5, 1 << 1
+        puppet.wait(lambda robot: held.poll().lasting)
+        puppet.state["remote"][2:4] = 0, 0
+        assert held.status.reason == "L2+B on the remote"
+        puppet.wait(lambda robot: robot.weights[-1] == 0.0)
+        count = len(puppet.heard)
+        held.take()
+        time.sleep(0.3)
+        assert len(puppet.heard) - count <= 5
+        assert held.poll().lasting
+    with closing(hold(domain)) as held:
+        held.wait()
+
+
+def test_a_behaviour_that_hangs_loses_the_motors(domain: int, puppet: Puppet) -> None:
+    with closing(hold(domain)) as held:
+        held.wait()
+        lead(held, 0.3, 0.1)
+        puppet.wait(lambda robot: robot.weights[-1] < 1.0)
+        held.poll()
+        assert "has sent nothing for 1.0 s" in held.status.reason
+        assert not held.status.lasting
+
+
+@pytest.mark.parametrize("fault", ["writer", "checksum", "motor"])
+def test_a_robot_that_is_not_ready_is_not_taken(domain: int, puppet: Puppet, fault: str) -> None:
+    other, writer = UnitreeNode("lo", domain), None
+    word = {"writer": "another program writes rt/arm_sdk", "checksum": "no answer", "motor": "error 2"}[fault]
+    if fault == "writer":
+        writer = other.out("rt/arm_sdk", messages.COMMAND)
+    elif fault == "checksum":
+        puppet.spoilt = True
+    else:
+        puppet.state["motor"]["motorstate"][20] = 2
+    with closing(other), closing(hold(domain)) as held:
+        if fault == "checksum":
+            time.sleep(1.5)
+            assert "wrong checksum" in held.poll().reason
+        else:
+            with pytest.raises(DriverError, match=word):
+                held.wait()
+    assert not puppet.heard
+    del writer

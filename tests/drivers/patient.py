@@ -13,6 +13,7 @@ import tci
 from tci.drivers.registry import open_server
 from tci.drivers.simulated import SimulatedDriver
 from tci.robot.description import Robot
+from tci.robot.description.binding import Address, Binding
 from tci.runtime.loop import Tick
 from tci.runtime.serve import serve
 
@@ -20,9 +21,22 @@ PATIENCE = 0.5
 """Silence [s] after which connections count as lost in these tests."""
 
 
+MOTORS = {"Head": 12, "LArm": 15, "RArm": 22}
+"""First motor of a G1 that stands for a joint of a NAO's part in these tests; the others follow it."""
+
+
 def patient(name: str, silence: float = PATIENCE) -> Robot:
-    """Returns a robot by name that waits for `silence` [s] before it holds."""
-    return tci.load_robot(name).with_stale_after(silence)
+    """Returns a robot by name that waits for `silence` [s] before it holds. A NAO has a G1's motors."""
+    robot = tci.load_robot(name)
+    if name == "nao":
+        addresses = tuple(
+            Address(of=servo.name, to=str(first + place))
+            for part, first in MOTORS.items()
+            for place, servo in enumerate(robot.servos_of(part))
+        )
+        own = Binding(middleware="unitree", rate=100, stale_after=silence, addresses=addresses)
+        robot = robot.model_copy(update={"bindings": (*robot.bindings, own)})
+    return robot.with_stale_after(silence)
 
 
 def main() -> None:

@@ -27,6 +27,10 @@ from tci.drivers.ros.ros1 import Ros1Node
 from tci.drivers.ros.ros2_dds import DdsNode
 from tci.drivers.ros.rosbridge import RosbridgeNode, parse
 from tci.drivers.simulated import SimulatedDriver
+from tci.drivers.unitree.messages import STATE
+from tci.drivers.unitree.node import UnitreeNode
+from tci.drivers.unitree.wire import HEAD
+from tci.drivers.unitree.wire import STATE as STATE_RECORD
 from tci.drivers.zenoh.session import close_session, open_session, parse_address
 from yarpwire.carrier import FAST_TCP
 from yarpwire.errors import PortError
@@ -308,6 +312,23 @@ class Rosbridge(Process):
             self.relay.communicate()
 
 
+class Unitree(Process):
+    """On the topics of a Unitree G1, which has no skin."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda: f"unitree:lo/{100 + free_port() % 100}")
+
+    def open(self, *, arm: bool) -> Driver:
+        return tci.connect(patient("nao").model_copy(update={"patches": ()}), self.driver_via, arm=arm)
+
+    def disturb(self, messages: list[bytes]) -> None:
+        stranger = UnitreeNode("lo", int(self.via.rpartition("/")[2]))
+        send, size = stranger.out("rt/lowstate", STATE), STATE_RECORD.itemsize - 4
+        for message in messages:
+            send(HEAD + message.ljust(size)[:size])
+        stranger.close()
+
+
 def free_port() -> int:
     """Returns a TCP port of the loopback interface that is free."""
     with socket.socket() as probe:
@@ -347,6 +368,7 @@ PEERS: dict[str, Callable[[], Peer]] = {
     "ros1": Ros1,
     "player": Player,
     "rosbridge": Rosbridge,
+    "unitree": Unitree,
 }
 """Every driver, by name."""
 

@@ -67,6 +67,7 @@ class UnitreeDriver(Driver):
         self._health = Health(simulation=self.where.simulation)
         self._source = SourceClock()
         self._joints: JointReading | None = None
+        self._tick = 0
         self._phase = Phase.WAITING
         self._share = np.ones((2, MOTORS))
         self._gains = gains(whole=self.where.whole)
@@ -174,10 +175,13 @@ class UnitreeDriver(Driver):
                 continue
             stamp = self._source.place(sample.sample_info.source_timestamp * 1e-9, now)
             if stamp is not None:
-                self._joints = self._reading(state["motor"][self._slots], min(stamp, now))
+                self._joints = self._reading(state, min(stamp, now))
 
-    def _reading(self, motors: Any, stamp: float) -> JointReading:
-        sequence = 0 if self._joints is None else self._joints.sequence + 1
+    def _reading(self, state: Any, stamp: float) -> JointReading:
+        motors, tick, before = state["motor"][self._slots], int(state["tick"]), self._tick
+        passed = tick - before if before < tick else 1  # it may stand still, or begin anew
+        self._tick = tick
+        sequence = 0 if self._joints is None else self._joints.sequence + passed
         position, velocity, torque = (read_only(motors[name], float) for name in ("q", "dq", "tau_est"))
         return JointReading(stamp, sequence, position, velocity, torque)
 

@@ -1,6 +1,7 @@
 """Serves a simulated G1 on the topics of a real one, to the vendor's SDKs and to the driver.
 
-The built-in controller of this robot keeps the posture of its start. Commands pass the gate of this process.
+The built-in controller of this robot keeps the posture in which it gets the motors back; that of a real one
+lets the arms go to a posture of its own. Commands pass the gate of this process.
 """
 
 from __future__ import annotations
@@ -135,4 +136,6 @@ class UnitreeServer(Server):
             return None
         wanted = motors["q"][self._slots[servos]].astype(float)
         mixed = weight * wanted + (1.0 - weight) * self._own[servos]
+        if weight >= 1.0:
+            self._own[servos] = mixed
         return movable(position_order(servos, mixed), self.driver.robot)

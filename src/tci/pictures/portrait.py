@@ -56,10 +56,11 @@ class Portrait:
         """Skin of the robot."""
         self._robot = world.robot
         self._worn = [patch for patch in world.robot.patches if patch.name in world.surfaces]
-        self._model = world.model
+        self._model = world.shown_model()
+        self._data = mujoco.MjData(self._model)
         self._fields = tuple(fields)
         self._full_scale = full_scale
-        self._colours = _colours(world)
+        self._colours = _colours(world, self._model)
 
     def torso(self, moment: Moment) -> Array:
         """Returns `T_WT` (4, 4), the pose of the torso frame in the world."""
@@ -70,14 +71,16 @@ class Portrait:
 
     def draw(self, moment: Moment, camera: Camera) -> NDArray[np.uint8]:
         """Returns the picture (height, width, 3)."""
-        return render(self._model, moment.data, camera, paint=self._paint(moment), colours=self._colours)
+        return render(
+            self._model, self._pose(moment), camera, paint=self._paint(moment), colours=self._colours
+        )
 
     def outline(self, moment: Moment, *, part: str, lowest: float) -> Array:
         """Returns corners (n, 3) [m, world] of boxes around the robot's geoms, with no other arm than `part`.
 
         Only corners at least as high as `lowest` [m] in the torso are included.
         """
-        model, data = self._model, moment.data
+        model, data = self._model, self._pose(moment)
         others = {
             self._robot.servos[servo.servo].joint
             for other in self._robot.parts
@@ -95,6 +98,13 @@ class Portrait:
         corners = np.einsum("gij,gkj->gki", rotations, corners_G) + data.geom_xpos[drawn][:, None]
         points: Array = corners.reshape(-1, 3)
         return points[apply(invert(self.torso(moment)), points)[:, 2] >= lowest]
+
+    def _pose(self, moment: Moment) -> mujoco.MjData:
+        """Returns the data of the shown model at a moment; the next call changes it."""
+        data, seen = self._data, moment.data
+        data.qpos[:], data.mocap_pos[:], data.mocap_quat[:] = seen.qpos, seen.mocap_pos, seen.mocap_quat
+        mujoco.mj_kinematics(self._model, data)
+        return data
 
     def _paint(self, moment: Moment) -> list[Painter]:
         """Returns the painters: receptive fields first, taxels over them."""
@@ -139,9 +149,8 @@ class Portrait:
         return paint
 
 
-def _colours(world: World) -> Array:
+def _colours(world: World, model: mujoco.MjModel) -> Array:
     """Returns the model's colours; limbs with skin are dark all over, the finger is transparent."""
-    model = world.model
     colours = model_colours(model)
     limbs = [patch.name for patch in world.robot.patches if world.robot.limb_segment(patch)]
     bodies = [model.geom_bodyid[model.geom(skin_geom(name)).id] for name in limbs if name in world.surfaces]

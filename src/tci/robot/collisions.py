@@ -12,6 +12,7 @@ from tci.engine import mujoco
 from tci.errors import DescriptionError, Fault
 from tci.frames import Array
 from tci.robot.description import Robot
+from tci.robot.hulls import HULL_VERTICES, keep_hulls
 from tci.robot.kinematics import joints_of
 from tci.robot.model_file import compiled, load_spec
 
@@ -24,16 +25,13 @@ HIDDEN = 3
 
 NO_MODEL = "no <model>: simulation and self-collision need a URDF or MJCF file"
 
-HULL_VERTICES = 64
-"""Largest number of vertices of a mesh's convex hull. Assumed: more vertices cost time without a visible
-effect."""
 
-
-def solid_spec(robot: Robot) -> mujoco.MjSpec:
+def solid_spec(robot: Robot, *, shown: bool = False) -> mujoco.MjSpec:
     """Returns the robot's model with its servos' joints only, and with the geoms that collide marked.
 
-    Joints that are not a servo's are held at 0, and no force acts on any joint. Raises DescriptionError when
-    the robot has no model, and whatever `load_spec` raises.
+    With `shown` it has all that pictures need; else only what collides, as convex hulls. Joints that are not
+    a servo's are held at 0, and no force acts on any joint. Raises DescriptionError when the robot has no
+    model, and whatever `load_spec` raises.
     """
     if robot.model is None:
         raise DescriptionError(robot.source, [Fault(0, NO_MODEL)])
@@ -47,6 +45,8 @@ def solid_spec(robot: Robot) -> mujoco.MjSpec:
             spec.delete(joint)
     for mesh in spec.meshes:
         mesh.maxhullvert = HULL_VERTICES
+    if not shown:
+        keep_hulls(spec)
     _set_self_collisions(spec, robot)
     return spec
 

@@ -55,6 +55,20 @@ def load_spec(model: Model) -> mujoco.MjSpec:
     return spec
 
 
+def compile_once(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """Compiles a specification; MuJoCo keeps no copy of its meshes, which are 100 MB for an iCub.
+
+    Raises ValueError.
+    """
+    cache = mujoco.mj_getCache()
+    capacity = mujoco.mj_getCacheCapacity(cache)
+    mujoco.mj_setCacheCapacity(cache, 0)
+    try:
+        return spec.compile()
+    finally:
+        mujoco.mj_setCacheCapacity(cache, capacity)
+
+
 def compiled(spec: mujoco.MjSpec, model: Model) -> mujoco.MjModel:
     """Compiles the specification of a model.
 
@@ -62,7 +76,7 @@ def compiled(spec: mujoco.MjSpec, model: Model) -> mujoco.MjModel:
     0, and for positions and axes that are not finite numbers.
     """
     try:
-        made = spec.compile()
+        made = compile_once(spec)
     except ValueError as error:
         raise DescriptionError(model.path, [Fault(0, f"not a usable model: {error}")]) from error
     places = (made.body_pos, made.body_quat, made.jnt_pos, made.jnt_axis, made.qpos0)

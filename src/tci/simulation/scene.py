@@ -21,16 +21,24 @@ FRICTION = [0.8, 0.005, 0.0001]
 
 
 def build_scene(
-    robot: Robot, surfaces: Mapping[str, Surface], posture: Array, *, step: float, stands: bool = False
+    robot: Robot,
+    surfaces: Mapping[str, Surface],
+    posture: Array,
+    *,
+    step: float,
+    stands: bool = False,
+    shown: bool = False,
 ) -> mujoco.MjModel:
     """Builds a model of the robot, its servos, its skin and a finger, ready to simulate.
+
+    With `shown` it also has what only pictures need; bodies and joints are the same.
 
     Links that overlap in `posture` (n_servos,) [rad] are assumed to overlap by design. The robot's base is
     fixed, and it has no weight; with `stands` it has its weight, on a floor under its soles in that posture.
     Raises DescriptionError if the robot has no model, CommandError if it is to stand and has no sole with
     skin.
     """
-    spec = solid_spec(robot)
+    spec = solid_spec(robot, shown=shown)
     spec.option.timestep = step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     _add_servos(spec, robot)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -78,7 +79,8 @@ class World:
         home = start_angles(robot, posture or {})
         self._seed = _checked_seed(seed)
         self._generator = np.random.default_rng(seed)
-        self._physics = Physics(build_scene(robot, self.surfaces, home, step=step, stands=stands))
+        self._build = partial(build_scene, robot, self.surfaces, home, step=step, stands=stands)
+        self._physics = Physics(self._build())
         self._home = home
         period = 1.0 / robot.binding(MIDDLEWARE).rate if period is None else period
         self._servos = Servos(self._physics, robot, home, period=period)
@@ -102,6 +104,13 @@ class World:
     def model(self) -> mujoco.MjModel:
         """MuJoCo's model, for direct access."""
         return self._physics.model
+
+    def shown_model(self) -> mujoco.MjModel:
+        """Builds MuJoCo's model with what only pictures need: full meshes, and geoms that never collide.
+
+        Bodies and joints are those of `model`.
+        """
+        return self._build(shown=True)
 
     @property
     def data(self) -> mujoco.MjData:

@@ -55,7 +55,7 @@ class Figure:
         self.robot = robot
         self.skin = Skin(robot)
         self._server = server
-        self._model = compiled(solid_spec(robot), robot.model)
+        self._model = compiled(solid_spec(robot, shown=True), robot.model)
         self._data = mujoco.MjData(self._model)
         moving = [servo for servo in robot.servos if servo.joint is not None]
         self._servos = np.array([servo.index for servo in moving], dtype=np.intp)

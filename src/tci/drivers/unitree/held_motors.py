@@ -88,6 +88,8 @@ class HeldMotors:
         while self.poll().phase is not Phase.LEADING:
             if self.status.lasting or time.monotonic() > end:
                 raise DriverError(f"the robot can't be armed: {self.status.reason or 'no answer'}")
+            if self.status.phase is Phase.WAITING:
+                self.take()  # again, if the robot fell silent on the way
             time.sleep(0.01)
 
     def follow(self, chosen: NDArray[np.bool_], targets: Array) -> None:

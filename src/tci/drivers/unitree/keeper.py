@@ -42,6 +42,9 @@ SILENT = 1.0
 a loop's holds."""
 LOOK = 0.1
 """Time [s] between two looks for other writers. Assumed: a person who starts another program is slower."""
+GRACE = 0.1
+"""Time [s] after the first state before which commands of others do not count: the robot's own controller
+may have sent one before it was switched off. Assumed: a discovery's jitter."""
 LAST = 5
 """Number of times that the last command, of weight zero, is sent. Assumed: four may be lost."""
 
@@ -67,6 +70,7 @@ class Keeper:
         self._node, self._driver = node, driver
         self._states = node.reader("rt/lowstate", messages.STATE)
         self._write = node.out(orders.topic, messages.COMMAND)
+        self._others = node.reader(orders.topic, messages.COMMAND, foreign=True)
         self.health = Health(simulation=orders.simulation)
         self.handover = Handover(gains(whole=orders.whole), whole=orders.whole)
         self._command: Any = np.zeros((), COMMAND)
@@ -148,7 +152,9 @@ class Keeper:
         """Hands the motors back for a reason."""
         if now - self._looked > LOOK:
             self._looked = now
-            if self._node.other_writers(self._topic):
+            # Its command counts even from the robot: the SDK in C++ is robot and program in one.
+            written = self._first is not None and now - self._first > GRACE and latest(self._others)
+            if self._node.other_writers(self._topic) or written:
                 words = f"another program writes {self._topic}; valid: only one"
                 self.health.lasting = self.health.lasting or words
         silent = self._followed is not None and now - self._followed > SILENT

@@ -55,7 +55,7 @@ class UnitreeNode:
             open_domain(domain, _settings(interface), f"Unitree on {interface}")
             self._participant: DomainParticipant | None = DomainParticipant(domain)
         self._publications = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
-        self._writers: dict[Any, str] = {}
+        self._writers: dict[Any, tuple[str, Any]] = {}
 
     def out(self, topic: str, kind: type[IdlStruct]) -> Out:
         """Returns a writer of bytes."""
@@ -66,22 +66,30 @@ class UnitreeNode:
         qos = Qos(RELIABLE, Policy.History.KeepLast(keep))
         return DataWriter(self._there(), Topic(self._there(), topic, kind), qos=qos)
 
-    def reader(self, topic: str, kind: type[IdlStruct], *, calls: bool = False) -> DataReader[Any]:
-        """Returns a reader of the newest message, or of `calls`, of which none may be lost."""
-        kept = (RELIABLE, Policy.History.KeepLast(CALLS)) if calls else (
+    def reader(
+        self, topic: str, kind: type[IdlStruct], *, calls: bool = False, foreign: bool = False
+    ) -> DataReader[Any]:
+        """Returns a reader of the newest message, of others than this participant if `foreign`, or of
+        `calls`, of which none may be lost."""
+        kept: list[Any] = [Policy.IgnoreLocal.Participant] if foreign else []
+        kept += [RELIABLE, Policy.History.KeepLast(CALLS)] if calls else [
             Policy.Reliability.BestEffort, Policy.History.KeepLast(1)
-        )  # fmt: skip
+        ]  # fmt: skip
         return DataReader(self._there(), Topic(self._there(), topic, kind), qos=Qos(*kept))
 
     def other_writers(self, topic: str) -> int:
-        """Returns the number of writers of a topic that other participants have."""
-        own = self._there().guid
+        """Returns the number of programs besides this one that may write a topic; the robot's own, which
+        writes rt/lowstate too, does not count."""
         for sample in self._publications.take(1000):
             if sample.sample_info.valid_data:
-                self._writers[sample.key] = "" if sample.participant_key == own else sample.topic_name
+                self._writers[sample.key] = sample.topic_name, sample.participant_key
             else:
                 self._writers.pop(sample.key, None)
-        return sum(name == topic for name in self._writers.values())
+        writers: dict[str, set[Any]] = {topic: set(), "rt/lowstate": {self._there().guid}}
+        for name, participant in self._writers.values():
+            if name in writers:
+                writers[name].add(participant)
+        return len(writers[topic] - writers["rt/lowstate"])
 
     def close(self) -> None:
         """Leaves the domain. A second call does nothing."""

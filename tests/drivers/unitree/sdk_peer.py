@@ -1,0 +1,182 @@
+"""Programs on the vendor's own SDKs, each a process: `python sdk_peer.py ROLE DOMAIN`.
+
+The SDK in C++ (`far-unitree-sdk`) knows domain 0 only. Each prints `ready`. A client ends when the robot has
+done what it wants, a robot when its input is closed. It then prints one line of JSON with what it has heard.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+import time
+import types
+from typing import Any
+
+ROLE, DOMAIN = sys.argv[1], int(sys.argv[2])
+LONGEST = 30.0
+"""Time [s] after which a program ends in any case."""
+LOOPBACK = (
+    '<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterface name="lo" multicast="false"/>'
+    "</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto"
+    "</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>"
+    '<Peers><Peer address="127.0.0.1"/></Peers></Discovery></Domain></CycloneDDS>'
+)
+ELBOW, WEIGHT = 18, 29
+
+
+def times(rate: float) -> Any:
+    """Yields the time [s] since now, `rate` times a second, until the input is closed."""
+    closed = threading.Event()
+    threading.Thread(target=lambda: (sys.stdin.read(), closed.set()), daemon=True).start()
+    begin = due = time.monotonic()
+    while (now := time.monotonic()) < begin + LONGEST and not closed.is_set():
+        yield now - begin
+        due += 1 / rate
+        time.sleep(max(0.0, due - time.monotonic()))
+
+
+def tell(**heard: Any) -> None:
+    print(json.dumps(heard), flush=True)
+    os._exit(0)  # neither SDK ends its threads
+
+
+def cpp() -> Any:
+    import unitree_interface as sdk
+
+    return sdk, sdk.UnitreeInterface.create_g1("lo", sdk.MessageType.HG, dds_config=LOOPBACK)
+
+
+def python() -> Any:
+    sys.modules.setdefault("cv2", types.ModuleType("cv2"))  # only its cameras need OpenCV
+    import cyclonedds.idl._typesupport.DDS.XTypes as xtypes
+
+    xtypes.TK_UINT8 = xtypes.TK_BYTE  # as in the Cyclone that the vendor ships
+    import unitree_sdk2py.core.channel as channel
+
+    channel.ChannelConfigHasInterface = LOOPBACK
+    channel.ChannelFactoryInitialize(DOMAIN, "lo")
+    return channel
+
+
+def cpp_robot() -> None:
+    """A robot that is where the latest command of rt/lowcmd wants it."""
+    sdk, robot = cpp()
+    robot.enable_motion_switcher_responder()
+    state = sdk.LowState(29)
+    state.mode_machine, state.imu.quat = 5, [1.0, 0.0, 0.0, 0.0]
+    print("ready", flush=True)
+    elbow, stiffness = [], []
+    for _ in times(500):
+        command = robot.read_incoming_command()
+        state.motor.q = list(command.q_target)
+        robot.publish_low_state(state)
+        elbow.append(command.q_target[ELBOW])
+        stiffness.append(command.kp[ELBOW])
+    tell(
+        largest=max(elbow), last=elbow[-1], stiffest=max(stiffness), stiffness=stiffness[-1],
+        damping=command.kd[ELBOW],
+    )  # fmt: skip
+
+
+def cpp_client() -> None:
+    """A program that moves the left elbow by rt/lowcmd."""
+    _, robot = cpp()
+    print("ready", flush=True)
+    start = None
+    for now in times(250):
+        state = robot.read_low_state()
+        if state.mode_machine == 5 and start is None:
+            start, begin = list(state.motor.q), now
+        if start is not None:
+            command = robot.create_zero_command()
+            wanted = list(start)
+            wanted[ELBOW] -= 0.3 * min(1.0, now - begin)
+            command.q_target, command.kp, command.kd = wanted, [40.0] * 29, [1.0] * 29
+            robot.write_low_command(command)
+            if abs(state.motor.q[ELBOW] - start[ELBOW] + 0.3) < 0.01:
+                break
+    tell(start=start and start[ELBOW], end=state.motor.q[ELBOW], variant=state.mode_machine)
+
+
+def py_robot() -> None:
+    """A robot with rt/arm_sdk and motion switcher."""
+    channel = python()
+    from unitree_sdk2py.idl.default import unitree_hg_msg_dds__LowState_
+    from unitree_sdk2py.idl.unitree_hg.msg.dds_ import LowCmd_, LowState_
+    from unitree_sdk2py.utils.crc import CRC
+
+    crc, state = CRC(), unitree_hg_msg_dds__LowState_()
+    state.mode_machine, state.imu_state.quaternion = 5, [1.0, 0.0, 0.0, 0.0]
+    elbow, weights, wrong = [], [], 0
+    own, here = 0.5, [0.5] * 29
+
+    def hear(command: Any) -> None:
+        nonlocal wrong
+        wrong += crc.Crc(command) != command.crc
+        weights.append(command.motor_cmd[WEIGHT].q)
+        for motor in range(12, 29):
+            here[motor] = weights[-1] * command.motor_cmd[motor].q + (1 - weights[-1]) * own
+        elbow.append(here[ELBOW])
+
+    states = channel.ChannelPublisher("rt/lowstate", LowState_)
+    states.Init()
+    heard = channel.ChannelSubscriber("rt/arm_sdk", LowCmd_)
+    heard.Init(hear, 0)
+    print("ready", flush=True)
+    for _ in times(125):
+        for motor in range(29):
+            state.motor_state[motor].q = here[motor]
+        state.tick += 8
+        state.crc = crc.Crc(state)
+        states.Write(state)
+    tell(
+        commands=len(weights), wrong=wrong, smallest=min(elbow, default=None), last=elbow and elbow[-1],
+        largest_weight=max(weights, default=None), weight=weights and weights[-1],
+    )  # fmt: skip
+
+
+def py_client() -> None:
+    """A program that asks the motion switcher and moves the left elbow by rt/arm_sdk."""
+    channel = python()
+    from unitree_sdk2py.comm.motion_switcher.motion_switcher_client import MotionSwitcherClient
+    from unitree_sdk2py.idl.default import unitree_hg_msg_dds__LowCmd_
+    from unitree_sdk2py.idl.unitree_hg.msg.dds_ import LowCmd_, LowState_
+    from unitree_sdk2py.utils.crc import CRC
+
+    crc, command, elbow, wrong = CRC(), unitree_hg_msg_dds__LowCmd_(), [], 0
+
+    def hear(state: Any) -> None:
+        nonlocal wrong
+        wrong += crc.Crc(state) != state.crc
+        elbow.append((state.motor_state[ELBOW].q, state.mode_machine))
+
+    heard = channel.ChannelSubscriber("rt/lowstate", LowState_)
+    heard.Init(hear, 0)
+    arms = channel.ChannelPublisher("rt/arm_sdk", LowCmd_)
+    arms.Init()
+    switcher = MotionSwitcherClient()
+    switcher.SetTimeout(10.0)
+    switcher.Init()
+    print("ready", flush=True)
+    while (before := switcher.CheckMode())[0]:  # until it is connected
+        time.sleep(0.1)
+    while not elbow:
+        time.sleep(0.01)
+    start = elbow[-1][0]
+    for now in times(50):
+        motor = command.motor_cmd[ELBOW]
+        motor.mode, motor.q, motor.kp, motor.kd = 1, start + 0.3 * min(1.0, now), 60.0, 1.5
+        command.motor_cmd[WEIGHT].q = min(1.0, now)
+        command.mode_machine = elbow[-1][1]
+        command.crc = crc.Crc(command)
+        arms.Write(command)
+        if abs(elbow[-1][0] - start - 0.3) < 0.01:
+            break
+    end = elbow[-1][0]
+    released, after = switcher.ReleaseMode()[0], switcher.CheckMode()
+    tell(before=before, released=released, after=after, start=start, end=end, states=len(elbow), wrong=wrong)
+
+
+globals()[ROLE]()

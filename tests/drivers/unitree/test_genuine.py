@@ -1,0 +1,116 @@
+"""The vendor's own SDKs, in C++ and Python, as robots and as clients."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import tci
+from drivers.unitree.test_keeper import DOMAINS
+from peers import peer_python
+from tci.drivers.driver import Driver
+from tci.drivers.unitree.motors import NAMES
+
+HERE = Path(__file__).parent
+pytestmark = [pytest.mark.timeout(90), pytest.mark.xdist_group("unitree-domain-0")]
+ELBOW = "left_elbow_joint"
+
+
+class Peer:
+    """A program of `sdk_peer`."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self.process = process
+
+    def told(self, *, robot: bool = False) -> dict[str, Any]:
+        """Returns what it tells at its end; a robot ends now."""
+        assert self.process.stdout is not None
+        if robot:
+            assert self.process.stdin is not None
+            self.process.stdin.close()
+        lines = [line for line in self.process.stdout if line.startswith("{")]
+        found: dict[str, Any] = json.loads(lines[-1])
+        return found
+
+
+@contextmanager
+def started(*command: str) -> Iterator[Peer]:
+    """Runs a program that says `ready`."""
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen(command, text=True, cwd=HERE.parents[1], **pipes) as process:  # type: ignore[call-overload]
+        assert process.stdout is not None
+        try:
+            while (line := process.stdout.readline()) != "ready\n":
+                assert line
+            yield Peer(process)
+        finally:
+            process.kill()
+
+
+def peer(role: str, domain: int) -> Any:
+    return started(peer_python("unitree"), str(HERE / "sdk_peer.py"), role, str(domain))
+
+
+def bend(driver: Driver, by: float, seconds: float) -> None:
+    """Moves the left elbow."""
+    arm = driver.native("left_arm")
+    orders = [arm.command({ELBOW: arm.positions(driver.read().joints)[ELBOW] + by})]
+    for now in driver.ticks(duration=seconds):
+        driver.write(driver.gate.step(orders, driver.read().joints, now))
+        orders = []
+
+
+def test_a_robot_of_the_vendors_python_moves_its_arm_and_gets_it_back() -> None:
+    domain = next(DOMAINS)
+    with peer("py_robot", domain) as robot:
+        with tci.connect("g1", f"unitree:lo/{domain}", arm=True) as driver:
+            arm = driver.native("left_arm")
+            assert arm.positions(driver.read().joints)[ELBOW] == pytest.approx(0.5)
+            bend(driver, -0.35, 1.5)
+        found = robot.told(robot=True)
+    assert found["wrong"] == 0
+    assert found["smallest"] == pytest.approx(0.15, abs=0.01)
+    assert found["largest_weight"] == 1.0
+    assert found["weight"] == 0.0
+    assert found["last"] == pytest.approx(0.5)
+
+
+def test_a_robot_of_the_vendors_cpp_is_taken_by_name_and_left_damped() -> None:
+    with peer("cpp_robot", 0) as robot:
+        with tci.connect("g1", "unitree:lo?control=all", arm=True) as driver:
+            bend(driver, 0.35, 1.5)
+        found = robot.told(robot=True)
+    assert found["largest"] == pytest.approx(0.35, abs=0.01)
+    assert found["stiffest"] == 40.0
+    assert (found["stiffness"], found["damping"]) == (0.0, 2.0)
+
+
+def test_programs_of_the_vendor_move_a_served_robot() -> None:
+    """It is a NAO on the topics of a G1: two arms and a head."""
+    with started(sys.executable, str(HERE.parent / "patient.py"), "unitree:lo/0"):
+        with peer("py_client", 0) as client:  # it switches the robot's own controller off at its end
+            found = client.told()
+        assert found["before"] == [0, {"form": "0", "name": "ai"}]
+        assert found["wrong"] == 0
+        assert found["states"] > 100
+        assert found["end"] - found["start"] == pytest.approx(0.3, abs=0.02)
+        assert found["released"] == 0
+        assert found["after"] == [0, {"form": "0", "name": ""}]
+        with peer("cpp_client", 0) as client:
+            found = client.told()
+        assert found["variant"] == 5
+        assert found["end"] - found["start"] == pytest.approx(-0.3, abs=0.02)
+
+
+def test_all_motors_have_the_vendors_names() -> None:
+    robot = tci.load_robot("g1")
+    assert {servo.name for servo in robot.servos} == set(NAMES)
+    assert len(np.unique([servo.index for servo in robot.servos])) == 29

@@ -10,7 +10,8 @@ from tci.engine import mujoco
 from tci.exports.cone import ConeFit, fit_cone
 from tci.frames import Array
 from tci.robot.description import Model
-from tci.robot.model_file import compiled, load_spec
+from tci.robot.mesh_files import NO_MESHES
+from tci.robot.model_file import LEAST_MASS, compiled, load_spec
 
 POINTS = 6000
 """Number of points on one mesh. Assumed; fewer leave pieces of a limb without points, more take longer."""
@@ -28,19 +29,65 @@ class LinkPoints:
 
     def __init__(self, model: Model) -> None:
         """Raises what `load_spec` raises, and DescriptionError for a mesh that MuJoCo can't read."""
-        self._model = compiled(load_spec(model), model)
+        self._model = self.compiled = compiled(load_spec(model), model)
+        self.shapeless = model.meshes == NO_MESHES
+        """True if the model is read without its meshes."""
         self._data = mujoco.MjData(self._model)
+        self._data.qpos[:] = 0.0
         mujoco.mj_kinematics(self._model, self._data)
 
     def of(self, links: Iterable[str]) -> Array:
         """Returns points (n, 3) [m] on links and on everything fixed to them, in the root's frame."""
-        bodies = {self._model.body(link).id for link in links}
-        for body in range(1, self._model.nbody):
-            if self._model.body_parentid[body] in bodies and not self._model.body_jntnum[body]:
-                bodies.add(body)
+        bodies = self._with_fixed(self._model.body(link).id for link in links)
         geoms = [geom for geom in range(self._model.ngeom) if int(self._model.geom_bodyid[geom]) in bodies]
         found = [self._on_geom(geom) for geom in geoms]
         return np.concatenate([np.zeros((0, 3)), *found])
+
+    def far_end(self, link: str, start: Array) -> Array | None:
+        """Returns the end (3,) [m] of a limb's last segment, which begins at `start` (3,) [m] on a link, in
+        the root's frame.
+
+        It is the origin of the farthest link fixed to it, such as a hand, or else that of the farthest tenth
+        of its shape; without shapes, twice as far as its centre of mass. None for a link without any.
+        """
+        body = self._model.body(link).id
+        points = self.of([link])
+        reach = np.linalg.norm(points - start, axis=1)
+        far = reach >= np.quantile(reach, 0.9) if len(reach) else reach > 0.0
+        tip: Array | None = points[far].mean(axis=0) if len(points) else None
+        if self.shapeless and self._model.body_mass[body] > LEAST_MASS:
+            tip = 2.0 * self._data.xipos[body] - start
+        fixed = [self._data.xpos[other] for other in self._with_fixed([body]) if other != body]
+        hand = max(fixed, key=lambda origin: float(np.linalg.norm(origin - start)), default=None)
+        if hand is None or tip is None:
+            return tip if hand is None else hand
+        halfway = 0.5 * float(np.linalg.norm(tip - start))  # nearer links are covers and sensors
+        return hand if halfway < float(np.linalg.norm(hand - start)) < 2.0 * halfway else tip
+
+    def centre_of_mass_without(self, links: Iterable[str]) -> Array | None:
+        """Returns the centre of mass (3,) [m] of all that some links of a robot do not carry, in the root's
+        frame; None if that has no mass."""
+        moved = {self._model.body(link).id for link in links}
+        base = {int(self._model.body_rootid[body]) for body in moved}
+        rest = []
+        for body in range(1, self._model.nbody):
+            if body in moved or int(self._model.body_parentid[body]) in moved:
+                moved.add(body)
+            elif int(self._model.body_rootid[body]) in base:
+                rest.append(body)
+        mass = self._model.body_mass[rest]
+        if not mass.sum() > LEAST_MASS * max(1, len(rest)):
+            return None
+        centre: Array = mass @ self._data.xipos[rest] / mass.sum()
+        return centre
+
+    def _with_fixed(self, bodies: Iterable[int]) -> set[int]:
+        """Returns bodies and all that are fixed to them."""
+        found = set(bodies)
+        for body in range(1, self._model.nbody):
+            if self._model.body_parentid[body] in found and not self._model.body_jntnum[body]:
+                found.add(body)
+        return found
 
     def link_pose(self, link: str) -> tuple[Array, Array]:
         """Returns `R_RL` (3, 3) and `p_RL` (3,) [m] of a link in the root's frame."""

@@ -10,7 +10,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from tci.authoring.find_limbs import MIRRORED, FoundLimbs, Limb
+from tci.authoring.find_legs import ALIKE, SLANTED, Leg
+from tci.authoring.find_limbs import FoundLimbs
+from tci.authoring.limb import Limb
 from tci.authoring.link_points import LinkPoints
 from tci.authoring.sleeves import three
 from tci.frames import Array, rpy_of
@@ -30,10 +32,6 @@ LEG = {
 """Positive axes of a left leg that stands straight, in the torso frame."""
 HAND = {"flexion": (-1.0, 0.0, 0.0), "deviation": (0.0, -1.0, 0.0)}
 """Positive axes of a left hand whose arm is at the generic zero, in the torso frame."""
-ALIKE = 0.96
-"""Least cosine between a joint's axis and the generic one. Assumed: about 16 degrees."""
-TALL = 0.1
-"""Least height [m] of a hip above its ankle. Assumed: smaller than the legs of small humanoids."""
 STANDING = np.deg2rad([20.0, 0.0, 0.0, 40.0, 20.0, 0.0])
 """Initial posture [rad] of legs, as far as limits allow. Assumed: slightly bent knees, level feet."""
 ROOM = np.deg2rad(3.0)
@@ -48,58 +46,38 @@ def generic_joint(id: int, name: str, servo: int | None, **more: object) -> Gene
 
 
 def middle(
-    body: FoundLimbs, kind: str, joints: Sequence[int], index: Mapping[str | None, int]
+    body: FoundLimbs, kind: str, joints: Sequence[int], index: Mapping[str | None, int], *, sense: float = 1.0
 ) -> GenericPart:
     """Returns head or torso: pitch nods forward, roll leans right, yaw turns left; joints that the robot
-    lacks are fixed."""
+    lacks are fixed.
+
+    `joints` are in order from the torso; of parallel ones the nearest to the torso is taken. `sense` is -1
+    for joints that the torso carries and that are to move it, not them.
+    """
     servos = []
     for id, (name, axis) in enumerate(zip(("pitch", "roll", "yaw"), np.eye(3)[[1, 0, 2]], strict=True)):
-        found = [place for place in joints if abs(body.joints[place].axis @ axis) > 0.99]
-        if len(found) == 1:
-            scale = float(np.sign(body.joints[found[0]].axis @ axis))
-            servos.append(generic_joint(id, name, index[body.joints[found[0]].name], scale=scale))
-        else:
+        found = next((place for place in joints if abs(body.joints[place].axis @ axis) > ALIKE), None)
+        if found is None:
             servos.append(GenericServo(id=id, name=name, servo=None))
+        else:
+            scale = sense * float(np.sign(body.joints[found].axis @ axis))
+            servos.append(generic_joint(id, name, index[body.joints[found].name], scale=scale))
     return GenericPart.model_validate({"name": kind, "kind": kind, "servos": tuple(servos)})
 
 
-def find_legs(body: FoundLimbs) -> dict[Side, list[int]]:
-    """Finds the joints of both legs, from the hip down, by side; empty for a robot on wheels.
-
-    Legs are mirrored chains with three joints that bend about y, at hip, knee and ankle, each below the last.
-    """
-    parents = {one.parent for one in body.joints}
-    own = {
-        *body.trunk,
-        *body.head,
-        *(place for limb in body.arms.values() for place in body.behind(limb.ball[0])),
-    }
-    found: dict[Side, list[int]] = {}
-    for leaf in range(len(body.joints)):
-        if leaf in parents or leaf in own:
-            continue
-        chain: list[int] = []
-        place = leaf
-        while place >= 0 and place not in own and abs(body.joints[place].anchor[1]) > MIRRORED:
-            chain.insert(0, place)
-            place = body.joints[place].parent
-        bends = [one for one in chain if abs(body.joints[one].axis[1]) > ALIKE]
-        heights = [float(body.joints[one].anchor[2]) for one in bends]
-        if len(bends) == 3 and heights == sorted(heights, reverse=True) and heights[0] - heights[2] > TALL:
-            found["left" if body.joints[leaf].anchor[1] > 0.0 else "right"] = chain
-    return found if len(found) == 2 else {}
-
-
 def leg(
-    draft: Robot, body: FoundLimbs, chain: Sequence[int], side: Side, points: LinkPoints,
+    draft: Robot, body: FoundLimbs, found_leg: Leg, side: Side, points: LinkPoints,
     index: Mapping[str | None, int],
 ) -> GenericPart:  # fmt: skip
-    """Returns the generic leg of a chain that `find_legs` found, with each joint where its axis fits."""
+    """Returns the generic leg, with each joint where its axis fits."""
     mirror = np.array([1.0, 1.0, 1.0] if side == "left" else [-1.0, 1.0, -1.0])
     wanted = {name: mirror * axis for name, axis in LEG.items()}
-    hip, knee, ankle = (place for place in chain if abs(body.joints[place].axis[1]) > ALIKE)
+    chain, hip, knee, ankle = found_leg.chain, found_leg.hip, found_leg.knee, found_leg.ankle
     above, below = chain[: chain.index(knee)], chain[chain.index(knee) + 1 :]
-    found = _matched(body, above, {name: wanted[name] for name in ("hip_pitch", "hip_roll", "hip_yaw")})
+    found = _matched(body, [hip], {"hip_pitch": wanted["hip_pitch"]})
+    found |= _matched(
+        body, [one for one in above if one != hip], {name: wanted[name] for name in ("hip_roll", "hip_yaw")}
+    )
     found |= _matched(body, [knee], {"knee_pitch": wanted["knee_pitch"]})
     found |= _matched(body, below, {name: wanted[name] for name in ("ankle_pitch", "ankle_roll")})
     tip = body.joints[ankle].anchor
@@ -147,7 +125,7 @@ def hand(
     position[joints.servos] = joints.to_robot(np.zeros(5), position)
     kinematics = KinematicChain(robot)
     mirror = np.array([1.0, 1.0, 1.0] if arm.side == "left" else [-1.0, 1.0, -1.0])
-    servos, free = [], _chain_below(body, limb.turn if limb.turn is not None else limb.bend)[:2]
+    servos, free = [], wrist(body, limb)
     for id, (name, axis) in enumerate(HAND.items()):
         fit = GenericServo(id=id, name=name, servo=None)
         for place in free:
@@ -199,22 +177,23 @@ def _matched(
     for name, axis in wanted.items():
         for place in joints:
             along = float(body.joints[place].axis @ axis)
-            if abs(along) > ALIKE and place not in [taken for taken, _ in found.values()]:
+            if abs(along) > SLANTED and place not in [taken for taken, _ in found.values()]:
                 found[name] = place, float(np.sign(along))
                 break
     return found
 
 
-def _chain_below(body: FoundLimbs, start: int) -> list[int]:
-    """Returns the joints beyond `start`, as long as each carries one more: an ankle or wrist, without
-    fingers."""
+def wrist(body: FoundLimbs, limb: Limb) -> list[int]:
+    """Returns the first two joints beyond an arm's pronation, as long as each carries one more: the wrist,
+    without fingers."""
+    start = limb.bend if limb.turn is None else limb.turn
     chain: list[int] = []
     after = [start]
     while len(after) == 1:
         if after[0] != start:
             chain.append(after[0])
         after = [place for place, one in enumerate(body.joints) if one.parent == after[0]]
-    return chain
+    return chain[:2]
 
 
 def _inside(draft: Robot, servo: int, scale: float, offset: float, wanted: float) -> float:

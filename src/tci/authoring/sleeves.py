@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from tci.authoring.find_limbs import FoundLimbs, Limb
-from tci.authoring.link_points import LinkPoints, cone_around
+from tci.authoring.find_limbs import FoundLimbs
+from tci.authoring.limb import Limb
+from tci.authoring.link_points import THINNEST, LinkPoints, cone_around
+from tci.exports.cone import ConeFit
 from tci.frames import Array, rpy_of
 from tci.robot.description import GenericPart, Patch, Sensor, TruncatedCone, Vector
 from tci.robot.generic_arm import SEGMENTS
@@ -13,6 +15,9 @@ from tci.robot.shoulder import nearest_point
 
 COVER = {"upper_arm": (0.2, 0.8), "forearm": (0.12, 0.9)}
 """Range of u that skin covers on each segment. Assumed: keeps clear of the joints at both ends."""
+SLENDER = 0.18
+"""Radius of skin on a model that is read without its meshes, as a fraction of the segment's length. Assumed:
+between the arms of iCub and those of G1."""
 PITCH = 0.009
 """Distance [m] between taxels. Assumed; on an iCub's modules it is 6.5 mm."""
 
@@ -50,7 +55,14 @@ def sleeves(body: FoundLimbs, limb: Limb, part: GenericPart, points: LinkPoints)
         begin, end = ends_of(body, limb)[segment]
         length = float(np.linalg.norm(end - begin))
         cover = [length * u for u in COVER[segment]]
-        fit = cone_around(points.of(links[segment]) @ body.R_RH, begin, axis, *cover)
+        shape = points.of(links[segment]) @ body.R_RH
+        if points.shapeless:
+            radius = max(THINNEST, SLENDER * length)
+            fit: ConeFit | None = ConeFit(
+                begin + axis * cover[0], axis, cover[1] - cover[0], radius, radius, 0.0, 0.0
+            )
+        else:
+            fit = cone_around(shape, begin, axis, *cover)
         if fit is None:
             continue
         link = part.segment(segment).link

@@ -146,7 +146,8 @@ def remarks(robot: Robot) -> list[str]:
         for generic in part.servos:
             if generic.servo is None:
                 notes.append(
-                    f"{part.name} {generic.name}: the robot has no such joint; its angle is read as constant"
+                    f"{part.name} {generic.name}: no joint of the robot is mapped to it; its angle is read "
+                    "as constant"
                 )
                 continue
             servo = robot.servos[generic.servo]

@@ -1,4 +1,4 @@
-"""`tci new-robot`: proposes a robot description from a URDF, for a person to review."""
+"""`tci new-robot`: proposes a robot description from a URDF or MJCF, for a person to review."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from tci.cli.options import AsJson
 from tci.errors import CommandError
 
 if TYPE_CHECKING:
+    from tci.authoring.proposed_arm import Sign
     from tci.robot.description import Robot
 
 
@@ -24,13 +25,36 @@ response, the initial posture, the zero of pronation (that of the robot)."""
 
 
 def new_robot(
-    urdf: Annotated[Path, typer.Argument(help="URDF file of the robot.")],
+    model: Annotated[Path, typer.Argument(help="URDF or MJCF file of the robot.")],
     name: Annotated[str | None, typer.Option(help="Name of the robot. \\[default: that of the file]")] = None,
     package: Annotated[
-        str | None, typer.Option(help="Installed Python package that contains the URDF, if one does.")
+        str | None, typer.Option(help="Installed Python package that contains the model, if one does.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Description to write. \\[default: robot.xml beside the URDF]")
+        Path | None, typer.Option(help="Description to write. \\[default: robot.xml beside the model]")
+    ] = None,
+    meshes: Annotated[
+        Path | None,
+        typer.Option(help="Folder to search for meshes that are not where the model says, beside --out."),
+    ] = None,
+    without_meshes: Annotated[
+        bool,
+        typer.Option(
+            "--without-meshes",
+            help="Leave out all meshes; skin is then as thick as lengths of links suggest.",
+        ),
+    ] = False,
+    arms: Annotated[
+        str | None,
+        typer.Option(help="First joints of both shoulders, LEFT,RIGHT, if arms and legs are in doubt."),
+    ] = None,
+    elbow: Annotated[
+        int | None,
+        typer.Option(
+            min=-1,
+            max=1,
+            help="Direction, 1 or -1, in which the left elbow's joint bends the arm, if in doubt.",
+        ),
     ] = None,
     mount: Annotated[
         bool,
@@ -43,7 +67,7 @@ def new_robot(
     force: Annotated[bool, typer.Option("--force", help="Replace a description that exists.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Propose the description of a humanoid from its URDF.
+    """Propose the description of a humanoid from its URDF or MJCF.
 
     Finds arms, hands, head, torso and legs by their geometry, reads limits from the file and puts sleeves of
     skin around the arms. Review the result: values that the file does not have are marked as assumed in it.
@@ -52,16 +76,33 @@ def new_robot(
     """
     from tci.authoring.proposal import propose
     from tci.cli.check import remarks
+    from tci.robot.mesh_files import NO_MESHES
     from tci.robot.xml import read_robot
     from tci.robot.xml.writer import write_robot
 
-    name = name or _plain(urdf.stem)
-    target = out or urdf.parent / "robot.xml"
-    file = _in_package(urdf, package) if package else _beside(urdf, target)
-    proposed = propose(urdf, name=name, package=package, mount=mount)
+    if meshes is not None and without_meshes:
+        raise CommandError("both --meshes and --without-meshes; valid: one of them")
+    name = name or _plain(model.stem)
+    target = out or model.parent / "robot.xml"
+    file = _in_package(model, package) if package else _beside(model, target, what="model")
+    folder = None if meshes is None else _beside(meshes, target, what="folder of meshes")
+    proposed = propose(
+        model,
+        name=name,
+        package=package,
+        mount=mount,
+        meshes=NO_MESHES if without_meshes else None if meshes is None else str(meshes.resolve()),
+        arms=_both(arms),
+        elbow=_direction(elbow),
+    )
     if target.exists() and not force:
         raise CommandError(f"{target} exists; valid: --out with another file, or --force to replace it")
-    text = write_robot(proposed, file=file, comment=COMMENT.format(file=urdf.name))
+    text = write_robot(
+        proposed,
+        file=file,
+        meshes=NO_MESHES if without_meshes else folder,
+        comment=COMMENT.format(file=model.name),
+    )
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_text(text, encoding="utf-8")
     robot = read_robot(target)
@@ -83,22 +124,40 @@ def _plain(stem: str) -> str:
     return "".join(letter if letter.isalnum() else "_" for letter in stem.lower())
 
 
-def _beside(urdf: Path, target: Path) -> str:
-    """Returns the path of the model relative to the description's folder.
+def _both(arms: str | None) -> tuple[str, str] | None:
+    """Returns the joints of --arms. Raises CommandError unless there are two."""
+    if arms is None:
+        return None
+    names = [name.strip() for name in arms.split(",")]
+    if len(names) != 2 or not all(names):
+        raise CommandError(f"--arms {arms}; valid: LEFT,RIGHT, the first joint of each shoulder")
+    return names[0], names[1]
 
-    Raises CommandError for a model outside that folder.
+
+def _direction(elbow: int | None) -> Sign | None:
+    """Returns the direction of --elbow. Raises CommandError for 0."""
+    if elbow == 0:
+        raise CommandError("--elbow 0; valid: 1 or -1")
+    return None if elbow is None else 1 if elbow > 0 else -1
+
+
+def _beside(path: Path, target: Path, *, what: str) -> str:
+    """Returns a path relative to the description's folder.
+
+    Raises CommandError for one outside that folder.
     """
     folder = target.absolute().parent.resolve()
-    path = urdf.resolve()
-    if not path.is_relative_to(folder):
+    resolved = path.resolve()
+    if not resolved.is_relative_to(folder):
         raise CommandError(
-            f"{urdf} is outside {folder}, and a description finds its model only in its own folder or below; "
-            "valid: --out beside the URDF, or --package with the installed Python package that has the model"
+            f"{path} is outside {folder}, and a description finds its {what} only in its own folder or "
+            "below; valid: --out in a folder above, or --package with the installed Python package that has "
+            "the model"
         )
-    return path.relative_to(folder).as_posix()
+    return resolved.relative_to(folder).as_posix()
 
 
-def _in_package(urdf: Path, package: str) -> str:
+def _in_package(model: Path, package: str) -> str:
     """Returns the end of the model's path in an installed package.
 
     Raises CommandError when the package is not installed or has no such file.
@@ -110,9 +169,9 @@ def _in_package(urdf: Path, package: str) -> str:
             f"no installed package {package!r}; install it with: pip install {package}"
         ) from None
     for entry in files:
-        if entry.name == urdf.name and Path(str(entry.locate())).resolve() == urdf.resolve():
+        if entry.name == model.name and Path(str(entry.locate())).resolve() == model.resolve():
             return "/".join(entry.parts[-3:])
-    raise CommandError(f"the package {package!r} does not contain {urdf}; valid: a file that it installed")
+    raise CommandError(f"the package {package!r} does not contain {model}; valid: a file that it installed")
 
 
 def _found(robot: Robot) -> list[str]:
@@ -130,5 +189,10 @@ def _found(robot: Robot) -> list[str]:
         turn = ", ".join(f"{np.rad2deg(angle):.1f}" for angle in part.mount)
         on = f" on a mount turned by {turn} degrees (roll, pitch, yaw)" if any(part.mount) else ""
         lines.append(f"{part.name}: {', '.join(joints) or 'nothing'}{on}")
+    used = {generic.servo for part in robot.parts for generic in part.servos}
+    for name in dict.fromkeys(servo.robot_part for servo in robot.servos):
+        idle = [servo.name for servo in robot.servos_of(name) if servo.index not in used]
+        if idle:
+            lines.append(f"{name}, without a generic joint: {', '.join(idle)}")
     lines += [f"skin {patch.name}: {patch.channels} taxels on {patch.link}" for patch in robot.patches]
     return lines

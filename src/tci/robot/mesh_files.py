@@ -1,4 +1,4 @@
-"""Conversion of mesh files that MuJoCo can't read (COLLADA, STL as text) to binary STL."""
+"""Mesh files of a model: where they are, and conversion of those that MuJoCo can't read to binary STL."""
 
 from __future__ import annotations
 
@@ -11,8 +11,88 @@ from tci.installed import needs
 
 READABLE = (".stl", ".obj", ".msh")
 """File-name suffixes that MuJoCo reads."""
+NO_MESHES = "none"
+"""Value of `Model.meshes` for a model that is read without its meshes."""
+_PACKAGE = "package://"
 _HEADER, _FACE = 84, 50
 """Sizes [bytes] in a binary STL: of the header with the number of faces at its end, and of each face."""
+
+
+class MeshFiles:
+    """Finds the mesh files that a model names, and keeps account of those that are missing or broken."""
+
+    def __init__(self, model: Path, folder: str | None) -> None:
+        """Looks in `folder` for files that are not where the file `model` says."""
+        self._model = model
+        self._own = {} if folder in (None, NO_MESHES) else _by_name(Path(str(folder)))
+        self._faults: dict[str, Fault] = {}
+
+    def find(self, name: str) -> Path | None:
+        """Returns the path of a mesh; None if it is missing. `package://` names a folder next to one of the
+        model's parents."""
+        relative = Path(name.removeprefix(_PACKAGE).lstrip("/"))  # some write package:///
+        if name.startswith(_PACKAGE):
+            places = [folder / relative for folder in self._model.resolve().parents]
+        else:
+            places = [(self._model.parent / name.removeprefix("file://")).resolve()]
+        for file in places:
+            if file.is_file():
+                return file
+        if found := _most_alike(relative, self._own.get(relative.name.lower(), [])):
+            return found
+        message = f"mesh {name}: "
+        if name.startswith(_PACKAGE):
+            message += f"no folder {relative.parts[0]!r} with this file above {self._model.parent}"
+        else:
+            message += f"{places[0]} is not a file"
+        self._faults[name] = Fault(0, message + _other_case(places))
+        return None
+
+    def converted(self, file: Path) -> bytes:
+        """Returns the mesh of a file as a binary STL [m]; empty for a broken file."""
+        try:
+            return binary_stl(file)
+        except DescriptionError as error:
+            self._faults[str(file)] = Fault(0, f"mesh {file}: {error.faults[0].message}")
+            return b""
+
+    def check(self) -> None:
+        """Raises DescriptionError with all meshes that are missing or broken."""
+        if self._faults:
+            message = (
+                "valid: new-robot --meshes DIR with a folder that has them, or --without-meshes; in a "
+                f'description, meshes="FOLDER" or meshes="{NO_MESHES}" of <model>'
+            )
+            raise DescriptionError(str(self._model), [*self._faults.values(), Fault(0, message)])
+
+
+def _by_name(folder: Path) -> dict[str, list[Path]]:
+    """Returns all files below a folder by their names in lower case."""
+    found: dict[str, list[Path]] = {}
+    for file in sorted(folder.rglob("*")):
+        if file.is_file():
+            found.setdefault(file.name.lower(), []).append(file)
+    return found
+
+
+def _most_alike(wanted: Path, files: list[Path]) -> Path | None:
+    """Returns the file whose path ends most like the `wanted` one; None for none."""
+
+    def alike(file: Path) -> int:
+        pairs = zip(file.parts[::-1], wanted.parts[::-1], strict=False)
+        return next((count for count, (one, other) in enumerate(pairs) if one.lower() != other.lower()), 99)
+
+    return max(files, key=alike, default=None)
+
+
+def _other_case(places: list[Path]) -> str:
+    """Names a file whose name differs in upper and lower case only; empty for none."""
+    for place in places:
+        if place.parent.is_dir():
+            for file in place.parent.iterdir():
+                if file.name.lower() == place.name.lower():
+                    return f"; did you mean {file.name!r}? Upper and lower case count"
+    return ""
 
 
 def is_readable(path: Path) -> bool:

@@ -10,9 +10,8 @@ from lxml import etree
 from tci.engine import mujoco
 from tci.errors import DescriptionError, Fault
 from tci.robot.description import Model
-from tci.robot.mesh_files import binary_stl, is_readable
+from tci.robot.mesh_files import NO_MESHES, MeshFiles, is_readable
 
-_PACKAGE = "package://"
 SMALLEST = 1e-12
 """Smallest principal moment of inertia [kg m2] that counts as real. Assumed: that of a gram at a millimetre
 is 1e-9, so smaller values are placeholders."""
@@ -34,10 +33,11 @@ def load_spec(model: Model) -> mujoco.MjSpec:
         )
     try:
         if model.format == "urdf":
-            spec = _read_urdf(path)
-            _mend_masses(spec)
+            spec = _read_urdf(model)
+            _mend_inertia(spec)
         else:
-            spec = mujoco.MjSpec.from_file(str(path))
+            spec = _read_mjcf(model)
+        _mend_masses(spec)
     except (ValueError, etree.XMLSyntaxError) as error:
         raise DescriptionError(
             model.path, [Fault(0, f"not a readable {model.format} model: {error}")]
@@ -50,8 +50,9 @@ def load_spec(model: Model) -> mujoco.MjSpec:
     for joint in spec.joints:
         if joint.type == mujoco.mjtJoint.mjJNT_FREE:
             spec.delete(joint)
-    for key in spec.keys:  # keyframes of a floating base, and of whatever else a scene contains
-        spec.delete(key)
+    # Keyframes of a floating base, and contacts with a floor, belong to whatever scene contains the robot.
+    for element in [*spec.keys, *spec.pairs]:
+        spec.delete(element)
     return spec
 
 
@@ -75,10 +76,12 @@ def compiled(spec: mujoco.MjSpec, model: Model) -> mujoco.MjModel:
     Raises DescriptionError for faults that MuJoCo finds only now, such as a missing mesh or an axis of length
     0, and for positions and axes that are not finite numbers.
     """
+    if model.format == "mjcf":
+        _place_meshes(spec, model)
     try:
         made = compile_once(spec)
     except ValueError as error:
-        raise DescriptionError(model.path, [Fault(0, f"not a usable model: {error}")]) from error
+        raise DescriptionError(model.path, [Fault(0, f"not a usable model: {error}{_flat(spec)}")]) from error
     places = (made.body_pos, made.body_quat, made.jnt_pos, made.jnt_axis, made.qpos0)
     if not all(np.isfinite(values).all() for values in places):
         raise DescriptionError(
@@ -87,19 +90,24 @@ def compiled(spec: mujoco.MjSpec, model: Model) -> mujoco.MjModel:
     return made
 
 
-def _read_urdf(path: Path) -> mujoco.MjSpec:
+def _read_urdf(model: Model) -> mujoco.MjSpec:
     """Reads a URDF: finds and converts its meshes, and sets the options that MuJoCo needs at parsing."""
+    path = Path(model.path)
     parser = etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True)
     root = etree.parse(str(path), parser).getroot()
+    meshes = MeshFiles(path, model.meshes)
     converted: dict[str, bytes] = {}
-    for mesh in root.iter("mesh"):
-        if filename := mesh.get("filename"):
-            file = _mesh_file(path, filename)
-            if not is_readable(file):
-                file = Path(str(file).lstrip("/").replace("/", "_")).with_suffix(".stl")
-                if file.name not in converted:
-                    converted[file.name] = binary_stl(_mesh_file(path, filename))
-            mesh.set("filename", str(file))
+    for shape in [shape for tag in ("visual", "collision") for shape in root.iter(tag)]:
+        for mesh in shape.iter("mesh"):
+            if model.meshes == NO_MESHES:
+                shape.getparent().remove(shape)
+            elif (name := mesh.get("filename")) and (file := meshes.find(str(name))) is not None:
+                if not is_readable(file):
+                    data = meshes.converted(file)
+                    file = Path(str(file).lstrip("/").replace("/", "_")).with_suffix(".stl")
+                    converted[file.name] = data
+                mesh.set("filename", str(file))
+    meshes.check()
     for extension in root.findall("mujoco"):
         root.remove(extension)
     extension = etree.SubElement(root, "mujoco")
@@ -114,9 +122,29 @@ def _read_urdf(path: Path) -> mujoco.MjSpec:
     return mujoco.MjSpec.from_string(str(etree.tostring(root, encoding="unicode")), assets=converted)
 
 
-def _mend_masses(spec: mujoco.MjSpec) -> None:
-    """Corrects data that URDFs contain and MuJoCo refuses: flat meshes, moving links without mass, impossible
-    inertias."""
+def _read_mjcf(model: Model) -> mujoco.MjSpec:
+    """Reads an MJCF, without its meshes if the description says so."""
+    spec = mujoco.MjSpec.from_file(model.path)
+    shown = [geom for geom in spec.geoms if geom.meshname]
+    if model.meshes == NO_MESHES:
+        for element in [*shown, *spec.meshes]:
+            spec.delete(element)
+    return spec
+
+
+def _place_meshes(spec: mujoco.MjSpec, model: Model) -> None:
+    """Finds the meshes of an MJCF. Only now, as kinematics need none."""
+    meshes = MeshFiles(Path(model.path), model.meshes)
+    for mesh in spec.meshes:
+        if mesh.file and (file := meshes.find(str(Path(spec.meshdir, mesh.file)))) is not None:
+            mesh.file = str(file)
+            if not is_readable(file):
+                meshes.converted(file)
+    meshes.check()
+
+
+def _mend_inertia(spec: mujoco.MjSpec) -> None:
+    """Corrects inertias that URDFs contain and MuJoCo refuses: those of flat meshes, and impossible ones."""
     for mesh in spec.meshes:
         mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
     for body in spec.bodies:
@@ -129,22 +157,18 @@ def _mend_masses(spec: mujoco.MjSpec) -> None:
                 body.fullinertia = mended[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         elif body.joints and body.explicitinertial:
             body.inertia = np.maximum(body.inertia, SMALLEST)
+
+
+def _mend_masses(spec: mujoco.MjSpec) -> None:
+    """Gives a mass to moving links that have neither mass nor shape."""
+    for body in spec.bodies:
         if body.joints and not body.mass > 0.0 and (body.explicitinertial or not body.geoms):
             body.fullinertia = np.full(6, np.nan)
             body.mass, body.inertia, body.explicitinertial = LEAST_MASS, [LEAST_INERTIA] * 3, True
 
 
-def _mesh_file(urdf: Path, filename: str) -> Path:
-    """Returns the path of a mesh. `package://` names a folder next to one of the URDF's parents."""
-    if not filename.startswith(_PACKAGE):
-        file = (urdf.parent / filename.removeprefix("file://")).resolve()
-        if not file.is_file():
-            raise DescriptionError(str(urdf), [Fault(0, f"mesh {filename}: {file} is not a file")])
-        return file
-    relative = filename.removeprefix(_PACKAGE).lstrip("/")  # some write package:///
-    for folder in urdf.resolve().parents:
-        if (folder / relative).is_file():
-            return folder / relative
-    package = relative.split("/", 1)[0]
-    message = f"{filename}: no folder {package!r} with this file above {urdf.parent}"
-    raise DescriptionError(str(urdf), [Fault(0, message)])
+def _flat(spec: mujoco.MjSpec) -> str:
+    """Names the links with a shape of size 0, which MuJoCo tells only by number; empty for none."""
+    sized = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
+    links = [geom.parent.name for geom in spec.geoms if geom.type not in sized and not geom.size[0] > 0.0]
+    return f" (the shape of {', '.join(dict.fromkeys(links))}; valid: above 0)" if links else ""

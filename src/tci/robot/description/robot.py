@@ -24,6 +24,9 @@ class Model(Description):
     """Path of the file; absolute after loading."""
     package: str | None = None
     """Installed Python package that contains the file (the extra that installs it has the robot's name)."""
+    meshes: str | None = None
+    """Folder, absolute after loading, with meshes that are not where the model says; "none" leaves all
+    out."""
     torso_link: str
     """Link that the torso frame is fixed to."""
     torso_rpy: Vector = (0.0, 0.0, 0.0)

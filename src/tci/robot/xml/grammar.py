@@ -257,10 +257,14 @@ PATCH = Element(
 )  # fmt: skip
 
 MODEL = Element(
-    "Kinematic model. `file` lies beside the description, or is the end of a path in an installed `package` "
-    "(the extra that installs it is named for the error). The torso frame has x forward, y left, z up.",
+    "Kinematic model. `file` lies beside the description, or is the end of a path in an installed "
+    "`package` (the extra that installs it is named for the error). The torso frame has x forward, y left, "
+    "z up. `meshes` is a folder beside the description with meshes that are not where the model says; `none` "
+    "leaves all out.",
     needs={"format": _choice(Model, "format"), "file": RelativePath(), "torso_link": NAME},
-    may={"package": NAME, "extra": NAME, "torso_rpy": ORIENTATION, "torso_xyz": POINT},
+    may={
+        "package": NAME, "extra": NAME, "meshes": RelativePath(),"torso_rpy": ORIENTATION, "torso_xyz": POINT,
+    },
     describes=Model, fields={"file": "path"},
 )  # fmt: skip
 

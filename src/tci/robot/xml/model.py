@@ -12,6 +12,7 @@ from lxml import etree
 
 from tci.errors import DescriptionError
 from tci.robot.description import Model
+from tci.robot.mesh_files import NO_MESHES
 from tci.robot.xml.document import Faults, parse, read_bytes
 from tci.robot.xml.node import Node, nearest
 
@@ -56,11 +57,24 @@ def read_model(root: Node, source: Path, faults: Faults) -> tuple[Model | None, 
             )
     if path is None:
         return None, None
-    model = Model(**node.fields | {"path": str(path)})
+    model = Model(**node.fields | {"path": str(path), "meshes": _meshes(node, source, faults)})
     names = _names(node, path, model.format, faults)
     if names is not None:
         _check_names(root, names, faults)
     return model, None
+
+
+def _meshes(node: Node, source: Path, faults: Faults) -> str | None:
+    """Returns the folder of meshes that `node` names, in the folder of the description `source` or below."""
+    meshes: str | None = node.get("meshes")
+    if meshes is None or meshes == NO_MESHES:
+        return meshes
+    folder = source.absolute().parent.resolve()
+    path = (folder / meshes).resolve()
+    if not path.is_dir() or not path.is_relative_to(folder):
+        faults.add(node.line, f"meshes {meshes!r} is no folder in {folder}; valid: one, or {NO_MESHES!r}")
+        return None
+    return str(path)
 
 
 def beside(node: Node, source: Path, what: str, faults: Faults) -> Path | None:

@@ -13,9 +13,11 @@ from tci.robot.xml.element import Element
 from tci.robot.xml.grammar import GENERIC_ROBOT, LIMITS, ROOT
 
 
-def write_robot(robot: Robot, *, file: str, extra: str | None = None, comment: str = "") -> str:
+def write_robot(
+    robot: Robot, *, file: str, extra: str | None = None, meshes: str | None = None, comment: str = ""
+) -> str:
     """Returns the text of a description; `file` is the model's place beside it, or the end of its path in the
-    model's package, which `extra` installs.
+    model's package, which `extra` installs, and `meshes` a folder beside it or "none".
 
     Raises TciError for what only a person writes: couplings, tables, skin that is no cone.
     """
@@ -28,7 +30,7 @@ def write_robot(robot: Robot, *, file: str, extra: str | None = None, comment: s
         lines = [line for part in plain.splitlines() for line in wrap(part, 105)]
         root.node.append(etree.Comment(" " + "\n     ".join(lines) + " "))
     if robot.model is not None:
-        root.add("model", robot.model, file=file, extra=extra)
+        root.add("model", robot.model, file=file, extra=extra, meshes=meshes)
     for name in dict.fromkeys(servo.robot_part for servo in robot.servos):
         own = robot.servos_of(name)
         part = root.add("robot_part", name=name, modes=[mode.value for mode in own[0].modes])

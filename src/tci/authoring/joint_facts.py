@@ -1,0 +1,146 @@
+"""Limits and couplings of joints as a model file gives them, and the limits that are proposed from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from lxml import etree
+
+from tci.authoring.joint_tree import Joint
+from tci.engine import mujoco
+from tci.robot.description import Limits, Model
+from tci.robot.xml.document import parse, read_bytes
+from tci.robot.xml.model import MAX_MODEL_BYTES
+
+# All values below are assumed.
+SPEED = float(np.deg2rad(120.0))
+"""Speed limit [rad/s] where the file gives none, or a placeholder."""
+FASTEST = 50.0
+"""Speed limit [rad/s] from which the file's value counts as a placeholder."""
+ACCELERATION = np.deg2rad((400.0, 2400.0))
+"""Least and largest acceleration limit [rad/s2]; between them that of the largest inertia by a quarter of the
+torque."""
+MOST_TORQUE = 0.35
+"""Largest fraction of the torque for that, where the least acceleration takes more than a quarter."""
+JERK = 100.0
+"""Ratio of the limits of jerk and acceleration [1/s]."""
+TORQUE, STRONGEST = 40.0, 1e4
+"""Torque limit [N m] where the file gives none, and value from which the file's counts as a placeholder."""
+
+
+@dataclass(frozen=True, slots=True)
+class JointFacts:
+    """A joint as its file gives it; values that the file lacks are 0."""
+
+    lower: float = 0.0
+    upper: float = 0.0
+    """Range [rad]; empty if the file gives none."""
+    velocity: float = 0.0
+    """Largest speed [rad/s]."""
+    torque: float = 0.0
+    """Largest torque [N m]."""
+    follows: str | None = None
+    """Name of the joint that it follows by a fixed ratio (mimic, equality)."""
+
+
+def read_facts(model: Model, compiled: mujoco.MjModel) -> dict[str, JointFacts]:
+    """Returns what a file gives of each of its joints, by name."""
+    return _from_mjcf(compiled) if model.format == "mjcf" else _from_urdf(model)
+
+
+def driven(joints: Sequence[Joint], facts: Mapping[str, JointFacts], needed: set[int]) -> set[int]:
+    """Returns the joints that count as servos: of joints coupled by a fixed ratio, the leading one, or the
+    follower if it is `needed` and the leading one, a gear at the motor, carries nothing."""
+    index = {joint.name: place for place, joint in enumerate(joints)}
+    parents = {joint.parent for joint in joints}
+    servos = set(range(len(joints)))
+    for place, joint in enumerate(joints):
+        leader = index.get(facts[joint.name].follows or "")
+        if leader is not None:
+            servos.discard(leader if place in needed and leader not in parents | needed else place)
+        elif facts[joint.name].follows is not None:
+            servos.discard(place)
+    return servos
+
+
+def proposed_limits(given: JointFacts, inertia: float) -> Limits:
+    """Returns a joint's limits. Values that the file lacks, or gives as placeholders, are assumed; `inertia`
+    [kg m2] is the largest that it carries."""
+    assumed = ["acceleration", "jerk"]
+    lower, upper = given.lower, given.upper
+    if not lower < upper or max(-lower, upper) > 2.0 * np.pi:
+        lower, upper = -np.pi, np.pi
+        assumed += ["lower", "upper"]
+    velocity, torque = given.velocity, given.torque
+    if not 0.0 < velocity < FASTEST:
+        velocity = SPEED
+        assumed.append("velocity")
+    if not 0.0 < torque < STRONGEST:
+        torque = TORQUE
+        assumed.append("torque")
+    able = torque / max(inertia, 1e-6)
+    acceleration = float(np.clip(0.25 * able, min(ACCELERATION[0], MOST_TORQUE * able), ACCELERATION[1]))
+    acceleration = float(np.deg2rad(10.0 * np.floor(np.rad2deg(acceleration) / 10.0 + 1e-9)))
+    return Limits(
+        lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, jerk=JERK * acceleration,
+        torque=torque, assumed=tuple(assumed),
+    )  # fmt: skip
+
+
+def _from_urdf(model: Model) -> dict[str, JointFacts]:
+    root = parse(read_bytes(Path(model.path), limit=MAX_MODEL_BYTES), model.path)
+    return {str(joint.get("name")): _described(joint) for joint in root.iterfind("joint")}
+
+
+def _described(joint: etree._Element) -> JointFacts:
+    limit, mimic = joint.find("limit"), joint.find("mimic")
+    follows = None if mimic is None else str(mimic.get("joint"))
+    if limit is None:
+        return JointFacts(follows=follows)
+    lower, upper, velocity, torque = (
+        float(limit.get(key, 0.0)) for key in ("lower", "upper", "velocity", "effort")
+    )
+    if joint.get("type") == "continuous":
+        lower = upper = 0.0
+    return JointFacts(lower, upper, velocity, torque, follows)
+
+
+def _from_mjcf(compiled: mujoco.MjModel) -> dict[str, JointFacts]:
+    found = {}
+    for joint in range(compiled.njnt):
+        lower, upper = compiled.jnt_range[joint] if compiled.jnt_limited[joint] else (0.0, 0.0)
+        follows = None
+        for equality in range(compiled.neq):
+            if (
+                compiled.eq_type[equality] == mujoco.mjtEq.mjEQ_JOINT
+                and compiled.eq_obj1id[equality] == joint
+            ):
+                leader = int(compiled.eq_obj2id[equality])
+                follows = compiled.joint(leader).name if leader >= 0 else ""
+        torque = _actuated(compiled, joint)
+        found[compiled.joint(joint).name] = JointFacts(float(lower), float(upper), 0.0, torque, follows)
+    return found
+
+
+def _actuated(compiled: mujoco.MjModel, joint: int) -> float:
+    """Returns the largest torque [N m] of a joint's actuators; 0 if the file bounds none."""
+    if compiled.jnt_actfrclimited[joint]:
+        return float(np.abs(compiled.jnt_actfrcrange[joint]).max())
+    most = 0.0
+    for actuator in range(compiled.nu):
+        on_joint = compiled.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
+        if not on_joint or int(compiled.actuator_trnid[actuator, 0]) != joint:
+            continue
+        gear = abs(float(compiled.actuator_gear[actuator, 0]))
+        if compiled.actuator_forcelimited[actuator]:
+            most += gear * float(np.abs(compiled.actuator_forcerange[actuator]).max())
+        elif (
+            compiled.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_NONE
+            and (compiled.actuator_ctrllimited[actuator])
+        ):
+            gain = abs(float(compiled.actuator_gainprm[actuator, 0]))
+            most += gear * gain * float(np.abs(compiled.actuator_ctrlrange[actuator]).max())
+    return most

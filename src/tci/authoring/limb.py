@@ -1,0 +1,106 @@
+"""Limbs by their geometry: three joints that form a ball joint, and a fourth at a distance that bends the
+limb.
+
+The axis of the fourth is perpendicular to that of the third, which lies along the limb (the generic arm, and
+a human leg). Lengths are compared with the limb's own, so that robots of any size are treated alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tci.authoring.joint_tree import Joint, ancestors, carried
+from tci.frames import Array
+from tci.robot.shoulder import SLANT, nearest_point
+
+PARALLEL = 0.9
+"""Cosine above which two successive axes of a ball joint are too close to parallel. Assumed: 26 degrees."""
+ASIDE = 0.6
+"""Largest distance of a limb's axis from its ball joint, and of its bending axis, as a fraction of its
+length. Assumed; larger takes other chains of joints for limbs, smaller misses limbs with offset joints."""
+SHORT = 0.18
+"""Least length of an upper arm or thigh, as a fraction of the reach of its chain. Assumed; larger misses
+short limbs, smaller takes links of a wrist or an ankle for limbs."""
+BESIDE = 0.3
+"""Largest distance of the axis of pronation from the elbow, as a fraction of the upper arm's length. Assumed:
+above the offset of Baxter's elbow (0.22), below that of a wrist."""
+STUB = 0.2
+"""Least length of a second segment, as a fraction of the first one's. Assumed: shorter than any forearm."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Limb:
+    """An arm or a leg, by indices of joints."""
+
+    ball: tuple[int, int, int]
+    """Joints of the shoulder or hip, from the trunk outwards."""
+    bend: int
+    """Joint of the elbow or knee."""
+    turn: int | None
+    """First joint after `bend` that turns along the limb (pronation); None if there is none."""
+    centre: Array
+    """Centre (3,) [m] of the ball joint: the point of the third axis nearest to the first two."""
+    middle: Array
+    """Point (3,) [m] of the third axis that is nearest to the bending axis."""
+    wrist: Array
+    """End (3,) [m] of the second segment; `middle` if no joint shows it."""
+
+    @property
+    def length(self) -> float:
+        """Distance [m] from centre to middle."""
+        return float(np.linalg.norm(self.middle - self.centre))
+
+    @property
+    def ends_nowhere(self) -> bool:
+        """True if no joint shows the end of the second segment."""
+        return float(np.linalg.norm(self.wrist - self.middle)) < STUB * self.length
+
+
+def limb_at(joints: Sequence[Joint], bend: int) -> Limb | None:
+    """Returns the limb that bends at a joint; None if there is none."""
+    chain = ancestors(joints, bend)
+    if len(chain) < 4:
+        return None
+    fourth, third, second, first = (joints[index] for index in chain[:4])
+    if abs(fourth.axis @ third.axis) > SLANT:
+        return None
+    if max(abs(first.axis @ second.axis), abs(second.axis @ third.axis)) > PARALLEL:
+        return None
+    cross = nearest_point(first.anchor, second.anchor, first.axis, second.axis)
+    centre = third.anchor + third.axis * float(third.axis @ (cross - third.anchor))
+    middle = nearest_point(third.anchor, fourth.anchor, third.axis, fourth.axis)
+    length = float(np.linalg.norm(middle - centre))
+    across = np.cross(third.axis, fourth.axis)
+    away = abs(float((fourth.anchor - third.anchor) @ across) / float(np.linalg.norm(across)))
+    reach = max(float(np.linalg.norm(joints[index].anchor - centre)) for index in carried(joints, bend))
+    if length < SHORT * reach or max(float(np.linalg.norm(cross - centre)), away) > ASIDE * length:
+        return None
+    turn, wrist = _second_segment(joints, bend, middle, length)
+    return Limb((chain[3], chain[2], chain[1]), bend, turn, centre, middle, wrist)
+
+
+def _second_segment(
+    joints: Sequence[Joint], bend: int, middle: Array, length: float
+) -> tuple[int | None, Array]:
+    """Returns the joint that turns along the forearm, if any, and the forearm's end (3,) [m]."""
+    after = [index for index, joint in enumerate(joints) if joint.parent == bend]
+    turns: list[tuple[float, int, Array]] = []
+    for index in after:
+        joint = joints[index]
+        across = (joint.anchor - middle) - joint.axis * float(joint.axis @ (joint.anchor - middle))
+        beyond = [other for other in joints if other.parent == index]
+        if abs(joint.axis @ joints[bend].axis) > SLANT or np.linalg.norm(across) > BESIDE * length:
+            continue
+        ends = [*(other.anchor for other in beyond), joint.anchor]
+        along = [joint.axis * float(joint.axis @ (end - middle)) for end in ends]
+        step = max(along, key=lambda one: float(np.linalg.norm(one)))
+        turns.append((float(np.linalg.norm(step)), index, middle + step))
+    if turns and max(turns)[0] > STUB * length:
+        return max(turns)[1:]
+    axis = joints[bend].axis
+    ends = [joints[index].anchor for index in after]
+    level = [end - axis * float(axis @ (end - middle)) for end in ends]
+    return None, max(level, key=lambda end: float(np.linalg.norm(end - middle)), default=middle)

@@ -1,0 +1,68 @@
+"""Tells arms from legs, by where they hang and by their names."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Literal
+
+from tci.authoring.joint_tree import Joint, carried
+from tci.authoring.limb import Limb
+
+Pair = Mapping[str, Limb]
+"""A left and a right limb, by side."""
+Vote = Literal["arm", "leg"] | None
+"""Kind of a pair of limbs; None for a vote that can't tell."""
+
+CLEAR = 0.05
+"""Least height of the limbs' roots above or below the robot's centre of mass, as a fraction of the length of
+upper arm or thigh, from which it tells arms from legs. Assumed: above the
+asymmetry of a torso that ends at its shoulders, below the distance of real shoulders and hips."""
+_NAMES = {
+    "arm": re.compile(r"(?i)shoulder|(?<![a-z])sho(?![a-z])|arm|elbow|wrist|hand(?!le)|gripper"),
+    "leg": re.compile(r"(?i)hip|(?<![a-z])leg|knee|ank(le|el)?(?![a-z])|foot|thigh|shank|calf"),
+}
+
+
+def named_side(name: str) -> str | None:
+    """Returns the side that a joint's name starts with, or names first: `LARM_SHOULDER_R` is on the left.
+    None if the name tells no side."""
+    found = re.search(r"(?i)(?<![a-z])(left|right|[lr](?=arm|leg|hip|sho|[^a-z]))", name)
+    return None if found is None else {"l": "left", "r": "right"}[found[1][0].lower()]
+
+
+def is_named_so(joints: Sequence[Joint], pair: Pair) -> bool:
+    """True if the joint names do not contradict the sides."""
+    return all(named_side(joints[limb.ball[0]].name) in (None, side) for side, limb in pair.items())
+
+
+def hangs_as(pair: Pair, centre_of_mass: float | None) -> Vote:
+    """Returns the kind of a pair by the height [m] of the centre of mass of all that it does not move: below
+    its roots for arms, above for legs."""
+    if centre_of_mass is None:
+        return None
+    height = sum(float(limb.centre[2]) for limb in pair.values()) / 2.0
+    clear = CLEAR * max(limb.length for limb in pair.values())
+    if abs(height - centre_of_mass) < clear:
+        return None
+    return "arm" if height > centre_of_mass else "leg"
+
+
+def named_as(joints: Sequence[Joint], pair: Pair) -> Vote:
+    """Returns the kind that most names of a pair's joints and links tell."""
+    names = [
+        name
+        for limb in pair.values()
+        for index in {*limb.ball, *carried(joints, limb.ball[0])}
+        for name in (joints[index].name, joints[index].link)
+    ]
+    counts = {kind: sum(bool(words.search(name)) for name in names) for kind, words in _NAMES.items()}
+    if counts["arm"] == counts["leg"]:
+        return None
+    return "arm" if counts["arm"] > counts["leg"] else "leg"
+
+
+def listed(joints: Sequence[Joint], pairs: Iterable[Pair]) -> str:
+    """Lists pairs by their first joints, as the option --arms takes them."""
+    names = [",".join(joints[pair[side].ball[0]].name for side in ("left", "right")) for pair in pairs]
+    return " or ".join(names)

@@ -1,0 +1,199 @@
+"""Proposes the generic arm: transforms, segments, the direction of the elbow, and an initial posture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal
+
+import numpy as np
+
+from tci.authoring.find_limbs import FoundLimbs
+from tci.authoring.limb import Limb
+from tci.authoring.link_points import LinkPoints
+from tci.authoring.proposed_parts import find_mount, generic_joint, segment
+from tci.authoring.sleeves import axes_of, ends_of
+from tci.errors import DescriptionError, Fault
+from tci.frames import Array, rotation_rpy
+from tci.robot.description import GenericPart, GenericServo, Robot, Segment
+from tci.robot.generic_arm import JOINTS, Side, side_sign
+from tci.robot.joint_map import joint_map
+from tci.robot.shoulder import Shoulder, angle_about
+
+Sign = Literal[1, -1]
+"""Direction in which a joint turns."""
+
+POSTURES = np.deg2rad([[25, 25, 0, 60, 0], [25, 25, 0, 75, 0], [35, 30, 0, 60, 0], [20, 40, 0, 60, 0],
+                       [40, 20, 10, 70, 0], [25, 15, -15, 50, 0], [15, 15, 0, 45, 0]])  # fmt: skip
+"""Candidates for the initial posture [rad]; the first that fits is taken. All values here are assumed."""
+ROOM = 0.1
+"""Distance [rad] of the initial posture from limits that suffices."""
+LINEAR = 1e-6
+"""Error [rad] up to which a shoulder counts as linear (eq. 1)."""
+FARTHER = np.deg2rad(25.0)
+"""Difference [rad] between the largest flexions in both directions from which the larger one decides."""
+TWISTED = np.deg2rad(45.0)
+"""Difference [rad] between the turns of the shoulder that both directions need from which the smaller one
+decides."""
+
+
+def elbow_senses(
+    draft: Robot, body: FoundLimbs, points: LinkPoints, index: Mapping[str | None, int], *, left: Sign | None
+) -> dict[str, Sign]:
+    """Returns the direction in which each elbow's joint bends its arm, by side; the right elbow mirrors the
+    left one.
+
+    It is `left` if given. Otherwise an elbow bends to where it can move farther; if its limits are symmetric,
+    to where the arm, from the model's zero, comes to the generic postures with less turn of the shoulder.
+    Raises DescriptionError if neither tells.
+    """
+    ways: list[dict[str, Sign]] = [_mirrored(body, sense) for sense in (1, -1)]
+    if left is not None:
+        return ways[0 if left > 0 else 1]
+    flexions = [
+        np.mean([largest_flexion(draft, body, side, way[side], index) for side in body.arms]) for way in ways
+    ]
+    if abs(flexions[0] - flexions[1]) > FARTHER:
+        return ways[int(np.argmax(flexions))]
+    turns = [
+        max(
+            _shoulder_turn(draft, arm(draft, body, _side(side), points, index, sense=way[side]))
+            for side in body.arms
+        )
+        for way in ways
+    ]
+    if abs(turns[0] - turns[1]) > TWISTED:
+        return ways[int(np.argmin(turns))]
+    elbow = body.joints[body.arms["left"].bend].name
+    message = (
+        f"{elbow}: its limits and the arm's zero posture leave open which way the elbow bends; valid: "
+        "--elbow 1 or --elbow -1, the direction in which this joint turns to bend the left arm"
+    )
+    raise DescriptionError(draft.source, [Fault(0, message)])
+
+
+def largest_flexion(
+    draft: Robot, body: FoundLimbs, side: str, sense: float, index: Mapping[str | None, int]
+) -> float:
+    """Returns the largest generic elbow angle [rad] of an arm whose elbow bends in the direction `sense`."""
+    limb = body.arms[side]
+    limits = draft.servos[index[body.joints[limb.bend].name]].limits
+    assert limits.lower is not None
+    assert limits.upper is not None
+    return max(sense * limits.lower, sense * limits.upper) + _bent_at_zero(body, limb, sense)
+
+
+def _bent_at_zero(body: FoundLimbs, limb: Limb, sense: float) -> float:
+    """Returns the generic elbow angle [rad] at the model's zero."""
+    return angle_about(sense * body.joints[limb.bend].axis, *axes_of(body, limb))
+
+
+def _mirrored(body: FoundLimbs, left: Sign) -> dict[str, Sign]:
+    """Returns the directions of both elbows, mirror images of each other."""
+    axes = {side: body.joints[limb.bend].axis for side, limb in body.arms.items()}
+    image = left * axes["left"] * [-1.0, 1.0, -1.0]  # axes are axial vectors
+    return {"left": left, "right": 1 if float(image @ axes["right"]) > 0.0 else -1}
+
+
+def _shoulder_turn(draft: Robot, part: GenericPart) -> float:
+    """Returns the largest turn [rad] of a shoulder joint, from the model's zero, that the easiest of POSTURES
+    needs."""
+    digest = f"{part.name} bent {part.servos[3].scale}"
+    joints = joint_map(draft.model_copy(update={"parts": (part,), "digest": digest}), part.name)
+    start, shoulder = np.zeros(len(draft.servos)), joints.ids < 3
+    return min(float(np.abs(joints.to_robot(posture, start)[shoulder]).max()) for posture in POSTURES)
+
+
+def _side(name: str) -> Side:
+    return "left" if name == "left" else "right"
+
+
+def arm(
+    draft: Robot, body: FoundLimbs, side: Side, points: LinkPoints, index: Mapping[str | None, int], *,
+    sense: Sign, mount: bool = False,
+) -> GenericPart:  # fmt: skip
+    """Returns the generic arm whose elbow's joint bends it in the direction `sense`: transforms, segments,
+    and an initial posture that fits."""
+    joints, limb = body.joints, body.arms[side]
+    servos = [
+        generic_joint(id, JOINTS[id], index[joints[joint].name], transform="retarget")
+        for id, joint in enumerate(limb.ball)
+    ]
+    servos.append(
+        generic_joint(
+            3, JOINTS[3], index[joints[limb.bend].name], scale=float(sense),
+            offset=_bent_at_zero(body, limb, sense),
+        )
+    )  # fmt: skip
+    if limb.turn is None:
+        servos.append(GenericServo(id=4, name=JOINTS[4], servo=None))
+    else:
+        turn = joints[limb.turn]
+        scale = side_sign(side) * float(np.sign(turn.axis @ axes_of(body, limb)[1]))
+        servos.append(generic_joint(4, JOINTS[4], index[turn.name], scale=scale))
+    part = GenericPart(
+        name=f"{side}_arm",
+        kind="arm",
+        side=side,
+        servos=tuple(servos),
+        segments=_segments(body, limb, points),
+    )
+    part = _linear_where_exact(draft, part, mount=mount)
+    return _with_initial(draft, part)
+
+
+def _segments(body: FoundLimbs, limb: Limb, points: LinkPoints) -> tuple[Segment, ...]:
+    links = {"upper_arm": body.joints[limb.ball[2]].link, "forearm": body.joints[limb.bend].link}
+    ends = ends_of(body, limb)
+    return tuple(segment(body, points, name, links[name], *ends[name]) for name in ends)
+
+
+def _linear_where_exact(draft: Robot, part: GenericPart, *, mount: bool) -> GenericPart:
+    """Returns the arm with eq. 1 for its shoulder where that is exact, in the torso frame or on a mount.
+
+    An arm without an exact solution is returned unchanged.
+    """
+    shoulder = Shoulder(draft.model_copy(update={"parts": (part,)}), part)
+    turns = [(0.0, 0.0, 0.0), *([found] if mount and (found := find_mount(shoulder)) else [])]
+    for rpy in turns:
+        R_TM = rotation_rpy(*rpy)
+        sigma = shoulder.generic(shoulder.rotation(np.zeros(3)), R_TM)
+        gamma = []
+        for axis in np.eye(3):
+            bent = shoulder.generic(shoulder.rotation(0.1 * axis), R_TM) - sigma
+            gamma.append(float(np.round(bent @ axis / 0.1)))
+        trials = np.random.default_rng(0).uniform(-0.4, 0.4, size=(50, 3))
+        errors = [
+            np.abs(shoulder.generic(shoulder.rotation(q), R_TM) - gamma * q - sigma).max() for q in trials
+        ]
+        if max(errors) <= LINEAR and 0.0 not in gamma:
+            servos = [
+                one.model_copy(update={"transform": "linear", "scale": g, "offset": float(np.round(s, 12))})
+                for one, g, s in zip(part.servos[:3], gamma, sigma, strict=True)
+            ]
+            return part.model_copy(update={"servos": (*servos, *part.servos[3:]), "mount": rpy})
+    return part
+
+
+def _with_initial(draft: Robot, part: GenericPart) -> GenericPart:
+    """Returns the part with the first of POSTURES that keeps its servos away from their limits."""
+    digest = f"{part.name} {part.servos[3].scale}"
+    joints = joint_map(draft.model_copy(update={"parts": (part,), "digest": digest}), part.name)
+    limits = [draft.servos[servo].limits for servo in joints.servos]
+    lower, upper = np.array([[limit.lower, limit.upper] for limit in limits], dtype=float).T
+    start = np.zeros(len(draft.servos))
+
+    def room(posture: Array) -> float:
+        angles = joints.to_robot(posture, start)
+        there = np.array(start)
+        there[joints.servos] = angles
+        missed = np.abs(joints.to_generic(there) - posture)[joints.ids].max()
+        return float(np.minimum(angles - lower, upper - angles).min() - 10.0 * missed)
+
+    rooms = [room(posture) for posture in POSTURES]
+    best = POSTURES[int(np.argmax(np.minimum(rooms, ROOM)))]
+    if max(rooms) < 0.0:
+        inside = np.array(start)
+        inside[joints.servos] = np.clip(joints.to_robot(best, start), lower, upper)
+        best = joints.to_generic(inside)
+    servos = [j.model_copy(update={"initial": float(a)}) for j, a in zip(part.servos, best, strict=True)]
+    return part.model_copy(update={"servos": tuple(servos)})

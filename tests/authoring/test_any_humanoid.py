@@ -1,0 +1,201 @@
+"""Humanoids of all kinds: arms, elbows, heads and legs are proposed right, or refused with what to do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from made_humanoid import ARM, MadeHumanoid
+from tci.authoring.proposal import propose
+from tci.errors import DescriptionError
+from tci.experiments.proof import compare_axes
+from tci.robot.description import Robot
+from tci.robot.xml import read_robot
+from tci.robot.xml.writer import write_robot
+
+LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
+
+
+def joints_of(robot: Robot, part: str) -> dict[str, str]:
+    """Returns the model's joint of each generic joint that has one."""
+    found = {}
+    for one in robot.part(part).servos:
+        if one.servo is not None:
+            found[one.name] = str(robot.servos[one.servo].joint)
+    return found
+
+
+def faults(path: Path, **options: object) -> str:
+    with pytest.raises(DescriptionError) as error:
+        propose(path, name="made", **options)  # type: ignore[arg-type]
+    return str(error.value)
+
+
+def test_a_urdf_and_its_export_as_mjcf_give_one_robot(tmp_path: Path) -> None:
+    made = MadeHumanoid()
+    robots = [propose(file, name="made") for file in (made.urdf(tmp_path), made.mjcf(tmp_path))]
+    assert [robot.model.format for robot in robots if robot.model] == ["urdf", "mjcf"]
+    first, second = robots
+    assert [part.name for part in first.parts] == [part.name for part in second.parts]
+    for part in first.parts:
+        assert joints_of(first, part.name) == joints_of(second, part.name)
+        angles = [[one.initial for one in robot.part(part.name).servos] for robot in robots]
+        np.testing.assert_allclose(*angles, atol=1e-6)
+    assert [servo.limits.lower for servo in first.servos] == pytest.approx(
+        [servo.limits.lower for servo in second.servos]
+    )
+    assert second.servos[0].limits.torque == 30.0
+    assert "velocity" in second.servos[0].limits.assumed  # an MJCF has no limit of speed
+    again = tmp_path / "robot.xml"
+    again.write_text(write_robot(second, file="made.xml"))
+    assert joints_of(read_robot(again), "left_arm") == joints_of(second, "left_arm")
+    for side in ("left", "right"):
+        found = compare_axes(second, second.part(f"{side}_arm"))
+        assert found.worst_deg < 1e-3
+        assert set(joints_of(second, f"{side}_leg").values()) == {f"{side}_{name}" for name in LEG}
+
+
+def test_a_file_that_is_no_model_is_named(tmp_path: Path) -> None:
+    macro = tmp_path / "robot.urdf"
+    macro.write_text(
+        "<robot name='a' xmlns:xacro='http://ros.org/xacro'><xacro:include filename='b.xacro'/></robot>"
+    )
+    assert "xacro FILE.xacro > robot.urdf" in faults(macro)
+    macro.write_text("<sdf/>")
+    assert "starts with <sdf>" in faults(macro)
+
+
+def test_legs_are_never_arms(tmp_path: Path) -> None:
+    """The arms of this model are fixed, so that its legs are its only limbs."""
+    path = MadeHumanoid(arm=()).urdf(tmp_path)
+    assert "left_hip_pitch,right_hip_pitch are legs" in faults(path)
+    unnamed = MadeHumanoid(arm=(), names=False).urdf(tmp_path)
+    assert "are legs" in faults(unnamed), "by their place alone"
+
+
+def test_limbs_without_telling_names_are_told_apart_by_their_place(tmp_path: Path) -> None:
+    robot = propose(MadeHumanoid(names=False).urdf(tmp_path), name="made")
+    assert joints_of(robot, "left_arm")["shoulder_pitch"] == "left_0_0.15_0.3_0"
+    assert joints_of(robot, "left_leg")["hip_pitch"] == "left_0_0.08_-0.05_0"
+
+
+def test_place_and_names_that_contradict_each_other_are_an_error_with_a_choice(tmp_path: Path) -> None:
+    path = MadeHumanoid(legs=False).urdf(tmp_path)
+    text = path.read_text()
+    for name in ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow", "wrist_roll", "wrist_pitch"):
+        text = text.replace(name, f"hip_knee_{ARM.index(name)}")
+    path.write_text(text)
+    assert "left_hip_knee_0,right_hip_knee_0 may be arms or legs; valid: --arms" in faults(path)
+    chosen = propose(path, name="made", arms=("left_hip_knee_0", "right_hip_knee_0"))
+    assert joints_of(chosen, "left_arm")["elbow_pitch"] == "left_hip_knee_3"
+    assert "no arms start at the joints a,b" in faults(path, arms=("a", "b"))
+
+
+@pytest.mark.parametrize("limits", [(-2.2, 0.1), (-2.2, 2.2)])
+def test_an_elbow_bends_forward_even_if_its_limits_are_symmetric(
+    limits: tuple[float, float], tmp_path: Path
+) -> None:
+    robot = propose(MadeHumanoid(elbow=limits).urdf(tmp_path), name="made")
+    for side in ("left", "right"):
+        servos = robot.part(f"{side}_arm").servos
+        assert servos[3].scale == -1.0, "about y, a hanging forearm turns forward by negative angles"
+        assert abs(servos[2].initial) < np.deg2rad(30.0)
+
+
+def test_an_elbow_that_may_bend_both_ways_is_asked_for(tmp_path: Path) -> None:
+    """The elbow's axis points forward, so that from its zero the shoulder turns by 90 degrees either way."""
+    path = MadeHumanoid(elbow=(-2.2, 2.2)).urdf(tmp_path)
+    text = path.read_text()
+    for side in ("left", "right"):
+        start = text.index(f"<joint name='{side}_elbow'")
+        end = text.index("</joint>", start)
+        text = text[:start] + text[start:end].replace("0 1 0", "1 0 0") + text[end:]
+    path.write_text(text)
+    assert "valid: --elbow 1 or --elbow -1" in faults(path)
+    for elbow in (1, -1):
+        servos = [
+            propose(path, name="made", elbow=elbow).part(f"{side}_arm").servos[3]
+            for side in ("left", "right")
+        ]
+        assert [servo.scale for servo in servos] == [elbow, -elbow], "mirrored"
+
+
+def test_arms_of_four_joints_end_with_their_shape(tmp_path: Path) -> None:
+    robot = propose(MadeHumanoid(arm=ARM[:4]).urdf(tmp_path), name="made")
+    part = robot.part("left_arm")
+    assert part.servos[4].servo is None
+    assert part.segment("forearm").length == pytest.approx(0.18, abs=0.02), "the shape ends 0.18 m down"
+    assert any(patch.segment == "forearm" for patch in robot.patches)
+
+
+@pytest.mark.parametrize(
+    ("head", "expected"),
+    [
+        (("yaw", "pitch"), {"yaw": "head_0_yaw", "pitch": "head_1_pitch"}),
+        (("pitch", "yaw", "pitch"), {"pitch": "head_0_pitch", "yaw": "head_1_yaw"}),
+    ],
+)
+def test_heads_off_the_median_plane_and_with_parallel_joints(
+    head: tuple[str, ...], expected: dict[str, str], tmp_path: Path
+) -> None:
+    robot = propose(MadeHumanoid(head=head).urdf(tmp_path), name="made")
+    assert joints_of(robot, "head") == expected
+
+
+def test_a_waist_below_the_root_turns_the_torso_the_other_way(tmp_path: Path) -> None:
+    folders = [tmp_path / name for name in ("pelvis", "torso")]
+    for folder in folders:
+        folder.mkdir()
+    made = [MadeHumanoid(from_torso=from_torso) for from_torso in (False, True)]
+    scales = []
+    for humanoid, folder in zip(made, folders, strict=True):
+        robot = propose(humanoid.urdf(folder), name="made")
+        assert joints_of(robot, "torso") == {"yaw": "waist_yaw"}
+        scales.append(robot.part("torso").servos[2].scale)
+        assert set(joints_of(robot, "left_leg").values()) == {f"left_{name}" for name in LEG}
+    assert scales == [1.0, -1.0]
+
+
+@pytest.mark.parametrize("slant", [0.0, 0.5])
+def test_legs_with_slanted_hips_are_found(slant: float, tmp_path: Path) -> None:
+    robot = propose(MadeHumanoid(slant=slant).urdf(tmp_path), name="made")
+    for side in ("left", "right"):
+        assert set(joints_of(robot, f"{side}_leg").values()) == {f"{side}_{name}" for name in LEG}
+
+
+def test_placeholders_far_away_do_not_matter(tmp_path: Path) -> None:
+    path = MadeHumanoid().mjcf(tmp_path)
+    far = "<body name='unused' pos='0 0 20'><joint name='unused'/><geom size='.1'/></body></worldbody>"
+    path.write_text(path.read_text().replace("</worldbody>", far))
+    robot = propose(path, name="made")
+    assert set(joints_of(robot, "left_leg").values()) == {f"left_{name}" for name in LEG}
+
+
+def test_all_missing_meshes_are_listed_and_can_be_left_out_or_found(tmp_path: Path) -> None:
+    import trimesh
+
+    path = MadeHumanoid(mesh="shapes").urdf(tmp_path)
+    words = faults(path)
+    assert words.count("is not a file") == 2 + 2 + 2 * (6 + 6)
+    assert "--without-meshes" in words
+    bare = propose(path, name="made", meshes="none")
+    assert len(bare.patches) == 4
+    target = tmp_path / "robot.xml"
+    target.write_text(write_robot(bare, file=path.name, meshes="none"))
+    assert read_robot(target).model == bare.model
+    folder = tmp_path / "elsewhere" / "meshes"
+    folder.mkdir(parents=True)
+    for link in [word.split("/")[1].split(".")[0] for word in path.read_text().split("filename='")[1:]]:
+        trimesh.creation.cylinder(0.03, 0.2).export(folder / f"{link.upper()}.STL")
+    found = propose(path, name="made", meshes=str(folder.parent))
+    assert {patch.name for patch in found.patches} == {patch.name for patch in bare.patches}
+    (tmp_path / "shapes").symlink_to(folder)
+    assert "did you mean 'PELVIS.STL'? Upper and lower case count" in faults(path)
+
+
+def test_a_shape_of_size_zero_names_its_link(tmp_path: Path) -> None:
+    path = MadeHumanoid().urdf(tmp_path)
+    path.write_text(path.read_text().replace("radius='0.1'", "radius='0'"))
+    assert "the shape of pelvis" in faults(path)

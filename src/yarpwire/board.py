@@ -20,8 +20,9 @@ from yarpwire.names import PATIENCE, Contact
 from yarpwire.network import Network
 from yarpwire.values import Array, Int16, Vocab
 
-IDLE, POSITION, DIRECT = Vocab("idl"), Vocab("pos"), Vocab("posd")
-VELOCITY, TORQUE = Vocab("vel"), Vocab("torq")
+IDLE, FORCE_IDLE, MIXED = Vocab("idl"), Vocab("fidl"), Vocab("mix")
+POSITION, DIRECT = Vocab("pos"), Vocab("posd")
+VELOCITY, VELOCITY_DIRECT, TORQUE = Vocab("vel"), Vocab("veld"), Vocab("torq")
 STIFF, COMPLIANT = Vocab("stif"), Vocab("comp")
 OK = Vocab("ok")
 

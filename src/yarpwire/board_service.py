@@ -6,7 +6,7 @@ Angles in degrees, velocities in degrees per second, torques in N m. Joints are 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 
 from yarpwire.board import Stream
@@ -32,6 +32,12 @@ class BoardService(ABC):
     """Acceleration (n,) [deg/s2] of position moves."""
     counter = 0
     """Number of answers so far that carry a time."""
+
+    @property
+    @abstractmethod
+    def set_points(self) -> Mapping[Stream, Array]:
+        """Set-points (n,) that joints follow: target positions [deg] in position modes, velocities [deg/s],
+        torques [N m]. The measured position, or 0, of a joint that follows none."""
 
     def awaited(self) -> AbstractContextManager[None]:
         """Returns the context of one call. On its exit the board has obeyed, or CallError is raised."""
@@ -74,7 +80,7 @@ class BoardService(ABC):
         """Returns stiffness [N m/deg] and damping [N m s/deg] of a joint (2,)."""
 
     @abstractmethod
-    def impedance_limits(self) -> tuple[float, float]:
+    def impedance_limits(self, joint: int) -> tuple[float, float]:
         """Returns the highest stiffness [N m/deg] and damping [N m s/deg] that a joint may be given."""
 
     @abstractmethod

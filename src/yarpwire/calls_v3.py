@@ -16,6 +16,25 @@ PROTOCOL = (1, 9, 0)
 """Protocol version that 3.12's control boards report."""
 OK, FAIL, IS = Vocab("ok"), Vocab("fail"), Vocab("is")
 Words = Sequence[Any]
+USAGE = {
+    "[help]": "list usage",
+    "[help] [more]": "list usage with some comments",
+    "[get] [prot]": "get the version of the protocol",
+    "[get] [axes]": "get the number of axes",
+    "[get] [name] $iAxisNumber": "get the name of an axis",
+    "[get] [llim] $iAxisNumber": "get the lowest and highest angle of an axis",
+    "[get] [encs]": "get the angles of all axes",
+    "[get] [enc] $iAxisNumber": "get the angle of an axis",
+    "[get] [icmd] [cmod] $iAxisNumber": "get the control mode of an axis",
+    "[get] [dons]": "get 1 if all moves are done, else 0",
+    "[set] [icmd] [cmod] $iAxisNumber [pos]": "set the control mode of an axis",
+    "[set] [vel] $iAxisNumber $fSpeed": "set the speed of the moves of an axis",
+    "[set] [pos] $iAxisNumber $fPosition": "move an axis to an angle",
+    "[set] [poss] ($fPosition ...)": "move all axes to angles",
+    "[set] [vmos] ($fVelocity ...)": "move all axes at velocities",
+    "[set] [stos]": "stop all axes",
+}
+"""Calls that a person types first, with their purpose."""
 
 
 def answer_v3(board: BoardService, items: Words) -> list[Any]:
@@ -29,12 +48,19 @@ def answer_v3(board: BoardService, items: Words) -> list[Any]:
                 _set(board, words[1], words[2:])
             return [OK]
         if words[:1] != ["get"]:
-            return [Vocab("nak")] if words == ["help"] else [FAIL]
+            return _explain(words[1:]) if words[:1] == ["help"] else [FAIL]
         found = _get(board, words[1], words[2:])
     except (YarpError, ArithmeticError, LookupError, TypeError, ValueError):
         return [FAIL]
     board.counter += 1
     return [*found, Vocab("tsta"), board.counter - 1, board.stamp, OK]
+
+
+def _explain(words: Words) -> list[Any]:
+    """Returns the calls, each followed by its purpose for `help more`."""
+    if words == ["more"]:
+        return [Vocab("many"), *(line for call, purpose in USAGE.items() for line in (call, f"   {purpose}"))]
+    return [Vocab("many"), *USAGE]
 
 
 def _set(board: BoardService, word: str, rest: Words) -> None:
@@ -91,16 +117,20 @@ def _get(board: BoardService, word: str, rest: Words) -> list[Any]:
         if rest[0] == "ipr":
             return [*head, board.impedance(joint).tolist()]
         if rest[0] == "llim":
-            return [*head, [x for most in board.impedance_limits() for x in (0.0, most)]]
+            return [*head, [x for most in board.impedance_limits(joint) for x in (0.0, most)]]
         raise KeyError(rest[0])
     if word == "torq":
         return [*head, *_torque(board, rest)]
+    if word == "reca" and list(rest) == ["isca"]:
+        return [*head, 0]  # no calibrator, as always with a robot that is ready
     one = {"enc": state.position, "esp": state.velocity, "vel": board.speeds, "acc": board.accelerations,
-           "eac": np.zeros(board.count)}  # fmt: skip
+           "eac": np.zeros(board.count), "pos": board.set_points[Stream.POSITION],
+           "dpo": board.set_points[Stream.POSITION], "vmo": board.set_points[Stream.VELOCITY]}  # fmt: skip
     if word in one:
         return [*head, float(_array(one[word])[board.joints([rest[0]])[0]])]
-    if word[:-1] in one and word.endswith("s"):
-        return [*head, _array(one[word[:-1]]).tolist()]
+    if word[:-1] in one and word[-1] in "sg":
+        chosen = None if word[-1] == "s" else rest[1]
+        return [*head, _array(one[word[:-1]])[board.joints(chosen)].tolist()]
     joint = board.joints([rest[0]])[0] if rest and isinstance(rest[0], int) else 0
     match word:
         case "axes":
@@ -141,6 +171,10 @@ def _torque(board: BoardService, rest: Words) -> list[Any]:
             return [float(_array(torque)[board.joints([rest[1]])[0]])]
         case "trqs":
             return [_array(torque).tolist()]
+        case "ref":
+            return [float(board.set_points[Stream.TORQUE][board.joints([rest[1]])[0]])]
+        case "refs":
+            return [board.set_points[Stream.TORQUE].tolist()]
         case "rng":
             most = board.torque_limit(rest[1])
             return [-most, most]

@@ -10,45 +10,52 @@ import numpy as np
 from yarpwire.board import Stream
 from yarpwire.board_service import BoardService
 from yarpwire.errors import CallError, YarpError
-from yarpwire.values import Array, Loose, Vocab
+from yarpwire.returns_v4 import FAIL, METHOD_FAILED, NOT_IMPLEMENTED, OK, RETURNS, explain, refusal, reply
+from yarpwire.values import Array, Vocab
 
-OK, FAIL = Vocab("ok"), Vocab("fail")
-METHOD_FAILED = Vocab("err5")
 PROTOCOL = b"\0\1\0\0\1\0\0\0" + b"\0\0\4\0\0\0\0\0"
 """Answer of 4.0's control boards to `getRemoteProtocolVersion`: no valid Bottle, but clients expect it."""
 INTERFACES = (
     "iAxisInfo", "iControlLimits", "iControlMode", "iEncodersTimed", "iImpedanceControl", "iInteractionMode",
-    "iPositionControl", "iPositionDirect", "iTorqueControl", "iVelocityControl",
+    "iPositionControl", "iPositionDirect", "iTorqueControl", "iVelocityControl", "iVelocityDirect",
 )  # fmt: skip
 Answers = Callable[..., Sequence[Any] | None]
 
 
 def answer_v4(board: BoardService, items: Sequence[Any]) -> list[Any] | bytes:
-    """Returns 4.0's answer to a call: `[ok]`, `([ok]) data`, `[err5]` for a failure, `[fail]` for an unknown
-    call."""
-    method = items[0] if items and isinstance(items[0], str) else ""
+    """Returns 4.0's answer to a call: `[ok]`, `([ok]) data`, a refusal of the same structure, or `[fail]` for
+    a method that 4.0 does not have."""
+    first = items[0] if items else ""
+    method = first.word if isinstance(first, Vocab) else str(first)
     if method == "getRemoteProtocolVersion":
         return PROTOCOL
-    if method not in CALLS:
+    if method == "help":
+        return explain(str(items[1]) if len(items) > 1 else "")
+    if method not in RETURNS:
         return [FAIL]
+    if method not in CALLS:
+        return refusal(method, NOT_IMPLEMENTED)
     try:
         with board.awaited():
             found = CALLS[method](board, *items[1:])
     except (YarpError, ArithmeticError, LookupError, TypeError, ValueError):
-        return Loose([METHOD_FAILED])
-    return Loose([OK]) if found is None else [Loose([OK]), *found]
+        return refusal(method, METHOD_FAILED)
+    return reply(method, found)
 
 
-def _axis(values: Callable[[BoardService], Array | None]) -> tuple[Answers, Answers]:
-    """Returns the answers with the value of one joint, and with those of all."""
+def _axis(values: Callable[[BoardService], Array | None]) -> tuple[Answers, Answers, Answers]:
+    """Returns the answers with the value of one joint, with those of some, and with those of all."""
 
     def one(board: BoardService, joint: int) -> list[Any]:
         return [float(_known(values(board))[board.joints([joint])[0]])]
 
+    def some(board: BoardService, joints: Sequence[int]) -> list[Any]:
+        return [_known(values(board))[board.joints(joints)].tolist()]
+
     def every(board: BoardService) -> list[Any]:
         return [_known(values(board)).tolist()]
 
-    return one, every
+    return one, some, every
 
 
 def _known(values: Array | None) -> Array:
@@ -66,37 +73,61 @@ def _interfaces(board: BoardService) -> list[Any]:
     return [[[name, OK] for name in INTERFACES]]
 
 
+def _torque_ranges(board: BoardService) -> list[Any]:
+    most = [board.torque_limit(joint) for joint in range(board.count)]
+    return [[-torque for torque in most], most]
+
+
 def _truth(value: bool) -> list[Any]:
     return [OK if value else FAIL]
 
 
-def _zeros(board: BoardService) -> Array:
-    return np.zeros(board.count)
-
-
 POSITION, VELOCITY = _axis(lambda b: b.state.position), _axis(lambda b: b.state.velocity)
-ACCELERATION = _axis(_zeros)
+ACCELERATION = _axis(lambda b: np.zeros(b.count))
 SPEEDS, ACCELERATIONS = _axis(lambda b: b.speeds), _axis(lambda b: b.accelerations)
+TARGETS = _axis(lambda b: b.set_points[Stream.POSITION])
+TARGET_VELOCITIES = _axis(lambda b: b.set_points[Stream.VELOCITY])
+TARGET_TORQUES = _axis(lambda b: b.set_points[Stream.TORQUE])
 
 CALLS: dict[str, Answers] = {
     "getAxesRPC": lambda b: [b.count],
     "getAxisNameRPC": lambda b, j: [b.name(j)],
-    "getJointTypeRPC": lambda b, j: [int(Vocab("atrv"))],
+    "getJointTypeRPC": lambda b, j: [int(Vocab("atrv")) for _ in b.joints([j])],
     "getDeviceInterfacesRPC": _interfaces,
     "getPosLimitsRPC": lambda b, j: [*b.limits(j)],
     "getVelLimitsRPC": lambda b, j: [0.0, b.speed_limit(j)],
+    "getTorqueRangeAllRPC": _torque_ranges,
     "getTorqueRangeOneRPC": lambda b, j: [-b.torque_limit(j), b.torque_limit(j)],
     "getEncoderOneRPC": POSITION[0],
-    "getEncoderAllRPC": POSITION[1],
+    "getEncoderAllRPC": POSITION[2],
+    "getEncoderTimedOneRPC": lambda b, j: [*(POSITION[0](b, j) or ()), b.stamp],
     "getEncoderTimedAllRPC": lambda b: [b.state.position.tolist(), [b.stamp] * b.count],
     "getEncoderSpeedOneRPC": VELOCITY[0],
-    "getEncoderSpeedAllRPC": VELOCITY[1],
+    "getEncoderSpeedAllRPC": VELOCITY[2],
     "getEncoderAccelerationOneRPC": ACCELERATION[0],
-    "getEncoderAccelerationAllRPC": ACCELERATION[1],
+    "getEncoderAccelerationAllRPC": ACCELERATION[2],
     "getTrajSpeedOneRPC": SPEEDS[0],
-    "getTrajSpeedsAllRPC": SPEEDS[1],
+    "getTrajSpeedsGroupRPC": SPEEDS[1],
+    "getTrajSpeedsAllRPC": SPEEDS[2],
     "getTrajAccelerationOneRPC": ACCELERATIONS[0],
-    "getTrajAccelerationAllRPC": ACCELERATIONS[1],
+    "getTrajAccelerationGroupRPC": ACCELERATIONS[1],
+    "getTrajAccelerationAllRPC": ACCELERATIONS[2],
+    "getTargetPositionOneRPC": TARGETS[0],
+    "getTargetPositionGroupRPC": TARGETS[1],
+    "getTargetPositionAllRPC": TARGETS[2],
+    "getRefPositionOneRPC": TARGETS[0],
+    "getRefPositionGroupRPC": TARGETS[1],
+    "getRefPositionAllRPC": TARGETS[2],
+    "getTargetVelocityOneRPC": TARGET_VELOCITIES[0],
+    "getTargetVelocityGroupRPC": TARGET_VELOCITIES[1],
+    "getTargetVelocityAllRPC": TARGET_VELOCITIES[2],
+    "getRefVelocityOneRPC": TARGET_VELOCITIES[0],
+    "getRefVelocityGroupRPC": TARGET_VELOCITIES[1],
+    "getRefVelocityAllRPC": TARGET_VELOCITIES[2],
+    "getRefTorqueOneRPC": TARGET_TORQUES[0],
+    "getRefTorqueGroupRPC": TARGET_TORQUES[1],
+    "getRefTorqueAllRPC": TARGET_TORQUES[2],
+    "isCalibratorDevicePresentRPC": lambda b: [FAIL],
     "getAvailableControlModesRPC": lambda b, j: [[int(word) for word in b.available(j)]],
     "setControlModeOneRPC": lambda b, j, mode: b.set_modes([j], [mode]),
     "setControlModeGroupRPC": lambda b, js, modes: b.set_modes(js, modes),
@@ -107,9 +138,9 @@ CALLS: dict[str, Answers] = {
     "setInteractionModeOneRPC": lambda b, j, mode: b.set_interactions([j], [mode]),
     "setInteractionModesGroupRPC": lambda b, js, modes: b.set_interactions(js, modes),
     "setInteractionModesAllRPC": lambda b, modes: b.set_interactions(None, modes),
-    "getImpedanceRPC": lambda b, j: b.impedance(j).tolist(),
+    "getImpedanceRPC": lambda b, j: [float(value) for value in b.impedance(j)],
     "setImpedanceRPC": lambda b, j, k, d: b.set_impedance(j, k, d),
-    "getCurrentImpedanceLimitRPC": lambda b, j: [x for most in b.impedance_limits() for x in (0.0, most)],
+    "getCurrentImpedanceLimitRPC": lambda b, j: [x for most in b.impedance_limits(j) for x in (0.0, most)],
     "positionMoveOneRPC": lambda b, j, value: b.move([j], [value]),
     "positionMoveGroupRPC": lambda b, js, values: b.move(js, values),
     "positionMoveAllRPC": lambda b, values: b.move(None, values),
@@ -120,6 +151,7 @@ CALLS: dict[str, Answers] = {
     "setTrajSpeedGroupRPC": lambda b, js, values: b.set_speeds(js, values),
     "setTrajSpeedAllRPC": lambda b, values: b.set_speeds(None, values),
     "setTrajAccelerationOneRPC": lambda b, j, value: b.set_accelerations([j], [value]),
+    "setTrajAccelerationsGroupRPC": lambda b, js, values: b.set_accelerations(js, values),
     "setTrajAccelerationsAllRPC": lambda b, values: b.set_accelerations(None, values),
     "stopOneRPC": lambda b, j: b.stop([j]),
     "stopGroupRPC": lambda b, js: b.stop(js),
@@ -133,6 +165,9 @@ CALLS: dict[str, Answers] = {
     "velocityMoveOneRPC": lambda b, j, value: b.stream(Stream.VELOCITY, [j], [value]),
     "velocityMoveGroupRPC": lambda b, js, values: b.stream(Stream.VELOCITY, js, values),
     "velocityMoveAllRPC": lambda b, values: b.stream(Stream.VELOCITY, None, values),
+    "setRefVelocityOneRPC": lambda b, j, value: b.stream(Stream.VELOCITY, [j], [value]),
+    "setRefVelocityGroupRPC": lambda b, js, values: b.stream(Stream.VELOCITY, js, values),
+    "setRefVelocityAllRPC": lambda b, values: b.stream(Stream.VELOCITY, None, values),
     "setRefTorqueOneRPC": lambda b, j, value: b.stream(Stream.TORQUE, [j], [value]),
     "setRefTorqueGroupRPC": lambda b, js, values: b.stream(Stream.TORQUE, js, values),
     "setRefTorqueAllRPC": lambda b, values: b.stream(Stream.TORQUE, None, values),

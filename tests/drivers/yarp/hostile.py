@@ -50,7 +50,8 @@ V3_CALLS = (
     "[get] [torq] [trqs]", "[get] [torq] [rng] 0", "[get] [axes]", "[get] [type] 0", "[help]",
 )  # fmt: skip
 V4_ARGUMENTS: dict[str, Any] = {
-    "j": 0, "joint": 0, "js": [0, 1], "value": 10.0, "values": [10.0, 20.0], "mode": int(Vocab("pos")),
+    "j": 0, "joint": 0, "js": [0, 1], "joints": [0, 1], "value": 10.0, "values": [10.0, 20.0],
+    "mode": int(Vocab("pos")),
     "modes": [int(Vocab("pos")), int(Vocab("vel"))], "k": 0.5, "d": 0.01,
 }  # fmt: skip
 STREAMS = (

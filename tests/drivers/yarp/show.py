@@ -30,9 +30,11 @@ def until(condition: Callable[[], bool], *, within: float = 40.0) -> bool:
 class Show:
     """The robot, its server and its name server."""
 
-    def __init__(self, dialect: Dialect, robot: str = "nao", *, where: str = "127.0.0.1:0") -> None:
+    def __init__(
+        self, dialect: Dialect, robot: str = "nao", *, where: str = "127.0.0.1:0", paced: bool = True
+    ) -> None:
         self.dialect = dialect
-        self.driver = SimulatedDriver(patient(robot), paced=True)
+        self.driver = SimulatedDriver(patient(robot), paced=paced)
         self.server = YarpServer(self.driver, f"{where},dialect={dialect.name}")
         self.network = self.server.network
         self.names = Names(self.network.address)

@@ -159,7 +159,7 @@ def test_a_commander_of_velocities_that_falls_silent_leaves_the_arm_at_rest(show
 def test_a_mode_that_the_gate_refuses_is_refused_on_the_wire(show: Show) -> None:
     board = find_board(show.network, "/nao/LArm", "/test/refused")
     with pytest.raises(PortError, match="refuses"):
-        board.set_modes([ELBOW], Vocab("idl"))
+        board.set_modes([ELBOW], Vocab("ipwm"))
     with pytest.raises(PortError, match="refuses"):
         board.set_interaction(ELBOW, Vocab("soft"))
     board.close()

@@ -16,10 +16,12 @@ from tci.robot.description import Servo
 from yarpwire.board import (
     COMPLIANT,
     DIRECT,
+    MIXED,
     POSITION,
     STIFF,
     TORQUE,
     VELOCITY,
+    VELOCITY_DIRECT,
     AxisLimits,
     Board,
     Stream,
@@ -31,11 +33,10 @@ from yarpwire.feed import Feed
 from yarpwire.incoming import Delivery
 from yarpwire.network import Network, Writer
 from yarpwire.state import BoardState, decode_state
-from yarpwire.values import Vocab
 
 MOVING: Mapping[int, Mode] = {
-    POSITION: Mode.POSITION, DIRECT: Mode.POSITION, Vocab("mix"): Mode.POSITION,
-    VELOCITY: Mode.VELOCITY, Vocab("veld"): Mode.VELOCITY, TORQUE: Mode.TORQUE,
+    POSITION: Mode.POSITION, DIRECT: Mode.POSITION, MIXED: Mode.POSITION,
+    VELOCITY: Mode.VELOCITY, VELOCITY_DIRECT: Mode.VELOCITY, TORQUE: Mode.TORQUE,
 }  # fmt: skip
 """Control modes in which a joint follows commands. In any other (idle, fault, calibrating) its servo is
 off."""

@@ -30,10 +30,10 @@ class OrderBook:
         self._waiting: list[Order] = []
         self._given: list[Order] = []
         self._refused: dict[int, Reason] = {}
-        self._undo: dict[int, Callable[[], None]] = {}
+        self._undo: dict[int, Callable[[], object]] = {}
         self._mine = threading.local()
 
-    def put(self, order: Order, undo: Callable[[], None] | None = None) -> None:
+    def put(self, order: Order, undo: Callable[[], object] | None = None) -> None:
         """Adds an order. `undo` is called if it is refused, to restore the state from before the command."""
         with self._changed:
             self._waiting.append(order)
@@ -42,7 +42,7 @@ class OrderBook:
             for lost in self._waiting[:-MOST_ORDERS]:
                 self._undo.pop(id(lost), None)
             del self._waiting[:-MOST_ORDERS]
-        if getattr(self._mine, "orders", None) is not None:
+        if self.is_awaited:
             self._mine.orders.append(order)
 
     def take(self) -> list[Order]:
@@ -82,6 +82,11 @@ class OrderBook:
 
     def _pending(self) -> list[Order]:
         return [*self._waiting, *self._given]
+
+    @property
+    def is_awaited(self) -> bool:
+        """True if this thread has begun a call that waits for its results."""
+        return getattr(self._mine, "orders", None) is not None
 
     def begin(self) -> None:
         """Makes `settle` wait for the orders that this thread puts from now on."""

@@ -5,6 +5,7 @@ Both dialects use it. Values of YARP are in degrees, those of TCI in radians.
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -12,15 +13,19 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from tci.drivers.yarp import call_arguments
+from tci.drivers.yarp.board_modes import MODES, MOVING, STREAMING, BoardModes, JointMode
 from tci.drivers.yarp.order_book import OrderBook
 from tci.errors import CommandError
 from tci.frames import Array
+from tci.gate.acceptance import SLOWEST, check_limits
 from tci.messages import JointReading, Mode, Order, PlatformCommand, PlatformSwitch
 from tci.robot.description import Servo
-from yarpwire.board import COMPLIANT, DIRECT, IDLE, POSITION, STIFF, TORQUE, VELOCITY, Stream
+from yarpwire.board import COMPLIANT, DIRECT, IDLE, STIFF, Stream
 from yarpwire.board_service import BoardService
-from yarpwire.errors import CallError, WireError
+from yarpwire.errors import CallError
 from yarpwire.state import BoardState
 from yarpwire.values import Vocab
 
@@ -37,16 +42,21 @@ uses the limits of the description."""
 OVERTAKES = 0.005
 """Longest time [s] that streamed values wait for the change to their mode, which arrives on another
 connection and may come later. Assumed: half of a board's period on iCub."""
-THERE = 0.5
-"""Distance [deg] from its target within which a joint's move counts as done. Assumed: more than encoder noise
-and the sag of a servo under gravity."""
-MODES = {POSITION: Mode.POSITION, DIRECT: Mode.POSITION, VELOCITY: Mode.VELOCITY, TORQUE: Mode.TORQUE}
-STREAMS = {Stream.POSITION: DIRECT, Stream.VELOCITY: VELOCITY, Stream.TORQUE: TORQUE}
+ARRIVED = 1e-4
+"""Distance [rad] from its target at which a joint's reference has arrived. Assumed: less than an encoder
+resolves."""
+AT_REST = float(np.deg2rad(1.0))
+"""Speed [rad/s] below which a joint rests and may change its mode. Assumed: below the gate's own bound, which
+judges another estimate of the speed."""
+COMES_TO_REST = 1.5
+"""Longest time [s] that a change of mode waits for moving joints to stop. Assumed: longer than the arms of
+iCub and NAO need from full speed; shorter than clients wait for an answer."""
 COMMANDS = {Stream.POSITION: Mode.POSITION, Stream.VELOCITY: Mode.VELOCITY, Stream.TORQUE: Mode.TORQUE}
 
 
 class ServedBoard(BoardService):
-    """A robot part as a control board. The loop calls `update`, connections call the other methods."""
+    """A robot part as a control board. The loop calls `follow` and `update`, connections call the other
+    methods."""
 
     def __init__(self, part: str, servos: Sequence[Servo]) -> None:
         self.part = part
@@ -56,13 +66,16 @@ class ServedBoard(BoardService):
         """Speed (n_joints,) [deg/s] of moves."""
         self.accelerations = np.full(self.count, ACCELERATION)
         """Acceleration (n_joints,) [deg/s2] that clients have set; it has no effect."""
+        self._set_points = {stream: np.zeros(self.count) for stream in Stream}
         self._index = np.array([servo.index for servo in self.servos], dtype=np.intp)
+        self._movable = [number for number, servo in enumerate(self.servos) if _is_movable(servo)]
+        self._range = np.array([_range(servo) for servo in self.servos])
+        self._impedance = np.tile([FULL_STIFFNESS, FULL_DAMPING], (self.count, 1))
         self.book = OrderBook()
         """Orders that wait for the loop."""
-        self._words = dict.fromkeys(range(self.count), POSITION)
-        self._compliant = [False] * self.count
-        self._impedance = np.tile([FULL_STIFFNESS, FULL_DAMPING], (self.count, 1))
-        self._targets = np.full(self.count, np.nan)
+        self._modes = BoardModes(self.servos)
+        self._stepped = threading.Condition()
+        self._moves: NDArray[np.bool_] = np.zeros(self.count, dtype=bool)
         self._early: tuple[float, Stream, list[int], Sequence[float]] | None = None
         self.state = BoardState(np.zeros(self.count))
         """Latest state of the joints."""
@@ -71,41 +84,41 @@ class ServedBoard(BoardService):
         self.armed = True
         """True if the board accepts commands; otherwise it refuses each with CallError."""
 
+    @property
+    def set_points(self) -> Mapping[Stream, Array]:
+        return self._set_points
+
+    def follow(self, targets: Array, references: Array, speeds: Array) -> None:
+        """Stores the gate's targets and references [rad], and the speeds of these [rad/s], each (n_servos,),
+        of this period."""
+        mine = self._index
+        with self._stepped:
+            self._set_points[Stream.POSITION] = np.rad2deg(targets[mine])
+            away = np.abs(targets[mine] - references[mine]) > ARRIVED
+            for number in np.flatnonzero(away).tolist():
+                away[number] = self._modes.gate_mode(number) in (Mode.POSITION, Mode.IMPEDANCE)
+            self._moves = away | (np.abs(speeds[mine]) > ARRIVED)
+            self._stepped.notify_all()
+
     def update(self, joints: JointReading, modes: Sequence[Mode]) -> None:
         """Stores the joints of this period, and the gate's control mode (n_servos,) of every servo of the
         robot."""
         if not self.book.is_busy():
-            self._catch_up(modes)
+            for number, servo in enumerate(self._index.tolist()):
+                self._modes.catch_up(number, modes[servo])
         powered = joints.powered
-        words = [
-            IDLE if powered is not None and not powered[servo] else self._word(number, modes[servo])
-            for number, servo in enumerate(self._index.tolist())
-        ]
+        shown = [self._modes.shown(number, modes[servo]) for number, servo in enumerate(self._index.tolist())]
         self.state = BoardState(
             position=np.rad2deg(joints.position[self._index]),
             velocity=np.rad2deg(joints.velocity[self._index]),
             torque=joints.torque[self._index] if joints.torque is not None else None,
-            modes=tuple(words),
-            interactions=tuple(
-                COMPLIANT if modes[servo] is Mode.IMPEDANCE else STIFF for servo in self._index.tolist()
+            modes=tuple(
+                IDLE if powered is not None and not powered[servo] else word
+                for servo, (word, _) in zip(self._index.tolist(), shown, strict=True)
             ),
+            interactions=tuple(soft for _, soft in shown),
         )
         self.stamp = time.time()
-
-    def _catch_up(self, modes: Sequence[Mode]) -> None:
-        """Takes over the gate's mode of each joint for which it differs from the mode that clients have
-        set."""
-        for number, servo in enumerate(self._index.tolist()):
-            mode = modes[servo]
-            if self._mode(number, MODES[self._words[number]]) is not mode:
-                self._compliant[number] = mode is Mode.IMPEDANCE
-                self._words[number] = {Mode.VELOCITY: VELOCITY, Mode.TORQUE: TORQUE}.get(mode, POSITION)
-
-    def _word(self, number: int, mode: Mode) -> Vocab:
-        if mode in (Mode.VELOCITY, Mode.TORQUE):
-            return VELOCITY if mode is Mode.VELOCITY else TORQUE
-        wanted = self._words[number]
-        return wanted if wanted in (POSITION, DIRECT) else POSITION
 
     @contextmanager
     def awaited(self) -> Iterator[None]:
@@ -122,86 +135,68 @@ class ServedBoard(BoardService):
     def joints(self, numbers: Sequence[int] | None) -> list[int]:
         if numbers is None:
             return list(range(self.count))
-        chosen = [int(n) for n in _listed(numbers) if isinstance(n, int) and 0 <= n < self.count]
-        if not chosen or not len(numbers) == len(chosen) == len(set(chosen)):
-            raise CallError(
-                f"joints {str(numbers)[:60]} of {self.part}; valid: 0 to {self.count - 1}, each once"
-            )
-        return chosen
+        return call_arguments.joint_numbers(numbers, self.count, self.part)
 
     def move(self, joints: Sequence[int] | None, angles: Sequence[float], *, relative: bool = False) -> None:
         chosen, values = self._checked(joints, angles)
-        self._need(chosen, (POSITION,))
         values = values + self.state.position[chosen] if relative else values
-        self._targets[chosen] = values
-        self._order(chosen, Mode.POSITION, np.deg2rad(values), np.deg2rad(self.speeds[chosen]))
+        self._modes.need(self._obeying(chosen), MOVING)
+        self._aim(chosen, values, np.deg2rad(self.speeds[chosen]))
 
     def stream(self, stream: Stream, joints: Sequence[int] | None, numbers: Sequence[float]) -> None:
         chosen, values = self._checked(joints, numbers)
+        obeying = self._obeying(chosen)
         self._early = time.monotonic(), stream, chosen, numbers
-        self._need(chosen, (STREAMS[stream],))
+        self._modes.need(obeying, STREAMING[stream])
         self._early = None
         if stream is Stream.POSITION:
-            self._targets[chosen] = values
+            self._aim(chosen, values, np.full(len(chosen), np.inf))
+            return
+        values = values[[chosen.index(number) for number in obeying]]
+        self.set_points[stream][obeying] = values
         values = values if stream is Stream.TORQUE else np.deg2rad(values)
-        modes = {Mode.IMPEDANCE if self._compliant[n] else COMMANDS[stream] for n in chosen}
-        for mode in modes if stream is Stream.POSITION else {COMMANDS[stream]}:
-            mine = [k for k, n in enumerate(chosen) if self._mode(n, COMMANDS[stream]) is mode]
-            self._order([chosen[k] for k in mine], mode, values[mine], np.full(len(mine), np.inf))
+        self._order(obeying, COMMANDS[stream], values, np.full(len(obeying), np.inf))
 
     def stop(self, joints: Sequence[int] | None) -> None:
-        chosen = self.joints(joints)
-        for number in chosen:
-            if self._words[number] in (POSITION, DIRECT):
-                here = self.state.position[[number]]
-                self._targets[number] = here[0]
-                self._order([number], self._mode(number, Mode.POSITION), np.deg2rad(here), np.full(1, np.inf))
-            elif self._words[number] == VELOCITY:
-                self._order([number], Mode.VELOCITY, np.zeros(1), np.full(1, np.inf))
+        chosen = self._obeying(self.joints(joints))
+        resting = [number for number in chosen if self._modes.word(number) in (*MOVING, DIRECT)]
+        self._aim(resting, self.state.position[resting], np.full(len(resting), np.inf))
+        for stream in (Stream.VELOCITY, Stream.TORQUE):
+            driven = [number for number in chosen if self._modes.word(number) in STREAMING[stream]]
+            if driven:
+                self.stream(stream, driven, [0.0] * len(driven))
 
     def is_done(self, joints: Sequence[int] | None) -> bool:
-        chosen = self.joints(joints)
-        return not np.any(np.abs(self.state.position[chosen] - self._targets[chosen]) >= THERE)
+        return not self._moves[self.joints(joints)].any()
 
     def set_modes(self, joints: Sequence[int] | None, words: Sequence[int]) -> None:
-        chosen = self.joints(joints)
-        asked = self._vocabularies(words, len(chosen), MODES)
-        wanted = [self._mode(number, MODES[word]) for number, word in zip(chosen, asked, strict=True)]
-        for number, mode in zip(chosen, wanted, strict=True):
-            self._can(number, mode)
-        before = {number: self._words[number] for number in chosen}
-        for number, word in zip(chosen, asked, strict=True):
-            self._words[number] = word
-            self._targets[number] = np.nan
-        self._switch(chosen, wanted, before)
+        chosen, asked = self._asked(joints, words, MODES)
+        self._switch(chosen, self._modes.with_words(chosen, asked))
+        for stream in (Stream.VELOCITY, Stream.TORQUE):
+            self.set_points[stream][chosen] = 0.0
         early, self._early = self._early, None
         if early is not None and time.monotonic() - early[0] < OVERTAKES:
             with suppress(CallError):
                 self.stream(*early[1:])
 
     def set_interactions(self, joints: Sequence[int] | None, words: Sequence[int]) -> None:
-        chosen = self.joints(joints)
-        asked = self._vocabularies(words, len(chosen), (STIFF, COMPLIANT))
-        for number, word in zip(chosen, asked, strict=True):
-            if word == COMPLIANT:
-                self._can(number, Mode.IMPEDANCE)
-        resting = [n for n in chosen if self._words[n] in (POSITION, DIRECT)]
-        soft = {number: word == COMPLIANT for number, word in zip(chosen, asked, strict=True)}
-        if resting:
-            self._switch(resting, [Mode.IMPEDANCE if soft[n] else Mode.POSITION for n in resting])
-        for number in chosen:
-            self._compliant[number] = soft[number]
+        chosen, asked = self._asked(joints, words, (STIFF, COMPLIANT))
+        self._switch(chosen, self._modes.with_interactions(chosen, asked))
+
+    def available(self, joint: int) -> list[Vocab]:
+        return self._modes.available(self.joints([joint])[0])
 
     def impedance(self, joint: int) -> Array:
         pair: Array = self._impedance[self.joints([joint])[0]]
         return pair
 
-    def impedance_limits(self) -> tuple[float, float]:
+    def impedance_limits(self, joint: int) -> tuple[float, float]:
+        self.joints([joint])
         return FULL_STIFFNESS, FULL_DAMPING
 
     def set_impedance(self, joint: int, stiffness: float, damping: float) -> None:
         number = self.joints([joint])[0]
-        shares = _finite([stiffness, damping], 2) / (FULL_STIFFNESS, FULL_DAMPING)
+        shares = call_arguments.finite([stiffness, damping], 2) / (FULL_STIFFNESS, FULL_DAMPING)
         if not np.all((shares >= 0.0) & (shares <= 1.0)):
             raise CallError(
                 f"impedance {stiffness} {damping}; valid: 0 to {FULL_STIFFNESS} N m/deg, 0 to {FULL_DAMPING}"
@@ -211,10 +206,8 @@ class ServedBoard(BoardService):
             self._order([number], mode, np.array([share]), np.full(1, np.inf))
 
     def limits(self, joint: int) -> tuple[float, float]:
-        limits = self.servos[self.joints([joint])[0]].limits
-        if limits.lower is None or limits.upper is None:
-            return 0.0, 0.0
-        return float(np.rad2deg(limits.lower)), float(np.rad2deg(limits.upper))
+        lower, upper = self._range[self.joints([joint])[0]]
+        return (float(lower), float(upper)) if np.isfinite([lower, upper]).all() else (0.0, 0.0)
 
     def speed_limit(self, joint: int) -> float:
         return float(np.rad2deg(self.servos[self.joints([joint])[0]].limits.velocity or 0.0))
@@ -232,72 +225,97 @@ class ServedBoard(BoardService):
         chosen, numbers = self._checked(joints, values)
         self.accelerations[chosen] = numbers
 
-    def available(self, joint: int) -> list[Vocab]:
-        servo = self.servos[self.joints([joint])[0]]
-        return [word for word, mode in MODES.items() if mode in servo.modes]
-
     def _checked(self, joints: Sequence[int] | None, numbers: Sequence[float]) -> tuple[list[int], Array]:
         chosen = self.joints(joints)
-        return chosen, _finite(numbers, len(chosen))
+        return chosen, call_arguments.finite(numbers, len(chosen))
 
-    def _vocabularies(self, words: Sequence[Any], count: int, valid: Collection[Vocab]) -> list[Vocab]:
-        with suppress(WireError):
-            found = [Vocab(word) for word in _listed(words)]
-            if len(found) == count and all(word in valid for word in found):
-                return found
-        raise CallError(
-            f"modes {str(words)[:60]} for {count} joints of {self.part}; valid, one per joint: "
-            + ", ".join(str(word) for word in valid)
-        )
+    def _asked(
+        self, joints: Sequence[int] | None, words: Sequence[Any], valid: Collection[Vocab]
+    ) -> tuple[list[int], list[Vocab]]:
+        """Returns the joints that obey, and the mode of each."""
+        chosen = self.joints(joints)
+        found = call_arguments.modes(words, len(chosen), self.part, valid)
+        obeying = self._obeying(chosen)
+        return obeying, [found[chosen.index(number)] for number in obeying]
 
-    def _need(self, joints: Sequence[int], words: Sequence[Vocab]) -> None:
-        for number in joints:
-            if self._words[number] not in words:
-                raise CallError(
-                    f"{self.servos[number].name} is in {self._words[number]}; this command needs {words[0]}"
-                )
+    def _obeying(self, chosen: list[int]) -> list[int]:
+        """Returns the joints that a call is for: one for the whole board leaves out those that can't be
+        moved, which keep their place."""
+        return self._movable if len(chosen) == self.count and self._movable else chosen
 
-    def _can(self, number: int, mode: Mode) -> None:
-        servo = self.servos[number]
-        if mode not in servo.modes:
-            valid = ", ".join(known.value for known in servo.modes)
-            raise CallError(f"{servo.name} has no {mode.value} mode; valid: {valid}")
+    def _aim(self, chosen: Sequence[int], values: Array, speeds: Array) -> None:
+        """Sends joints (k,) to angles [deg], or to the nearest ones within their range, at speeds [rad/s].
 
-    def _mode(self, number: int, mode: Mode) -> Mode:
-        return Mode.IMPEDANCE if mode is Mode.POSITION and self._compliant[number] else mode
+        A joint that is to move slower than the gate can stays where it is: programs give each joint the speed
+        that brings all there at once, which is none for a joint that is there already.
+        """
+        angles = np.deg2rad(np.clip(values, *self._range[list(chosen)].T)) if len(chosen) else values
+        obeying = {*self._obeying(list(chosen))}
+        for mode in (Mode.POSITION, Mode.IMPEDANCE):
+            mine = [
+                place
+                for place, number in enumerate(chosen)
+                if number in obeying and speeds[place] >= SLOWEST and self._modes.gate_mode(number) is mode
+            ]
+            if mine:
+                self._order([chosen[place] for place in mine], mode, angles[mine], speeds[mine])
 
-    def _switch(
-        self, joints: Sequence[int], modes: Sequence[Mode], before: Mapping[int, Vocab] | None = None
-    ) -> None:
-        """Orders new modes for joints. If the gate refuses one, the joint's previous mode from `before` is
-        restored."""
-        for mode in dict.fromkeys(modes):
-            chosen = [number for number, wanted in zip(joints, modes, strict=True) if wanted is mode]
-            undo = partial(
-                self._words.update, {number: before[number] for number in chosen} if before else {}
-            )
+    def _switch(self, joints: Sequence[int], wanted: Sequence[JointMode]) -> None:
+        """Orders new modes for joints, which the gate changes at rest. If it refuses one, the joint's
+        previous mode is restored."""
+        changing = self._modes.changing(joints, wanted)
+        interrupted = self._rest(changing) if self.book.is_awaited and self._is_moving(changing) else {}
+        before = self._modes.put(joints, wanted)
+        carried = [self._modes.gate_mode(number) for number in joints]
+        for mode in dict.fromkeys(carried):
+            mine = [place for place, other in enumerate(carried) if other is mode]
+            chosen = [joints[place] for place in mine]
+            undo = partial(self._modes.put, chosen, [before[place] for place in mine])
             try:
                 self._put(PlatformSwitch(servos=self._index[chosen], mode=mode), undo)
             except CallError:
                 undo()
                 raise
+        others = list(interrupted)
+        self._aim(others, np.array([*interrupted.values()]), np.deg2rad(self.speeds[others]))
+
+    def _rest(self, joints: Sequence[int]) -> dict[int, float]:
+        """Brings joints to rest, and with them all others that move to a target: the joints of a board arrive
+        together. Returns the targets [deg] of these others, whose moves go on after the change of mode."""
+        others = {
+            number: float(self.set_points[Stream.POSITION][number])
+            for number in np.flatnonzero(self._moves).tolist()
+            if number not in joints and self._modes.word(number) in (*MOVING, DIRECT)
+        }
+        self.stop([*joints, *others])
+        with self._stepped:
+            self._stepped.wait_for(lambda: not self._is_moving([*joints, *others]), COMES_TO_REST)
+        return others
+
+    def _is_moving(self, joints: Sequence[int]) -> bool:
+        chosen, speed = list(joints), self.state.velocity
+        fast = False if speed is None else (np.abs(np.deg2rad(speed[chosen])) > AT_REST).any()
+        return bool(fast or self._moves[chosen].any())
 
     def _order(self, joints: Sequence[int], mode: Mode, values: Array, speed: Array) -> None:
         self._put(PlatformCommand(mode=mode, servos=self._index[list(joints)], values=values, speed=speed))
 
-    def _put(self, order: Order, undo: Callable[[], None] | None = None) -> None:
+    def _put(self, order: Order, undo: Callable[[], object] | None = None) -> None:
         if not self.armed:
             raise CallError(f"{self.part} is read-only; valid: tci serve --arm")
         self.book.put(order, undo)
 
 
-def _listed(items: object) -> Sequence[Any]:
-    """Returns `items` if it is a list, else an empty one."""
-    return items if isinstance(items, list | tuple) else ()
+def _is_movable(servo: Servo) -> bool:
+    """Returns True if the description has all limits that are required to move a servo."""
+    try:
+        check_limits(servo)
+    except CommandError:
+        return False
+    return True
 
 
-def _finite(numbers: Sequence[Any], count: int) -> Array:
-    values = [float(number) for number in _listed(numbers) if isinstance(number, int | float)]
-    if not len(values) == len(_listed(numbers)) == count or not np.all(np.isfinite(values)):
-        raise CallError(f"{str(numbers)[:60]} in place of numbers; valid: {count} finite numbers")
-    return np.array(values)
+def _range(servo: Servo) -> tuple[float, float]:
+    """Returns the lowest and highest angle [deg] of a servo; infinite ones if they are not known."""
+    lower, upper = servo.limits.lower, servo.limits.upper
+    return np.rad2deg(-np.inf if lower is None else lower), np.rad2deg(np.inf if upper is None else upper)

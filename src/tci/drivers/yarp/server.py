@@ -130,7 +130,11 @@ class YarpServer(Server):
     @raises_driver_errors
     def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
         self._shown = True
+        here = reading.joints.position
+        aims = np.array([here, here, np.zeros(len(here))])
+        aims[:, sent.servos] = self.driver.gate.targets, sent.position, sent.velocity
         for board in self.boards.values():
+            board.follow(*aims)
             board.book.judge(sent.orders, sent.refusals)
         offset = time.time() - self.driver.clock.now()
         now = time.monotonic()

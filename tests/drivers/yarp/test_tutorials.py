@@ -1,0 +1,51 @@
+"""iCub's own first programs move the arm of a served iCub where they say, in both dialects."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from drivers.yarp.show import Show
+from drivers.yarp.tutorials import (
+    BACK,
+    FIRST,
+    THERE,
+    ArmClient,
+    tutorial_arm,
+    tutorial_arm_joint_impedance,
+)
+from yarpwire.board import COMPLIANT, STIFF
+from yarpwire.dialect import DIALECTS
+
+
+@pytest.fixture(scope="module", params=list(DIALECTS))
+def arm(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ArmClient]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("YARP_CONFIG_HOME", str(tmp_path_factory.mktemp("yarp")))
+        show = Show(DIALECTS[request.param], "icub", paced=False)
+
+        def delay(seconds: float) -> None:
+            until = show.driver.clock.now() + seconds
+            while show.driver.clock.now() < until:
+                time.sleep(0.001)
+
+        client = ArmClient(show, delay)
+        yield client
+        client.close()
+        show.close()
+
+
+def test_the_tutorial_of_the_arm_ends_where_it_says(arm: ArmClient) -> None:
+    for angles, goal in zip(tutorial_arm(arm), (FIRST, FIRST, BACK), strict=True):
+        np.testing.assert_allclose(angles[:4], goal, atol=1.0)
+
+
+def test_the_tutorial_of_impedance_ends_where_it_says_stiff_and_compliant(arm: ArmClient) -> None:
+    (there, soft), (back, stiff) = tutorial_arm_joint_impedance(arm)
+    assert (soft, stiff) == (COMPLIANT, STIFF)
+    np.testing.assert_allclose(there[:3], THERE[:3], atol=1.0)
+    np.testing.assert_allclose(there[3], THERE[3], atol=8.0)  # a soft elbow gives way to gravity
+    np.testing.assert_allclose(back[:4], BACK, atol=1.0)

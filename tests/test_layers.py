@@ -19,6 +19,7 @@ LAYERS = (
     "rosmsg",
     "robot",
     "skin",
+    "joint_touch",
     "gate",
     "body",
     "testing",

@@ -102,6 +102,9 @@ class Contacts(Frozen, Sequence["Contact"]):
     """Force (k,) [N] on each taxel."""
     taxel_point: Array
     """Position (k, 3) [limb lengths] of each taxel on the generic limb; NaN without a limb."""
+    certainty: Array | None = None
+    """Probability (c,) that the place of a contact is right within 5 cm: 1 on skin, less if it is felt
+    through joints. None if all contacts are on skin."""
 
     def __len__(self) -> int:
         return len(self.site)
@@ -137,6 +140,11 @@ class Contacts(Frozen, Sequence["Contact"]):
             site=np.arange(len(rows)),
             identity=joined("identity").astype(np.int64),
             begin=np.cumsum([0, *(len(one.taxels) for one in rows)]),
+            certainty=(
+                None
+                if all(one.table.certainty is None for one in rows)
+                else np.array([one.certainty for one in rows])
+            ),
             taxel=joined("taxel").astype(np.int64),
             **{name: joined(name, (0, 3)) for name in _VECTORS},
             **{name: joined(name) for name in _NUMBERS},
@@ -206,6 +214,11 @@ class Contact:
     def identity(self) -> int:
         """Unique number, constant from onset to end."""
         return int(self.table.identity[self.row])
+
+    @property
+    def certainty(self) -> float:
+        """Probability (0..1) that its place is right within 5 cm: 1 on skin, less if felt through joints."""
+        return 1.0 if self.table.certainty is None else float(self.table.certainty[self.row])
 
     @property
     def taxels(self) -> NDArray[np.int64]:

@@ -79,7 +79,7 @@ class TouchedRobot:
         """
         self._count += 1
         now = self._count * PERIOD
-        patches = self.robot.patches if touch is None else (self.robot.patch(touch), *self.robot.patches)
+        patches = self.robot.skin if touch is None else (self.robot.patch(touch), *self.robot.patches)
         values = {patch.name: np.full(patch.channels, patch.sensor.rest) for patch in patches}
         if touch is not None:
             self._press(values[touch], patches[0], taxel, force)

@@ -20,7 +20,8 @@ from tci.messages import JointReading, Reading
 from tci.recording.recorder import Recorder
 from tci.robot.catalogue import load_robot
 from tci.robot.joint_map import initial_position
-from tci.robot.skin_files.calibration import read_calibration
+from tci.robot.json_file import read_json
+from tci.robot.skin_files.calibration import SkinCalibration
 from tci.robot.xml import read_robot
 from tci.runtime.session import recorder_for
 from tci.simulation.world import World
@@ -79,12 +80,12 @@ def test_weights_in_simulation_give_a_file_and_its_report(tmp_path: Path) -> Non
     assert [round(row["force_N"]) for row in told["loads"]] == [2] * 4 + [4] * 4
     for row in told["loads"]:
         assert row["after_N"] == pytest.approx(row["force_N"], rel=0.1)
-    written = read_calibration(out)
+    written = read_json(out, SkinCalibration)
     assert written.robot == "nao"
     assert written.patches["left_forearm"].report["date"] == written.date
     # Another patch joins the first one.
     code, _ = run(*["head" if word == "left_forearm" else word for word in words])
-    assert set(read_calibration(out).patches) == {"left_forearm", "head"}
+    assert set(read_json(out, SkinCalibration).patches) == {"left_forearm", "head"}
 
 
 def test_a_force_sensor_beside_the_skin_finds_the_wrong_response(

@@ -253,7 +253,9 @@ def test_legs_and_hands_turn_as_their_convention_says(robot: Robot) -> None:
             axis = kinematics.jacobian(position, moved[-1])[3:, generic.servo] * np.sign(generic.scale)
             assert axis @ (mirror * wanted) > 0.96, (part.name, generic.name)
             found += 1
-    assert found == {"nao-whole": 10, "icub-whole": 16, "g1": 16, "talos": 16, "alex": 2}.get(robot.name, 0)
+    assert found == {"nao-whole": 10, "icub-whole": 16, "g1": 16, "g1-bare": 16, "talos": 16, "alex": 2}.get(
+        robot.name, 0
+    )
 
 
 @pytest.mark.parametrize("name", ["nao", "icub"])
@@ -267,3 +269,11 @@ def test_the_whole_body_has_all_that_the_plain_robot_has(name: str) -> None:
         if part.kind != "torso":
             assert whole.part(part.name) == part
     assert {part.kind for part in whole.parts} >= {"arm", "head", "torso", "leg"}
+
+
+def test_the_bare_g1_is_the_g1_without_its_sleeves() -> None:
+    worn, bare = load_robot("g1"), load_robot("g1-bare")
+    assert (bare.servos, bare.parts, bare.couplings) == (worn.servos, worn.parts, worn.couplings)
+    assert [patch.surface for patch in bare.patches] == [patch.surface for patch in worn.patches]
+    assert not bare.skin
+    assert worn.skin == worn.patches

@@ -9,12 +9,11 @@ import pytest
 import small_robot
 from felt_skin import FeltSkin
 from tci.errors import DescriptionError, TciError, UnknownNameError
+from tci.robot.json_file import read_json, write_json
 from tci.robot.skin_files.calibration import (
     PatchCalibration,
     SkinCalibration,
     calibration_path,
-    read_calibration,
-    write_calibration,
 )
 
 
@@ -30,9 +29,9 @@ def made(taxels: int, *, robot: str = "small", patch: str = "left_arm_forearm") 
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:
     path = calibration_path(tmp_path / "robot.xml")
-    write_calibration(path, made(12))
+    write_json(path, made(12))
     assert path.name == "robot.skin.json"
-    assert read_calibration(path) == made(12)
+    assert read_json(path, SkinCalibration) == made(12)
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"robot": 3}', "\x00", '{"robot":"a","x":NaN}'])
@@ -40,12 +39,12 @@ def test_damaged_file_gets_one_error(tmp_path: Path, text: str) -> None:
     path = tmp_path / "robot.skin.json"
     path.write_text(text)
     with pytest.raises(DescriptionError, match=r"robot\.skin\.json"):
-        read_calibration(path)
+        read_json(path, SkinCalibration)
 
 
 def test_absent_file(tmp_path: Path) -> None:
     with pytest.raises(DescriptionError, match="can't be read"):
-        read_calibration(tmp_path / "none.json")
+        read_json(tmp_path / "none.json", SkinCalibration)
 
 
 def test_skin_takes_its_rest_values_from_it(tmp_path: Path) -> None:

@@ -24,12 +24,11 @@ from tci.errors import CommandError, DriverError, TciError
 from tci.frames import Array
 from tci.robot.description import Robot
 from tci.robot.kinematics import KinematicChain
+from tci.robot.json_file import read_json, write_json
 from tci.robot.skin_files.calibration import (
     PatchCalibration,
     SkinCalibration,
     calibration_path,
-    read_calibration,
-    write_calibration,
 )
 from tci.robot.xml.values import decimal
 from tci.simulation.finger import STIFFNESS
@@ -100,7 +99,7 @@ def calibrate_patch(
     target = out or calibration_path(Path(robot.source))
     if not os.access(target if target.exists() else target.absolute().parent, os.W_OK):
         raise CommandError(f"{target} can't be written; valid: --out FILE in a folder that you may write to")
-    before = read_calibration(target) if target.is_file() else None
+    before = read_json(target, SkinCalibration) if target.is_file() else None
     loads: Sequence[Load]
     with connect(robot, via, arm=False) as driver:
         session = _LoadSession(driver, patch, normal_channels(site, surface), ask=ask, progress=progress)
@@ -116,7 +115,7 @@ def calibrate_patch(
     when = datetime.now(UTC).isoformat(timespec="seconds")
     found = calibrate(site.sensor, surface.areas, rest, loads, when=when)
     patches = {} if before is None else dict(before.patches)
-    write_calibration(target, SkinCalibration(robot=robot.name, date=when, patches=patches | {patch: found}))
+    write_json(target, SkinCalibration(robot=robot.name, date=when, patches=patches | {patch: found}))
     rows = [_compare(site.sensor, surface.areas, found, load) for load in loads]
     return PatchMeasurement(target, found, rows)
 

@@ -19,6 +19,7 @@ from tci.body.retreat import Retreat
 from tci.body.support import StaticStability
 from tci.errors import CommandError, TciError
 from tci.frames import Array, read_only
+from tci.joint_touch.contacts import JointTouchSettings
 from tci.messages import (
     CartesianCommand,
     Contact,
@@ -37,6 +38,7 @@ from tci.messages import (
 )
 from tci.reasons import Reason
 from tci.robot.description import Kind, Robot
+from tci.robot.joint_calibration import JointCalibration
 from tci.robot.joint_map import JointMap, generic_posture, joint_map
 from tci.robot.skin_files.calibration import SkinCalibration
 from tci.skin.conditioning import ConditioningSettings
@@ -56,6 +58,11 @@ class BodySettings:
     calibration: SkinCalibration | None = None
     """Measured rest values, noise and response of the taxels. None stands for the file that `tci skin
     calibrate` wrote beside the description, if there is one."""
+    joints: JointTouchSettings = field(default_factory=JointTouchSettings)
+    """Conditions under which the torques of joints are a touch, on patches felt through joints."""
+    joint_calibration: JointCalibration | None = None
+    """Friction of the joints, and tools in hand. None stands for the file that `tci check --hardware` wrote
+    beside the description, if there is one."""
 
 
 @dataclass(frozen=True, eq=False)

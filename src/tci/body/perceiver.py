@@ -8,7 +8,9 @@ from copy import deepcopy
 from tci.body.generic_body import GenericBody
 from tci.errors import FrameError
 from tci.frames import Array
-from tci.messages import Perception, Reading, SkinFrame
+from tci.joint_touch.contacts import JointTouch
+from tci.messages import Contacts, Perception, Reading, SkinFrame
+from tci.robot.joint_calibration import joint_calibration
 from tci.skin.conditioning import Conditioner, PatchHealth
 from tci.skin.contacts import ContactFinder
 from tci.skin.send_on_delta import HoldLast
@@ -33,6 +35,13 @@ class Perceiver:
         self._conditioner = Conditioner(body.layout, body.settings.conditioning)
         self._finder = ContactFinder(body.layout, body.settings.contacts)
         self._frames: tuple[SkinFrame, ...] = ()
+        self._felt: JointTouch | None = None
+        if any(patch.through_joints for patch in body.robot.patches):
+            own, settings = (
+                joint_calibration(body.robot, body.settings.joint_calibration),
+                body.settings.joints,
+            )
+            self._felt = JointTouch(body.skin, body.layout, own, settings)
         self._contacts = self._finder.contacts
 
     def step(self, reading: Reading, now: float) -> Perception:
@@ -42,7 +51,6 @@ class Perceiver:
         """
         posture = self.body.posture(reading.joints)
         frames = reading.skin if self._held is None else self._held.fill(reading.skin, now)
-        ended: tuple[int, ...] = ()
         try:
             perceived = frames != self._frames and self._conditioner.step(frames)
         except FrameError:
@@ -50,10 +58,14 @@ class Perceiver:
                 self._held.undo()
             raise
         if perceived:
-            ended = self._find(posture, reading.joints.position)
+            self._find(posture, reading.joints.position)
         else:
             self._conditioner.update()
         self._frames = frames
+        before, self._contacts = self._contacts, self._finder.contacts
+        if self._felt is not None:
+            self._contacts = self._felt.step(reading.joints, posture, self._contacts, self.body.skin)
+        ended = _ended(before, self._contacts)
         return Perception(now, posture, self._contacts, ended, self._conditioner.state, reading.joints)
 
     def copy(self) -> Perceiver:
@@ -74,13 +86,16 @@ class Perceiver:
         """Takes the present readings of a patch as rest. Raises UnknownNameError for an unknown patch."""
         self._conditioner.rezero(patch)
 
-    def _find(self, posture: Mapping[str, Array], position: Array) -> tuple[int, ...]:
-        """Finds contacts, once per skin frame. Returns the identities of contacts that have ended."""
-        before = self._contacts.identity.tolist()
+    def _find(self, posture: Mapping[str, Array], position: Array) -> None:
+        """Finds contacts on the skin, once per skin frame."""
         conditioner = self._conditioner
         links, poses = self.body.layout.links, self.body.skin.kinematics.pose_array
-        self._contacts = self._finder.find(
-            conditioner.state, conditioner.estimates, lambda: poses(position, links), posture
-        )
-        now = self._contacts.identity.tolist()
-        return () if before == now else tuple([one for one in before if one not in now])
+        self._finder.find(conditioner.state, conditioner.estimates, lambda: poses(position, links), posture)
+
+
+def _ended(before: Contacts, after: Contacts) -> tuple[int, ...]:
+    """Returns the identities of contacts that are gone."""
+    if before is after:
+        return ()
+    now = after.identity.tolist()
+    return tuple([one for one in before.identity.tolist() if one not in now])

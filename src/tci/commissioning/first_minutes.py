@@ -83,7 +83,7 @@ def wanted(robot: Robot, names: Sequence[str]) -> tuple[list[Servo], list[Patch]
     Raises UnknownNameError.
     """
     if not names:
-        return list(robot.servos), list(robot.patches)
+        return list(robot.servos), list(robot.skin)
     servos: list[Servo] = []
     patches: list[Patch] = []
     generic = {part.name for part in robot.parts}
@@ -92,9 +92,9 @@ def wanted(robot: Robot, names: Sequence[str]) -> tuple[list[Servo], list[Patch]
         some = [
             servo for servo in robot.servos if name in (servo.name, servo.robot_part) or servo.name in mine
         ]
-        skin = [patch for patch in robot.patches if name in (patch.name, patch.part)]
+        skin = [patch for patch in robot.skin if name in (patch.name, patch.part)]
         if not some and not skin:
-            valid = [*generic, *(p.name for p in robot.patches), *(s.robot_part for s in robot.servos)]
+            valid = [*generic, *(p.name for p in robot.skin), *(s.robot_part for s in robot.servos)]
             raise UnknownNameError("servo, part or patch", name, dict.fromkeys(valid))
         servos += some
         patches += skin

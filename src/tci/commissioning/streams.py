@@ -115,7 +115,7 @@ def observe(
 
     Commands nothing. Raises DriverError if the robot can't be read.
     """
-    patches = {patch.name: patch.rate for patch in driver.robot.patches}
+    patches = {patch.name: patch.rate for patch in driver.robot.skin}
     joints, skin = _Count(), {name: _Count() for name in patches}
     cost: list[float] = []
     kept: list[Reading] = []

@@ -25,35 +25,10 @@ class Gravity:
     """
 
     def __init__(self, robot: Robot) -> None:
-        """Raises DescriptionError when the robot has no model, a servo's joint is not in it, or a moving link
-        (or one to which MJCF gives the weight of its shapes) has no `<inertial>`; UnknownNameError when the
-        model lacks the torso."""
-        if robot.model is None:
-            raise DescriptionError(robot.source, [Fault(0, "no <model>: gravity needs a URDF or MJCF file")])
-        self._model = bare_model(robot.model)
+        """Raises what `weighted_model` raises, DescriptionError for a servo whose joint the model lacks."""
+        self._model, self._torso = weighted_model(robot)
+        assert robot.model is not None  # weighted_model
         self._data = mujoco.MjData(self._model)
-        self._model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
-        links = [self._model.body(index).name for index in range(1, self._model.nbody)]
-        if robot.model.torso_link not in links:
-            raise UnknownNameError("link of the kinematic model", robot.model.torso_link, links)
-        self._torso = self._model.body(robot.model.torso_link).id
-        bodies = load_spec(robot.model).bodies
-        heavy = {body.name for body in bodies if body.explicitinertial}
-        shaped = {body.name for body in bodies if any(geom.mass != 0 and geom.density for geom in body.geoms)}
-        faults = []
-        for body, name in enumerate(links, start=1):
-            if name not in heavy:
-                # The model compiler gave this body a placeholder mass, which would add to the weight.
-                self._model.body_mass[body] = 0.0
-                self._model.body_inertia[body] = 0.0
-                of_robot = self._model.body_rootid[body] == self._model.body_rootid[self._torso]
-                if self._model.body_jntnum[body]:
-                    faults.append(Fault(0, f"link {name} moves and has no <inertial>"))
-                elif robot.model.format == "mjcf" and of_robot and name in shaped:
-                    fault = f"link {name} has shapes and no <inertial> that says their weight"
-                    faults.append(Fault(0, fault))
-        if faults:
-            raise DescriptionError(robot.model.path, faults)
         self._T_LT = robot.model.T_LT
         self._n_servos = len(robot.servos)
         self._servos, self._addresses, self._columns = joints_of(robot, self._model)
@@ -98,3 +73,37 @@ class Gravity:
         centres = np.einsum("bij,bj->bi", poses[:, :3, :3], self._model.body_ipos[self._heavy])
         centre: Array = masses @ (centres + poses[:, :3, 3]) / masses.sum()
         return centre
+
+
+def weighted_model(robot: Robot) -> tuple[mujoco.MjModel, int]:
+    """Returns a model of the robot with bodies, joints, masses and gravity, and the number of its torso.
+
+    Raises DescriptionError when the robot has no model, or a moving link (or one to which MJCF gives the
+    weight of its shapes) has no `<inertial>`; UnknownNameError when the model lacks the torso.
+    """
+    if robot.model is None:
+        raise DescriptionError(robot.source, [Fault(0, "no <model>: gravity needs a URDF or MJCF file")])
+    model = bare_model(robot.model)
+    model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+    links = [model.body(index).name for index in range(1, model.nbody)]
+    if robot.model.torso_link not in links:
+        raise UnknownNameError("link of the kinematic model", robot.model.torso_link, links)
+    torso = model.body(robot.model.torso_link).id
+    bodies = load_spec(robot.model).bodies
+    heavy = {body.name for body in bodies if body.explicitinertial}
+    shaped = {body.name for body in bodies if any(geom.mass != 0 and geom.density for geom in body.geoms)}
+    faults = []
+    for body, name in enumerate(links, start=1):
+        if name not in heavy:
+            # The model compiler gave this body a placeholder mass, which would add to the weight.
+            model.body_mass[body] = 0.0
+            model.body_inertia[body] = 0.0
+            of_robot = model.body_rootid[body] == model.body_rootid[torso]
+            if model.body_jntnum[body]:
+                faults.append(Fault(0, f"link {name} moves and has no <inertial>"))
+            elif robot.model.format == "mjcf" and of_robot and name in shaped:
+                fault = f"link {name} has shapes and no <inertial> that says their weight"
+                faults.append(Fault(0, fault))
+    if faults:
+        raise DescriptionError(robot.model.path, faults)
+    return model, torso

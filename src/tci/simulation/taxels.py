@@ -115,7 +115,7 @@ class Taxels:
         self._until = -1
 
     def frames(self) -> tuple[SkinFrame, ...]:
-        """Returns the latest frame of every patch; the same object until a frame is new.
+        """Returns the latest frame of every patch with taxels; the same object until a frame is new.
 
         Raises TciError if a patch had more contacts than slots.
         """
@@ -123,7 +123,9 @@ class Taxels:
             for number, count in enumerate(self._words[:, at.COUNT].tolist()):
                 if self._frames[number].sequence != count:
                     self._frames[number] = self._frame(number)
-            self._latest, self._until = tuple(self._frames), self.due
+            sent = zip(self._patches, self._frames, strict=True)
+            self._latest = tuple([frame for patch, frame in sent if not patch.through_joints])
+            self._until = self.due
         return self._latest
 
     def _frame(self, number: int) -> SkinFrame:

@@ -18,6 +18,7 @@ from tci.robot.description import Robot
 from tci.robot.joint_map import joint_map
 from tci.robot.kinematics import KinematicChain
 from tci.simulation.finger import Finger
+from tci.simulation.joint_torques import JointTorques
 from tci.simulation.physics import Physics
 from tci.simulation.posed_skin import PosedSkin
 from tci.simulation.scene import build_scene
@@ -84,6 +85,8 @@ class World:
         self._home = home
         period = 1.0 / robot.binding(MIDDLEWARE).rate if period is None else period
         self._servos = Servos(self._physics, robot, home, period=period)
+        through_joints = any(patch.through_joints for patch in robot.patches)
+        self._outputs = JointTorques(self._physics, robot, stands=stands) if through_joints else None
         self._skin = PosedSkin(self._physics, robot.model, self.surfaces)
         self._taxels = Taxels(self._physics, worn, self.surfaces, noise=noise, generator=self._generator)
         self.finger = Finger(self._physics, self._skin)
@@ -198,14 +201,18 @@ class World:
 
     def joints(self) -> JointReading:
         """Returns exact current angles and velocities of all servos, with the target of one without a
-        joint."""
+        joint.
+
+        Torques are those of the motors; of a robot that feels touches through its joints, those at their
+        outputs.
+        """
         found = self._servos.measured()
         return JointReading(
             stamp=self.time,
             sequence=self._physics.steps,
             position=found[0],
             velocity=found[1],
-            torque=found[2],
+            torque=found[2] if self._outputs is None else self._outputs.measured(found[0]),
             modes=self._servos.modes,
             powered=self._servos.powered,
         )

@@ -6,7 +6,7 @@ untouched skin between them, or inside the limb.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -121,17 +121,12 @@ class ContactFinder:
         return count, taxels, fresh[:waits]
 
     def _angles(self, posture: Mapping[str, Array]) -> Array:
-        """Returns the generic angles (parts, 4) [rad] of the limbs, zeros where they are unknown."""
-        parts = self.layout.parts
+        """Returns the generic angles (parts, 4) [rad] of the limbs. Raises UnknownNameError."""
         if not all(map(posture.__contains__, self._parts)):
             for p in self._clusters.counts.nonzero()[0].tolist():
                 if (part := self.layout.sites[p].part) not in posture:
                     raise UnknownNameError("generic part in this posture", part, posture)
-        result = np.zeros((max(len(parts), 1), 4))
-        for row, part in enumerate(parts):
-            if part in posture:
-                result[row] = posture[part][:4]
-        return result
+        return _limb_angles(self.layout.parts, posture)
 
     def _turn(self, made: ContactArrays, state: SkinState, vectors: Array, poses: Array) -> None:
         """Writes the force vectors of contacts on three-axis taxels."""
@@ -141,6 +136,42 @@ class ContactFinder:
                 taxels = made.taxel[made.begin[row] : made.begin[row + 1]]
                 own_vectors = vectors[own][np.searchsorted(state.active[own], taxels)]
                 made.f_T[row] = poses[self.layout.arrays.on[p, 0]][:3, :3] @ own_vectors.sum(axis=0)
+
+
+def _limb_angles(parts: Sequence[str], posture: Mapping[str, Array]) -> Array:
+    """Returns the generic angles (parts, 4) [rad] of limbs, zeros where they are unknown."""
+    result = np.zeros((max(len(parts), 1), 4))
+    for row, part in enumerate(parts):
+        if part in posture:
+            result[row] = posture[part][:4]
+    return result
+
+
+def describe_touches(
+    layout: SkinLayout,
+    touches: Sequence[tuple[int, int, float]],
+    poses: Array,
+    posture: Mapping[str, Array],
+) -> ContactArrays:
+    """Returns a contact for each of some `touches` (patch, taxel, force [N]), which rise by their patch.
+
+    `poses` and `posture` are those of `ContactFinder.find`. Identity, onset and displacement are left to the
+    caller.
+    """
+    count = len(touches)
+    patches, taxels, forces = zip(*touches, strict=True)
+    none = np.zeros(0, np.int32)
+    clusters = Clusters(
+        force=np.zeros(0), label=none, queue=none,
+        counts=np.bincount(patches, minlength=len(layout.sites)).astype(np.int64),
+        bound=np.arange(count + 1, dtype=np.int32),
+        member=(layout.starts[list(patches)] + taxels).astype(np.int32),
+        member_force=np.array(forces, np.float64),
+    )  # fmt: skip
+    made = empty_contacts(count, count)
+    angles = _limb_angles(layout.parts, posture)
+    _describe(layout.arrays, clusters, poses, angles, np.empty((count, SUMMARY)), made)
+    return made
 
 
 def empty_contacts(count: int, taxels: int) -> ContactArrays:

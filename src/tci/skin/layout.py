@@ -17,12 +17,12 @@ from tci.frames import Array, frozen, read_only
 from tci.messages import Site
 from tci.robot.description import GenericPart, Patch, Segment, Sensor
 from tci.robot.generic_arm import SEGMENTS
+from tci.robot.json_file import read_json
 from tci.robot.kernels.limb import limb_numbers
 from tci.robot.skin_files.calibration import (
     PatchCalibration,
     SkinCalibration,
     calibration_path,
-    read_calibration,
 )
 from tci.skin.kernels.arrays import BLOCK_SIZE, CHANNEL, TAXEL, Indices, LayoutArrays, Places
 from tci.skin.skin import Skin
@@ -107,7 +107,7 @@ class SkinLayout:
         robot = skin.robot
         beside = calibration_path(Path(robot.source))
         if calibration is None and beside.is_file():
-            calibration = read_calibration(beside)
+            calibration = read_json(beside, SkinCalibration)
         measured = {} if calibration is None else calibration.patches
         if calibration is not None and calibration.robot != robot.name:
             raise TciError(f"calibration of {calibration.robot!r}; valid: {robot.name!r}")

@@ -74,8 +74,8 @@ class Poller:
         self.trouble = ""
         """Reason why there is no answer now; empty if there is one."""
         self._joints = joints
-        self._channels = {patch.name: patch.channels for patch in robot.patches}
-        self._every = {patch.name: 1.0 / patch.rate for patch in robot.patches}
+        self._channels = {patch.name: patch.channels for patch in robot.skin}
+        self._every = {patch.name: 1.0 / patch.rate for patch in robot.skin}
         self._period, self._until = 1.0 / binding.rate, -np.inf
         self._frames: dict[str, SkinFrame] = {}
         self._seen: dict[str, float] = {}

@@ -37,7 +37,7 @@ def skin_keys(robot: Robot, binding: Binding) -> dict[str, tuple[str, ...]]:
     switches."""
     return {
         patch.name: tuple(binding.address(patch.name, f"TCI/Skin/{patch.name}").split(" "))
-        for patch in robot.patches
+        for patch in robot.skin
     }
 
 

@@ -50,7 +50,7 @@ def numbers(robot: Robot) -> dict[tuple[int, int], str]:
     binding = robot.binding("player")
     parts = tuple(dict.fromkeys(servo.robot_part for servo in robot.servos))
     found: dict[tuple[int, int], str] = {}
-    for interface, names in ((ACTARRAY, parts), (OPAQUE, tuple(patch.name for patch in robot.patches))):
+    for interface, names in ((ACTARRAY, parts), (OPAQUE, tuple(patch.name for patch in robot.skin))):
         for usual, name in enumerate(names):
             index = binding.address(name, str(usual))
             if not index.isdecimal() or (interface, int(index)) in found:
@@ -85,7 +85,7 @@ class PlayerDriver(RemoteDriver):
                 self._open_devices(offered)
                 self._wait_for_joints(wait)
             else:
-                for index in range(STATES, FRAMES + len(robot.patches)):
+                for index in range(STATES, FRAMES + len(robot.skin)):
                     self._client.open(OPAQUE, index)
                 self._wait()
         except BaseException:
@@ -150,7 +150,7 @@ class PlayerDriver(RemoteDriver):
 
     def _wait_for_joints(self, seconds: float) -> None:
         end = time.monotonic() + seconds
-        while np.isinf(self._stamps).any() or (len(self._latest) < len(self.robot.patches)):
+        while np.isinf(self._stamps).any() or (len(self._latest) < len(self.robot.skin)):
             if self._client.lost:
                 raise DriverError(f"{self.place}: {self._client.lost}")
             if time.monotonic() > end:

@@ -114,7 +114,7 @@ class PlayerServer(RemoteServer):
         super().__init__(driver, address, middleware="player")
         host, self.port = parse(address)
         self._devices = numbers(driver.robot)
-        self._frames = {patch.name: FRAMES + n for n, patch in enumerate(driver.robot.patches)}
+        self._frames = {patch.name: FRAMES + n for n, patch in enumerate(driver.robot.skin)}
         own = [STATES, *self._frames.values()]
         self._offered = [*self._devices, *((OPAQUE, index) for index in own)]
         self._controllers = PartControllers(driver.robot, self.number, of="a Player client")

@@ -137,7 +137,7 @@ class RemoteDriver(Driver):
                 raise DriverError(f"{self.robot.name} does not answer at {self.place}: {self._why_silent()}")
             time.sleep(0.002)
         end = time.monotonic() + SKIN
-        while len(self._skin) < len(self.robot.patches) and time.monotonic() < end:
+        while len(self._skin) < len(self.robot.skin) and time.monotonic() < end:
             self._take()
             time.sleep(0.002)
 

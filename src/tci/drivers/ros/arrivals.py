@@ -78,7 +78,7 @@ class JointArrivals:
                 sequence=self._sequence,
                 position=read_only(self._position),
                 velocity=read_only(self._velocity),
-                torque=read_only(self._torque) if np.all(np.isfinite(self._torque)) else None,
+                torque=None if np.isnan(self._torque).all() else read_only(self._torque),
             )
 
     def _order(self, names: tuple[str, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -53,7 +53,7 @@ class RosDriver(RemoteDriver):
             self._away = False
             self._received: dict[str, bytes] = {}
             node.subscribe(names.state, BYTES, self._keep(names.state))
-            for patch in robot.patches:
+            for patch in robot.skin:
                 topic = names.frames(patch.name)
                 node.subscribe(topic, BYTES, self._keep(topic))
             self._out: Publish | None = None

@@ -37,7 +37,7 @@ class NativeRobot:
         self._now = now
         self._nanoseconds = round(period * 1e9)
         self.joints = JointArrivals(robot, names.indices)
-        self.skin = {patch.name: SkinArrivals(robot, patch.name) for patch in robot.patches}
+        self.skin = {patch.name: SkinArrivals(robot, patch.name) for patch in robot.skin}
         self._parts = WholeParts(robot)
         self._out: dict[str, Publish] = {}
         node.subscribe(names.joints, JOINTS, self._timed(self.joints.receive), keep=QUEUE)

@@ -66,7 +66,7 @@ class RosServer(RemoteServer):
             kinematics = KinematicChain(robot)
             self._skin = {
                 patch.name: PatchTopics(robot, number, node, names, kinematics, period)
-                for number, patch in enumerate(robot.patches)
+                for number, patch in enumerate(robot.skin)
             }
             self._controllers = PartControllers(robot, self.number, of="a ROS node")
             for part in names.parts():
@@ -147,7 +147,7 @@ class PatchTopics:
         kinematics: KinematicChain,
         period: float,
     ) -> None:
-        patch = robot.patches[number]
+        patch = robot.skin[number]
         self._robot, self._number = robot, number
         self.every = Every(period)
         """Limits the published frames to the rate of the binding."""

@@ -103,7 +103,7 @@ class YarpDriver(Driver):
                 raise DriverError(
                     f"skin alone over yarp:{address} needs dialect=3 or dialect=4 in its address"
                 )
-            for patch in robot.patches if skin else ():
+            for patch in robot.skin if skin else ():
                 if patch.name not in options.without:
                     self._open_skin(patch)
             self._wait_for_all()

@@ -88,7 +88,7 @@ class YarpServer(Server):
         try:
             for part in self.boards:
                 self.open_board(part)
-            for patch in driver.robot.patches:
+            for patch in driver.robot.skin:
                 name = patch_port(driver.robot, self.prefix, patch.name)
                 self._open(name)
                 self._open(f"{name}_comp")

@@ -49,7 +49,7 @@ class ZenohDriver(RemoteDriver):
         """The session; it can be queried for `tci/NAME/facts`."""
         key = f"tci/{self._address.robot}"
         self._why = ""
-        patches = max(1, len(robot.patches))
+        patches = max(1, len(robot.skin))
         try:
             self._states = self.session.declare_subscriber(f"{key}/state", zenoh.handlers.RingChannel(1))
             self._frames = self.session.declare_subscriber(
@@ -124,7 +124,7 @@ class ZenohServer(RemoteServer):
         self._states = self.session.declare_publisher(f"{self._key}/state", **QOS)
         self._frames = {
             patch.name: self.session.declare_publisher(f"{self._key}/skin/{wire_name(patch.name)}", **QOS)
-            for patch in driver.robot.patches
+            for patch in driver.robot.skin
         }
         key = f"{self._key}/facts"  # a query may be for tci/*/facts
         self._facts = self.session.declare_queryable(

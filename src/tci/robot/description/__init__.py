@@ -9,11 +9,12 @@ from tci.robot.description.binding import Address, Binding, wire_name
 from tci.robot.description.part import GenericPart, GenericServo, Kind, Segment, Term
 from tci.robot.description.patch import SOLE, Patch, Table, TriangularModules, TruncatedCone
 from tci.robot.description.robot import Model, Robot
-from tci.robot.description.sensor import Sensor
+from tci.robot.description.sensor import THROUGH_JOINTS, Sensor
 from tci.robot.description.servo import Coupling, Limits, Servo
 
 __all__ = [
     "SOLE",
+    "THROUGH_JOINTS",
     "Address",
     "Binding",
     "Coupling",

@@ -84,3 +84,8 @@ class Patch(Description):
     rigid: bool = False
     """True if its taxels carry one rigid plate, such as the load cells under a foot: all pressed taxels are
     then one contact."""
+
+    @property
+    def through_joints(self) -> bool:
+        """True if it has no taxels and sends no frames: touches on it are felt through joints."""
+        return self.sensor.joints

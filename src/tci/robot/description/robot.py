@@ -83,6 +83,11 @@ class Robot(Description):
         patient = [one.model_copy(update={"stale_after": seconds}) for one in self.all_bindings]
         return self.model_copy(update={"bindings": tuple(patient)})
 
+    @cached_property
+    def skin(self) -> tuple[Patch, ...]:
+        """Patches with taxels, which send frames; the others are felt through joints."""
+        return tuple(patch for patch in self.patches if not patch.through_joints)
+
     def part(self, name: str) -> GenericPart:
         """Returns the generic part of that name. Raises UnknownNameError."""
         for part in self.parts:

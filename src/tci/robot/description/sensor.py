@@ -22,6 +22,8 @@ class Sensor(Description):
     """Smallest raw value that the sensor can send."""
     highest: float
     """Largest raw value that the sensor can send."""
+    joints: bool = False
+    """True if there are no taxels, and touches are felt through the torques of joints: `THROUGH_JOINTS`."""
     noise: float = 0.0
     """Initial standard deviation [counts] of values at rest; the actual one is estimated at run time."""
     response: tuple[tuple[float, float], ...] = ()
@@ -50,6 +52,10 @@ class Sensor(Description):
             return pressure / abs(self.pascal_per_count)
         counts, pascal = np.array(self.response).T
         return _along(pressure, pascal, counts)
+
+
+THROUGH_JOINTS = Sensor(rest=0.0, pascal_per_count=1.0, lowest=0.0, highest=1.0, joints=True)
+"""Stands for the sensor of a surface without taxels, which sends no frames."""
 
 
 def _along(values: Array, nodes: Array, results: Array) -> Array:

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pydantic import ValidationError
-
-from tci.errors import DescriptionError, Fault, TciError
+from tci.errors import TciError
 from tci.robot.description import Description
 
 SUFFIX = ".skin.json"
-_LARGEST = 16 * 2**20
 
 
 class PatchCalibration(Description):
@@ -49,26 +46,3 @@ class SkinCalibration(Description):
 def calibration_path(description: Path) -> Path:
     """Returns the path of a robot's calibration: next to its description."""
     return description.with_suffix(SUFFIX)
-
-
-def read_calibration(path: Path) -> SkinCalibration:
-    """Reads the calibration in a file. Raises DescriptionError with every fault of the file."""
-    try:
-        if path.stat().st_size > _LARGEST:
-            raise DescriptionError(str(path), [Fault(0, f"larger than {_LARGEST} bytes")])
-        return SkinCalibration.model_validate_json(path.read_bytes())
-    except OSError as error:
-        raise DescriptionError(str(path), [Fault(0, f"can't be read: {error.strerror}")]) from None
-    except ValidationError as error:
-        faults = [
-            Fault(0, f"{'.'.join(map(str, one['loc'])) or 'file'}: {one['msg']}") for one in error.errors()
-        ]
-        raise DescriptionError(str(path), faults) from None
-
-
-def write_calibration(path: Path, calibration: SkinCalibration) -> None:
-    """Writes the calibration. Raises TciError if the file can't be written."""
-    try:
-        path.write_text(calibration.model_dump_json(indent=1) + "\n")
-    except OSError as error:
-        raise TciError(f"{path} can't be written: {error.strerror}") from None

@@ -217,6 +217,16 @@ SENSOR = Element(
     describes=Sensor, fields={"min": "lowest", "max": "highest", "shear_pascal_per_count": "shear"},
 )  # fmt: skip
 
+SENSORS = {
+    "sensor": SENSOR,
+    "felt_through_joints": Element(
+        "In place of a sensor: no taxels, and no frames. Touches on this surface are "
+        "[felt through the torques of joints](touch-without-skin.md); `channels` counts the places that are "
+        "told apart."
+    ),
+}
+"""Ways to feel a touch on a patch; each patch has one."""
+
 SURFACES = {
     "truncated_cone": Element(
         "Eqs 3-4: first and last ring are the ends; -z of its frame points distally, x to theta = 0.",
@@ -253,7 +263,7 @@ PATCH = Element(
     "contact.",
     needs={"name": NAME, "part": NAME, "link": NAME, "rate": RATE, "channels": Integer(1, 100_000)},
     may={"segment": NAME, "rigid": Flag()},
-    must={"sensor": SENSOR}, once=SURFACES, describes=Patch,
+    once=SENSORS | SURFACES, describes=Patch,
 )  # fmt: skip
 
 MODEL = Element(

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from tci.robot.description import Patch, Sensor, Table, TriangularModules, TruncatedCone
+from tci.robot.description import THROUGH_JOINTS, Patch, Sensor, Table, TriangularModules, TruncatedCone
 from tci.robot.xml.document import Faults
-from tci.robot.xml.grammar import SURFACES
+from tci.robot.xml.grammar import SENSORS, SURFACES
 from tci.robot.xml.model import beside
 from tci.robot.xml.node import Node, listed, nearest
 from tci.robot.xml.servos import once_only
@@ -46,9 +47,23 @@ def _check_place(node: Node, segments: dict[str, list[str]], faults: Faults) -> 
 
 
 def _sensor(patch: Node, faults: Faults) -> Sensor | None:
-    node = patch.first("sensor")
-    if node is None or not node.ok:
+    found = _only_one(patch, SENSORS, "sensor", faults)
+    if found is None or not found.ok:
         return None
+    return THROUGH_JOINTS if found.tag == "felt_through_joints" else _of_taxels(found, faults)
+
+
+def _only_one(patch: Node, ways: Iterable[str], what: str, faults: Faults) -> Node | None:
+    """Returns the only child of a patch that is one of `ways`."""
+    found = [tag for tag in ways if patch.all(tag)]
+    if len(found) == 1:
+        return patch.all(found[0])[0]
+    has = " and ".join(f"<{tag}>" for tag in found) or f"no {what}"
+    faults.add(patch.line, f"patch {patch.get('name', '?')!r} has {has}; valid: one of {listed(ways)}")
+    return None
+
+
+def _of_taxels(node: Node, faults: Faults) -> Sensor:
     rest, slope, lowest, highest = (node.get(key) for key in ("rest", "pascal_per_count", "min", "max"))
     if lowest >= highest:
         faults.add(node.line, f"sensor: min {lowest:g} must be below max {highest:g}")
@@ -93,17 +108,12 @@ def _places(patch: Node) -> int | None:
 def _surface(
     patch: Node, source: Path, channels: int | None, faults: Faults
 ) -> TruncatedCone | TriangularModules | Table | None:
-    found = [tag for tag in SURFACES if patch.all(tag)]
-    if len(found) != 1:
-        what = " and ".join(f"<{tag}>" for tag in found) or "no surface"
-        faults.add(
-            patch.line, f"patch {patch.get('name', '?')!r} has {what}; valid: one of {listed(SURFACES)}"
-        )
+    node = _only_one(patch, SURFACES, "surface", faults)
+    if node is None:
         return None
-    node = patch.all(found[0])[0]
-    if found[0] == "truncated_cone":
+    if node.tag == "truncated_cone":
         return _cone(node, channels, faults)
-    if found[0] == "triangular_modules":
+    if node.tag == "triangular_modules":
         return _modules(node, channels, faults)
     path = beside(node, source, "table", faults)
     if path is None or not node.ok:

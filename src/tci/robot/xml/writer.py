@@ -117,5 +117,8 @@ def _patch(skin: _Written, patch: Patch) -> None:
     if not isinstance(patch.surface, TruncatedCone):
         raise TciError(f"the skin {patch.name} is no truncated cone and is not written; add it by hand")
     written = skin.add("patch", patch)
-    written.add("sensor", patch.sensor)
+    if patch.through_joints:
+        written.add("felt_through_joints")
+    else:
+        written.add("sensor", patch.sensor)
     written.add(patch.surface.kind, patch.surface)

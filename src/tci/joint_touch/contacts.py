@@ -1,0 +1,166 @@
+"""Contacts felt through joints: begins, follows and ends them, and lets the joints weigh contacts on skin."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tci.errors import TciError
+from tci.frames import Array
+from tci.joint_touch.estimator import Explanation, PartEstimator, unit_torques
+from tci.joint_touch.observer import MomentumObserver, ObserverSettings, Residual
+from tci.messages import Contacts, JointReading
+from tci.robot.joint_calibration import JointCalibration
+from tci.skin.contacts import describe_touches
+from tci.skin.layout import SkinLayout
+from tci.skin.skin import Skin
+
+AREA = 3e-4
+"""Area [m2] of a contact felt through joints. Assumed: two fingertips; torques don't tell it."""
+_NONE = Contacts.of(())
+
+
+@dataclass(frozen=True, slots=True)
+class JointTouchSettings:
+    """Conditions under which the torques of joints are a touch."""
+
+    observer: ObserverSettings = field(default_factory=ObserverSettings)
+    """Speed of the observer, and how well the robot's model is known."""
+    begin: float = 5.0
+    """Least distance [standard deviations] from no contact at which one begins. Assumed; smaller feels
+    lighter touches, and errors of the model as touches."""
+    end: float = 3.5
+    """Distance [standard deviations] below which a contact ends."""
+    skin: float = 1.0
+    """Relative error of the forces that skin measures. Assumed: skin on half of a surface measures half of a
+    force."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.end <= self.begin < np.inf:
+            values = f"end={self.end}, begin={self.begin}"
+            raise TciError(f"joint touch: {values}; valid: 0 < end <= begin, both finite")
+        if not 0.0 < self.skin < np.inf:
+            raise TciError(f"joint touch: skin {self.skin}; valid: above 0 and finite")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Touch:
+    """A contact that is felt on one part."""
+
+    identity: int
+    onset: float
+    patch: int
+    point: Array
+    """Place (3,) [m] at which it was first felt on this patch."""
+
+
+class JointTouch:
+    """Feels touches of one robot through its joints; holds the observer and the contacts that go on.
+
+    It feels one contact on each part beside those on its skin. Identities count down from -1.
+    """
+
+    def __init__(
+        self, skin: Skin, layout: SkinLayout, calibration: JointCalibration, settings: JointTouchSettings
+    ) -> None:
+        """Raises what `MomentumObserver` raises."""
+        robot = skin.robot
+        self.layout, self.settings = layout, settings
+        self._observer = MomentumObserver(robot, calibration, settings.observer)
+        parts = dict.fromkeys(patch.part for patch in robot.patches if patch.through_joints)
+        self._parts = [PartEstimator(robot, part, skin.surfaces, skin.kinematics) for part in parts]
+        self._touches: dict[str, _Touch] = {}
+        self._next = -1
+        self._reading: JointReading | None = None
+        self._residual: Residual | None = None
+        self._on_skin = self.contacts = _NONE
+
+    def step(
+        self, joints: JointReading, posture: Mapping[str, Array], on_skin: Contacts, skin: Skin
+    ) -> Contacts:
+        """Returns the contacts on the skin, with their forces weighed, and those felt through joints."""
+        fresh = self._reading is None or joints.stamp != self._reading.stamp
+        if not fresh and on_skin is self._on_skin:
+            return self.contacts
+        if fresh:
+            self._residual = self._observer.step(joints)
+        self._reading, self._on_skin = joints, on_skin
+        if self._residual is None:
+            self._touches = {}
+            self.contacts = on_skin
+            return on_skin
+        felt: dict[str, Explanation] = {}
+        forces = np.array(on_skin.force)
+        for estimator in self._parts:
+            found = self._feel(estimator, self._residual, joints.position, forces, skin)
+            if found is not None:
+                felt[estimator.part] = found
+        self._touches = {part: one for part, one in self._touches.items() if part in felt}
+        weighed = _with_forces(on_skin, forces)
+        if felt:
+            own = self._described(felt, joints, posture, skin)
+            weighed = Contacts.of(sorted([*weighed, *own], key=self._place)) if weighed else own
+        self.contacts = weighed
+        return weighed
+
+    def _place(self, contact: object) -> int:
+        return self.layout.places[contact.patch]  # type: ignore[attr-defined]
+
+    def _feel(
+        self, estimator: PartEstimator, residual: Residual, position: Array, forces: Array, skin: Skin
+    ) -> Explanation | None:
+        """Returns the contact felt on one part; writes the `forces` (c,) [N] of those on its skin."""
+        rows, torques = [], []
+        for row, contact in enumerate(self._on_skin):
+            if contact.part == estimator.part:
+                wrench = -np.concatenate([contact.n_L, np.cross(contact.p_L, contact.n_L)])[:, None]
+                link = self.layout.patches[self.layout.places[contact.patch]].description.link
+                torques.append(unit_torques(wrench, position, link, skin.kinematics)[:, 0])
+                rows.append(row)
+        found, left = estimator.weigh(residual, torques, forces[rows], self.settings.skin)
+        forces[rows] = found
+        least = self.settings.end if estimator.part in self._touches else self.settings.begin
+        return estimator.explain(left, residual, position, skin.kinematics, least)
+
+    def _described(
+        self, felt: Mapping[str, Explanation], joints: JointReading, posture: Mapping[str, Array], skin: Skin
+    ) -> Contacts:
+        """Returns the contacts felt through joints, in the robot's order."""
+        rows = sorted(felt.items(), key=lambda item: item[1].patch)
+        poses = skin.kinematics.pose_array(joints.position, self.layout.links)
+        made = describe_touches(
+            self.layout, [(one.patch, one.taxel, one.force) for _, one in rows], poses, posture
+        )
+        made.area[:] = AREA
+        for row, (part, one) in enumerate(rows):
+            touch, point = self._touches.get(part), made.p_L[row]
+            if touch is None:
+                touch = _Touch(self._next, joints.stamp, one.patch, point)
+                self._next -= 1
+            elif touch.patch != one.patch:
+                touch = replace(touch, patch=one.patch, point=point)
+            self._touches[part] = touch
+            made.identity[row], made.onset[row] = touch.identity, touch.onset
+            made.displacement[row] = np.linalg.norm(point - touch.point)
+        count = len(self.layout.sites)
+        return Contacts(
+            self.layout.sites, np.full(count, joints.stamp), np.full(count, joints.sequence, np.int64), *made,
+            certainty=np.array([one.certainty for _, one in rows]),
+        )  # fmt: skip
+
+
+def _with_forces(contacts: Contacts, forces: Array) -> Contacts:
+    """Returns the contacts with other forces (c,) [N], which their taxels share as before."""
+    if not len(contacts) or np.array_equal(forces, contacts.force):
+        return contacts
+    ratio = forces / contacts.force
+    each = np.repeat(ratio, np.diff(contacts.begin))
+    return replace(
+        contacts,
+        force=forces,
+        peak=contacts.peak * ratio,
+        f_T=contacts.f_T * ratio[:, None],
+        taxel_force=contacts.taxel_force * each,
+    )

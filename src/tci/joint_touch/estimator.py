@@ -1,0 +1,135 @@
+"""Contact estimator: the place on a limb, and the force there, that explain the residuals of its joints.
+
+Every point of a surface felt through joints is a candidate. A force along the inward normal at one of them
+has one unknown, its size, which least squares give in the metric of the model's errors; the candidates'
+likelihoods follow. Sideways forces are left out: an arm's joints give fewer equations than they would need.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.frames import Array
+from tci.joint_touch.observer import Residual
+from tci.robot.description import Robot
+from tci.robot.kinematics import KinematicChain
+from tci.skin.surfaces import Surface
+
+REACH = 0.05
+"""Distance [m] of the true place from the estimated one that counts as right. Assumed: half a hand."""
+_LIGHT = 1e-4
+"""Likelihood, relative to the most likely candidate, below which a candidate is left out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """The contact that explains a residual best."""
+
+    patch: int
+    """Index of the patch, in the robot's order."""
+    taxel: int
+    """Index of the candidate on the patch."""
+    force: float
+    """Force [N] along the inward normal."""
+    gain: float
+    """Distance [standard deviations] of the residual from no contact at all, along the direction of this
+    one."""
+    certainty: float
+    """Probability (0..1) that the true place is within `REACH` of this one, by the model's errors."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidates:
+    """Candidate points on one patch."""
+
+    patch: int
+    link: str
+    wrenches: Array
+    """Force and torque (6, n) about the link's origin of 1 N along the inward normal, in the link."""
+    positions: Array
+    """Positions (n, 3) [m] in the link."""
+    area: Array
+    """Areas (n,) [m2]: the larger, the likelier."""
+
+
+class PartEstimator:
+    """Explains residuals of one generic part by forces on its patches that are felt through joints."""
+
+    def __init__(
+        self, robot: Robot, part: str, surfaces: Mapping[str, Surface], kinematics: KinematicChain
+    ) -> None:
+        self.part = part
+        self._patches: list[_Candidates] = []
+        boards: set[str] = set()
+        for index, patch in enumerate(robot.patches):
+            if patch.part == part and patch.through_joints:
+                one = surfaces[patch.name]
+                wrenches = -np.column_stack([one.normals, np.cross(one.positions, one.normals)]).T
+                self._patches.append(_Candidates(index, patch.link, wrenches, one.positions, one.areas))
+                boards |= {robot.servos[servo].robot_part for servo in kinematics.chain(patch.link)}
+        own = [s.index for s in robot.servos if s.robot_part in boards and s.joint is not None]
+        self._servos: NDArray[np.intp] = np.array(own, np.intp)
+
+    def weigh(
+        self, residual: Residual, others: Sequence[Array], forces: Array, share: float
+    ) -> tuple[Array, Array]:
+        """Returns the forces (m,) [N] of contacts at known places, and the residual (k,) that they leave.
+
+        `others` (m) are the torques (n_servos,) of 1 N at each place, `forces` (m,) [N] what the skin
+        measures there, with a relative error `share`. Both measurements count by their precision. The
+        residual is in standard deviations.
+        """
+        weight = 1.0 / residual.deviation[self._servos]
+        left = residual.torque[self._servos] * weight
+        if not len(others):
+            return forces, left
+        rows = np.array([torque[self._servos] * weight for torque in others])
+        prior = 1.0 / (share * forces) ** 2
+        found = np.linalg.solve(rows @ rows.T + np.diag(prior), rows @ left + prior * forces)
+        found = np.maximum(found, 0.0)
+        return found, left - found @ rows
+
+    def explain(
+        self, left: Array, residual: Residual, position: Array, kinematics: KinematicChain, least: float
+    ) -> Explanation | None:
+        """Returns the contact that explains the residual `left` (k,), or None for one of a gain below
+        `least`."""
+        if left @ left < least * least:
+            return None
+        weight = 1.0 / residual.deviation[self._servos]
+        gains, sizes = [], []
+        for one in self._patches:
+            torques = unit_torques(one.wrenches, position, one.link, kinematics)[self._servos]
+            torques *= weight[:, None]
+            along = np.maximum(left @ torques, 0.0)
+            squares = np.maximum(np.einsum("kn,kn->n", torques, torques), np.finfo(float).tiny)
+            sizes.append(along / squares)
+            gains.append(along * sizes[-1])
+        best = max(float(gain.max()) for gain in gains)
+        if best < least * least:
+            return None
+        chances = [
+            np.exp(0.5 * (gain - best)) * one.area for gain, one in zip(gains, self._patches, strict=True)
+        ]
+        k = int(np.argmax([chance.sum() for chance in chances]))
+        likely = np.flatnonzero(chances[k] > _LIGHT * chances[k].max())
+        points, chance = self._patches[k].positions[likely], chances[k][likely]
+        apart = np.linalg.norm(points[:, None] - points, axis=2)
+        middle = int(np.argmin(apart @ chance))  # the point with the least expected error
+        near = chance[apart[middle] < REACH].sum() / sum(float(one.sum()) for one in chances)
+        taxel = int(likely[middle])
+        return Explanation(
+            self._patches[k].patch, taxel, float(sizes[k][taxel]), float(np.sqrt(best)), float(near)
+        )
+
+
+def unit_torques(wrenches: Array, position: Array, link: str, kinematics: KinematicChain) -> Array:
+    """Returns the torques (n_servos, n) [N m] of `wrenches` (6, n), in a link and about its origin."""
+    pose, jacobian = kinematics.pose_and_jacobian(position, link)
+    turned = np.concatenate([pose[:3, :3] @ wrenches[:3], pose[:3, :3] @ wrenches[3:]])
+    torques: Array = jacobian.T @ turned
+    return torques

@@ -1,0 +1,122 @@
+"""Momentum observer: the torque on each joint that neither motion, weight nor known friction explains.
+
+The discrete form is that of Orocos KDL's `ChainExternalWrenchEstimator`, after Haddadin, De Luca and
+Albu-Schaeffer (IEEE T-RO 33:1292, 2017). The residual follows the external torque as a first-order filter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tci.errors import TciError
+from tci.frames import Array
+from tci.messages import JointReading
+from tci.robot.description import Robot
+from tci.robot.dynamics import UPRIGHT, Dynamics
+from tci.robot.joint_calibration import JointCalibration
+
+MOST = 0.2
+"""Largest gain x period. A larger one makes the discrete filter overshoot (KDL's example uses the same)."""
+GAP = 0.1
+"""Longest time [s] between two readings. Assumed; after a longer one the observer starts anew, since the
+momentum that was lost in between can't be told from a touch."""
+SLOW = 0.02
+"""Speed [rad/s] below which dry friction is unknown. Assumed: a joint that sticks can hold any torque up to
+it."""
+
+
+@dataclass(frozen=True, slots=True)
+class ObserverSettings:
+    """Settings of the observer: its speed, and how well the robot's model is known."""
+
+    gain: float = 50.0
+    """Gain [1/s]: a residual reaches 63 % of a torque after its inverse. Assumed: 20 ms."""
+    noise: float = 0.008
+    """Standard deviation of the reported torques, as a fraction of the servo's torque limit. Assumed: 0.2 N m
+    of 25 N m, as measured currents have."""
+    masses: float = 0.1
+    """Relative error of the model's masses."""
+    friction: float = 1.0
+    """Relative error of an identified friction. Assumed: as much again, since it changes with load and
+    temperature."""
+    unknown: float = 0.012
+    """Dry friction of a servo that was never identified, as a fraction of its torque limit. Assumed: 0.3 N m
+    of 25 N m."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.gain < np.inf:
+            raise TciError(f"observer: gain {self.gain} /s; valid: above 0 and finite")
+        for name in ("noise", "masses", "friction", "unknown"):
+            if not 0.0 <= getattr(self, name) < np.inf:
+                raise TciError(f"observer: {name} {getattr(self, name)}; valid: 0 or more, finite")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Residual:
+    """External torques at one instant."""
+
+    torque: Array
+    """Torque (n,) [N m] on each servo from outside."""
+    deviation: Array
+    """Standard deviation (n,) [N m] that errors of the model explain; infinite for a servo without torque."""
+
+
+class MomentumObserver:
+    """Residuals of one robot. Holds the momentum and its integral."""
+
+    def __init__(
+        self, robot: Robot, calibration: JointCalibration, settings: ObserverSettings = ObserverSettings()
+    ) -> None:
+        """Raises what `Dynamics` raises."""
+        self.settings = settings
+        self._dynamics = Dynamics(robot, calibration)
+        limits = [servo.limits.torque for servo in robot.servos]
+        limit = np.array([np.nan if one is None else one for one in limits], dtype=float)
+        limit = np.where(np.isnan(limit), np.nanmax(limit, initial=25.0), limit)
+        coulomb = calibration.values(robot, "coulomb")
+        known = np.isfinite(coulomb)
+        self._coulomb, self._viscous = (
+            np.nan_to_num(one) for one in (coulomb, calibration.values(robot, "viscous"))
+        )
+        self._dry = np.where(known, self._coulomb, settings.unknown * limit)
+        self._share = np.where(known, settings.friction, 1.0)
+        self._noise = settings.noise * limit
+        self._stamp = -np.inf
+        self._inertia = self._integral = self._start = self._residual = np.zeros(0)
+
+    def step(self, joints: JointReading, gravity: Array = UPRIGHT) -> Residual | None:
+        """Takes a reading; returns the residual, or None for the first after a gap, and without torques.
+
+        `gravity` (3,) [m/s2] is gravity minus the acceleration of the torso, seen from the torso.
+        """
+        period, self._stamp = joints.stamp - self._stamp, joints.stamp
+        if joints.torque is None:
+            self._stamp = -np.inf
+            return None
+        position, velocity = joints.position, joints.velocity
+        inertia, bias = self._dynamics.at(position, velocity, gravity)
+        momentum = inertia @ velocity
+        if not 0.0 < period <= GAP:
+            self._start, self._inertia = momentum, inertia
+            self._integral = self._residual = np.zeros(len(momentum))
+            return None
+        reported = np.isfinite(joints.torque)
+        moving = np.tanh(velocity / SLOW)
+        friction = self._coulomb * moving + self._viscous * velocity
+        change = (inertia - self._inertia) / period @ velocity
+        net = np.where(reported, joints.torque, bias) - friction - bias + change
+        gain = min(self.settings.gain, MOST / period)
+        self._integral = self._integral + (net + self._residual) * period
+        self._residual = gain * (momentum - self._integral - self._start)
+        self._inertia = inertia
+        stuck = 1.0 - moving**2
+        dry = self._dry * (self._share + (1.0 - self._share) * stuck)
+        variance = (
+            0.5 * gain * period * self._noise**2
+            + (self.settings.masses * bias) ** 2
+            + dry**2
+            + (self._share * self._viscous * velocity) ** 2
+        )
+        return Residual(self._residual, np.where(reported, np.sqrt(variance), np.inf))

@@ -1,0 +1,89 @@
+"""Rigid-body dynamics of a robot in the order of its servos: inertia, and the torque of motion and weight."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tci.engine import mujoco
+from tci.errors import UnknownNameError
+from tci.frames import Array, read_only
+from tci.robot.description import Robot
+from tci.robot.gravity import STANDARD_GRAVITY, weighted_model
+from tci.robot.joint_calibration import JointCalibration
+from tci.robot.kinematics import joints_of
+
+UPRIGHT = read_only([0.0, 0.0, -STANDARD_GRAVITY])
+"""Gravity minus acceleration (3,) [m/s2] of the torso of a robot that stands upright and still."""
+
+
+class Dynamics:
+    """Inertia and bias torques by MuJoCo's composite-rigid-body and recursive Newton-Euler algorithms.
+
+    The model's root is fixed to the ground, tools in hand and rotors are included, friction is not. An object
+    reuses its memory: use one per thread. Servos without a joint in the model have neither inertia nor
+    torque.
+    """
+
+    def __init__(self, robot: Robot, calibration: JointCalibration) -> None:
+        """Adds the tools and rotors of a `calibration` to the robot's model.
+
+        Raises what `weighted_model` raises, UnknownNameError for a tool on a link that the model lacks.
+        """
+        self._made_of = robot, calibration
+        self._model, self._torso = weighted_model(robot)
+        assert robot.model is not None  # weighted_model
+        self._T_LT = robot.model.T_LT
+        links = [self._model.body(index).name for index in range(1, self._model.nbody)]
+        for link, tool in calibration.tools.items():
+            if link not in links:
+                raise UnknownNameError("link of a tool", link, links)
+            self._add(self._model.body(link).id, tool.mass, np.array(tool.centre))
+        servos, addresses, columns = joints_of(robot, self._model)
+        self._model.dof_armature[columns] = calibration.values(robot, "rotor")[servos]
+        self._data = mujoco.MjData(self._model)
+        self._servos, self._addresses, self._columns = map(np.array, (servos, addresses, columns))
+        self._square = np.ix_(self._columns, self._columns)
+        self._full = np.zeros((self._model.nv, self._model.nv))
+        self._bias = np.zeros(self._model.nv)
+        self._n = len(robot.servos)
+
+    def __reduce__(self) -> tuple[type[Dynamics], tuple[Robot, JointCalibration]]:
+        return type(self), self._made_of  # copies share no memory
+
+    def at(self, position: Array, velocity: Array, gravity: Array = UPRIGHT) -> tuple[Array, Array]:
+        """Returns inertia M (n, n) [kg m2] and bias C v + g (n,) [N m] of all servos.
+
+        `position` and `velocity` (n,) are in the order of `Robot.servos`; `gravity` (3,) [m/s2] is gravity
+        minus the acceleration of the torso, seen from the torso.
+        """
+        model, data = self._model, self._data
+        data.qpos[self._addresses] = position[self._servos]
+        data.qvel[self._columns] = velocity[self._servos]
+        mujoco.mj_kinematics(model, data)
+        R_WT = data.xmat[self._torso].reshape(3, 3) @ self._T_LT[:3, :3]
+        model.opt.gravity[:] = R_WT @ gravity
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_crb(model, data)
+        mujoco.mj_fullM(model, data, self._full)
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_rne(model, data, 0, self._bias)
+        inertia, bias = np.zeros((self._n, self._n)), np.zeros(self._n)
+        inertia[np.ix_(self._servos, self._servos)] = self._full[self._square]
+        bias[self._servos] = self._bias[self._columns]
+        return inertia, bias
+
+    def _add(self, body: int, mass: float, centre: Array) -> None:
+        """Adds a point mass to a body: its new centre of mass, and the inertia about it."""
+        model = self._model
+        own, before = float(model.body_mass[body]), model.body_ipos[body].copy()
+        entries = np.empty(9)
+        mujoco.mju_quat2Mat(entries, model.body_iquat[body])
+        R_BI = entries.reshape(3, 3)
+        apart = centre - before
+        lever = own * mass / (own + mass) * (apart @ apart * np.eye(3) - np.outer(apart, apart))
+        values, axes = np.linalg.eigh(R_BI @ np.diag(model.body_inertia[body]) @ R_BI.T + lever)
+        axes[:, 2] *= np.linalg.det(axes)
+        model.body_mass[body] = own + mass
+        model.body_ipos[body] = (own * before + mass * centre) / (own + mass)
+        model.body_inertia[body] = values
+        mujoco.mju_mat2Quat(model.body_iquat[body], axes.ravel())

@@ -20,6 +20,7 @@ from typing import Any
 import gallery
 import numpy as np
 import touch_to_motion
+import without_skin
 from foot import draw as draw_foot
 
 import tci
@@ -163,6 +164,7 @@ MAKERS: dict[str, Callable[[Path], None]] = {
     "touch": lambda folder: touch_to_motion.draw_path(IMAGES / "touch-to-motion.svg"),
     "bad_command": lambda folder: touch_to_motion.draw_bad_command(IMAGES / "bad-command.svg"),
     "viewer": viewer,
+    "without_skin": lambda folder: without_skin.draw(IMAGES / "touch-without-skin.png"),
 }
 
 

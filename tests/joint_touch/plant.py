@@ -19,8 +19,8 @@ STEP, PERIOD = 0.001, 0.002
 COULOMB, VISCOUS, ROTOR = 0.012, 0.004, 0.0004
 """Dry friction [N m], viscous friction [N m s/rad] and rotor [kg m2] per N m of a joint's torque limit."""
 STIFFNESS, DAMPING = 8.0, 0.2
-"""Gains [1/rad] and [s/rad] of the position control per N m of a joint's torque limit: of a G1's arm 200 and 5,
-between its teleoperation's 80 and 300."""
+"""Gains [1/rad] and [s/rad] of the position control per N m of a joint's torque limit: of a G1's arm 200 and
+5, between its teleoperation's 80 and 300."""
 KNOWN = 0.5
 """Fraction of the friction that the calibration knows."""
 WRONG = 0.1

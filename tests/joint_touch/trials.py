@@ -7,20 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from joint_touch.bare import bare_body, random_push
+from joint_touch.bare import answered_places, bare_body, random_push
 from joint_touch.plant import PERIOD, Plant, Push
-from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
 from tci.capabilities.withdrawal import WithdrawalReflex
-from tci.frames import Array
 from tci.gate.gate import Gate
 from tci.messages import Contact, Reading
 
 NEWTON = 15.0
 BEGIN, LOOKED_AT, END = 0.3, 0.5, 0.6
 """Times [s] at which the push begins, the estimate is judged, and the push ends."""
-ANSWERED, AWAY = 0.5, 0.01
-"""Time [s] after a push in which the arm must have moved, and the least displacement [m] along the push."""
+ANSWERED, MOVED, AWAY = 0.5, 0.4, 0.002
+"""Longest time [s] from a push to the answer, time [s] from there in which the arm must have moved, and its
+least displacement [m] along the push."""
 
 
 @dataclass(frozen=True)
@@ -87,44 +86,41 @@ def untouched(seed: int, seconds: float) -> tuple[int, float]:
 
 
 def withdrawn(patch: str, seed: int) -> tuple[bool, bool]:
-    """Pushes a moving arm under the withdrawal reflex, whose commands pass the gate.
+    """Pushes a moving arm in a receptive field of the withdrawal reflex, whose commands pass the gate.
 
-    Returns whether it answered, and whether the place that was pushed moved away along the push: by `AWAY`
-    more than on an arm that stops when the reflex answers, which the same push displaces too.
+    Returns whether it answered within `ANSWERED`, and whether the place that was pushed then moved away along
+    the push: by `AWAY` more than on an arm that only stops, which the push displaces too.
     """
-    body = bare_body()
     random = np.random.default_rng([seed, 3])
-    push = random_push(patch, random, newton=NEWTON, begin=BEGIN, end=BEGIN + ANSWERED)
-    answered, moved = _displaced(body, seed, push, withdraws=True)
-    _, yielded = _displaced(body, seed, push, withdraws=False)
-    return answered, moved - yielded > AWAY
+    end, places = BEGIN + ANSWERED + MOVED, answered_places(patch)
+    push = random_push(patch, random, newton=NEWTON, begin=BEGIN, end=end, places=places)
+    moved = _displaced(seed, push, withdraws=True)
+    return moved is not None, moved is not None and moved - (_displaced(seed, push) or 0.0) > AWAY
 
 
-def _displaced(body: GenericBody, seed: int, push: Push, *, withdraws: bool) -> tuple[bool, float]:
-    """Returns whether the reflex gave a command, and the displacement [m] along the push in `ANSWERED`."""
+def _displaced(seed: int, push: Push, *, withdraws: bool = False) -> float | None:
+    """Returns the displacement [m] along the push in the time `MOVED` after the reflex answered.
+
+    Without `withdraws` the arm stops then. Returns None if the reflex did not answer.
+    """
+    body, reflex = bare_body(), WithdrawalReflex()
     plant, perceiver = Plant(body.robot, seed), Perceiver(body)
-    gate = Gate(body.robot, period=PERIOD, stale_after=0.05)
-    reflex = WithdrawalReflex()
-    memory = reflex.init(body)
-    target: Array | None = None
-    answered, start, along = False, np.zeros(3), np.zeros(3)
-    while plant.time < push.end:
+    gate, memory = Gate(body.robot, period=PERIOD, stale_after=0.05), reflex.init(body)
+    until, target = BEGIN + ANSWERED, None
+    while plant.time < until:
         joints = plant.step(push, target=target)
         perception = perceiver.step(Reading(joints, ()), joints.stamp)
         pose = body.skin.link_pose(push.link, joints)
         here = pose[:3, :3] @ push.point + pose[:3, 3]
-        if plant.time <= push.begin:
-            start, along = here, pose[:3, :3] @ push.force / np.linalg.norm(push.force)
-        else:
-            commands, memory = reflex.step(memory, perception, body)
+        commands, memory = reflex.step(memory, perception, body)
+        if commands and target is None:
+            start, along = here, pose[:3, :3] @ push.force / NEWTON
+            until, target = plant.time + MOVED, plant.target
+        if target is not None and withdraws:
             orders, _ = body.to_platform(commands, joints)
             safe = gate.step(orders, joints, joints.stamp)
-            answered |= bool(commands)
-            if answered and not withdraws:
-                target = plant.target
-            elif answered:
-                wanted = plant.home.copy()
-                wanted[plant.servos] = plant.target
-                wanted[safe.servos] = safe.position
-                target = wanted[plant.servos]
-    return answered, float(along @ (here - start))
+            wanted = plant.home.copy()
+            wanted[plant.servos] = target
+            wanted[safe.servos] = safe.position
+            target = wanted[plant.servos]
+    return None if target is None else float(along @ (here - start))

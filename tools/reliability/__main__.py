@@ -33,13 +33,14 @@ from row import HEAD, Row, write_page
 from stream import yarp_skin
 from timing import one_kilohertz
 from wires import wires
+from without_skin import felt_nothing, felt_places, felt_reflex
 
 ROWS: dict[str, Callable[[bool], Row]] = {
     one.__name__: one
     for one in (
         limits, plant, bodies, moves_away, non_finite, heartbeat, one_kilohertz, loop, false_reflexes,
         descriptions, guided, heartbeats, wires, dropped, killed, minute, yarp_skin, yarp_kills,
-        mutation, branches, exposure,
+        mutation, branches, exposure, felt_places, felt_nothing, felt_reflex,
     )
 }  # fmt: skip
 

@@ -28,10 +28,10 @@ class JointTouchSettings:
 
     observer: ObserverSettings = field(default_factory=ObserverSettings)
     """Speed of the observer, and how well the robot's model is known."""
-    begin: float = 5.0
+    begin: float = 4.5
     """Least distance [standard deviations] from no contact at which one begins. Assumed; smaller feels
     lighter touches, and errors of the model as touches."""
-    end: float = 3.5
+    end: float = 3.0
     """Distance [standard deviations] below which a contact ends."""
     skin: float = 1.0
     """Relative error of the forces that skin measures. Assumed: skin on half of a surface measures half of a

@@ -1,0 +1,76 @@
+"""Touch without skin, on a plant with wrong masses, half of its friction unknown, and noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from pool import Job, Result, gather
+from row import Row
+
+from joint_touch.bare import FOREARM
+from joint_touch.trials import NEWTON, pushed, untouched, withdrawn
+
+BATCH = 10
+"""Number of pushes of one job."""
+STRETCH = 120.0
+"""Time [s] of motion of one job."""
+
+
+def felt_places(full: bool) -> Row:
+    """Pushes on a moving forearm: place, segment and force."""
+    done = gather("felt_places", _pushes, _jobs(20 if full else 2), full=full)
+    columns = ("error", "right", "force")
+    error, right, force = (np.concatenate([one[c] for one in done] or [[]]) for c in columns)
+    tried = len(error)
+    place, share, wrong = np.median(error), np.mean(right), np.median(force)
+    return Row(
+        f"{NEWTON:.0f} N on a forearm without skin", tried, 200, "pushes",
+        f"median {place * 100:.1f} cm off, {share:.0%} on the right segment, median force {wrong:.0%} off, "
+        f"{np.mean(force <= 0.25):.0%} within 25 %",
+        "5 cm, 85 %, 25 %", bool(tried and place <= 0.05 and share >= 0.85 and wrong <= 0.25),
+    )  # fmt: skip
+
+
+def felt_nothing(full: bool) -> Row:
+    """Motion that nobody touches."""
+    done = gather("felt_nothing", _motion, [(seed,) for seed in range(90 if full else 4)], full=full)
+    hours, false = len(done) * STRETCH / 3600.0, sum(one["false"] for one in done)
+    slowest = max((one["step"] for one in done), default=0.0)
+    return Row(
+        "motion without touch, without skin", round(hours, 3), 3, "hours",
+        f"{false} false contacts; 99 % of the perceptions within {slowest * 1e3:.2f} ms",
+        "< 1 per hour, < 2 ms", bool(done) and false < max(1.0, hours) and slowest < 2e-3,
+    )  # fmt: skip
+
+
+def felt_reflex(full: bool) -> Row:
+    """The withdrawal reflex on pushes on a forearm without skin."""
+    done = gather("felt_reflex", _reflexes, _jobs(10 if full else 2), full=full)
+    answered, away = (sum(one[key] for one in done) for key in ("answered", "away"))
+    tried = BATCH * len(done)
+    return Row(
+        "withdrawal reflex without skin", tried, 100, "pushes", f"{answered} answered, {away} moved away",
+        "9 of 10 answered and moved away", bool(tried) and away >= 0.9 * tried,
+    )  # fmt: skip
+
+
+def _jobs(count: int) -> list[Job]:
+    return [(BATCH * number,) for number in range(count)]
+
+
+def _pushes(first: int) -> Result:
+    felt = [pushed(FOREARM, seed) for seed in range(first, first + BATCH)]
+    return {
+        "error": [one.error for one in felt],
+        "right": [one.right for one in felt],
+        "force": [one.force_error for one in felt],
+    }
+
+
+def _motion(seed: int) -> Result:
+    false, step = untouched(seed, STRETCH)
+    return {"false": false, "step": step}
+
+
+def _reflexes(first: int) -> Result:
+    found = [withdrawn(FOREARM, seed) for seed in range(first, first + BATCH)]
+    return {"answered": sum(one for one, _ in found), "away": sum(a and b for a, b in found)}

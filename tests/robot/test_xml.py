@@ -323,6 +323,31 @@ def test_numbers_survive_the_file(
     np.testing.assert_allclose(servo.offset, np.deg2rad(sigma))
 
 
+SURFACE = """<skin><patch name="p" part="head" link="l" rate="100" channels="4">{}<truncated_cone length="0.1"
+    r1="0.02" r2="0.02" rings="2" per_ring="2"/></patch></skin></generic_robot>"""
+MODEL = '<model format="mjcf" file="m.xml" torso_link="l"/>'
+
+
+def with_patch(folder: Path, inside: str) -> Path:
+    """Writes a description with one patch."""
+    (folder / "m.xml").write_text("<mujoco><worldbody><body name='l'/></worldbody></mujoco>")
+    path = folder / "robot.xml"
+    text = GOOD.replace('<robot_part name="LArm">', MODEL + '<robot_part name="LArm">', 1)
+    path.write_text(text.replace("</generic_robot>", SURFACE.format(inside)))
+    return path
+
+
+def test_a_patch_has_a_sensor_or_is_felt_through_joints(tmp_path: Path) -> None:
+    robot = read_robot(with_patch(tmp_path, "<felt_through_joints/>"))
+    assert robot.patches[0].through_joints
+    assert not robot.skin
+    sensor = '<sensor rest="0" pascal_per_count="1" min="0" max="255"/>'
+    assert read_robot(with_patch(tmp_path, sensor)).skin
+    for wrong in ("", sensor + "<felt_through_joints/>"):
+        with pytest.raises(DescriptionError, match="valid: one of sensor, felt_through_joints"):
+            read_robot(with_patch(tmp_path, wrong))
+
+
 def test_the_schema_agrees(tmp_path: Path) -> None:
     schema = etree.XMLSchema(etree.parse(str(schema_path())))
     for text in (GOOD, LISTING_2):

@@ -23,8 +23,8 @@ from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, DriverError, TciError
 from tci.frames import Array
 from tci.robot.description import Robot
-from tci.robot.kinematics import KinematicChain
 from tci.robot.json_file import read_json, write_json
+from tci.robot.kinematics import KinematicChain
 from tci.robot.skin_files.calibration import (
     PatchCalibration,
     SkinCalibration,

@@ -54,8 +54,9 @@ pictures: peers  ## make the pictures of docs/images anew (needs chromium)
 bench: dev-env  ## every part beside its peers, as ratios; writes bench.json (CASES="kernel_4000 gate ...": some)
 	@OUT="$(OUT)" $(VENV)/python tools/bench $(CASES)
 
-middleware: peers  ## every middleware's tests and figures; writes docs/tables/middleware.md
+middleware: peers  ## every middleware's tests and figures, every robot over each; writes two of docs/tables
 	@$(VENV)/python tools/middleware
+	@$(VENV)/python tools/middleware/robots.py
 
 soak: dev-env  ## hostile commands through the gate, and a day of noise and drift on a skin (TCI_SOAK=cycles)
 	@TCI_SOAK=$${TCI_SOAK:-200000} $(VENV)/python -m pytest -q tests/gate/test_gate.py tests/skin/test_long_conditioning.py -k "hostile or conditioning"

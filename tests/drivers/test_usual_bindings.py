@@ -5,15 +5,16 @@ from __future__ import annotations
 import re
 import threading
 import time
-from collections.abc import Callable
 
 import pytest
 
 import tci
-from drivers.wires import free_port, lcm_url
+from drivers.wires import wire
+from tci.drivers.driver import Driver
 from tci.drivers.registry import connect, open_server, server_names
 from tci.drivers.ros.names import Names
 from tci.drivers.simulated import SimulatedDriver
+from tci.drivers.yarp.driver import YarpDriver
 from tci.errors import DriverError, UnknownNameError
 from tci.experiments.remote_trial import TrialDriver
 from tci.robot.description import Address, Binding, Robot
@@ -59,35 +60,50 @@ def oddly_named() -> Robot:
     return nao.model_copy(update=own)
 
 
-VIAS: dict[str, Callable[[], str]] = {
-    "zenoh": lambda: f"zenoh:tcp/127.0.0.1:{free_port()}",
-    "lcm": lambda: f"lcm:{lcm_url()}",
-    "yarp": lambda: f"yarp:127.0.0.1:{free_port()}",
-    "player": lambda: f"player:127.0.0.1:{free_port()}",
-}
+def drive(robot: Robot, name: str) -> Driver:
+    """Serves a robot and moves its head over one middleware until joints and all skin have arrived.
 
-
-@pytest.mark.parametrize("name", VIAS)
-def test_any_name_in_a_description_becomes_a_valid_one_on_the_wire(name: str) -> None:
-    """Server and driver derive the same names: joints, all skin and commands go through."""
-    robot = oddly_named()
-    with TrialDriver(SimulatedDriver(robot, paced=True)) as own, open_server(own, VIAS[name]()) as server:
+    Returns the driver, which is closed.
+    """
+    with (
+        wire(name) as via,
+        TrialDriver(SimulatedDriver(robot, paced=True)) as own,
+        open_server(own, via) as server,
+    ):
         thread = threading.Thread(target=serve, args=(server,))
         thread.start()
-        with connect(robot, server.reach(), arm=True) as driver:
-            order = driver.native(robot.servos[0].robot_part).command({"HeadYaw": 0.2})
-            end = time.monotonic() + 20.0
-            for now in driver.ticks():
-                reading = driver.read()
-                driver.write(driver.gate.step([order], reading.joints, now))
-                felt = {frame.patch for frame in reading.skin if frame.sequence}
-                if reading.joints.position[0] > 0.15 and len(felt) == len(robot.patches):
-                    break
-                if time.monotonic() > end:
-                    break
-        own.until = 0.0
-        thread.join()
-        assert time.monotonic() < end, f"{reading.joints.position[0]} rad, skin of {felt}"
+        try:
+            with connect(robot, server.reach(), arm=True) as driver:
+                order = driver.native(robot.servos[0].robot_part).command({"HeadYaw": 0.2})
+                end = time.monotonic() + 20.0
+                for now in driver.ticks():
+                    reading = driver.read()
+                    driver.write(driver.gate.step([order], reading.joints, now))
+                    felt = {frame.patch for frame in reading.skin if frame.sequence}
+                    if reading.joints.position[0] > 0.15 and len(felt) == len(robot.patches):
+                        return driver
+                    assert time.monotonic() < end, f"{reading.joints.position[0]} rad, skin of {felt}"
+        finally:
+            own.until = 0.0
+            thread.join()
+    raise AssertionError("unreachable")
+
+
+@pytest.mark.parametrize("name", ["zenoh", "lcm", "yarp", "player"])
+def test_any_name_in_a_description_becomes_a_valid_one_on_the_wire(name: str) -> None:
+    """Server and driver derive the same names: joints, all skin and commands go through."""
+    drive(oddly_named(), name)
+
+
+def test_boards_have_the_names_of_the_binding_on_both_sides() -> None:
+    robot = oddly_named()
+    places = (Address(of=robot.servos[0].robot_part, to="neck"),)
+    own = robot.binding("yarp").model_copy(update={"addresses": places})
+    driver = drive(robot.model_copy(update={"bindings": (own,)}), "yarp")
+    assert isinstance(driver, YarpDriver)
+    assert [board.prefix for board in driver.boards.values()] == [
+        "/My_robot__1/neck", "/My_robot__1/LArm____", "/My_robot__1/RArm____",
+    ]  # fmt: skip
 
 
 def test_names_in_ros_are_legal_and_each_belongs_to_one_place() -> None:

@@ -105,7 +105,11 @@ class Process(Peer):
     def __init__(self, via: Callable[[], str]) -> None:
         self.make_via = via
 
+    def prepare(self) -> None:
+        """Starts what a server needs: a master, a relay."""
+
     def start(self) -> None:
+        self.prepare()
         self.via = self.driver_via = self.make_via()
         self.process = subprocess.Popen(
             [sys.executable, str(self.script), self.via],
@@ -182,8 +186,10 @@ class Naoqi(Process):
     def __init__(self) -> None:
         super().__init__(lambda: f"naoqi:127.0.0.1:{free_port()}")
 
-    def start(self) -> None:
+    def prepare(self) -> None:
         needs_qi()
+
+    def start(self) -> None:
         super().start()
         self.driver_via = self.via.replace("naoqi:", "naoqi://")
 
@@ -262,9 +268,8 @@ class Ros2(Process):
     def __init__(self) -> None:
         super().__init__(lambda: f"ros2:{anywhere()}")
 
-    def start(self) -> None:
+    def prepare(self) -> None:
         here_only()
-        super().start()
 
     def disturb(self, messages: list[bytes]) -> None:
         garbage_on(DdsNode("stranger"), self.via.removeprefix("ros2:"), messages)
@@ -276,9 +281,8 @@ class Ros1(Process):
     def __init__(self) -> None:
         super().__init__(lambda: f"ros1:{anywhere()}")
 
-    def start(self) -> None:
+    def prepare(self) -> None:
         roscore()
-        super().start()
 
     def disturb(self, messages: list[bytes]) -> None:
         garbage_on(Ros1Node("stranger"), self.via.removeprefix("ros1:"), messages)
@@ -292,14 +296,13 @@ class Rosbridge(Process):
     def __init__(self) -> None:
         super().__init__(lambda: f"rosbridge:127.0.0.1:{self.port}{anywhere()}")
 
-    def start(self) -> None:
+    def prepare(self) -> None:
         self.relay = subprocess.Popen(
             [sys.executable, str(SERVED.with_name("rosbridge_relay.py"))],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
         )  # fmt: skip
         assert self.relay.stdout is not None
         self.port = int(self.relay.stdout.readline())
-        super().start()
 
     def disturb(self, messages: list[bytes]) -> None:
         host, port, namespace = parse(self.via.removeprefix("rosbridge:"))
@@ -375,3 +378,15 @@ PEERS: dict[str, Callable[[], Peer]] = {
 BINDINGS: dict[str, Callable[[], Peer]] = {"yarp-bindings": YarpBindings} if bindings_dialect() else {}
 """The driver over a library that neither Debian nor PyPI has: if it is installed, the contract holds for it
 too."""
+
+
+@contextmanager
+def wire(name: str) -> Iterator[str]:
+    """Yields an address at which a robot can be served, `NAME:WHERE`, with all that its server needs."""
+    peer = PEERS[name]()
+    assert isinstance(peer, Process)
+    try:
+        peer.prepare()
+        yield peer.make_via()
+    finally:
+        peer.stop()

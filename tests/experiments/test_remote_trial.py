@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
 
 import tci
 from drivers.patient import patient
-from drivers.ros_robots import anywhere, here_only, roscore
-from drivers.served import needs_qi
-from drivers.wires import free_port, lcm_url
+from drivers.wires import wire
 from tci.errors import DriverError
 from tci.experiments.body_trials import deaf
 from tci.experiments.experiment import SIDES, trials_of
@@ -21,14 +18,7 @@ from tci.experiments.remote_trial import RemoteTrial
 from tci.runtime.loop import Tick
 from tci.simulation.world import World
 
-VIAS: dict[str, Callable[[], str]] = {
-    "zenoh": lambda: f"zenoh:tcp/127.0.0.1:{free_port()}",
-    "lcm": lambda: f"lcm:{lcm_url()}",
-    "naoqi": lambda: f"naoqi:127.0.0.1:{free_port()}",
-    "player": lambda: f"player:127.0.0.1:{free_port()}",
-    "ros2": lambda: f"ros2:{anywhere()}",
-    "ros1": lambda: f"ros1:{anywhere()}",
-}
+WIRES = ("zenoh", "lcm", "naoqi", "player", "ros2", "ros1")
 EVERY_POKE = "zenoh"
 """Middleware with all ten pokes of a robot. Others differ in their protocol only: one poke of each arm."""
 WITHOUT_BINDING = {"ros2": ("g1",)}
@@ -47,14 +37,8 @@ def answered(trial: Trial) -> bool:
 
 
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("name", VIAS)
+@pytest.mark.parametrize("name", WIRES)
 def test_pokes_of_the_demo_are_answered_from_another_process(name: str) -> None:
-    if name == "naoqi":
-        needs_qi()
-    if name == "ros2":
-        here_only()
-    if name == "ros1":
-        roscore()
     reflex = tci.WithdrawalReflex()
     if name != EVERY_POKE:
         reflex = replace(reflex, fields=reflex.fields[:1])
@@ -62,18 +46,19 @@ def test_pokes_of_the_demo_are_answered_from_another_process(name: str) -> None:
         if name == "naoqi" and robot.name != "nao":
             continue  # it is NAO's
         sites = {(side, field.name) for side in SIDES for field in reflex.fields}
-        for _ in range(TRIES):
-            for trial in trials_of(robot, reflex, stimulus=Stimulus(), seed=3, via=VIAS[name]()):
-                assert not trial.violations
-                assert trial.contact_lost_without_reflex_ms is None
-                assert trial.cop_error_mm is not None
-                assert trial.cop_error_mm <= 1.0
-                if answered(trial):
-                    sites.discard((trial.side, trial.site))
+        with wire(name) as via:
+            for _ in range(TRIES):
+                for trial in trials_of(robot, reflex, stimulus=Stimulus(), seed=3, via=via):
+                    assert not trial.violations
+                    assert trial.contact_lost_without_reflex_ms is None
+                    assert trial.cop_error_mm is not None
+                    assert trial.cop_error_mm <= 1.0
+                    if answered(trial):
+                        sites.discard((trial.side, trial.site))
+                    if not sites:
+                        break
                 if not sites:
                     break
-            if not sites:
-                break
         assert not sites
 
 
@@ -85,7 +70,7 @@ def test_what_keeps_the_other_process_away_is_told() -> None:
 
 def test_a_process_that_ends_in_the_middle_of_a_trial_is_told() -> None:
     robot, reflex = tci.load_robot("nao"), tci.WithdrawalReflex()
-    with RemoteTrial(robot, VIAS["zenoh"](), reflex) as elsewhere:
+    with wire("zenoh") as via, RemoteTrial(robot, via, reflex) as elsewhere:
 
         def end(tick: Tick) -> None:
             elsewhere._process.kill()
@@ -102,7 +87,7 @@ def test_a_head_is_withdrawn_from_another_process() -> None:
     field = next(one for one in reflex.fields.field if one.kind == "head")
     place = body.landmark("head", field.spot)
     held = poke_place(world, place, Stimulus(), reflex=deaf(reflex), seed=3)
-    with RemoteTrial(robot, VIAS["zenoh"](), reflex) as elsewhere:
+    with wire("zenoh") as via, RemoteTrial(robot, via, reflex) as elsewhere:
         for _ in range(TRIES):
             acted = poke_place(world, place, Stimulus(), reflex=reflex, seed=3, elsewhere=elsewhere)
             trial = measure(robot, "head", field.name, acted, held)

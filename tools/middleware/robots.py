@@ -1,0 +1,157 @@
+"""Every robot over every middleware: the demo's pokes, and those of head, torso, hands and legs, answered by
+reflexes in another process.
+
+    python tools/middleware/robots.py [--robot NAME]... [--via NAME]... [--short] [--patience SECONDS]
+
+writes docs/tables/robots-and-wires.md. Cells that an interrupted run has measured at this commit are kept in
+OUT/robots-and-wires.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from statistics import median
+
+ROOT = Path(__file__).parents[2]
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tools")]
+
+from report import TABLES, commit, markdown, out, save
+from rich.progress import Progress
+
+import tci
+from drivers.wires import PEERS, wire
+from tci.experiments.body_trials import answerable, body_trials_of
+from tci.experiments.experiment import trials_of
+from tci.experiments.measure import Trial
+from tci.experiments.poke import Stimulus
+from tci.robot.description import Robot
+
+TABLE = TABLES / "robots-and-wires.md"
+FILE = "robots-and-wires.json"
+WIRES = tuple(name for name in PEERS if name != "sim")
+TRIES = 3
+"""Number of tries of each poke: while another program keeps the machine busy the robot holds, rightly."""
+NEVER = -1
+"""Try in which a poke was answered if none was."""
+SEED = 3
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One robot over one middleware."""
+
+    answered: int = 0
+    """Number of pokes that the reflex answered as it does in one process."""
+    pokes: int = 0
+    again: int = 0
+    """Number of pokes that were answered only when tried again."""
+    command_ms: float | None = None
+    """Median time [ms] from the first contact to the first command."""
+    violations: Sequence[str] = ()
+    """Limits that were broken, one sentence each."""
+    reason: str = ""
+    """Reason why there are no pokes."""
+
+    def __str__(self) -> str:
+        if self.reason:
+            return self.reason
+        late = "" if self.command_ms is None else f", {self.command_ms:.0f} ms"
+        broken = f", **{len(self.violations)} limits broken**" if self.violations else ""
+        return f"{self.answered} of {self.pokes}{late}{broken}"
+
+
+def pokes(robot: Robot, via: str, *, short: bool) -> Iterator[Trial]:
+    """Yields the trials of all places where one of the two reflexes answers; if `short`, of one place of each
+    part."""
+    arms, others = tci.WithdrawalReflex(), tci.BodyWithdrawal(stance="supported")
+    if short:
+        arms = replace(arms, fields=arms.fields[:1])
+        first = {field.kind: field for field in reversed(others.fields.field)}
+        others = replace(others, fields=others.fields.model_copy(update={"field": tuple(first.values())}))
+    yield from trials_of(robot, arms, stimulus=Stimulus(), seed=SEED, via=via)
+    body = tci.GenericBody(robot)
+    if any(answerable(body, field) for field in others.fields.field):
+        yield from body_trials_of(robot, others, seed=SEED, via=via)
+
+
+def measured(robot: Robot, name: str, *, short: bool) -> Cell:
+    """Returns the cell of one robot and one middleware."""
+    try:
+        robot.binding(name.removesuffix("4"))
+    except tci.UnknownNameError:
+        return Cell(reason=f"{name} speaks to robots with a binding to it")
+    seen: dict[tuple[str, str], int] = {}
+    times: list[float] = []
+    broken: list[str] = []
+    trouble = ""
+    with wire(name) as via:
+        for tried in range(TRIES):
+            try:
+                for trial in pokes(robot, via, short=short):
+                    site = (trial.side, trial.site)
+                    broken += trial.violations
+                    if seen.get(site, NEVER) == NEVER:
+                        seen[site] = tried if trial.responded else NEVER
+                        times += [] if trial.trigger_ms is None else [trial.trigger_ms]
+            except tci.TciError as error:  # as when the other process gets no share of a busy machine
+                trouble = str(error)
+                continue
+            if NEVER not in seen.values():
+                break
+    answered = [tried for tried in seen.values() if tried != NEVER]
+    if not answered:
+        return Cell(reason=trouble or "no answer")
+    late = median(times) if times else None
+    return Cell(len(answered), len(seen), sum(tried > 0 for tried in answered), late, broken)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--robot", action="append", choices=tci.robot_names())
+    parser.add_argument("--via", action="append", choices=WIRES)
+    parser.add_argument("--short", action="store_true", help="one poke of each part")
+    parser.add_argument("--patience", type=float, help="silence [s] until a robot holds, on a busy machine")
+    asked = parser.parse_args(arguments)
+    file = out() / FILE
+    before = json.loads(file.read_text()) if file.is_file() else {}
+    found = before["cells"] if before.get("commit") == commit() else {}
+    load = os.getloadavg()[0]
+    with Progress() as progress:
+        pairs = [(robot, via) for via in asked.via or WIRES for robot in asked.robot or tci.robot_names()]
+        task = progress.add_task("", total=len(pairs))
+        for robot, via in pairs:
+            progress.update(task, advance=1, description=f"{robot} via {via}")
+            if f"{robot} {via}" not in found:
+                words = tci.load_robot(robot)
+                words = words.with_stale_after(asked.patience) if asked.patience else words
+                cell = measured(words, via, short=asked.short)
+                found[f"{robot} {via}"] = asdict(cell)
+                save(FILE, {"commit": commit(), "cells": found})
+                progress.console.print(f"{robot} via {via}: {cell}", highlight=False)
+    cells = {key: Cell(**values) for key, values in found.items()}
+    vias = [via for via in WIRES if any(key.endswith(f" {via}") for key in cells)]
+    rows = [
+        (f"`{robot}`", *(str(cells.get(f"{robot} {via}", "not run")) for via in vias))
+        for robot in tci.robot_names()
+        if any(f"{robot} {via}" in cells for via in vias)
+    ]
+    again = sum(cell.again for cell in cells.values())
+    what = "one poke of each part" if asked.short else "the demo's pokes, and those of the other parts"
+    patience = f" Robots held after a silence of {asked.patience:g} s." if asked.patience else ""
+    about = (
+        f"{what.capitalize()}: answered of all, and the median time from the first contact to the first "
+        f"command. Measured at {commit()} on {os.cpu_count()} cores at a load of {load:.1f}; {again} pokes "
+        f"were answered only when tried again.{patience}"
+    )
+    TABLE.write_text(f"{markdown(('robot', *(f'`{via}`' for via in vias)), rows)}\n{about}\n")
+
+
+if __name__ == "__main__":
+    main()

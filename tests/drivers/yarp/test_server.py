@@ -18,16 +18,19 @@ from tci.authoring.dense_skin import with_skin_rate
 from tci.body.places import find_place
 from tci.drivers.simulated import SimulatedDriver
 from tci.drivers.yarp import served_board, server
+from tci.drivers.yarp.facts import read_robot_facts
 from tci.drivers.yarp.served_board import ServedBoard
 from tci.drivers.yarp.server import YarpServer
 from tci.drivers.yarp.skin_events import decode_events
 from tci.errors import DriverError
+from tci.exports.facts import query
 from tci.messages import Mode, PlatformCommand, PlatformSwitch
 from tci.reasons import Code, Reason
 from tci.runtime.serve import serve
 from tci.skin.skin import Skin
 from yarpwire import names
 from yarpwire.board import COMPLIANT, DIRECT, POSITION, VELOCITY, Stream, find_board
+from yarpwire.carrier import TEXT
 from yarpwire.dialect import DIALECTS, V3, V4
 from yarpwire.errors import CallError, PortError
 from yarpwire.incoming import Delivery
@@ -182,6 +185,40 @@ def test_a_board_whose_change_of_mode_was_refused_is_in_the_mode_from_before() -
     board.stream(Stream.POSITION, [ELBOW], [10.0])
 
 
+def test_a_move_is_cut_to_the_range_and_done_when_it_is_there() -> None:
+    board = ServedBoard("LArm", tci.load_robot("nao").servos_of("LArm"))
+    board.move([ELBOW], [1000.0])
+    (order,) = board.book.take()
+    limits = board.servos[ELBOW].limits
+    assert isinstance(order, PlatformCommand)
+    assert order.values.tolist() == [limits.upper]
+    count = max(servo.index for servo in board.servos) + 1
+    target, reference, still = np.zeros((3, count))
+    target[order.servos] = order.values
+    board.follow(target, reference, still)
+    assert not board.is_done([ELBOW])
+    assert board.is_done([0])
+    board.follow(target, target, still)
+    assert board.is_done(None)
+    assert board.set_points[Stream.POSITION][ELBOW] == pytest.approx(np.rad2deg(limits.upper))
+    board.move([ELBOW], [0.0])
+    board.book.take()
+    board.book.judge([], [Reason(Code.GATE_CLOSED, "hold: joint data is old")])
+    assert board.is_done(None), "a refused move leaves nothing behind"
+
+
+def test_a_joint_without_speed_keeps_its_place_and_the_others_of_its_group_move() -> None:
+    """A program that gives each joint the speed to arrive in one time gives none to one that is there."""
+    board = ServedBoard("LArm", tci.load_robot("nao").servos_of("LArm"))
+    board.set_speeds([0, ELBOW], [5e-16, 30.0])
+    board.move([0, ELBOW], [80.0, -40.0])
+    (order,) = board.book.take()
+    assert order.servos.tolist() == [board.servos[ELBOW].index]
+    board.set_speeds(None, [0.0] * board.count)
+    board.move(None, [0.0] * board.count)
+    assert board.book.take() == []
+
+
 @pytest.mark.parametrize(
     ("waits", "kinds"), [(60.0, [PlatformSwitch, PlatformCommand]), (0.0, [PlatformSwitch])]
 )
@@ -255,6 +292,29 @@ def test_states_keep_apart_from_skin_and_go_out_beside_one_that_never_rests(
     assert len(states) >= 49
     if rate == 100.0:
         assert all(min((s - f for f in felt if f <= s), default=1.0) >= 0.003 for s in states[1:])
+
+
+def test_the_run_time_query_gives_dh_limits_and_skin_to_a_person_and_to_a_program(show: Show) -> None:
+    robot = show.driver.robot
+    facts = query(robot)
+    host, port = show.network.address
+    assert read_robot_facts("nao", f"{host}:{port},dialect={show.dialect.name}") == facts
+    table = next(t for t in facts.denavit_hartenberg if (t.part, t.convention) == ("left_arm", "classic"))
+    where = show.names.query("/nao/facts/rpc:i")
+    rpc = Rpc(where, "/test/typed", show.dialect, carrier=TEXT)
+    np.testing.assert_allclose(
+        rpc.call("dh", "left_arm"), [[r.servo, r.a, r.alpha, r.d, r.theta] for r in table.rows], atol=1e-12
+    )
+    limits = {name: numbers for name, *numbers in rpc.call("limits")}
+    assert limits.keys() == {servo.name for servo in robot.servos}
+    assert [row[0] for row in rpc.call("skins")] == [patch.name for patch in robot.patches]
+    assert len(rpc.call("taxels", "left_forearm")) == len(facts.patches[0].taxels)
+    assert rpc.call("help")[0] == Vocab("many")
+    for wrong in (("dh", "tail"), ("dh",), ("taxels", "tail"), ("colour",)):
+        refused, why = rpc.call(*wrong)
+        assert refused == Vocab("fail")
+        assert "valid: " in why
+    rpc.close()
 
 
 def test_contacts_are_published_as_skin_events(show: Show) -> None:

@@ -2,7 +2,8 @@
 `yarpwire`.
 
 driver, board_driver, diagnose   `yarp`: reads and commands control boards, and reads skin ports
-server, served_board, order_book, skin_events   `tci serve --via yarp`: boards, skin ports and contacts of any
-robot
+server, served_board, board_modes, call_arguments, order_book, skin_events   `tci serve --via yarp`: boards,
+skin ports and contacts of any robot
+facts                            the run-time query: DH tables, limits, skin
 address                          parses the address, the text after `yarp:` on the command line
 """

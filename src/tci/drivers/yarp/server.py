@@ -20,6 +20,7 @@ from tci.drivers.server import Server
 from tci.drivers.yarp import address as addresses
 from tci.drivers.yarp.address import YarpAddress, board_ports, patch_port
 from tci.drivers.yarp.driver_errors import raises_driver_errors
+from tci.drivers.yarp.facts import FactsService, facts_port
 from tci.drivers.yarp.served_board import ServedBoard
 from tci.drivers.yarp.skin_events import encode_events
 from tci.errors import DriverError
@@ -93,6 +94,7 @@ class YarpServer(Server):
                 self._open(name)
                 self._open(f"{name}_comp")
             self._events = self._open("/skinManager/skin_events:o")
+            self._open_facts()
         except (DriverError, YarpError):
             self.close()
             raise
@@ -213,6 +215,15 @@ class YarpServer(Server):
         for name in list(self._ports):
             if name.startswith(f"{self._where[part]}/"):
                 self._ports.pop(name).close()
+
+    def _open_facts(self) -> None:
+        """Opens the port of the run-time query."""
+        facts = FactsService(self.driver.robot)
+
+        def call(delivery: Delivery) -> Answer:
+            return facts.answer(delivery.items(self.dialect)) if delivery.command.kind == CALL else None
+
+        self._open(facts_port(self.prefix), call)
 
     def _open(self, name: str, receive: Callable[[Delivery], Answer] | None = None) -> NamedPort:
         port = self._ports[name] = self.network.port(name, self.dialect, receive)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -39,6 +40,13 @@ def check(
     taxels: Annotated[
         int, typer.Option(min=-1, help="With --hardware: taxels to press on each patch; -1: all.")
     ] = 12,
+    friction: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="With --hardware: then measure friction of the joints that feel touches, into it.",
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Check a robot description. Lists every fault at once, each with its line and the valid values.
@@ -49,7 +57,8 @@ def check(
 
     --hardware tests the robot itself. It first reads joints and skin. Then it asks before each motion, moves
     one joint by 2 degrees, slowly, and asks what you saw. Then it asks you to press the skin. This finds
-    wrong signs, zeros, limits and units.
+    wrong signs, zeros, limits and units. --friction then sweeps the joints of limbs without skin by 10
+    degrees, twice, slowly, after asking.
 
     Exit status: 0 if the file is valid and the tests passed, else 1.
 
@@ -60,10 +69,12 @@ def check(
     if hardware:
         from tci.cli.hardware import check_hardware
 
-        check_hardware(robot, via=via, parts=only or [], taxels=taxels, as_json=as_json)
+        check_hardware(robot, via=via, parts=only or [], taxels=taxels, friction=friction, as_json=as_json)
         return
-    if via != "sim" or only or taxels != 12:
-        raise CommandError("--via, --only and --taxels need a robot to test; valid: add --hardware")
+    if via != "sim" or only or taxels != 12 or friction is not None:
+        raise CommandError(
+            "--via, --only, --taxels and --friction need a robot to test; valid: add --hardware"
+        )
     from tci.robot.catalogue import load_robot
 
     found = load_robot(robot)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -77,7 +78,9 @@ class Simulation:
         self._driver.world.finger.retire()
 
 
-def check_hardware(name: str, *, via: str, parts: list[str], taxels: int, as_json: bool) -> None:
+def check_hardware(
+    name: str, *, via: str, parts: list[str], taxels: int, friction: Path | None, as_json: bool
+) -> None:
     """Reads the robot, moves its joints after asking, and has its skin pressed. Exit status 1 after a fault.
 
     Args:
@@ -85,14 +88,17 @@ def check_hardware(name: str, *, via: str, parts: list[str], taxels: int, as_jso
         via: Driver that reaches it.
         parts: Parts, joints or patches to test; empty for all.
         taxels: Taxels to press on each patch; -1 for all, 0 for none.
+        friction: File for the friction of the joints that feel touches; None to measure none.
         as_json: Prints JSON instead of text.
 
     Raises DriverError when the robot can't be reached or armed, UnknownNameError for a part that it lacks,
-    CommandError when nobody answers a question.
+    CommandError when nobody answers a question, and for friction of a robot that feels no touch through
+    joints.
     """
     import numpy as np
 
     from tci.commissioning.first_minutes import first_minutes, wanted
+    from tci.commissioning.friction import measure_friction
     from tci.drivers.diagnosis import Level
     from tci.drivers.registry import connect
     from tci.drivers.simulated import SimulatedDriver
@@ -100,13 +106,18 @@ def check_hardware(name: str, *, via: str, parts: list[str], taxels: int, as_jso
 
     robot = load_robot(name)
     servos, patches = wanted(robot, parts)
+    if friction is not None and not any(patch.through_joints for patch in robot.patches):
+        raise CommandError(
+            f"--friction: no patch of {robot.name} is felt through joints; valid: a description with "
+            "<felt_through_joints/>, such as g1-bare"
+        )
     with connect(robot, via, arm=True) as driver:
         shown = Console(stderr=True) if as_json else console
         operator = Simulation(driver) if isinstance(driver, SimulatedDriver) else Terminal(shown)
         if not as_json:
             console.print(
-                "Stand beside the robot with its emergency stop in reach. No joint moves by more than 2 "
-                "degrees. Ctrl-C ends the test.",
+                "Stand beside the robot with its emergency stop in reach. No joint moves by more than "
+                f"{2 if friction is None else 10} degrees. Ctrl-C ends the test.",
                 style="bold",
             )
         found, largest = first_minutes(
@@ -117,6 +128,12 @@ def check_hardware(name: str, *, via: str, parts: list[str], taxels: int, as_jso
             taxels=None if taxels < 0 else taxels,
             tell=(lambda finding: None) if as_json else _tell,
         )
+        if friction is not None and not any(finding.level is Level.FAULT for finding in found):
+            swept = measure_friction(driver, operator, servos, friction)
+            found = (*found, *swept)
+            if not as_json:
+                for finding in swept:
+                    _tell(finding)
     counts = Counter(finding.level for finding in found)
     if as_json:
         print_json(

@@ -71,7 +71,7 @@ class Contacts(Frozen, Sequence["Contact"]):
     displacement: Array
     """Distance (c,) [m] of its centre from the place of onset, in the patch's link."""
     force: Array
-    """Sum (c,) [N] of the forces on its taxels."""
+    """Force (c,) [N] of the touch: the sum over its taxels, divided by the fill factor of the skin there."""
     peak: Array
     """Force (c,) [N] on its strongest taxel."""
     area: Array

@@ -17,6 +17,7 @@ from tci.messages import GenericCommand, JointReading, Mode, Perception, Reading
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Patch, Robot
 from tci.robot.joint_map import initial_position
+from tci.skin.kernels.contacts import fill_around
 from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface
 
@@ -73,9 +74,10 @@ class TouchedRobot:
         """Returns the perception one `PERIOD` later, touched on the patch `touch` or nowhere.
 
         The touch is centred on `taxel`, or on the taxel nearest to the middle of the patch. It presses that
-        taxel and its neighbours with `force` [N], as closely as the sensor can resolve: a switch is only on
-        or off, and a force below a taxel's threshold makes no contact. Raises UnknownNameError for an unknown
-        patch or taxel, CommandError for a force that is negative or not finite.
+        taxel, its neighbours and the gaps between them with `force` [N], as closely as the sensor can
+        resolve: a switch is only on or off, and a force below a taxel's threshold makes no contact. Raises
+        UnknownNameError for an unknown patch or taxel, CommandError for a force that is negative or not
+        finite.
         """
         self._count += 1
         now = self._count * PERIOD
@@ -96,7 +98,10 @@ class TouchedRobot:
         pressed = _around(patch, surface, taxel)
         if force == 0.0:
             return
-        counts = sensor.counts(np.array([force / surface.areas[pressed].sum()]))[0]
+        layout, areas = self.body.layout, surface.areas[pressed]
+        taxels = (layout.taxels[layout.places[patch.name]].start + pressed).astype(np.int32)
+        measured = force * fill_around(read_only(taxels, np.int32), read_only(areas), layout.arrays)
+        counts = sensor.counts(np.array([measured / areas.sum()]))[0]
         values[normal_channels(patch, surface)[pressed]] += np.sign(sensor.pascal_per_count) * max(
             1.0, round(counts)
         )

@@ -16,13 +16,13 @@ from tci.robot.limb import generic_limb_distance
 
 def force_of(contact: Contact, radius: float, measure: str) -> float:
     if measure != "weighted":
-        return {"sum": contact.force, "peak": contact.peak}[measure]
+        return {"total": contact.force, "peak": contact.peak}[measure]
     apart = generic_limb_distance(contact.taxel_u, contact.taxel_theta, contact.u, contact.theta)
     weights = np.maximum(2.0 * radius - apart, 0.0)
     return float(weights @ contact.taxel_forces / weights.sum()) if weights.sum() > 0.0 else 0.0
 
 
-@pytest.mark.parametrize("measure", ["weighted", "sum", "peak"])
+@pytest.mark.parametrize("measure", ["total", "weighted", "peak"])
 @pytest.mark.parametrize("discount", ["linear", "cosine"])
 @given(seed=st.integers(0, 100_000))
 def test_answer_equals_the_equations(discount: str, measure: str, seed: int) -> None:

@@ -15,7 +15,7 @@ from tci.errors import DescriptionError
 from tci.skin.contacts import Measure
 
 GOOD = """
-[force.weighted]
+[force.total]
 threshold_n = 0.1
 saturation_n = 0.5
 [[field]]
@@ -37,7 +37,7 @@ def faults_of(tmp_path: Path, text: str | bytes) -> list[str]:
     return [fault.message for fault in caught.value.faults]
 
 
-@pytest.mark.parametrize("measure", ["weighted", "sum", "peak"])
+@pytest.mark.parametrize("measure", ["total", "weighted", "peak"])
 def test_five_sites_four_on_the_forearm(measure: Measure) -> None:
     fields = default_fields(measure=measure)
     assert [field.segment for field in fields] == ["forearm"] * 4 + ["upper_arm"]
@@ -53,7 +53,7 @@ def test_a_file_is_read_in_its_units(tmp_path: Path) -> None:
     assert (field.name, field.segment, field.u, field.radius) == ("one", "forearm", 0.5, 0.25)
     assert field.theta == radians(90)
     assert field.motion == (radians(10), 0.0, radians(-20.5), 0.0, 0.0)
-    assert (field.measure, field.threshold, field.saturation) == ("weighted", 0.1, 0.5)
+    assert (field.measure, field.threshold, field.saturation) == ("total", 0.1, 0.5)
 
 
 @pytest.mark.parametrize(
@@ -70,8 +70,8 @@ def test_a_file_is_read_in_its_units(tmp_path: Path) -> None:
         ("motion_deg = [1, 2, 3, 4, 5, 6]", "field 1 (one), motion_deg", "needs 5 angles"),
         ("motion_deg = [1, 2, nan, 4, 5]", "field 1 (one), motion_deg.2", "finite number; got nan"),
         ("name = 'One two'", "field 1 (One two), name", "match pattern"),
-        ("threshold_n = -0.1", "force.weighted.threshold_n", "greater than or equal to 0; got -0.1"),
-        ("saturation_n = 0.1", "force.weighted", "above threshold_n, which is 0.1"),
+        ("threshold_n = -0.1", "force.total.threshold_n", "greater than or equal to 0; got -0.1"),
+        ("saturation_n = 0.1", "force.total", "above threshold_n, which is 0.1"),
     ],
 )
 def test_a_wrong_value_is_named_with_its_place(tmp_path: Path, wrong: str, place: str, valid: str) -> None:
@@ -94,8 +94,8 @@ def test_a_missing_key_is_named(tmp_path: Path, key: str) -> None:
     [
         (GOOD + "colour = 'red'", "field 1 (one), colour: unknown key; valid: name, segment, u, radius, "),
         ("version = 1\n" + GOOD, "version: unknown key; valid: force, field"),
-        (GOOD.replace("[[", "unit = 'N'\n[["), "force.weighted.unit: unknown key; valid: threshold_n, "),
-        (GOOD.replace("force.weighted", "force.mean"), "force.mean: Input should be 'weighted', 'sum' or "),
+        (GOOD.replace("[[", "unit = 'N'\n[["), "force.total.unit: unknown key; valid: threshold_n, "),
+        (GOOD.replace("force.total", "force.mean"), "force.mean: Input should be 'total', 'weighted' or "),
     ],
     ids=["field", "file", "range", "measure"],
 )
@@ -108,7 +108,7 @@ def test_all_faults_come_together(tmp_path: Path) -> None:
     text = text.replace("saturation_n = 0.5", "saturation_n = 0.0").replace("90", "nan", 1)
     faults = faults_of(tmp_path, text)
     expected = [
-        "force.weighted",
+        "force.total",
         "theta_deg",
         "field 2 (one), radius",
         "field 2 (one), colour",
@@ -122,7 +122,7 @@ def test_all_faults_come_together(tmp_path: Path) -> None:
 def test_a_measure_without_thresholds_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "fields.toml"
     path.write_text(GOOD)
-    with pytest.raises(DescriptionError, match=r"'peak'; the file has: weighted"):
+    with pytest.raises(DescriptionError, match=r"'peak'; the file has: total"):
         load_fields(path, measure="peak")
 
 

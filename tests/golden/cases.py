@@ -1,7 +1,10 @@
 """Golden recordings: runs of an earlier version with their descriptions, which replay must reproduce.
 
 `python tests/golden/cases.py NAME...` records cases again ("all": all of them). That is right only for an
-intended change of behaviour, which the commit must mention.
+intended change of behaviour, which the commit must mention. `... perceived NAME...` keeps the recordings with
+their decisions, and writes anew what is perceived in them.
+
+Most of them are of the paper's reflex, with the force of eq. 7; those named "total" are of the default one.
 """
 
 from __future__ import annotations
@@ -25,6 +28,7 @@ from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.drivers.driver import Driver
 from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
 from tci.drivers.faults.injectors import INJECTORS
+from tci.drivers.replay import ReplayDriver
 from tci.drivers.simulated import SimulatedDriver
 from tci.messages import Mode
 from tci.recording.compact import compact
@@ -42,6 +46,11 @@ NOT_RECORDED = ("sigterm", "thread-fails", "link-lost", "wrong-type")
 place of numbers, which format 1 does not hold."""
 
 
+def paper() -> tci.WithdrawalReflex:
+    """Returns the reflex with the force of eq. 7."""
+    return tci.WithdrawalReflex(fields=tci.default_fields(measure="weighted"))
+
+
 def poke_head(driver: SimulatedDriver) -> None:
     driver.world.finger.poke("head_skin", 10, speed=0.2, depth=0.008, gap=0.02)
 
@@ -52,7 +61,7 @@ class Case:
 
     robot: str
     """Path of its description, below `robots/`."""
-    capability: Callable[[], tci.Capability[Any]] = tci.WithdrawalReflex
+    capability: Callable[[], tci.Capability[Any]] = paper
     poke: Callable[[SimulatedDriver], None] | None = poke_forearm
     duration: float = 0.7
     """Length [s]."""
@@ -67,6 +76,8 @@ class Case:
 CASES: dict[str, Case] = {
     "nao": Case("nao/robot.xml"),
     "icub": Case("icub/robot.xml"),
+    "nao-total": Case("nao/robot.xml", tci.WithdrawalReflex),
+    "icub-total": Case("icub/robot.xml", tci.WithdrawalReflex),
     "body": Case("icub/whole.xml", BodyWithdrawal, poke_head, duration=0.6),
     "events": Case("nao/robot.xml", keep_alive=0.1),
     "three-axes": Case("nao/three_axes.xml"),
@@ -121,6 +132,14 @@ def record(name: str) -> None:
     np.savez_compressed(FOLDER / f"{name}.npz", **perceived(ticks))
 
 
+def replayed(name: str) -> list[Tick]:
+    """Returns the periods of a case, replayed."""
+    case, ticks = CASES[name], list[Tick]()
+    with ReplayDriver(described(case.robot), str(FOLDER / f"{name}.mcap")) as driver:
+        run(driver, case.capability(), duration=case.duration, observe=ticks.append)
+    return ticks
+
+
 def perceived(ticks: Iterable[Tick]) -> dict[str, np.ndarray[Any, Any]]:
     """Returns the numbers of all perceptions of a run, by name: one row per period, and one per contact."""
     periods, contacts = [], []
@@ -142,6 +161,11 @@ def perceived(ticks: Iterable[Tick]) -> dict[str, np.ndarray[Any, Any]]:
 
 
 if __name__ == "__main__":
-    for one in CASES if sys.argv[1:] == ["all"] else sys.argv[1:]:
-        record(one)
+    again = sys.argv[1:2] == ["perceived"]
+    names = sys.argv[2:] if again else sys.argv[1:]
+    for one in CASES if names == ["all"] else names:
+        if again:
+            np.savez_compressed(FOLDER / f"{one}.npz", **perceived(replayed(one)))
+        else:
+            record(one)
         print(one, (FOLDER / f"{one}.mcap").stat().st_size)

@@ -7,13 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from golden.cases import CASES, FOLDER, described, perceived
-from tci.drivers.replay import ReplayDriver
+from golden.cases import CASES, FOLDER, perceived, replayed
 from tci.reasons import NO_REASON
 from tci.recording.recording import Recording
 from tci.recording.schemas import DECISION, TEXTS, decision_bytes
 from tci.rosmsg.cdr import decode
-from tci.runtime.loop import Tick, run
 
 ROUNDING = 1e-9
 """Largest relative difference [1], and absolute [rad, N, m]: processors round sums and sines differently, and
@@ -22,11 +20,9 @@ the gate's motion accumulates that from period to period."""
 
 @pytest.mark.parametrize("name", CASES)
 def test_a_recording_replays_to_the_same_numbers(name: str) -> None:
-    case, path = CASES[name], FOLDER / f"{name}.mcap"
+    path = FOLDER / f"{name}.mcap"
     recorded = [tick.decision for tick in Recording(path).ticks() if tick.decision is not None]
-    ticks: list[Tick] = []
-    with ReplayDriver(described(case.robot), str(path)) as driver:
-        run(driver, case.capability(), duration=case.duration, observe=ticks.append)
+    ticks = replayed(name)
     assert len(ticks) == len(recorded) > 100
     for tick, then in zip(ticks, recorded, strict=True):
         same_decision(decode(DECISION, decision_bytes(tick.sent)), then, tick.now)

@@ -19,7 +19,7 @@ from tci.robot.generic_arm import SEGMENTS
 from tci.robot.limb import generic_limb_point
 
 _SEGMENT, _X, _Y, _Z, _RADIUS, _THRESHOLD, _SATURATION, _MEASURE = range(8)
-_MEASURES = ("weighted", "sum", "peak")
+_MEASURES = ("weighted", "total", "peak")
 
 _phi, _psi, _psi_cosine = [inlined(f) for f in (discounts.phi, discounts.psi, discounts.psi_cosine)]
 

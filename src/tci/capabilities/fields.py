@@ -62,9 +62,9 @@ class ReceptiveField(Circle):
 
     theta: float
     """Centre around the segment [rad]: 0 flexor, +pi/2 lateral, pi extensor, -pi/2 medial."""
-    measure: Measure = "weighted"
-    """Force of a contact that is compared with `threshold` and `saturation`: that of eq. 7, the sum over its
-    taxels, or the largest of one taxel."""
+    measure: Measure = "total"
+    """Force of a contact that is compared with `threshold` and `saturation`: that of the touch, the mean of
+    eq. 7, or the largest of one taxel."""
     threshold: Annotated[float, Field(ge=0.0)]
     """delta_f [N]: no response up to this force."""
     saturation: float
@@ -93,13 +93,13 @@ class _FieldsFile(Description):
     field: Annotated[list[_FieldTable], Field(min_length=1)]
 
 
-def default_fields(*, measure: Measure = "weighted") -> tuple[ReceptiveField, ...]:
+def default_fields(*, measure: Measure = "total") -> tuple[ReceptiveField, ...]:
     """Returns the five fields that come with TCI. Their values are assumed: nobody has published any."""
     with as_file(files("tci.capabilities") / "withdrawal.toml") as path:
         return load_fields(path, measure=measure)
 
 
-def load_fields(path: str | Path, *, measure: Measure = "weighted") -> tuple[ReceptiveField, ...]:
+def load_fields(path: str | Path, *, measure: Measure = "total") -> tuple[ReceptiveField, ...]:
     """Reads the fields from a TOML file, with the thresholds that it states for `measure`.
 
     Raises DescriptionError with every fault of the file at once.

@@ -15,6 +15,7 @@ from tci.simulation import feeling as at
 from tci.simulation.kernel import ROWS, width
 from tci.simulation.physics import Physics
 from tci.simulation.touch import floor_sensor, skin_geom
+from tci.skin.fill_factor import WIDTHS, fill_factors
 from tci.skin.surfaces import Surface, tangents
 
 
@@ -68,7 +69,7 @@ class Taxels:
                 *(outward / max(float(np.linalg.norm(outward)), 1e-9)),
             ])  # fmt: skip
             positions.append(surface.positions)
-            taxels.append(np.column_stack([x, np.cross(surface.normals, x), surface.areas]))
+            taxels.append(np.column_stack([x, np.cross(surface.normals, x), _spread(surface)]))
             channels += surface.channels.tolist()
             nodes.append(np.array(sensor.response).reshape(-1, 2).T)
         count = sum(map(len, positions))
@@ -162,6 +163,14 @@ class Taxels:
             raise TciError(
                 f"{found} contacts on {self._patches[number].name} at once; valid: up to {at.SLOTS}"
             )
+
+
+def _spread(surface: Surface) -> Array:
+    """Returns the area (n,) [m2] over which the force on each taxel's place is spread: its own and its share
+    of the gaps around it, which measure nothing."""
+    column = int(np.abs(WIDTHS - width(surface.areas)).argmin())
+    areas: Array = surface.areas / fill_factors(surface)[:, column]
+    return areas
 
 
 def _raw(patch: Patch, counts: Array) -> NDArray[np.generic]:

@@ -28,8 +28,8 @@ from tci.skin.tracking import Tracker
 
 _NONE = Contacts.of(())
 _cluster, _describe, _reject_isolated = entry(cluster), entry(describe), entry(reject_isolated)
-Measure = Literal["weighted", "sum", "peak"]
-"""Scalar force of a contact: F-bar of eq. 7, the sum over its taxels, or that of the strongest taxel."""
+Measure = Literal["total", "weighted", "peak"]
+"""Scalar force of a contact: that of the touch, the mean F-bar of eq. 7, or that of the strongest taxel."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,9 +133,10 @@ class ContactFinder:
         for row, p in enumerate(made.site.tolist()):
             if self.layout.patches[p].description.sensor.axes == AXES:
                 own = slice(*state.begin[p : p + 2])
-                taxels = made.taxel[made.begin[row] : made.begin[row + 1]]
-                own_vectors = vectors[own][np.searchsorted(state.active[own], taxels)]
-                made.f_T[row] = poses[self.layout.arrays.on[p, 0]][:3, :3] @ own_vectors.sum(axis=0)
+                own_taxels = slice(*made.begin[row : row + 2].tolist())
+                own_vectors = vectors[own][np.searchsorted(state.active[own], made.taxel[own_taxels])]
+                sums = own_vectors.sum(axis=0) * made.force[row] / made.taxel_force[own_taxels].sum()
+                made.f_T[row] = poses[self.layout.arrays.on[p, 0]][:3, :3] @ sums
 
 
 def _limb_angles(parts: Sequence[str], posture: Mapping[str, Array]) -> Array:
@@ -228,15 +229,15 @@ def weighted_force(contact: Contact, radius: float, *, measure: Measure = "weigh
 
     `radius` r [limb lengths] is that of the receptive field. Taxels farther than 2 r from the centre, to
     which eq. 7 gives negative weights, are left out; without any weight the result is 0. The weighted mean
-    falls when weak taxels join a strong one; `measure` "sum" and "peak" do not. Raises UnknownNameError for
-    another measure.
+    falls when weak taxels join a strong one, and it follows the area of a taxel; `measure` "total" does
+    neither, "peak" not the first. Raises UnknownNameError for another measure.
     """
-    if measure == "sum":
+    if measure == "total":
         return contact.force
     if measure == "peak":
         return contact.peak
     if measure != "weighted":
-        raise UnknownNameError("force measure", measure, ("weighted", "sum", "peak"))
+        raise UnknownNameError("force measure", measure, ("total", "weighted", "peak"))
     force: float = mean_force(
         contact.u, contact.theta, contact.taxel_u, contact.taxel_theta, contact.taxel_forces, radius
     )

@@ -24,6 +24,7 @@ from tci.robot.skin_files.calibration import (
     SkinCalibration,
     calibration_path,
 )
+from tci.skin.fill_factor import WIDTHS, fill_factors
 from tci.skin.kernels.arrays import BLOCK_SIZE, CHANNEL, TAXEL, Indices, LayoutArrays, Places
 from tci.skin.skin import Skin
 from tci.skin.surfaces import Surface
@@ -207,6 +208,7 @@ def _arrays(patches: Sequence[SkinPatch], on: Places) -> LayoutArrays:
         gain=_joined(gains, 0),
         nodes=np.concatenate([np.zeros((2, 0)), *(one.nodes for one in patches)], axis=1),
         taxel=_joined([np.column_stack([s.positions, s.normals, s.areas]) for s in surfaces], (0, 7)),
+        fill=_joined([fill_factors(surface) for surface in surfaces], (0, len(WIDTHS))),
         graph=adjacency(int(begin[-1, TAXEL]), _joined(neighbours, (0, 2)).astype(np.intp)),
         faces=_joined(faces, (0, 3)).astype(np.int32),
         box=np.array([one[0] for one in grids], np.float64).reshape(-1, 7),

@@ -14,6 +14,8 @@ from tci.frames import apply, invert
 from tci.messages import JointReading
 from tci.robot.generic_arm import limb_coordinates
 from tci.skin.contacts import ContactSettings, centre_of_pressure
+from tci.skin.fill_factor import WIDTHS, fill_factors
+from tci.skin.kernels.contacts import LEAST_FILL, NARROW
 from tci.skin.kernels.isolated import ONE_SIDED
 from tci.skin.skin import segment_pose
 from tci.skin.surfaces import Surface
@@ -102,17 +104,28 @@ def contacts(
             points_S = apply(invert(T_TS) @ T_TL, np.concatenate([p_L[None], positions]))
             u, theta = limb_coordinates(points_S, segment.length, part.side)
             n_T = T_TL[:3, :3] @ n_L
+            force = forces.sum() / fill_factor(surface, taxels, forces)
             own.append(
                 SimpleNamespace(
                     patch=patch.name, part=patch.part, segment=patch.segment, stamp=one.stamp,
-                    sequence=one.sequence, taxels=taxels, taxel_forces=forces, force=forces.sum(),
+                    sequence=one.sequence, taxels=taxels, taxel_forces=forces, force=force,
                     peak=forces.max(), area=surface.areas[taxels].sum(), p_L=p_L, n_L=n_L,
-                    p_T=apply(T_TL, p_L), n_T=n_T, f_T=-forces.sum() * n_T, u=u[0], theta=theta[0],
+                    p_T=apply(T_TL, p_L), n_T=n_T, f_T=-force * n_T, u=u[0], theta=theta[0],
                     taxel_u=u[1:], taxel_theta=theta[1:],
                 )
             )  # fmt: skip
         found += sorted(own, key=lambda contact: (-contact.force, contact.u, contact.theta))
     return found
+
+
+def fill_factor(surface: Surface, taxels: np.ndarray, forces: np.ndarray) -> float:
+    """Returns the fill factor around a touch, averaged over its width."""
+    positions = surface.positions[taxels]
+    mean = centre_of_pressure(positions, forces)
+    spread = forces @ ((positions - mean) ** 2).sum(axis=1) / forces.sum() / 2.0
+    width = np.sqrt(max(spread, NARROW**2 * surface.areas[taxels].mean()))
+    factors = [np.interp(np.log(width), np.log(WIDTHS), row) for row in fill_factors(surface)[taxels]]
+    return max(float(forces @ factors / forces.sum()), LEAST_FILL)
 
 
 class Tracks:

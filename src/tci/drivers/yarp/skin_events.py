@@ -57,7 +57,7 @@ def _encode(number: int, contact: Contact) -> list[Any]:
     link, skin = SEGMENTS.get(contact.segment, (0, 7 if contact.part == "torso" else 0))
     skin += 3 * contact.part.startswith("right") if skin in (1, 2, 3) else 0
     where, push = contact.p_L.tolist(), (-contact.force * contact.n_L).tolist()
-    pressure = contact.force / (NEWTON * max(len(contact.taxels), 1))
+    pressure = contact.taxel_forces.sum() / (NEWTON * max(len(contact.taxels), 1))
     return [
         [number, BODY_PARTS[contact.part], link, skin], where, push, [0.0, 0.0, 0.0], where,
         contact.n_L.tolist(), contact.taxels.tolist(), pressure,

@@ -49,6 +49,8 @@ class LayoutArrays(NamedTuple):
     """Deviation [counts] and pressure [Pa] (2, m) at the nodes of piecewise linear responses."""
     taxel: Array
     """Position [m], normal and area [m2] (n, 7), in the patch's link."""
+    fill: Array
+    """Fill factor (n, w) around each taxel, at each of `fill_factor.WIDTHS`."""
     graph: Indices
     """Start of each taxel's neighbours (n + 1 entries), followed by the neighbours."""
     faces: Indices
@@ -154,7 +156,7 @@ class ContactArrays(NamedTuple):
 
 LAYOUT = record(
     LayoutArrays, reads(2, int64), reads(2, float32), reads(1), reads(1, int64), reads(2, int64), reads(1),
-    reads(2), reads(2), reads(1, int32), reads(2, int32), reads(2), reads(1, int32), reads(2),
+    reads(2), reads(2), reads(2), reads(1, int32), reads(2, int32), reads(2), reads(1, int32), reads(2),
     reads(2, int64),
 )  # fmt: skip
 ESTIMATES = record(

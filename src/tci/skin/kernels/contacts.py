@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import float64, int64, void
+from numba import float64, int32, int64, void
 
 from tci.compiled import compiled, inlined, reads, returns, writes
 from tci.frames import Array
 from tci.robot.kernels.limb import Row, limb_pose
 from tci.robot.limb import RHO
+from tci.skin.fill_factor import WIDTHS
 from tci.skin.kernels.arrays import (
     ACTIVE,
     AREA,
@@ -22,12 +23,19 @@ from tci.skin.kernels.arrays import (
     ActiveTaxels,
     Clusters,
     ContactArrays,
+    Indices,
     LayoutArrays,
 )
 from tci.skin.kernels.nearest import nearest
 
 FORCE, PEAK, AREA_SUM, U, THETA, Y, Z, POINT, NORMAL, SUMMARY = 0, 1, 2, 3, 4, 5, 6, 7, 10, 13
 """Columns of a summary, and their number."""
+NARROW = 0.5
+"""Least width of a touch [taxel pitches], for one that few taxels show. Assumed: measured widths of touches
+between 3 and 5 mm are then about right on lattices of 6 to 10 mm."""
+LEAST_FILL = 0.15
+"""Least fill factor by which forces are divided. Assumed: on sparser skin the result would be a guess."""
+_FIRST, _LAST = float(WIDTHS[0]), len(WIDTHS) - 1
 _NONE, _ONE = np.uint64(0), np.uint64(1)
 """Unsigned indices: numba then omits the check for negative (wrap-around) indices."""
 
@@ -137,6 +145,38 @@ def _on_limb(
 
 
 @inlined
+def _fill(taxels: Indices, forces: Array, layout: LayoutArrays) -> float:
+    """Returns the fill factor around `taxels` (k,) with `forces` (k,) [N], averaged over the touch's width.
+
+    The width is the root of half of the forces' second moment: the standard deviation of a round touch.
+    """
+    places, fill = layout.taxel, layout.fill
+    total, area, x, y, z, square = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(len(taxels)):
+        i, f = np.uint64(taxels[k]), forces[k]
+        a, b, c = places[i, 0], places[i, 1], places[i, 2]
+        total, area = total + f, area + places[i, AREA]
+        x, y, z = x + f * a, y + f * b, z + f * c
+        square += f * (a * a + b * b + c * c)
+    x, y, z = x / total, y / total, z / total
+    variance = max((square / total - x * x - y * y - z * z) / 2.0, NARROW * NARROW * area / len(taxels))
+    column = min(max(np.log2(variance / _FIRST**2) / 2.0, 0.0), float(_LAST))
+    low = np.uint64(min(int(column), _LAST - 1))
+    part, result = column - low, 0.0
+    for k in range(len(taxels)):
+        i = np.uint64(taxels[k])
+        result += forces[k] * (fill[i, low] + part * (fill[i, low + _ONE] - fill[i, low]))
+    return max(result / total, LEAST_FILL)
+
+
+@compiled(float64(reads(1, int32), reads(1), LAYOUT))
+def fill_around(taxels: Indices, forces: Array, layout: LayoutArrays) -> float:
+    """Returns the fill factor around a touch: the fraction of its force that `taxels` (k,) of the whole skin
+    measure."""
+    return _fill(taxels, forces, layout)
+
+
+@inlined
 def _summarise(
     c: int, p: int, T_SL: tuple[Row, Row, Row], layout: LayoutArrays, clusters: Clusters, row: Array
 ) -> None:
@@ -152,8 +192,10 @@ def _summarise(
         mean_x += f * taxels[i, 0]
         mean_y += f * taxels[i, 1]
         mean_z += f * taxels[i, 2]
-    row[FORCE], row[PEAK], row[AREA_SUM] = total, peak, area
     mean = mean_x / total, mean_y / total, mean_z / total
+    begin, end = clusters.bound[c], clusters.bound[c + 1]
+    row[FORCE] = total / _fill(clusters.member[begin:end], clusters.member_force[begin:end], layout)
+    row[PEAK], row[AREA_SUM] = peak, area
     nearest(mean, p, layout, row[POINT:NORMAL], row[NORMAL:])
     x, y, z = row[POINT], row[POINT + 1], row[POINT + 2]
     u, y_L, z_L = _on_limb(T_SL, x, y, z, layout.limb[p, 12], layout.limb[p, 13])

@@ -22,6 +22,7 @@ import numpy as np
 import touch_to_motion
 import without_skin
 from foot import draw as draw_foot
+from same_touch import draw as draw_same_touch
 
 import tci
 from tci.body.places import find_place
@@ -154,6 +155,7 @@ def come_near(shown: Viewer, key: str, link: str) -> None:
 MAKERS: dict[str, Callable[[Path], None]] = {
     "demo": demo,
     "foot": foot,
+    "same_touch": lambda _: draw_same_touch(IMAGES / "same-touch.png"),
     "plot": plot,
     "shrug": shrug,
     "notebook": notebook,

@@ -45,7 +45,7 @@ PITCH = 0.012
 @inlined
 def respond(
     repeats, values, last, which, stamps, layout, estimates, memory, active, clusters, poses, posture,
-    summary, made, segments, fields, squares, closest, one, gains,
+    summary, made, segments, fields, beside, squares, closest, one, gains,
 ):  # fmt: skip
     count = 0
     for again in range(repeats):
@@ -59,7 +59,7 @@ def respond(
             made.site[:count], made.begin, made.force, made.peak, made.limb_point, made.taxel_force,
             made.taxel_point,
         )  # fmt: skip
-        _answer(fields, False, segments, touches, squares, closest, one)
+        _answer(fields, False, segments, touches, beside, squares, closest, one)
         for c in range(count):
             if closest[c] >= 0:
                 gains[closest[c]] = max(gains[closest[c]], one[c])
@@ -110,7 +110,7 @@ class Frame:
             conditioner._memory, conditioner._out,
         )  # fmt: skip
         self._clusters, self._posture = finder._clusters, (poses, self.posture[None, :4].copy())
-        self._room = np.zeros(fields), np.zeros(n, np.int64), np.zeros(n)
+        self._room = np.full(n, -1), np.zeros(fields), np.zeros(n, np.int64), np.zeros(n)
         self._segments = segments_of(self.layout.sites)
         self._arguments = (
             *self._condition[:3], *self._condition[4:], self._clusters, *self._posture,
@@ -151,7 +151,7 @@ class Frame:
             )
         )  # fmt: skip
         closest, gains = np.empty(count, np.int64), np.empty(count)
-        find_answers(self.table, False, self._segments, touches, self._room[0], closest, gains)
+        find_answers(self.table, False, self._segments, touches, *self._room[:2], closest, gains)
 
     def numpy(self) -> np.ndarray:
         """Processes the frame with the oracle of the tests: contacts as objects, gains by NumPy."""

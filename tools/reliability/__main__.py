@@ -32,15 +32,16 @@ from report import commit, save, show
 from row import HEAD, Row, write_page
 from stream import yarp_skin
 from timing import one_kilohertz
+from whole_arm import whole_arm
 from wires import wires
 from without_skin import felt_nothing, felt_places, felt_reflex
 
 ROWS: dict[str, Callable[[bool], Row]] = {
     one.__name__: one
     for one in (
-        limits, plant, bodies, moves_away, non_finite, heartbeat, one_kilohertz, loop, false_reflexes,
-        descriptions, guided, heartbeats, wires, dropped, killed, minute, yarp_skin, yarp_kills,
-        mutation, branches, exposure, felt_places, felt_nothing, felt_reflex,
+        limits, plant, bodies, moves_away, whole_arm, non_finite, heartbeat, one_kilohertz, loop,
+        false_reflexes, descriptions, guided, heartbeats, wires, dropped, killed, minute, yarp_skin,
+        yarp_kills, mutation, branches, exposure, felt_places, felt_nothing, felt_reflex,
     )
 }  # fmt: skip
 

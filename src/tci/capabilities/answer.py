@@ -98,12 +98,17 @@ def _squares(fields: Array, segment: float, u: float, y: float, z: float, square
 _TOUCHES = record(Touches, reads(1, int64), reads(1, int64), reads(1), reads(1), reads(2), reads(1), reads(2))
 
 
-@compiled(void(reads(2), boolean, reads(1, int64), _TOUCHES, writes(1), writes(1, int64), writes(1)))
+@compiled(
+    void(
+        reads(2), boolean, reads(1, int64), _TOUCHES, writes(1, int64), writes(1), writes(1, int64), writes(1)
+    )
+)
 def find_answers(
     fields: Array,
     cosine: bool,
     segments: NDArray[np.int64],
     contacts: Touches,
+    beside: NDArray[np.int64],
     squares: Array,
     nearest: NDArray[np.int64],
     gains: Array,
@@ -115,6 +120,7 @@ def find_answers(
         cosine: Uses `psi_cosine` instead of `psi`.
         segments: Indices (p,) of the sites' segments, from `segments_of`.
         contacts: Arrays of c contacts.
+        beside: Index (c,) of a field that each contact must not choose; -1 for none.
         squares: Scratch array (m,).
         nearest: Output (c,); -1 if the contact lies in no field.
         gains: Output (c,), 0..1.
@@ -124,7 +130,7 @@ def find_answers(
         _squares(fields, np.float64(segments[contacts.site[c]]), point[0], point[1], point[2], squares)
         closest, least = -1, np.inf
         for i in range(len(squares)):
-            if squares[i] < least:
+            if squares[i] < least and i != beside[c]:
                 closest, least = i, squares[i]
         nearest[c], gains[c] = closest, 0.0
         if closest >= 0:

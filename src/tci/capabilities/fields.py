@@ -91,6 +91,7 @@ class _FieldsFile(Description):
 
     force: dict[Measure, ForceRange]
     field: Annotated[list[_FieldTable], Field(min_length=1)]
+    surround: Annotated[list[_FieldTable], Field(default_factory=list)]
 
 
 def default_fields(*, measure: Measure = "total") -> tuple[ReceptiveField, ...]:
@@ -99,8 +100,16 @@ def default_fields(*, measure: Measure = "total") -> tuple[ReceptiveField, ...]:
         return load_fields(path, measure=measure)
 
 
-def load_fields(path: str | Path, *, measure: Measure = "total") -> tuple[ReceptiveField, ...]:
-    """Reads the fields from a TOML file, with the thresholds that it states for `measure`.
+def default_surround(*, measure: Measure = "total") -> tuple[ReceptiveField, ...]:
+    """Returns the wide fields around the five: together they cover forearm and upper arm."""
+    with as_file(files("tci.capabilities") / "withdrawal.toml") as path:
+        return load_fields(path, measure=measure, surround=True)
+
+
+def load_fields(
+    path: str | Path, *, measure: Measure = "total", surround: bool = False
+) -> tuple[ReceptiveField, ...]:
+    """Reads the fields, or those of the `surround`, from a TOML file, with its thresholds for `measure`.
 
     Raises DescriptionError with every fault of the file at once.
     """
@@ -125,7 +134,7 @@ def load_fields(path: str | Path, *, measure: Measure = "total") -> tuple[Recept
             saturation=limits.saturation_n,
             motion=tuple(radians(angle) for angle in table.motion_deg),
         )
-        for table in content.field
+        for table in (content.surround if surround else content.field)
     )
 
 
@@ -154,10 +163,10 @@ def _sentence(raw: dict[str, Any], fault: Any) -> str:
     keys = [key for key in fault["loc"] if key != "[key]"]
     place = ""
     table_type: type[Description] = ForceRange if keys[0] == "force" else _FieldsFile
-    if keys[0] == "field" and len(keys) > 1:
-        table = raw["field"][keys[1]]
+    if keys[0] in ("field", "surround") and len(keys) > 1:
+        table = raw[keys[0]][keys[1]]
         name = table.get("name", "no name") if isinstance(table, dict) else "no table"
-        place, table_type = f"field {keys[1] + 1} ({name})", _FieldTable
+        place, table_type = f"{keys[0]} {keys[1] + 1} ({name})", _FieldTable
         keys = keys[2:]
     where = ", ".join(filter(None, [place, ".".join(map(str, keys))]))
     if fault["type"] == "extra_forbidden":
@@ -167,8 +176,8 @@ def _sentence(raw: dict[str, Any], fault: Any) -> str:
 
 
 def _repeated_names(raw: dict[str, Any]) -> list[str]:
-    tables = raw.get("field")
-    names = [t.get("name") for t in tables if isinstance(t, dict)] if isinstance(tables, list) else []
+    kinds = [tables for key in ("field", "surround") if isinstance(tables := raw.get(key), list)]
+    names = [table.get("name") for tables in kinds for table in tables if isinstance(table, dict)]
     counts = Counter(name for name in names if isinstance(name, str))
     return [
         f"{count} fields are named {name!r}; each needs its own name"

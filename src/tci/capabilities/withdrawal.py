@@ -5,7 +5,7 @@ It moves once per touch and never towards the object: see `withdrawal_rule`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
@@ -15,7 +15,7 @@ import numpy as np
 from tci.body.generic_body import GenericBody
 from tci.capabilities.answer import field_table, find_answers, segments_of, touches
 from tci.capabilities.capability import Capability
-from tci.capabilities.fields import ReceptiveField, default_fields
+from tci.capabilities.fields import ReceptiveField, default_fields, default_surround
 from tci.capabilities.withdrawal_rule import Wish, Withdrawals, blind_field, new_targets, withdraw_all
 from tci.errors import TciError
 from tci.frames import Array, read_only
@@ -61,6 +61,9 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
 
     fields: Sequence[ReceptiveField] = field(default_factory=default_fields)
     """Receptive fields; `load_fields` reads others from a file. Without fields there is no reflex."""
+    surround: Sequence[ReceptiveField] | None = None
+    """Wide fields that respond where none of `fields` does, or where its response is refused: the closest,
+    then the next. None: `default_surround` around the default fields, and nothing around others."""
     refractory: float = 0.5
     """Time [s] without a response that ends a touch, after which the arm can withdraw again. Assumed: a hand
     that slides or shakes makes contact again sooner."""
@@ -78,6 +81,10 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fields", tuple(self.fields))
+        surround = self.surround
+        if surround is None:
+            surround = default_surround() if self.fields == default_fields() else ()
+        object.__setattr__(self, "surround", tuple(surround) if self.fields else ())
         object.__setattr__(self, "mode", Mode.of(self.mode))
         if not 0.0 < self.refractory < np.inf:
             raise TciError(f"withdrawal: refractory {self.refractory} s; valid: above 0 and finite")
@@ -141,31 +148,36 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         return None
 
     def answer(self, contact: Contact) -> Answer | None:
-        """Returns the response of the closest field to one contact (eqs 5-7); None if there is none.
+        """Returns the response to one contact of the closest field that it lies in (eqs 5-7), or of the
+        closest of the surround; None if there is none.
 
-        Only the closest field responds, since the sum over overlapping fields would have no bound.
+        Only one field responds, since the sum over overlapping fields would have no bound.
         """
-        ((_, closest, gain),) = self._find(Contacts.of((contact,)))
-        return Answer(self.fields[closest], gain) if gain > 0.0 else None
-
-    def _find(self, table: Contacts) -> Iterable[tuple[int, int, float]]:
-        """Returns for each contact the index of its site, the index of the nearest field, and the gain, which
-        is 0 without response."""
-        closest, gains = np.empty(len(table), np.int64), np.empty(len(table))
-        find_answers(
-            self._table, self.distance_discount == "cosine", segments_of(table.sites), touches(table),
-            np.empty(len(self.fields)), closest, gains,
-        )  # fmt: skip
-        return zip(table.site.tolist(), closest.tolist(), gains.tolist(), strict=True)
+        wishes = [one for part in self._wishes(Contacts.of((contact,))).values() for one in part]
+        return Answer(wishes[0].field, wishes[0].gain) if wishes else None
 
     def _wishes(self, contacts: Contacts) -> dict[str, list[Wish[ReceptiveField]]]:
-        """Returns the responses that the contacts ask for, by part."""
+        """Returns the responses that the contacts ask for, by part, the first of a contact first: that of the
+        closest field, then those of the two closest of the surround."""
         wishes: dict[str, list[Wish[ReceptiveField]]] = {}
-        for row, (site, nearest, gain) in enumerate(self._find(contacts)):
-            if gain > 0.0:
-                wishes.setdefault(contacts.sites[site].part, []).append(Wish(self.fields[nearest], gain, row))
+        segments, felt = segments_of(contacts.sites), touches(contacts)
+        for ranks, fields, table in self._tables:
+            closest = np.full(len(contacts), -1)
+            for rank in ranks:
+                beside, closest, gains = closest, np.empty(len(contacts), np.int64), np.empty(len(contacts))
+                find_answers(
+                    table, self.distance_discount == "cosine", segments, felt, beside, np.empty(len(fields)),
+                    closest, gains,
+                )  # fmt: skip
+                rows = zip(contacts.site.tolist(), closest.tolist(), gains.tolist(), strict=True)
+                for row, (site, nearest, gain) in enumerate(rows):
+                    if gain > 0.0:
+                        wish = Wish(fields[nearest], gain, row, rank)
+                        wishes.setdefault(contacts.sites[site].part, []).append(wish)
         return wishes
 
     @cached_property
-    def _table(self) -> Array:
-        return field_table(self.fields)
+    def _tables(self) -> list[tuple[tuple[int, ...], Sequence[ReceptiveField], Array]]:
+        """Returns the ranks of the fields, and those of the surround, with their tables."""
+        sets = ((0,), self.fields), ((1, 2), self.surround or ())
+        return [(ranks, fields, field_table(fields)) for ranks, fields in sets if fields]

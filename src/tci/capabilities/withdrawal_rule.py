@@ -52,6 +52,8 @@ class Wish(NamedTuple, Generic[F]):
     """phi(F) psi(d), above 0 and at most 1 (eq. 5)."""
     contact: int
     """Index in `Perception.contacts`."""
+    rank: int = 0
+    """Place in the order in which responses of other fields are tried: 0 is first."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -282,10 +284,10 @@ def _begin(
     origin, now, met = frozen(posture.copy()), perception.stamp, _identities(perception)
     ways: dict[tuple[float, ...], list[Wish[F]]] = {}
     # Equal gains are sorted by name, so that the result does not depend on the order of contacts.
-    for wish in sorted(wishes, key=lambda wish: (wish.gain, wish.field.name), reverse=True):
+    for wish in sorted(wishes, key=lambda wish: (-wish.rank, wish.gain, wish.field.name), reverse=True):
         ways.setdefault(wish.field.motion, []).append(wish)
     for same in ways.values():  # one check for each motion, not for each touch
-        field, gain, _ = same[0]
+        field, gain = same[0].field, same[0].gain
         begun = Withdrawal(field, origin, gain, now, now, met=met)
         answers = [wish.contact for wish in same]
         reason = why_not(perception, body, part, begun.target, mode=mode, answers=answers)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from tci.experiments.experiment import Report
     from tci.experiments.measure import Trial
+    from tci.experiments.same_touch import SameTouch
     from tci.messages import Mode
     from tci.robot.description import Robot
 
@@ -144,6 +145,7 @@ def _run_trials(
         print_json(report.to_json())
         return
     console.print(_table(report, mode))
+    console.print(_touches(report))
     _summary(report, robots)
     console.print(f"picture {picture}\nreport  {path}", highlight=False, markup=False)
     if not headless and sys.stdout.isatty() and (os.environ.get("DISPLAY") or sys.platform != "linux"):
@@ -192,6 +194,33 @@ def _table(report: Report, mode: str) -> Table:
             f"{trial.withdrawn_mm:.0f}",
             f"{trial.withdrawn_without_reflex_mm:.1f}",
             f"[red]{trial.limit_violations}[/]" if trial.limit_violations else "[green]0[/]",
+        )
+    return table
+
+
+def _touches(report: Report) -> Table:
+    """Returns the table of equal touches: the force and the gain of each robot."""
+    from rich.table import Table
+
+    table = Table(
+        title="The same touch on every skin: perceived force \\[N] and gain of the reflex",
+        caption="Medians over places on the left arm. Lines in grey: too weak for the coarsest of the skins.",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+        collapse_padding=True,
+    )
+    names = list(dict.fromkeys(row.robot for row in report.same_touch))
+    for name in ("probe\nmm", "pressed\nN", *names):
+        table.add_column(name, justify="right", no_wrap=True)
+    touches: dict[tuple[float, float], list[SameTouch]] = {}
+    for row in report.same_touch:
+        touches.setdefault((row.probe_mm, row.pressed_n), []).append(row)
+    for (probe, pressed), rows in touches.items():
+        table.add_row(
+            f"{probe:g}",
+            f"{pressed:g}",
+            *(f"{row.force_n:.2f}  {row.gain:.2f}" for row in rows),
+            style="" if rows[0].resolved else "dim",
         )
     return table
 

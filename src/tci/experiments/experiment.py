@@ -1,4 +1,4 @@
-"""The trials of the demo: every robot, side and site; then one stimulus on all robots."""
+"""The trials of the demo: every robot, side and site; then one stimulus and one touch on all robots."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from tci.experiments.measure import Trial, measure
 from tci.experiments.poke import Stimulus, poke
 from tci.experiments.remote_trial import RemoteTrial
 from tci.experiments.same_stimulus import SameStimulus, same_stimulus
+from tci.experiments.same_touch import SameTouch, same_touch
 from tci.robot.description import Robot
 from tci.simulation.world import World
 
@@ -25,6 +26,7 @@ class Report:
 
     trials: tuple[Trial, ...]
     same_stimulus: SameStimulus
+    same_touch: tuple[SameTouch, ...]
 
     def to_json(self) -> dict[str, Any]:
         """Returns the report as JSON values."""
@@ -73,4 +75,5 @@ def run_experiment(
         for trial in trials_of(robot, reflex, stimulus=stimulus or Stimulus(), seed=seed, via=via):
             trials.append(trial)
             progress(trial)
-    return Report(tuple(trials), same_stimulus([GenericBody(robot) for robot in robots], reflex.fields))
+    bodies = [GenericBody(robot) for robot in robots]
+    return Report(tuple(trials), same_stimulus(bodies, reflex.fields), same_touch(bodies, reflex, seed=seed))

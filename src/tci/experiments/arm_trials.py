@@ -1,0 +1,78 @@
+"""Random pokes anywhere on forearms and upper arms: the reflex must take the skin away from the finger."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from tci.body.places import Place
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.errors import TciError
+from tci.experiments.measure import AWAY
+from tci.experiments.poke import Stimulus, Trace, poke_place
+from tci.robot.description import Robot
+from tci.simulation.finger import STIFFNESS
+from tci.simulation.world import World
+
+FORCES = (0.5, 10.0)
+"""Range of the finger's force [N] on an arm that does not move."""
+DURATION = 0.6
+"""Length of a trial [s]. Assumed: two thirds of the motion are over, and most is decided long before."""
+
+
+@dataclass(frozen=True, slots=True)
+class ArmTrial:
+    """Result of one poke of an arm."""
+
+    patch: str
+    taxel: int
+    force_n: float
+    """Force [N] of the finger on an arm that does not move."""
+    answered: bool
+    """True if the reflex commanded this arm, and no other part, and its skin moved away by AWAY [mm]."""
+    towards: bool
+    """True if the skin moved towards the finger by AWAY [mm] at any time after the first command."""
+    reason: str
+    """Reason why the arm did not move; empty if none was given."""
+
+
+def arm_trials_of(robot: Robot, reflex: WithdrawalReflex, *, count: int, seed: int = 0) -> Iterator[ArmTrial]:
+    """Pokes `count` random taxels of the robot's arms with random forces, from its initial posture.
+
+    Places without room for the finger, as between arm and torso, are left out.
+    """
+    world, chance = World(robot, seed=seed), np.random.default_rng(seed)
+    taxels = [
+        (patch, taxel)
+        for patch in robot.patches
+        if robot.part(patch.part).kind == "arm" and robot.limb_segment(patch) is not None
+        for taxel in range(len(world.surfaces[patch.name].positions))
+    ]
+    done = 0
+    while done < count:
+        patch, taxel = taxels[chance.integers(len(taxels))]
+        force, surface = float(chance.uniform(*FORCES)), world.surfaces[patch.name]
+        place = Place(patch.name, surface.positions[taxel], surface.normals[taxel])
+        stimulus = Stimulus(depth=force / STIFFNESS, duration=DURATION)
+        try:
+            trace = poke_place(world, place, stimulus, reflex=reflex, seed=seed + done)
+        except TciError:
+            continue
+        moved = _moved(trace)
+        right = {part for _, part in trace.commanded} == {patch.part}
+        yield ArmTrial(
+            patch.name, taxel, force, right and moved[-1] >= AWAY, bool(moved.min() <= -AWAY),
+            "; ".join(trace.notes),
+        )  # fmt: skip
+        done += 1
+
+
+def _moved(trace: Trace) -> np.ndarray:
+    """Returns how far (k,) [mm] the skin has moved away from the finger since the first command."""
+    if not trace.commanded:
+        return np.zeros(1)
+    away = np.array(trace.away)[np.array(trace.time) >= trace.commanded[0][0]]
+    moved: np.ndarray = (away - away[0]) * 1e3
+    return moved

@@ -1,0 +1,176 @@
+"""Comparison of several robots' skins under equal pressure: perceived forces, and gains of the reflex.
+
+Round Gaussian touches are laid on each skin, as the raw counts that its taxels would send. Conditioning and
+contacts are those of a robot, so the areas, gaps and resolution of the taxels take part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tci.body.generic_body import BodySettings, GenericBody
+from tci.body.perceiver import Perceiver
+from tci.capabilities.fields import ReceptiveField
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.experiments.same_stimulus import initial_joints
+from tci.frames import Array, read_only
+from tci.messages import Contact, Reading, SkinFrame
+from tci.robot.description import Robot
+from tci.robot.limb import RHO
+from tci.skin.contacts import ContactSettings
+from tci.skin.layout import normal_channels
+
+PROBES = (0.003, 0.005, 0.010, 0.020)
+"""Radii [m] of the touches, from a blunt pencil to a palm: 3/2 of the pressure's standard deviation."""
+FORCES = (0.3, 1.0, 3.0, 10.0)
+"""Forces [N] of the touches."""
+PLACES = 16
+"""Number of places in each receptive field."""
+RESOLVED = 5.0
+"""Least peak pressure [counts] on each skin for the touch to be resolved by all. Assumed: rounding to whole
+counts then changes the force by less than 5 %."""
+STEP = 1e-4
+"""Time [s] from touch to touch. Assumed: so short that no estimation window ends, and each touch meets the
+skin as it was untouched."""
+PART = "left_arm"
+_TURNS = 2.0 * np.pi * np.concatenate([[0.0], np.arange(6) / 6.0, np.arange(12) / 12.0])
+_POINTS = np.repeat([0.0, 0.4, 0.8], (1, 6, 12)) * np.array([np.cos(_TURNS), np.sin(_TURNS)])
+"""Points (2, 19) [taxel radii] at which the pressure on a taxel is averaged: its middle and two rings."""
+
+
+@dataclass(frozen=True, slots=True)
+class SameTouch:
+    """One touch, laid on many places of one robot's arm."""
+
+    robot: str
+    probe_mm: float
+    """Radius of the touch."""
+    pressed_n: float
+    """Its force."""
+    force_n: float
+    """Median of the perceived forces; 0 for a touch that is not perceived."""
+    gain: float
+    """Median gain of the reflex."""
+    resolved: bool
+    """True if the touch presses the taxels of all compared robots with at least RESOLVED counts."""
+
+
+def same_touch(
+    bodies: Sequence[GenericBody], reflex: WithdrawalReflex, *, seed: int = 0
+) -> tuple[SameTouch, ...]:
+    """Lays the same touches on the same places of each robot's left arm, in the inner half of each field.
+
+    Places are those of the generic limb where every robot has skin.
+    """
+    arms, chance = [Arm(body, reflex) for body in bodies], np.random.default_rng(seed)
+    places = [place for field in reflex.fields for place in places_on(arms, field, chance)]
+    rows = []
+    for radius in PROBES if places else ():
+        pressures = [[arm.pressure(place, radius) for place in places] for arm in arms]
+        least = max(arm.resolution for arm in arms) * RESOLVED
+        for arm, laid in zip(arms, pressures, strict=True):
+            for force in FORCES:
+                felt = np.median([arm.answer(arm.touch(*one, force)) for one in laid], axis=0)
+                peak = force / (2.0 * np.pi * (radius / 1.5) ** 2)
+                row = SameTouch(arm.name, radius * 1e3, force, float(felt[0]), float(felt[1]), peak >= least)
+                rows.append(row)
+    return tuple(rows)
+
+
+Place = tuple[str, float, float]
+"""Segment, u and theta [rad]."""
+
+
+def places_on(arms: Sequence[Arm], field: ReceptiveField, chance: np.random.Generator) -> Iterator[Place]:
+    """Yields up to PLACES random places in the inner half of a field that lie on every robot's skin."""
+    found = 0
+    for distance, way in chance.uniform((0.0, -np.pi), (1.0, np.pi), (40 * PLACES, 2)):
+        apart = 0.5 * field.radius * np.sqrt(distance)
+        place = field.segment, field.u + apart * np.cos(way), field.theta + apart * np.sin(way) / RHO
+        if all(arm.has_skin(place) for arm in arms):
+            yield place
+            found += 1
+        if found == PLACES:
+            return
+
+
+class Arm:
+    """The skin of one robot's arm, unrolled, and what is perceived of touches."""
+
+    def __init__(self, body: GenericBody, reflex: WithdrawalReflex) -> None:
+        robot: Robot = body.robot
+        self.name = robot.name
+        # Isolated taxels are accepted at once: those of a lasting touch are after 0.2 s.
+        settings = BodySettings(contacts=ContactSettings(isolated=None))
+        self._perceiver = Perceiver(GenericBody(robot, settings=settings))
+        self._joints, self._reflex, self._count = initial_joints(robot), reflex, 0
+        self._rest = {one.name: np.full(one.channels, one.sensor.rest) for one in robot.patches}
+        part = robot.part(PART)
+        self._sleeves = {}
+        for patch in robot.patches:
+            if patch.part == PART and (segment := robot.limb_segment(patch)) is not None:
+                u, theta, radius = body.skin.limb(patch.name, self._joints)
+                areas = body.skin.surfaces[patch.name].areas
+                length = part.segment(segment.name).length
+                self._sleeves[segment.name] = patch, u * length, theta, radius, areas, length
+        self._channels = {
+            patch.name: normal_channels(patch, body.skin.surfaces[patch.name]) for patch in robot.patches
+        }
+        self.resolution = max(abs(sleeve[0].sensor.pascal_per_count) for sleeve in self._sleeves.values())
+        """Pressure [Pa] of one count on the coarsest patch."""
+        self._perceive(self._rest)
+
+    def _offsets(self, place: Place) -> tuple[Array, Array]:
+        """Returns how far (taxels,) [m] each taxel lies from a place, along the limb and around it."""
+        segment, u, theta = place
+        _, x, angle, radius, _, length = self._sleeves[segment]
+        around = (angle - theta + np.pi) % (2.0 * np.pi) - np.pi
+        along = x - u * length
+        near = radius[np.hypot(along, around * radius).argmin()]
+        return along, around * (radius + near) / 2.0
+
+    def has_skin(self, place: Place) -> bool:
+        """Returns True if a place is not farther from a taxel than a place between taxels can be."""
+        if place[0] not in self._sleeves:
+            return False
+        apart = np.hypot(*self._offsets(place))
+        nearest = int(apart.argmin())
+        return bool(apart[nearest] <= 0.75 * np.sqrt(self._sleeves[place[0]][4][nearest]))
+
+    def pressure(self, place: Place, radius: float) -> tuple[Place, Array]:
+        """Returns the mean pressure (taxels,) [Pa per N] of a touch on each taxel."""
+        along, across = self._offsets(place)
+        sizes, sigma = np.sqrt(self._sleeves[place[0]][4] / np.pi), radius / 1.5
+        result = np.zeros(len(along))
+        near = np.hypot(along, across) < sizes + 5.0 * sigma
+        x = along[near, None] + sizes[near, None] * _POINTS[0]
+        y = across[near, None] + sizes[near, None] * _POINTS[1]
+        result[near] = np.exp(-(x * x + y * y) / (2.0 * sigma**2)).mean(axis=1) / (2.0 * np.pi * sigma**2)
+        return place, result
+
+    def touch(self, place: Place, pressure: Array, force: float) -> Contact | None:
+        """Returns the strongest contact that is perceived of a touch; None without one."""
+        patch = self._sleeves[place[0]][0]
+        sensor, values = patch.sensor, dict(self._rest)
+        counts = np.sign(sensor.pascal_per_count) * np.round(sensor.counts(force * pressure))
+        raw = values[patch.name].copy()
+        raw[self._channels[patch.name]] += counts
+        values[patch.name] = np.clip(raw, sensor.lowest, sensor.highest)
+        return self._perceive(values)
+
+    def answer(self, contact: Contact | None) -> tuple[float, float]:
+        """Returns the force [N] of a contact and the gain of the reflex; zeros without a contact."""
+        if contact is None:
+            return 0.0, 0.0
+        answer = self._reflex.answer(contact)
+        return contact.force, 0.0 if answer is None else answer.gain
+
+    def _perceive(self, values: dict[str, Array]) -> Contact | None:
+        self._count += 1
+        now = STEP * self._count
+        frames = tuple(SkinFrame(name, now, self._count, read_only(raw)) for name, raw in values.items())
+        contacts = self._perceiver.step(Reading(self._joints, frames), now).contacts
+        return max(contacts, key=lambda one: one.force, default=None)

@@ -1,0 +1,28 @@
+"""The reflex answers pokes anywhere on the arms; `make reliability` does a thousand on each robot."""
+
+from __future__ import annotations
+
+import pytest
+
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.experiments.arm_trials import ArmTrial, arm_trials_of
+from tci.robot.catalogue import load_robot
+
+
+def pokes(name: str, reflex: WithdrawalReflex, count: int) -> list[ArmTrial]:
+    trials = list(arm_trials_of(load_robot(name), reflex, count=count, seed=3))
+    print(*trials, sep="\n")
+    return trials
+
+
+@pytest.mark.parametrize("name", ["nao", "icub", "g1", "talos", "alex"])
+def test_random_pokes_of_the_arms_are_answered(name: str) -> None:
+    trials = pokes(name, WithdrawalReflex(), 8)
+    assert not any(trial.towards for trial in trials)
+    assert sum(trial.answered for trial in trials) >= 7
+
+
+def test_the_five_fields_alone_leave_much_of_the_arm_unanswered() -> None:
+    """Shows that the first test can fail."""
+    trials = pokes("nao", WithdrawalReflex(surround=()), 8)
+    assert sum(trial.answered for trial in trials) <= 6

@@ -12,6 +12,7 @@ from tci.body.generic_body import GenericBody
 from tci.experiments.same_touch import PROBES, Arm, places_on
 from tci.skin.contacts import weighted_force
 
+ROBOTS = ("nao", "icub", "g1", "talos", "alex")
 FORCE = 10.0
 """Force [N] of the touches: all skins resolve it with every probe."""
 MEASURES = {
@@ -24,7 +25,7 @@ MEASURES = {
 def draw(path: Path) -> None:
     """Writes the picture: one panel for each measure, one line for each robot."""
     reflex, chance = tci.WithdrawalReflex(), np.random.default_rng(0)
-    arms = [Arm(GenericBody(tci.load_robot(name)), reflex) for name in tci.robot_names()]
+    arms = [Arm(GenericBody(tci.load_robot(name)), reflex) for name in ROBOTS]
     places = [place for field in reflex.fields for place in places_on(arms, field, chance)]
     figure, panels = plt.subplots(1, 3, figsize=(9.5, 3.2), layout="constrained")
     for arm in arms:

@@ -168,7 +168,7 @@ def bare_place(body: GenericBody, joints: JointReading) -> tuple[float, float]:
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("where", ["outside", "soft"])
 def test_no_response_moves_nothing(name: str, where: str) -> None:
-    """A firm poke outside every field, and one in a field's centre below the threshold."""
+    """A firm poke outside every field, with no surround, and one in a field's centre below the threshold."""
     robot = load_robot(name)
     world = World(robot)
     driver, body = SimulatedDriver(robot, world=world), GenericBody(robot)
@@ -181,7 +181,8 @@ def test_no_response_moves_nothing(name: str, where: str) -> None:
         place.patch, place.p_L, place.n_L, speed=0.2 if depth > 0.001 else 0.01, depth=depth, gap=0.001
     )
     seen: list[Tick] = []
-    run(driver, WithdrawalReflex(), duration=0.5, observe=seen.append)
+    reflex = WithdrawalReflex(surround=()) if where == "outside" else WithdrawalReflex()
+    run(driver, reflex, duration=0.5, observe=seen.append)
     assert world.finger.touching
     if where == "outside":
         assert any(tick.perception.contacts for tick in seen)

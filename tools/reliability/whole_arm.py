@@ -11,6 +11,7 @@ from row import Row
 import tci
 from tci.experiments.arm_trials import arm_trials_of
 
+ROBOTS = ("nao", "icub", "g1", "talos", "alex")
 JOB = 50
 """Number of pokes in a job."""
 LEAST = 0.95
@@ -19,16 +20,15 @@ LEAST = 0.95
 
 def whole_arm(full: bool) -> Row:
     """Pokes forearms and upper arms with 0.5 to 10 N, 1000 times on each robot."""
-    robots = tci.robot_names()
-    jobs = [(name, seed) for seed in range(1000 // JOB if full else 1) for name in robots]
+    jobs = [(name, seed) for seed in range(1000 // JOB if full else 1) for name in ROBOTS]
     done = [trial for job in gather("whole_arm", _poke, jobs, full=full) for trial in job["trials"]]
-    answered = {name: [one["answered"] for one in done if one["robot"] == name] for name in robots}
+    answered = {name: [one["answered"] for one in done if one["robot"] == name] for name in ROBOTS}
     shares = {name: sum(own) / max(len(own), 1) for name, own in answered.items()}
     towards = [one for one in done if one["towards"]]
     print(*(one for one in done if one["towards"] or not one["answered"]), sep="\n")
     words = ", ".join(f"{name} {share:.1%}" for name, share in shares.items())
     return Row(
-        f"reflex of the whole arm, {len(robots)} robots", len(done), 1000 * len(robots), "pokes",
+        f"reflex of the whole arm, {len(ROBOTS)} robots", len(done), 1000 * len(ROBOTS), "pokes",
         f"answered: {words}; {len(towards)} towards the finger",
         f"{LEAST:.0%} on each, 0 towards the finger", not towards and min(shares.values()) >= LEAST,
     )  # fmt: skip

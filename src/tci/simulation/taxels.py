@@ -168,8 +168,10 @@ class Taxels:
 def _spread(surface: Surface) -> Array:
     """Returns the area (n,) [m2] over which the force on each taxel's place is spread: its own and its share
     of the gaps around it, which measure nothing."""
-    column = int(np.abs(WIDTHS - width(surface.areas)).argmin())
-    areas: Array = surface.areas / fill_factors(surface)[:, column]
+    column = float(np.interp(np.log(width(surface.areas)), np.log(WIDTHS), np.arange(len(WIDTHS))))
+    low = min(int(column), len(WIDTHS) - 2)
+    narrow, wide = fill_factors(surface)[:, low : low + 2].T
+    areas: Array = surface.areas / (narrow + (column - low) * (wide - narrow))
     return areas
 
 

@@ -123,7 +123,8 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         There is one command for each arm whose target changed; in velocity mode, one for each arm that
         withdraws. Raises CommandError if a touched part does not have the five joints of a base motion.
         """
-        wishes = self._wishes(perception.contacts) if perception.contacts else {}
+        contacts = perception.contacts
+        wishes = self._wishes(contacts, around=self._asks_around(memory, contacts)) if contacts else {}
         after = withdraw_all(memory, wishes, perception, body, refractory=self.refractory, mode=self.mode)
         if self.mode is not Mode.VELOCITY:
             return new_targets(memory, after, self.mode), after
@@ -156,12 +157,22 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         wishes = [one for part in self._wishes(Contacts.of((contact,))).values() for one in part]
         return Answer(wishes[0].field, wishes[0].gain) if wishes else None
 
-    def _wishes(self, contacts: Contacts) -> dict[str, list[Wish[ReceptiveField]]]:
+    def _asks_around(self, memory: WithdrawalMemory, contacts: Contacts) -> bool:
+        """Returns False if all touched arms withdraw already, none of them by a field of the surround."""
+        touched = {contacts.sites[site].part for site in set(contacts.site.tolist())}
+        withdrawals = [memory.motions.get(part) for part in touched]
+        return any(one is None or one.field.name in self._around for one in withdrawals)
+
+    @cached_property
+    def _around(self) -> frozenset[str]:
+        return frozenset(field.name for field in self.surround or ())
+
+    def _wishes(self, contacts: Contacts, *, around: bool = True) -> dict[str, list[Wish[ReceptiveField]]]:
         """Returns the responses that the contacts ask for, by part, the first of a contact first: that of the
-        closest field, then those of the two closest of the surround."""
+        closest field, then, if asked `around`, those of the two closest of the surround."""
         wishes: dict[str, list[Wish[ReceptiveField]]] = {}
         segments, felt = segments_of(contacts.sites), touches(contacts)
-        for ranks, fields, table in self._tables:
+        for ranks, fields, table in self._tables if around else self._tables[:1]:
             closest = np.full(len(contacts), -1)
             for rank in ranks:
                 beside, closest, gains = closest, np.empty(len(contacts), np.int64), np.empty(len(contacts))

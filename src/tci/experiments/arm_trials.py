@@ -46,7 +46,7 @@ def arm_trials_of(robot: Robot, reflex: WithdrawalReflex, *, count: int, seed: i
     world, chance = World(robot, seed=seed), np.random.default_rng(seed)
     taxels = [
         (patch, taxel)
-        for patch in robot.patches
+        for patch in robot.skin
         if robot.part(patch.part).kind == "arm" and robot.limb_segment(patch) is not None
         for taxel in range(len(world.surfaces[patch.name].positions))
     ]

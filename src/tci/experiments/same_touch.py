@@ -63,9 +63,9 @@ def same_touch(
 ) -> tuple[SameTouch, ...]:
     """Lays the same touches on the same places of each robot's left arm, in the inner half of each field.
 
-    Places are those of the generic limb where every robot has skin.
+    Places are those of the generic limb where every robot has skin; robots without any there are left out.
     """
-    arms, chance = [Arm(body, reflex) for body in bodies], np.random.default_rng(seed)
+    arms, chance = [Arm(body, reflex) for body in bodies if _has_sleeve(body)], np.random.default_rng(seed)
     places = [place for field in reflex.fields for place in places_on(arms, field, chance)]
     rows = []
     for radius in PROBES if places else ():
@@ -78,6 +78,10 @@ def same_touch(
                 row = SameTouch(arm.name, radius * 1e3, force, float(felt[0]), float(felt[1]), peak >= least)
                 rows.append(row)
     return tuple(rows)
+
+
+def _has_sleeve(body: GenericBody) -> bool:
+    return any(one.part == PART and body.robot.limb_segment(one) is not None for one in body.robot.skin)
 
 
 Place = tuple[str, float, float]
@@ -107,17 +111,17 @@ class Arm:
         settings = BodySettings(contacts=ContactSettings(isolated=None))
         self._perceiver = Perceiver(GenericBody(robot, settings=settings))
         self._joints, self._reflex, self._count = initial_joints(robot), reflex, 0
-        self._rest = {one.name: np.full(one.channels, one.sensor.rest) for one in robot.patches}
+        self._rest = {one.name: np.full(one.channels, one.sensor.rest) for one in robot.skin}
         part = robot.part(PART)
         self._sleeves = {}
-        for patch in robot.patches:
+        for patch in robot.skin:
             if patch.part == PART and (segment := robot.limb_segment(patch)) is not None:
                 u, theta, radius = body.skin.limb(patch.name, self._joints)
                 areas = body.skin.surfaces[patch.name].areas
                 length = part.segment(segment.name).length
                 self._sleeves[segment.name] = patch, u * length, theta, radius, areas, length
         self._channels = {
-            patch.name: normal_channels(patch, body.skin.surfaces[patch.name]) for patch in robot.patches
+            patch.name: normal_channels(patch, body.skin.surfaces[patch.name]) for patch in robot.skin
         }
         self.resolution = max(abs(sleeve[0].sensor.pascal_per_count) for sleeve in self._sleeves.values())
         """Pressure [Pa] of one count on the coarsest patch."""

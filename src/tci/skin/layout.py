@@ -208,7 +208,7 @@ def _arrays(patches: Sequence[SkinPatch], on: Places) -> LayoutArrays:
         gain=_joined(gains, 0),
         nodes=np.concatenate([np.zeros((2, 0)), *(one.nodes for one in patches)], axis=1),
         taxel=_joined([np.column_stack([s.positions, s.normals, s.areas]) for s in surfaces], (0, 7)),
-        fill=_joined([fill_factors(surface) for surface in surfaces], (0, len(WIDTHS))),
+        fill=_joined([_fill(one) for one in patches], (0, len(WIDTHS))),
         graph=adjacency(int(begin[-1, TAXEL]), _joined(neighbours, (0, 2)).astype(np.intp)),
         faces=_joined(faces, (0, 3)).astype(np.int32),
         box=np.array([one[0] for one in grids], np.float64).reshape(-1, 7),
@@ -219,6 +219,13 @@ def _arrays(patches: Sequence[SkinPatch], on: Places) -> LayoutArrays:
         on=on,
     )
     return LayoutArrays(*(frozen(np.ascontiguousarray(array)) for array in made))
+
+
+def _fill(one: SkinPatch) -> Array:
+    """Returns the rows of `LayoutArrays.fill` of a patch. What is felt through joints is felt whole."""
+    if one.description.through_joints:
+        return np.ones((len(one.surface.areas), len(WIDTHS)))
+    return fill_factors(one.surface)
 
 
 def _joined(arrays: Sequence[NDArray[Any]], shape: int | tuple[int, ...]) -> NDArray[Any]:

@@ -68,7 +68,7 @@ def same_touch(
     arms, chance = [Arm(body, reflex) for body in bodies if _has_sleeve(body)], np.random.default_rng(seed)
     places = [place for field in reflex.fields for place in places_on(arms, field, chance)]
     rows = []
-    for radius in PROBES if places else ():
+    for radius in PROBES if places and arms else ():
         pressures = [[arm.pressure(place, radius) for place in places] for arm in arms]
         least = max(arm.resolution for arm in arms) * RESOLVED
         for arm, laid in zip(arms, pressures, strict=True):

@@ -80,7 +80,7 @@ class Frame:
         self.surface = self.skin.surfaces[self.patch.name]
         n = len(arrays.taxel)
         self.n, random = n, np.random.default_rng(0)
-        base = default_fields()
+        base = default_fields(measure="weighted")
         self.fields = tuple(
             base[i % 5].model_copy(
                 update={

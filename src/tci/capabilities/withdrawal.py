@@ -124,7 +124,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         withdraws. Raises CommandError if a touched part does not have the five joints of a base motion.
         """
         contacts = perception.contacts
-        wishes = self._wishes(contacts, around=self._asks_around(memory, contacts)) if contacts else {}
+        wishes = self._wishes(contacts, around=self._asking(memory, contacts)) if contacts else {}
         after = withdraw_all(memory, wishes, perception, body, refractory=self.refractory, mode=self.mode)
         if self.mode is not Mode.VELOCITY:
             return new_targets(memory, after, self.mode), after
@@ -154,22 +154,23 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
 
         Only one field responds, since the sum over overlapping fields would have no bound.
         """
-        wishes = [one for part in self._wishes(Contacts.of((contact,))).values() for one in part]
+        table = Contacts.of((contact,))
+        wishes = [one for part in self._wishes(table, around={contact.part}).values() for one in part]
         return Answer(wishes[0].field, wishes[0].gain) if wishes else None
 
-    def _asks_around(self, memory: WithdrawalMemory, contacts: Contacts) -> bool:
-        """Returns False if all touched arms withdraw already, none of them by a field of the surround."""
+    def _asking(self, memory: WithdrawalMemory, contacts: Contacts) -> set[str]:
+        """Returns the touched arms that the surround may move: those at rest, and those that it moves."""
         touched = {contacts.sites[site].part for site in set(contacts.site.tolist())}
-        withdrawals = [memory.motions.get(part) for part in touched]
-        return any(one is None or one.field.name in self._around for one in withdrawals)
+        own = memory.motions
+        return {part for part in touched if part not in own or own[part].field.name in self._around}
 
     @cached_property
     def _around(self) -> frozenset[str]:
         return frozenset(field.name for field in self.surround or ())
 
-    def _wishes(self, contacts: Contacts, *, around: bool = True) -> dict[str, list[Wish[ReceptiveField]]]:
+    def _wishes(self, contacts: Contacts, *, around: set[str]) -> dict[str, list[Wish[ReceptiveField]]]:
         """Returns the responses that the contacts ask for, by part, the first of a contact first: that of the
-        closest field, then, if asked `around`, those of the two closest of the surround."""
+        closest field, then, on parts `around`, those of the two closest of the surround."""
         wishes: dict[str, list[Wish[ReceptiveField]]] = {}
         segments, felt = segments_of(contacts.sites), touches(contacts)
         for ranks, fields, table in self._tables if around else self._tables[:1]:
@@ -182,9 +183,9 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
                 )  # fmt: skip
                 rows = zip(contacts.site.tolist(), closest.tolist(), gains.tolist(), strict=True)
                 for row, (site, nearest, gain) in enumerate(rows):
-                    if gain > 0.0:
-                        wish = Wish(fields[nearest], gain, row, rank)
-                        wishes.setdefault(contacts.sites[site].part, []).append(wish)
+                    part = contacts.sites[site].part
+                    if gain > 0.0 and (rank == 0 or part in around):
+                        wishes.setdefault(part, []).append(Wish(fields[nearest], gain, row, rank))
         return wishes
 
     @cached_property

@@ -20,8 +20,9 @@ from tci.robot.generic_arm import limb_coordinates
 from tci.robot.joint_map import generic_posture, initial_position
 from tci.skin.contacts import single_contact
 
-FORCES = np.linspace(0.0, 1.0, 21)
-"""Force [N] of the stimulus in successive frames (frames,). Assumed: a touch that rises to full response."""
+FORCES = np.linspace(0.0, 2.0, 5)
+"""Force [N] of the stimulus in successive frames (frames,). Assumed: a touch that rises to full response in
+50 ms. Below 0.5 N a short arm would move less than the 1 mm that a response needs, and a long one more."""
 
 
 @dataclass(frozen=True, slots=True)

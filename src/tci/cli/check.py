@@ -51,6 +51,9 @@ def check(
 ) -> None:
     """Check a robot description. Lists every fault at once, each with its line and the valid values.
 
+    It is also compared with its kinematic model, and its left with its right side. This finds what is valid
+    and yet doubtful: a limit, a sign, a link, a place or a unit.
+
     --simulate compares the axes of its arms with the generic arm, commands both arms far outside their
     limits, and pokes every receptive field of the withdrawal reflexes and the middle of every patch. The
     touched part must move away from the finger.
@@ -75,16 +78,17 @@ def check(
         raise CommandError(
             "--via, --only, --taxels and --friction need a robot to test; valid: add --hardware"
         )
+    from tci.commissioning.plausibility import doubts
     from tci.robot.catalogue import load_robot
 
     found = load_robot(robot)
-    notes = list(remarks(found))
+    notes, doubtful = list(remarks(found)), doubts(found)
     proof = _prove(found, quiet=as_json) if simulate else None
     if as_json:
         told = {} if proof is None else {"simulated": proof.to_json()}
-        print_json({"robot": found.name, "valid": True, "remarks": notes, **told})
+        print_json({"robot": found.name, "valid": True, "remarks": notes, "doubts": doubtful, **told})
     else:
-        _say(robot, found, notes)
+        _say(robot, found, notes, doubtful)
         if proof is not None:
             _say_proof(proof)
     if proof is not None and proof.faults:
@@ -137,13 +141,15 @@ def _say_proof(proof: Proof) -> None:
     console.print(f"{proof.robot}: {end}")
 
 
-def _say(name: str, robot: Robot, notes: list[str]) -> None:
+def _say(name: str, robot: Robot, notes: list[str], doubtful: list[str]) -> None:
     console.print(
         f"[green]{escape(name)} is valid[/]: {robot.name}, {len(robot.parts)} generic parts, "
         f"{len(robot.servos)} servos, {len(robot.patches)} patches of skin"
     )
     for note in notes:
         console.print(f"  note: {note}", style="yellow", highlight=False, markup=False)
+    for doubt in doubtful:
+        console.print(f"  doubtful: {doubt}", style="red", highlight=False, markup=False)
 
 
 def remarks(robot: Robot) -> list[str]:

@@ -1,0 +1,272 @@
+"""Comparison of a description with its kinematic model and of its left with its right side: finds mistakes
+that are valid but wrong, such as a sign, a limit, a link or a unit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tci.authoring.proposed_parts import HAND, LEG
+from tci.errors import TciError
+from tci.frames import Array, apply
+from tci.robot.description import GenericPart, Patch, Robot
+from tci.robot.gravity import Gravity
+from tci.robot.joint_map import initial_position, joint_map
+from tci.robot.kinematics import KinematicChain, bare_model
+from tci.skin.surfaces import build_surface
+
+MIDDLE = {"pitch": (0.0, 1.0, 0.0), "roll": (1.0, 0.0, 0.0), "yaw": (0.0, 0.0, 1.0)}
+"""Positive axes of head and torso, in the torso frame."""
+CONTRARY = -0.5
+"""Cosine between a joint's axis and the generic one below which its sign is wrong. Assumed: hips and necks
+are slanted by 30 degrees, not by 60."""
+BEYOND = np.deg2rad(1.0)
+"""Angle [rad] by which a limit may exceed the model's. Assumed: above rounding to degrees."""
+UNEVEN = np.deg2rad(5.0)
+"""Largest difference [rad] of generic limits on both sides. Assumed: above the tolerances of real arms."""
+FORWARD = np.deg2rad([90.0, 0.0, 0.0, 0.0, 0.0])
+"""Generic angles [rad] of an arm that is stretched out forward."""
+APART = 0.012
+"""Largest distance [m] of a place on the left from the mirror image of that on the right. Assumed: above the
+asymmetry of real arms, below any offset that matters."""
+WIDER = 1.25
+"""Largest ratio of the extents of a patch and its mirror image. Assumed: real patches of a pair differ by a
+few percent."""
+PRESSURE = (3e3, 1e7)
+"""Least and largest pressure [Pa] that a sensor's full range may mean. Assumed: a light touch is 3 kPa, and
+10 MPa breaks a skin."""
+
+
+def doubts(robot: Robot) -> list[str]:
+    """Returns the places where a description contradicts its model or itself, one sentence each."""
+    found = [*_sensors(robot)]
+    if robot.model is None:
+        return found
+    found += _limits(robot)
+    found += _mirrored_limits(robot)
+    chain = KinematicChain(robot)
+    if torso := _torso(robot, chain):
+        return [*found, torso]  # everything else is seen from the torso
+    # Two solutions of a shoulder may differ between the sides; the model's own zero is mirrored then.
+    postures = [_at_generic_zero(robot), np.zeros(len(robot.servos))]
+    signs = [*_signs(robot, chain, postures[0])]
+    found += signs
+    wrong = {sentence.split()[0] for sentence in signs}  # their zero is wrong too
+    found += _segments(robot, chain, postures, without=wrong)
+    found += _patches(robot, chain, postures)
+    found += _torques(robot)
+    return found
+
+
+def _sensors(robot: Robot) -> Iterator[str]:
+    for patch in robot.patches:
+        sensor = patch.sensor
+        if sensor.response:
+            continue
+        ends = [(end - sensor.rest) * sensor.pascal_per_count for end in (sensor.lowest, sensor.highest)]
+        if max(ends) < -min(ends):
+            yield (
+                f"{patch.name}: pascal_per_count {sensor.pascal_per_count:g} makes its largest range a "
+                f"suction of {-min(ends):.3g} Pa; valid: the other sign"
+            )
+        elif not PRESSURE[0] <= max(ends) <= PRESSURE[1]:
+            yield (
+                f"{patch.name}: pascal_per_count {sensor.pascal_per_count:g} makes its full range "
+                f"{max(ends):.3g} Pa; valid: {PRESSURE[0]:g} to {PRESSURE[1]:g} Pa"
+            )
+
+
+def _limits(robot: Robot) -> Iterator[str]:
+    assert robot.model is not None
+    model = bare_model(robot.model)
+    ranges = {model.joint(j).name: model.jnt_range[j] for j in range(model.njnt) if model.jnt_limited[j]}
+    for servo in robot.servos:
+        limits = servo.limits
+        if servo.joint not in ranges or limits.lower is None or limits.upper is None:
+            continue
+        if "lower" in limits.assumed:
+            continue
+        lower, upper = ranges[servo.joint]
+        if limits.lower < lower - BEYOND or limits.upper > upper + BEYOND:
+            own, given = np.rad2deg([limits.lower, limits.upper]), np.rad2deg([lower, upper])
+            yield (
+                f"{servo.name}: limits of {own[0]:.1f} to {own[1]:.1f} degrees; the model allows "
+                f"{given[0]:.1f} to {given[1]:.1f}"
+            )
+
+
+def _mirrored_limits(robot: Robot) -> Iterator[str]:
+    """Compares the limits of generic joints on the left and on the right, where the model gives none."""
+    assert robot.model is not None
+    model = bare_model(robot.model)
+    given = {model.joint(j).name for j in range(model.njnt) if model.jnt_limited[j]}
+    for left, right in _pairs(robot):
+        for pair in zip(left.servos, right.servos, strict=True):
+            servos = [robot.servos[one.servo] for one in pair if one.servo is not None]
+            limits = [servo.limits for servo in servos]
+            if len(servos) < 2 or {servo.joint for servo in servos} <= given:
+                continue
+            if any(one.transform != "linear" for one in pair):
+                continue
+            ends = [
+                sorted(
+                    one.scale * limit + one.offset for limit in (own.lower, own.upper) if limit is not None
+                )
+                for one, own in zip(pair, limits, strict=True)
+            ]
+            if len(ends[0]) == len(ends[1]) == 2 and np.abs(np.subtract(*ends)).max() > UNEVEN:
+                words = [f"{np.rad2deg(end[0]):.1f} to {np.rad2deg(end[1]):.1f}" for end in ends]
+                yield (
+                    f"{servos[0].name} and {servos[1].name}: generic limits of {words[0]} and of {words[1]} "
+                    "degrees; valid: equal on both sides"
+                )
+
+
+def _torso(robot: Robot, chain: KinematicChain) -> str | None:
+    """Returns what is wrong with the torso frame: joints of other parts between it and an arm, or shoulders
+    that are not on its left and right."""
+    assert robot.model is not None
+    others = {servo.servo: part.name for part in robot.parts if part.kind != "arm" for servo in part.servos}
+    centres = {}
+    for part in _arms(robot):
+        own = [servo.servo for servo in part.servos if servo.servo is not None]
+        way = chain.chain(part.segment("forearm").link)
+        wrong = [robot.servos[servo].name for servo in way if servo in others]
+        missing = [robot.servos[servo].name for servo in own[:3] if servo not in way]
+        if wrong or missing:
+            between = f"{', '.join(wrong)} between it and" if wrong else f"no {', '.join(missing)} before"
+            return (
+                f"torso_link {robot.model.torso_link}: {between} {part.name}; valid: the link with both arms"
+            )
+        shoulder = next(link for link in chain.links if own[0] in chain.chain(link))
+        centres[part.side] = chain.poses(np.zeros(len(robot.servos)), [shoulder])[shoulder][:3, 3]
+    if len(centres) == 2:
+        across = centres["left"] - centres["right"]
+        if across[1] < 0.8 * float(np.linalg.norm(across)):
+            return (
+                f"torso_link {robot.model.torso_link}: the left shoulder is not to the left of the right "
+                "one in the torso frame; valid: x forward, y left, z up (torso_rpy)"
+            )
+    return None
+
+
+def _signs(robot: Robot, chain: KinematicChain, position: Array) -> Iterator[str]:
+    """Compares axes of head, torso, hands and legs with the generic ones."""
+    for part in robot.parts:
+        axes = {"head": MIDDLE, "torso": MIDDLE, "hand": HAND, "leg": LEG}.get(part.kind)
+        if axes is None:
+            continue
+        mirror = np.array([-1.0, 1.0, -1.0] if part.side == "right" else [1.0, 1.0, 1.0])
+        for generic in part.servos:
+            if generic.servo is None or generic.transform != "linear" or generic.name not in axes:
+                continue
+            link = next((one for one in chain.links if generic.servo in chain.chain(one)), None)
+            if link is None:
+                continue
+            turn = chain.jacobian(position, link)[3:, generic.servo] * np.sign(generic.scale)
+            if part.kind == "torso":
+                turn = -turn  # seen from the torso, the base turns the other way
+            if float(turn @ (mirror * axes[generic.name])) < CONTRARY:
+                servo = robot.servos[generic.servo].name
+                yield (
+                    f"{part.name} {generic.name}: {servo} turns it the wrong way; valid: the other "
+                    "sign of gamma"
+                )
+
+
+def _segments(
+    robot: Robot, chain: KinematicChain, postures: list[Array], *, without: set[str]
+) -> Iterator[str]:
+    for left, right in _pairs(robot):
+        if without & {left.name, right.name}:
+            continue
+        for one in left.segments:
+            other = next((segment for segment in right.segments if segment.name == one.name), None)
+            if other is None:
+                continue
+            apart = np.inf
+            for position in postures:
+                poses = chain.poses(position, [one.link, other.link])
+                places = [apply(poses[segment.link], np.array(segment.origin)) for segment in (one, other)]
+                apart = min(apart, _apart(*places))
+            if apart > APART:
+                yield (
+                    f"{left.name} and {right.name}: the {one.name} of one begins {1e3 * apart:.0f} mm from "
+                    f"the mirror image of the other's; valid: at most {1e3 * APART:.0f} mm"
+                )
+
+
+def _patches(robot: Robot, chain: KinematicChain, postures: list[Array]) -> Iterator[str]:
+    """Compares each patch on the left with its counterpart on the right, arms hanging."""
+    named = {patch.name: patch for patch in robot.patches}
+    for left in robot.patches:
+        right = named.get(left.name.replace("left", "right", 1))
+        if right is None or right is left:
+            continue
+        apart = np.inf
+        for position in postures:
+            clouds = [_cloud(robot, patch, chain, position) for patch in (left, right)]
+            apart = min(apart, _apart(clouds[0].mean(axis=0), clouds[1].mean(axis=0)))
+        spreads = [float(np.linalg.norm(cloud - cloud.mean(axis=0), axis=1).mean()) for cloud in clouds]
+        if apart > APART or max(spreads) > WIDER * min(spreads):
+            yield (
+                f"{left.name} and {right.name}: centres {1e3 * apart:.0f} mm apart when mirrored, taxels "
+                f"{1e3 * spreads[0]:.0f} and {1e3 * spreads[1]:.0f} mm around them; valid: mirror images"
+            )
+
+
+def _cloud(robot: Robot, patch: Patch, chain: KinematicChain, position: Array) -> Array:
+    """Returns the taxels (n, 3) [m] of a patch in the torso frame."""
+    surface = build_surface(robot, patch, chain)
+    return apply(chain.poses(position, [surface.link])[surface.link], surface.positions)
+
+
+def _apart(left: Array, right: Array) -> float:
+    """Returns the distance [m] of a point (3,) on the left from the mirror image of one on the right."""
+    return float(np.linalg.norm(left - right * [1.0, -1.0, 1.0]))
+
+
+def _torques(robot: Robot) -> Iterator[str]:
+    """Compares torque limits with the weight of the arms, stretched out forward."""
+    gravity = Gravity(robot)
+    position = np.array(initial_position(robot))
+    for part in _arms(robot):
+        joints = joint_map(robot, part.name)
+        position[joints.servos] = joints.to_robot(FORWARD, position)
+    needed = np.abs(gravity.torques(position))
+    for part in _arms(robot):
+        for generic in part.servos:
+            if generic.servo is None:
+                continue
+            servo, torque = robot.servos[generic.servo], float(needed[generic.servo])
+            if servo.limits.torque is not None and torque > servo.limits.torque:
+                yield (
+                    f"{servo.name}: torque limit of {servo.limits.torque:.3g} N m; the weight of the arm, "
+                    f"stretched out, takes {torque:.3g} N m"
+                )
+
+
+def _arms(robot: Robot) -> list[GenericPart]:
+    return [part for part in robot.parts if part.kind == "arm"]
+
+
+def _pairs(robot: Robot) -> Iterator[tuple[GenericPart, GenericPart]]:
+    """Yields the left and the right part of each kind."""
+    for left in robot.parts:
+        for right in robot.parts:
+            if left.side == "left" and right.side == "right" and left.kind == right.kind:
+                yield left, right
+
+
+def _at_generic_zero(robot: Robot) -> Array:
+    """Returns servo angles (n,) [rad] with arms and legs at their generic zeros."""
+    position = np.array(initial_position(robot))
+    for part in robot.parts:
+        if part.kind in ("arm", "leg"):
+            joints = joint_map(robot, part.name)
+            try:
+                position[joints.servos] = joints.to_robot(np.zeros(len(part.servos)), position)
+            except TciError:
+                continue
+    return position

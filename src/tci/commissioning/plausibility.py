@@ -115,7 +115,7 @@ def _mirrored_limits(robot: Robot) -> Iterator[str]:
                 )
                 for one, own in zip(pair, limits, strict=True)
             ]
-            if len(ends[0]) == len(ends[1]) == 2 and np.abs(np.subtract(*ends)).max() > UNEVEN:
+            if len(ends[0]) == len(ends[1]) == 2 and np.abs(np.subtract(ends[0], ends[1])).max() > UNEVEN:
                 words = [f"{np.rad2deg(end[0]):.1f} to {np.rad2deg(end[1]):.1f}" for end in ends]
                 yield (
                     f"{servos[0].name} and {servos[1].name}: generic limits of {words[0]} and of {words[1]} "

@@ -20,7 +20,7 @@ from tci.experiments.remote_trial import TrialDriver
 from tci.robot.description import Address, Binding, Robot
 from tci.runtime.serve import serve
 
-OF_ONE_ROBOT = ("naoqi",)
+OF_ONE_ROBOT = ("naoqi", "unitree")
 """Middleware of one make of robots: it carries those that have a binding to it."""
 
 

@@ -13,8 +13,9 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import chain
 from pathlib import Path
 from statistics import median
 
@@ -28,14 +29,14 @@ from rich.progress import Progress
 import tci
 from drivers.wires import PEERS, wire
 from tci.experiments.body_trials import answerable, body_trials_of
-from tci.experiments.experiment import trials_of
-from tci.experiments.measure import Trial
+from tci.experiments.experiment import SIDES, trials_of
 from tci.experiments.poke import Stimulus
 from tci.robot.description import Robot
 
 TABLE = TABLES / "robots-and-wires.md"
 FILE = "robots-and-wires.json"
-WIRES = tuple(name for name in PEERS if name != "sim")
+WIRES = tuple(name for name in PEERS if name not in ("sim", "unitree"))
+"""Middleware between processes that carries skin; Unitree's topics carry joints."""
 TRIES = 3
 """Number of tries of each poke: while another program keeps the machine busy the robot holds, rightly."""
 NEVER = -1
@@ -57,28 +58,25 @@ class Cell:
     violations: Sequence[str] = ()
     """Limits that were broken, one sentence each."""
     reason: str = ""
-    """Reason why there are no pokes."""
+    """Reason why not all pokes were answered."""
 
     def __str__(self) -> str:
-        if self.reason:
+        if not self.pokes:
             return self.reason
         late = "" if self.command_ms is None else f", {self.command_ms:.0f} ms"
-        broken = f", **{len(self.violations)} limits broken**" if self.violations else ""
-        return f"{self.answered} of {self.pokes}{late}{broken}"
+        broken = f", **limits broken: {len(self.violations)}**" if self.violations else ""
+        why = f": {self.reason}" if self.reason else ""
+        return f"{self.answered} of {self.pokes}{late}{broken}{why}"
 
 
-def pokes(robot: Robot, via: str, *, short: bool) -> Iterator[Trial]:
-    """Yields the trials of all places where one of the two reflexes answers; if `short`, of one place of each
-    part."""
+def reflexes(*, short: bool) -> tuple[tci.WithdrawalReflex, tci.BodyWithdrawal]:
+    """Returns the reflexes of the arms and of the other parts; if `short`, with one field of each part."""
     arms, others = tci.WithdrawalReflex(), tci.BodyWithdrawal(stance="supported")
     if short:
         arms = replace(arms, fields=arms.fields[:1])
         first = {field.kind: field for field in reversed(others.fields.field)}
         others = replace(others, fields=others.fields.model_copy(update={"field": tuple(first.values())}))
-    yield from trials_of(robot, arms, stimulus=Stimulus(), seed=SEED, via=via)
-    body = tci.GenericBody(robot)
-    if any(answerable(body, field) for field in others.fields.field):
-        yield from body_trials_of(robot, others, seed=SEED, via=via)
+    return arms, others
 
 
 def measured(robot: Robot, name: str, *, short: bool) -> Cell:
@@ -87,6 +85,10 @@ def measured(robot: Robot, name: str, *, short: bool) -> Cell:
         robot.binding(name.removesuffix("4"))
     except tci.UnknownNameError:
         return Cell(reason=f"{name} speaks to robots with a binding to it")
+    arms, others = reflexes(short=short)
+    body = tci.GenericBody(robot)
+    beyond = sum(len(answerable(body, field)) for field in others.fields.field)
+    total = len(SIDES) * len(arms.fields) + beyond
     seen: dict[tuple[str, str], int] = {}
     times: list[float] = []
     broken: list[str] = []
@@ -94,7 +96,10 @@ def measured(robot: Robot, name: str, *, short: bool) -> Cell:
     with wire(name) as via:
         for tried in range(TRIES):
             try:
-                for trial in pokes(robot, via, short=short):
+                trials = [trials_of(robot, arms, stimulus=Stimulus(), seed=SEED, via=via)]
+                if beyond:
+                    trials.append(body_trials_of(robot, others, seed=SEED, via=via))
+                for trial in chain.from_iterable(trials):
                     site = (trial.side, trial.site)
                     broken += trial.violations
                     if seen.get(site, NEVER) == NEVER:
@@ -103,13 +108,12 @@ def measured(robot: Robot, name: str, *, short: bool) -> Cell:
             except tci.TciError as error:  # as when the other process gets no share of a busy machine
                 trouble = str(error)
                 continue
-            if NEVER not in seen.values():
+            if len(seen) == total and NEVER not in seen.values():
                 break
     answered = [tried for tried in seen.values() if tried != NEVER]
-    if not answered:
-        return Cell(reason=trouble or "no answer")
     late = median(times) if times else None
-    return Cell(len(answered), len(seen), sum(tried > 0 for tried in answered), late, broken)
+    reason = "" if len(answered) == total else trouble or "no answer"
+    return Cell(len(answered), total, sum(tried > 0 for tried in answered), late, broken, reason)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from tci.capabilities.fields import ReceptiveField as ReceptiveField
     from tci.capabilities.fields import default_fields as default_fields
     from tci.capabilities.fields import load_fields as load_fields
+    from tci.capabilities.light_grasp import LightGrasp as LightGrasp
     from tci.capabilities.play_gesture import PlayGesture as PlayGesture
     from tci.capabilities.soft_reaction import SoftReaction as SoftReaction
     from tci.capabilities.withdrawal import WithdrawalReflex as WithdrawalReflex
@@ -115,6 +116,7 @@ _NAMES = {
         "default_fields",
         "load_fields",
     ),
+    "tci.capabilities.light_grasp": ("LightGrasp",),
     "tci.capabilities.play_gesture": ("PlayGesture",),
     "tci.capabilities.soft_reaction": ("SoftReaction",),
     "tci.capabilities.withdrawal": ("WithdrawalReflex",),

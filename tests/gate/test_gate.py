@@ -191,6 +191,22 @@ def test_a_servo_without_a_limit_is_not_moved(missing: str) -> None:
     assert safe.servos.size == 0
 
 
+def test_a_command_for_a_whole_part_leaves_a_servo_that_can_not_be_moved_where_it_is() -> None:
+    """As programs for control boards command them; one that singles the servo out is refused."""
+    whole = make_robot(coupled=False)
+    fixed = whole.servos[3].model_copy(update={"limits": Limits()})
+    robot = whole.model_copy(update={"servos": (*whole.servos[:3], fixed, *whole.servos[4:])})
+    driven = Driven(robot, ZERO)
+    safe = driven.step(position_command(range(6), [0.2] * 6))
+    assert safe.refusals == ()
+    driven.settle()
+    np.testing.assert_allclose(driven.angles, [0.2, 0.2, 0.2, 0.0, 0.2, 0.2], atol=1e-6)
+    driven.assert_within_limits()
+    for servos in ([3], [2, 3]):
+        safe = driven.step(position_command(servos, [0.1] * len(servos)))
+        assert "joint3 can't be moved" in safe.refusals[0].text
+
+
 def test_stiffness_and_damping_are_clamped_to_a_share() -> None:
     driven = Driven(make_robot(), ZERO)
     for mode, name in ((Mode.STIFFNESS, "stiffness"), (Mode.DAMPING, "damping")):

@@ -16,7 +16,7 @@ from tci.robot.catalogue import load_robot
 
 PERIOD = 0.01
 ICUB = load_robot("icub")
-ARM = [servo.index for servo in ICUB.servos if servo.robot_part == "left_arm" and servo.limits.jerk]
+ARM = [servo.index for servo in ICUB.servos if servo.robot_part == "left_arm" and servo.joint]
 BOUNDS, _ = bounds_of(ICUB, ARM, speed_share=0.9)
 FREE = np.ones(len(ARM), dtype=bool)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from tci.frames import Array
 from tci.robot.description import Robot
-from tci.robot.kinematics import bare_model, joints_of
+from tci.robot.kinematics import bare_model
 
 
 class Oracle:
@@ -19,13 +19,18 @@ class Oracle:
         assert robot.model is not None
         self.model, self.robot = bare_model(robot.model), robot
         self.data = mujoco.MjData(self.model)
-        self.servos, self.addresses, self.columns = joints_of(robot, self.model)
+        driven = [(servo.index, one) for servo in robot.servos for one in servo.joints]
+        self.servos = [servo for servo, _ in driven]
+        joints = [self.model.joint(one.joint) for _, one in driven]
+        self.addresses = [int(joint.qposadr[0]) for joint in joints]
+        self.columns = [int(joint.dofadr[0]) for joint in joints]
+        self.ratio, self.shift = np.array([(one.multiplier, one.offset) for _, one in driven]).T
         self.T_LT = robot.model.T_LT
         self.torso = self.model.body(robot.model.torso_link).id
 
     def move(self, position: Array) -> Array:
         """Moves to `position` (n_servos,) [rad]; returns `T_WT` (4, 4)."""
-        self.data.qpos[self.addresses] = position[self.servos]
+        self.data.qpos[self.addresses] = position[self.servos] * self.ratio + self.shift
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
         return self.pose_of(self.torso) @ self.T_LT
@@ -47,8 +52,8 @@ class Oracle:
         moved, carried = np.zeros((2, 6, self.model.nv))
         mujoco.mj_jac(self.model, self.data, moved[:3], moved[3:], p_W, body)
         mujoco.mj_jac(self.model, self.data, carried[:3], carried[3:], p_W, self.torso)
-        relative = (moved - carried)[:, self.columns]
+        relative = (moved - carried)[:, self.columns] * self.ratio
+        relative = np.concatenate([T_WT[:3, :3].T @ relative[:3], T_WT[:3, :3].T @ relative[3:]])
         result = np.zeros((6, len(self.robot.servos)))
-        result[:3, self.servos] = T_WT[:3, :3].T @ relative[:3]
-        result[3:, self.servos] = T_WT[:3, :3].T @ relative[3:]
+        np.add.at(result.T, self.servos, relative.T)
         return result

@@ -45,7 +45,7 @@ def test_a_stretched_nao_arm_weighs_what_its_masses_say() -> None:
     held = Gravity(robot).torques(np.zeros(len(robot.servos)))
     moment = 0.0
     for link, mass, centre in weights(robot):
-        if link in ("LShoulder", "LBicep", "LElbow", "LForeArm", "LHand"):
+        if link in ("LShoulder", "LBicep", "LElbow", "LForeArm", "LHand", "LThumb", "LIndex", "LMiddle"):
             T_TL = kinematics.poses(np.zeros(len(robot.servos)), [link])[link]
             moment += mass * (T_TL[:3, :3] @ centre + T_TL[:3, 3])[0]
     pitch = next(s.index for s in robot.servos if s.joint == "LShoulderPitch")

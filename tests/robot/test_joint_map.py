@@ -10,8 +10,9 @@ import pytest
 from tci.body.posture import to_platform
 from tci.errors import DescriptionError
 from tci.messages import GenericCommand, Mode
+from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
-from tci.robot.joint_map import joint_map
+from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.xml import read_robot
 
 MIXED = """<?xml version="1.0"?>
@@ -123,7 +124,7 @@ def test_the_generic_speed_holds_however_many_servos_turn_a_coupled_joint(tmp_pa
         ('<point robot="0" generic="10"/>\n        <point robot="45" generic="-80"/>', "", "of 1 points"),
         ("<speed>30</speed>", "<transform_factor>2</transform_factor>", "transform_factor is not for"),
         ("<transform_factor>-2</transform_factor>", '<coupled_term destination_servo_id="0" factor="1"/>',
-         "coupled_term is for the transform_type coupled, not linear"),
+         "coupled_term is for the transform_types coupled and synergy, not linear"),
         ('<coupled_term destination_servo_id="1"', '<coupled_term destination_servo_id="3"',
          "no coupled joint's destination_servo_id"),
         ('factor="-0.5"', 'factor="0.5"', "can't be told apart: singular matrix"),
@@ -141,3 +142,37 @@ def test_each_fault_is_named(tmp_path: Path, old: str, new: str, words: str) -> 
         load(tmp_path, MIXED.replace(old, new, 1))
     assert words in str(caught.value)
     assert all(fault.line > 2 for fault in caught.value.faults)
+
+
+@pytest.mark.parametrize("name", ["icub", "nao"])
+def test_fingers_that_share_motors_bend_together(name: str) -> None:
+    """A flexion of all fingers is reached exactly, by nine motors or one; one that the motors can't make is
+    met with the least error."""
+    robot = load_robot(name)
+    part, joints = robot.part("left_fingers"), joint_map(robot, "left_fingers")
+    here = np.array(initial_position(robot))
+    has = np.isin(np.arange(len(part.servos)), joints.ids)
+    fist = np.where(has & (np.arange(10) % 2 == 1), np.deg2rad(50.0), joints.to_generic(here))
+    here[joints.servos] = joints.to_robot(fist, here)
+    np.testing.assert_allclose(joints.to_generic(here), fist, atol=1e-9)
+    limits = [robot.servos[servo].limits for servo in joints.servos]
+    assert all(one.lower <= here[s] <= one.upper for one, s in zip(limits, joints.servos, strict=True))
+    split = fist.copy()
+    shared = (7, 9) if name == "icub" else (1, 3, 5)
+    split[shared[0]] -= np.deg2rad(30.0)
+    here[joints.servos] = joints.to_robot(split, here)
+    mean = np.mean(split[list(shared)])
+    np.testing.assert_allclose(joints.to_generic(here)[list(shared)], mean, atol=1e-9)
+
+
+def test_velocity_torque_and_stiffness_of_fingers_reach_every_motor() -> None:
+    robot = load_robot("icub")
+    joints = joint_map(robot, "left_fingers")
+    speed = np.zeros(10)
+    speed[3] = 0.1
+    sent = to_platform(robot, GenericCommand("left_fingers", Mode.VELOCITY, speed))
+    moved = joints.slope(np.zeros(41)) @ sent.values
+    np.testing.assert_allclose(moved, speed[joints.ids], atol=1e-9)
+    assert np.count_nonzero(sent.values) == 2, "proximal and distal motor"
+    shares = to_platform(robot, GenericCommand("left_fingers", Mode.STIFFNESS, np.full(10, 0.4)))
+    np.testing.assert_allclose(shares.values, np.full(9, 0.4))

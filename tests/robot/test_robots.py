@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -21,6 +22,7 @@ from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.kinematics import KinematicChain
 from tci.robot.model_file import load_spec
 from tci.robot.xml import schema_path
+from tci.robot.xml.extends import read_element
 from tci.skin.surfaces import build_surface
 
 COMMON_RANGE = np.deg2rad([[-10, 95.5], [0, 76], [-29.5, 65], [15, 88.5], [-60, 60]])
@@ -215,7 +217,7 @@ def test_skin_lies_on_its_segment(robot: Robot) -> None:
 
 def test_the_schema_accepts_the_description(robot: Robot) -> None:
     schema = etree.XMLSchema(etree.parse(str(schema_path())))
-    schema.assertValid(etree.parse(robot.source))
+    schema.assertValid(read_element(Path(robot.source))[0])
 
 
 def test_head_and_torso_turn_as_their_convention_says(robot: Robot) -> None:

@@ -131,6 +131,11 @@ class GenericBody:
         UnknownNameError."""
         return self._has_joint[self.robot.part(part).name]
 
+    def tied(self, part: str) -> tuple[tuple[int, ...], ...]:
+        """Returns the generic joints of a part that this robot has, in groups of those that move only
+        together, since they share motors. Raises UnknownNameError."""
+        return self.joint_maps[self.robot.part(part).name].tied
+
     def posture(self, joints: JointReading) -> dict[str, Array]:
         """Returns the generic angles (n,) [rad] of every part, by name (eqs. 1-2).
 

@@ -23,7 +23,11 @@ def generic_columns(robot: Robot, part: str, jacobian: Array, position: Array) -
     """
     joints = joint_map(robot, part)
     columns = np.zeros((len(jacobian), len(robot.part(part).servos)))
-    columns[:, joints.ids] = np.linalg.solve(joints.slope(position).T, jacobian[:, joints.servos].T).T
+    moved = jacobian[:, joints.servos]
+    slope = joints.slope(position)
+    columns[:, joints.ids] = (
+        np.linalg.solve(slope.T, moved.T).T if joints.exact else moved @ np.linalg.pinv(slope)
+    )
     return columns
 
 
@@ -69,12 +73,12 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
     if command.mode in ANGLES:
         values, speeds = joints.to_robot(values, here), joints.speeds(here)
     elif command.mode is Mode.VELOCITY:
-        values = np.array(np.linalg.solve(joints.slope(here), values[joints.ids]))
+        values = joints.per_servo(values[joints.ids], here)
         speeds = joints.driven_speeds(here)
     elif command.mode is Mode.TORQUE:
         values, speeds = joints.slope(here).T @ values[joints.ids], joints.driven_speeds(here)
     else:
-        values = values[joints.ids]
+        values = joints.shares(values)
     return PlatformCommand(command.mode, joints.servos, read_only(values), speeds)
 
 

@@ -81,7 +81,7 @@ class Retreat:
         if motion.joints.servos.size and len(contacts):
             after = np.array([self._after[site.patch] for site in contacts.sites])
             retreats(
-                self._angles(motion, position, target, mode),
+                self._chain.extended(self._angles(motion, position, target, mode)),
                 self._path,
                 self._chain.steps,
                 self._chain.sums,

@@ -1,4 +1,7 @@
-"""Groups of servos that move together: those of a robot part, and of parts that couplings link to it."""
+"""Groups of servos that move together: those of a robot part, and of parts that couplings link to it.
+
+Fingers move apart from the arm that shares their board: they take longer, and an arm must not wait for them.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ from tci.gate.kernels.couplings import shift
 from tci.gate.kernels.targets import SPEED, TARGET, take_targets
 from tci.gate.trajectory import Guard, OnlineTrajectory
 from tci.robot.description import Robot
+from tci.robot.joint_map import joint_map
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +109,13 @@ def make_chain(
 
 def groups_of(robot: Robot) -> list[int]:
     """Returns the number of the group (n_servos,) of each servo; parts linked by couplings form one group."""
-    parts = [servo.robot_part for servo in robot.servos]
+    fingers = {
+        servo: part.name
+        for part in robot.parts
+        if part.kind == "fingers"
+        for servo in joint_map(robot, part.name).servos.tolist()
+    }
+    parts = [(servo.robot_part, fingers.get(servo.index)) for servo in robot.servos]
     groups = {part: i for i, part in enumerate(dict.fromkeys(parts))}
     for coupling in robot.couplings:
         tied = {groups[parts[servo]] for servo in coupling.servos}

@@ -14,6 +14,7 @@ from tci.gate.acceptance import FAR_OFF, check_command, check_limits, check_swit
 from tci.gate.bounds import MARGIN
 from tci.gate.commanded_groups import CommandedGroups
 from tci.gate.freshness import Freshness
+from tci.gate.immovable import Immovable
 from tci.gate.joint_monitor import Reference
 from tci.gate.kernels.targets import is_far_off
 from tci.gate.settings import GateSettings, Tally
@@ -59,6 +60,7 @@ class Motion:
         self._powered: NDArray[np.bool_] | None = None
         self._switched: set[int] = set()
         self._known: set[int] = set()
+        self._immovable = Immovable(robot)
         self._shares = np.zeros(len(robot.servos))
         self._none = frozen(np.zeros(0))
 
@@ -125,6 +127,7 @@ class Motion:
     def accept(self, command: PlatformOrder, now: float) -> list[Reason]:
         """Accepts an order; returns what was clamped. Raises CommandError, and changes nothing,
         if it can't."""
+        command = self._immovable.left_out(command)
         if isinstance(command, PlatformSwitch):
             self._switch(command)
             return []

@@ -124,7 +124,7 @@ class Clearance:
 def _solid_model(robot: Robot) -> mujoco.MjModel:
     """Returns the robot's solid model, shared because reading an iCub's meshes takes a second; nothing writes
     to it."""
-    return exclude_overlaps(solid_spec(robot), robot, initial_position(robot))
+    return exclude_overlaps(solid_spec(robot, mimics=False), robot, initial_position(robot))
 
 
 def _pairs(model: mujoco.MjModel) -> NDArray[np.intp]:

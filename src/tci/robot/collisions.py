@@ -26,12 +26,12 @@ HIDDEN = 3
 NO_MODEL = "no <model>: simulation and self-collision need a URDF or MJCF file"
 
 
-def solid_spec(robot: Robot, *, shown: bool = False) -> mujoco.MjSpec:
+def solid_spec(robot: Robot, *, shown: bool = False, mimics: bool = True) -> mujoco.MjSpec:
     """Returns the robot's model with its servos' joints only, and with the geoms that collide marked.
 
     With `shown` it has all that pictures need; else only what collides, as convex hulls. Joints that are not
-    a servo's are held at 0, and no force acts on any joint. Raises DescriptionError when the robot has no
-    model, and whatever `load_spec` raises.
+    a servo's, and without `mimics` those that only follow one, are held at 0, and no force acts on any joint.
+    Raises DescriptionError when the robot has no model, and whatever `load_spec` raises.
     """
     if robot.model is None:
         raise DescriptionError(robot.source, [Fault(0, NO_MODEL)])
@@ -40,6 +40,8 @@ def solid_spec(robot: Robot, *, shown: bool = False) -> mujoco.MjSpec:
     for element in [element for group in groups for element in group]:
         spec.delete(element)
     driven = {servo.joint for servo in robot.servos}
+    if mimics:
+        driven |= {one.joint for servo in robot.servos for one in servo.mimics}
     for joint in list(spec.joints):
         if joint.name not in driven:
             spec.delete(joint)

@@ -3,6 +3,7 @@
 linear    GS = gamma DS + sigma (eq. 1)
 table     piecewise linear between pairs of angles, extrapolated beyond its ends
 coupled   GS = M DS + sigma: a generic joint is a linear combination of several servos
+synergy   the same of as many servos as there are: the pseudo-inverse of M gives their angles
 retarget  the three joints of a shoulder, by the rotation of the upper arm in the torso frame
 """
 
@@ -21,7 +22,8 @@ from tci.robot.per_robot import per_robot
 
 
 class Transform(ABC):
-    """The relation between some joints of a part (k,) and the same number of servos."""
+    """The relation between some joints of a part (k,) and the same number of servos; only a synergy has
+    another number of joints (m,)."""
 
     ids: NDArray[np.intp]
     """Generic ids (k,)."""
@@ -126,6 +128,38 @@ class Coupled(Transform):
         return self._matrix
 
 
+class Synergy(Transform):
+    """Joints and servos of which one servo may move several joints, or several servos one joint together.
+
+    If commanded joints contradict each other, the servos go where the sum of squared errors is least; if
+    several motions of the servos fit, they make the smallest one (Moore-Penrose).
+    """
+
+    constant = steady = True
+
+    def __init__(self, joints: list[GenericServo]) -> None:
+        super().__init__(joints)
+        servos = list(dict.fromkeys(term.servo for joint in joints for term in joint.terms))
+        self.servos = np.array(servos, dtype=np.intp)
+        self._matrix = np.zeros((len(joints), len(servos)))
+        for row, joint in enumerate(joints):
+            for term in joint.terms:
+                self._matrix[row, servos.index(term.servo)] = term.factor
+        self._offset = np.array([joint.offset for joint in joints])
+        self._inverse = np.linalg.pinv(self._matrix)
+
+    def generic(self, angles: Array) -> Array:
+        result: Array = self._matrix @ angles + self._offset
+        return result
+
+    def robot(self, generic: Array, near: Array) -> Array:
+        result: Array = self._inverse @ (generic - self._offset)
+        return result
+
+    def slope(self, angles: Array) -> Array:
+        return self._matrix
+
+
 class Retarget(Transform):
     """The three joints of a shoulder, with any axes."""
 
@@ -174,6 +208,8 @@ class JointMap:
         transforms += [Table(joint) for joint in of["table"]]
         if of["coupled"]:
             transforms.append(Coupled(of["coupled"]))
+        if of["synergy"]:
+            transforms.append(Synergy(of["synergy"]))
         if of["retarget"]:
             transforms.append(Retarget(robot, part, of["retarget"]))
         self.transforms = transforms
@@ -182,9 +218,11 @@ class JointMap:
         self.ids: NDArray[np.intp] = np.concatenate([none, *(t.ids for t in transforms)])
         """Generic ids (k,) of the joints that the robot has."""
         self.servos: NDArray[np.intp] = frozen(np.concatenate([none, *(t.servos for t in transforms)]))
-        """Servo (k,) of each of these joints; read-only."""
-        self.unlimited: Array = frozen(np.full(len(self.ids), np.inf))
+        """Servos (k,) that move these joints, one for each but in a synergy; read-only."""
+        self.unlimited: Array = frozen(np.full(len(self.servos), np.inf))
         """Infinite speeds (k,) [rad/s], for a command that requests none; read-only."""
+        self.exact = not of["synergy"]
+        """True if each joint has one servo, so that all postures of the joints can be commanded."""
         self._speeds = np.array([np.inf if joint.speed is None else joint.speed for joint in part.servos])
         self._slope: Array | None = None
         self._limits: Array | None = None
@@ -207,19 +245,45 @@ class JointMap:
         return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0), *parts])
 
     def slope(self, position: Array) -> Array:
-        """Returns the derivative d generic / d servo (k, k), rows in the order of `ids`, at `position`
+        """Returns the derivative d generic / d servo (m, k), rows in the order of `ids`, at `position`
         (n_servos,) [rad].
 
         Raises CommandError where a transform has none.
         """
         if self._slope is not None:
             return self._slope
-        result = np.zeros((len(self.ids), len(self.ids)))
-        begin = 0
+        result = np.zeros((len(self.ids), len(self.servos)))
+        row = column = 0
         for transform in self.transforms:
-            end = begin + len(transform.ids)
-            result[begin:end, begin:end] = transform.slope(position[transform.servos])
-            begin = end
+            rows, columns = row + len(transform.ids), column + len(transform.servos)
+            result[row:rows, column:columns] = transform.slope(position[transform.servos])
+            row, column = rows, columns
+        return result
+
+    def per_servo(self, values: Array, position: Array) -> Array:
+        """Returns rates (k,) of the servos for rates `values` (m,) of the joints `ids`, at `position`
+        (n_servos,) [rad]: of a synergy those with the least error. Raises what `slope` raises."""
+        slope = self.slope(position)
+        if self.exact:
+            return np.array(np.linalg.solve(slope, values))
+        result: Array = np.linalg.pinv(slope) @ values
+        return result
+
+    @property
+    def tied(self) -> tuple[tuple[int, ...], ...]:
+        """Returns the generic joints in groups: those of one group share servos, so that one of them does
+        not move alone."""
+        shared = np.eye(len(self.ids)) if self._slope is None else np.abs(self._slope) @ np.abs(self._slope).T
+        together = np.linalg.matrix_power(shared > 0.0, len(self.ids) + 1)
+        return tuple(dict.fromkeys(tuple(self.ids[row].tolist()) for row in together))
+
+    def shares(self, values: Array) -> Array:
+        """Returns fractions (k,) for the servos from those of all joints (n,): in a synergy the mean of the
+        joints that a servo moves."""
+        if self.exact or self._slope is None:
+            return values[self.ids]
+        weight = np.abs(self._slope)
+        result: Array = (values[self.ids] @ weight) / weight.sum(axis=0)
         return result
 
     def speeds(self, position: Array) -> Array:
@@ -277,7 +341,7 @@ class Postures:
         return {name: generic[place] for name, place in self._slices.items()}
 
 
-KINDS = ("linear", "table", "coupled", "retarget")
+KINDS = ("linear", "table", "coupled", "synergy", "retarget")
 """Kinds of transforms of a joint."""
 
 
@@ -307,9 +371,9 @@ def generic_posture(robot: Robot, joints: JointReading) -> dict[str, Array]:
 
 @per_robot
 def initial_position(robot: Robot) -> Array:
-    """Returns the angle (n_servos,) [rad] of every servo in the initial posture (inverse of eq. 1); 0 where
-    no generic part gives one. Raises what the transforms raise."""
-    position = np.zeros(len(robot.servos))
+    """Returns the angle (n_servos,) [rad] of every servo in the initial posture (inverse of eq. 1); where no
+    generic part gives one, 0 or the limit next to it. Raises what the transforms raise."""
+    position = np.array([min(max(0.0, s.limits.lower or 0.0), s.limits.upper or 0.0) for s in robot.servos])
     for part in robot.parts:
         joints = joint_map(robot, part.name)
         position[joints.servos] = joints.to_robot(part.initial_posture, position)
@@ -318,7 +382,7 @@ def initial_position(robot: Robot) -> Array:
 
 def _speeds(slope: Array, most: Array) -> Array:
     """Returns speeds (k,) [rad/s] of servos such that no joint exceeds `most` (k,) [rad/s], even if all
-    servos turn it at once: sum_j |slope_ij| speed_j <= most_i. `slope` (k, k) is d generic / d servo."""
+    servos turn it at once: sum_j |slope_ij| speed_j <= most_i. `slope` (m, k) is d generic / d servo."""
     size = np.abs(slope)
     each = np.where(size > 0.0, (most / size.sum(axis=1))[:, None], np.inf)
     result: Array = each.min(axis=0, initial=np.inf)

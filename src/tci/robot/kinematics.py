@@ -20,7 +20,7 @@ from tci.errors import CommandError, DescriptionError, Fault, UnknownNameError
 from tci.frames import Array, read_only, transform
 from tci.robot.description import Model, Robot
 from tci.robot.kernels.links import BEFORE, SERVO, link_poses, pose_and_jacobian
-from tci.robot.model_file import compiled, load_spec
+from tci.robot.model_file import BOUND_INERTIA, BOUND_MASS, compiled, load_spec
 
 _ORIGIN = np.zeros(3)
 _ONE_AXIS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
@@ -31,7 +31,8 @@ Indices = NDArray[np.int64]
 class KinematicChain:
     """Kinematics of one robot. Immutable, so threads may share it; returned arrays belong to the caller.
 
-    Joints of the model that no servo drives stay at zero.
+    Joints of the model that no servo drives stay at zero. One that follows a servo (a mimic joint) is a
+    servo of its own to the steps: its angle stands after those of the servos.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -50,6 +51,7 @@ class KinematicChain:
         """Names of all links, in the model's order."""
         self.n_servos = len(robot.servos)
         """Number of servos of the robot: the length of every `position`."""
+        self._mimics = _Mimics(robot)
         steps = _Steps(robot, model)
         self.torso = steps.add(steps.after[self.body(robot.model.torso_link)], _fixed(robot.model.T_LT))
         """Index of the step that ends at the torso frame."""
@@ -105,12 +107,12 @@ class KinematicChain:
             ends = np.array([self._after[self.body(link)], self.torso], np.int64)
             found = self._jacobians[link] = ends, self.path(ends.tolist())
         ends, path = found
-        T_TP, jacobian = np.empty((4, 4)), np.zeros((6, self.n_servos))
+        T_TP, jacobian = np.empty((4, 4)), np.zeros((6, self.n_servos + self._mimics.count))
         pose_and_jacobian(
             self._checked(position), path, self.steps, self.sums, self._axes, ends,
             np.asarray(point, np.float64), np.empty((len(self.steps), 3, 4)), T_TP, jacobian,
         )  # fmt: skip
-        return T_TP, jacobian
+        return T_TP, self._mimics.folded(jacobian)
 
     def chain(self, link: str) -> tuple[int, ...]:
         """Returns the servos that move `link` relative to the torso, in order from the torso.
@@ -119,8 +121,12 @@ class KinematicChain:
         """
         up, down = self._above(self.torso), self._above(int(self._after[self.body(link)]))
         way = [step for step in up if step not in down] + [step for step in down[::-1] if step not in up]
-        servos = self.steps[way, SERVO].tolist() if way else []
-        return tuple(servo for servo in servos if servo >= 0)
+        servos = [self._mimics.leader(servo) for servo in self.steps[way, SERVO].tolist()] if way else []
+        return tuple(dict.fromkeys(servo for servo in servos if servo >= 0))
+
+    def extended(self, position: Array) -> Array:
+        """Returns angles (..., n_servos) [rad] with those of mimic joints behind, as the steps need them."""
+        return self._mimics.extended(position)
 
     def ends(self, bodies: Iterable[int]) -> Indices:
         """Returns the step (l,) that ends at each of some bodies, given by their numbers in the model."""
@@ -169,7 +175,37 @@ class KinematicChain:
             raise CommandError(
                 f"position of shape {np.shape(position)}; the robot has {self.n_servos} servos"
             )
-        return np.ascontiguousarray(position, np.float64)
+        return self._mimics.extended(np.ascontiguousarray(position, np.float64))
+
+
+class _Mimics:
+    """Joints that follow a servo."""
+
+    def __init__(self, robot: Robot) -> None:
+        found = [(servo, one) for servo in robot.servos for one in servo.mimics]
+        self.count = len(found)
+        self._first = len(robot.servos)
+        self._servos = np.array([servo.index for servo, _ in found], dtype=np.intp)
+        self._multiplier = np.array([one.multiplier for _, one in found])
+        self._offset = np.array([one.offset for _, one in found])
+
+    def leader(self, servo: int) -> int:
+        """Returns the servo that one of the steps' servos follows: itself unless it is a mimic joint."""
+        return servo if servo < self._first else int(self._servos[servo - self._first])
+
+    def extended(self, position: Array) -> Array:
+        """Returns `position` (..., n_servos) [rad] with the angles of the mimic joints behind."""
+        if not self.count:
+            return position
+        return np.concatenate([position, position[..., self._servos] * self._multiplier + self._offset], -1)
+
+    def folded(self, jacobian: Array) -> Array:
+        """Returns a Jacobian (6, n_servos) in which a servo's column has those of its mimic joints."""
+        if not self.count:
+            return jacobian
+        own, others = jacobian[:, : self._first].copy(), jacobian[:, self._first :] * self._multiplier
+        np.add.at(own.T, self._servos, others.T)
+        return own
 
 
 class _Steps:
@@ -178,6 +214,9 @@ class _Steps:
     def __init__(self, robot: Robot, model: mujoco.MjModel) -> None:
         servos, _, columns = joints_of(robot, model)
         servo_of = {int(model.dof_jntid[c]): servo for servo, c in zip(servos, columns, strict=True)}
+        mimics = [one.joint for servo in robot.servos for one in servo.mimics]
+        names = {model.joint(joint).name: joint for joint in range(model.njnt)}
+        servo_of |= {names[name]: len(robot.servos) + k for k, name in enumerate(mimics) if name in names}
         self.steps: list[tuple[int, int, bool]] = []
         self.sums: list[Array] = []
         self.axes: list[Array] = []
@@ -249,8 +288,7 @@ def _bare_model(model: Model, written: int) -> mujoco.MjModel:
     for element in [element for group in (*useless, spec.geoms, spec.meshes) for element in group]:
         spec.delete(element)
     # Kinematics need no mass, but MuJoCo compiles no moving body without one.
-    spec.compiler.boundmass = 1e-6
-    spec.compiler.boundinertia = 1e-9
+    spec.compiler.boundmass, spec.compiler.boundinertia = BOUND_MASS, BOUND_INERTIA
     return compiled(spec, model)
 
 

@@ -9,7 +9,8 @@ from lxml import etree
 
 from tci.engine import mujoco
 from tci.errors import DescriptionError, Fault
-from tci.robot.description import Model
+from tci.frames import rotation_rpy
+from tci.robot.description import Attachment, Model
 from tci.robot.mesh_files import NO_MESHES, MeshFiles, is_readable
 
 SMALLEST = 1e-12
@@ -18,6 +19,11 @@ is 1e-9, so smaller values are placeholders."""
 LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-6
 """Mass [kg] and moment of inertia [kg m2] of a moving link whose file gives no possible value. Assumed:
 MuJoCo needs values above 0, and these are small beside a robot's real links."""
+
+
+BOUND_MASS, BOUND_INERTIA = 1e-6, 1e-9
+"""Least mass [kg] and moment of inertia [kg m2] of moving links without geoms, which MuJoCo does not compile
+without any. They count in kinematics only."""
 
 
 def load_spec(model: Model) -> mujoco.MjSpec:
@@ -42,6 +48,8 @@ def load_spec(model: Model) -> mujoco.MjSpec:
         raise DescriptionError(
             model.path, [Fault(0, f"not a readable {model.format} model: {error}")]
         ) from error
+    for attachment in model.attachments:
+        _attach(spec, attachment)
     # MuJoCo discards visual geoms twice: when it parses and again when it compiles.
     spec.compiler.discardvisual = False
     spec.compiler.fusestatic = False
@@ -68,6 +76,22 @@ def compile_once(spec: mujoco.MjSpec) -> mujoco.MjModel:
         return spec.compile()
     finally:
         mujoco.mj_setCacheCapacity(cache, capacity)
+
+
+def _attach(spec: mujoco.MjSpec, attachment: Attachment) -> None:
+    """Fixes another model to a link; all of it hangs below the world of its file. Raises DescriptionError
+    when the file can't be read."""
+    try:
+        other = mujoco.MjSpec.from_file(attachment.path)
+    except ValueError as error:
+        raise DescriptionError(attachment.path, [Fault(0, f"not a readable mjcf model: {error}")]) from error
+    # What its elements mean depends on the file that they are in, so both files get the same settings.
+    other.compiler.degree = spec.compiler.degree
+    other.compiler.boundmass, other.compiler.boundinertia = BOUND_MASS, BOUND_INERTIA
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, rotation_rpy(*attachment.rpy).ravel())
+    frame = spec.body(attachment.link).add_frame(pos=attachment.xyz, quat=quaternion)
+    spec.attach(other, frame=frame, prefix=attachment.prefix)
 
 
 def compiled(spec: mujoco.MjSpec, model: Model) -> mujoco.MjModel:

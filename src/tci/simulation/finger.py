@@ -37,7 +37,7 @@ _OVERLAP = 5e-4
 below a visible overlap."""
 
 
-def add_finger(spec: mujoco.MjSpec, *, step: float) -> None:
+def add_finger(spec: mujoco.MjSpec, *, step: float, radius: float = RADIUS) -> None:
     """Adds the finger, far away: a base that is placed, and a tip that slides on it along its z axis."""
     base = spec.worldbody.add_body(name=FINGER, mocap=True, pos=_PARKED)
     tip = base.add_body(name=_TIP, gravcomp=1.0)
@@ -45,7 +45,7 @@ def add_finger(spec: mujoco.MjSpec, *, step: float) -> None:
     tip.add_geom(
         name=_TIP,
         type=mujoco.mjtGeom.mjGEOM_SPHERE,
-        size=[RADIUS, 0.0, 0.0],
+        size=[radius, 0.0, 0.0],
         mass=MASS,
         contype=SKIN,
         conaffinity=0,
@@ -79,7 +79,7 @@ def add_finger(spec: mujoco.MjSpec, *, step: float) -> None:
 
 
 class Finger:
-    """The finger of a world: a sphere of 10 mm diameter on a spring of 800 N/m.
+    """The finger of a world: a sphere, usually of 10 mm diameter, on a spring of 800 N/m.
 
     A poke moves the spring's base along the skin's inward normal at a constant speed, until it is `depth`
     beyond the point of the tip's first contact. It stays there, however the skin moves.
@@ -90,6 +90,8 @@ class Finger:
         self._physics = physics
         self._skin = skin
         self._geom = model.geom(_TIP).id
+        self.radius = float(model.geom_size[self._geom, 0])
+        """Radius of the tip [m]."""
         self._tip = model.body(_TIP).id
         self._mocap = int(model.body(FINGER).mocapid[0])
         self._qpos = int(model.joint(_TIP).qposadr[0])
@@ -197,7 +199,7 @@ class Finger:
             if not (np.isfinite(value) and value >= 0.0 and (value > 0.0 or name != "speed")):
                 raise CommandError(f"{name} {value}; valid: finite, at least 0, and a speed above 0")
         data = self._physics.data
-        data.mocap_pos[self._mocap] = point + (RADIUS + gap) * outward
+        data.mocap_pos[self._mocap] = point + (self.radius + gap) * outward
         mujoco.mju_quatZ2Vec(data.mocap_quat[self._mocap], -outward)
         # The tip starts at full speed, so that it does not swing on its spring.
         data.qpos[self._qpos] = 0.0

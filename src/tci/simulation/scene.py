@@ -12,7 +12,7 @@ from tci.frames import Array, apply, invert, transform
 from tci.robot.collisions import GROUND, exclude_overlaps, solid_spec
 from tci.robot.description import SOLE, Robot
 from tci.robot.kinematics import KinematicChain
-from tci.simulation.finger import add_finger
+from tci.simulation.finger import RADIUS, add_finger
 from tci.simulation.touch import FINGER_PRIORITY, FLOOR, add_skin
 from tci.skin.surfaces import Surface
 
@@ -28,6 +28,7 @@ def build_scene(
     step: float,
     stands: bool = False,
     shown: bool = False,
+    tip: float = RADIUS,
 ) -> mujoco.MjModel:
     """Builds a model of the robot, its servos, its skin and a finger, ready to simulate.
 
@@ -55,7 +56,7 @@ def build_scene(
                 step=step,
                 floor=stands and patch.segment == SOLE,
             )
-    add_finger(spec, step=step)
+    add_finger(spec, step=step, radius=tip)
     if stands:
         _add_floor(spec, robot, surfaces, posture)
     return exclude_overlaps(spec, robot, posture)
@@ -89,15 +90,15 @@ def _add_servos(spec: mujoco.MjSpec, robot: Robot) -> None:
     # Until a specification is compiled, its angles are in the unit of its file.
     unit = np.rad2deg(1.0) if spec.compiler.degree else 1.0
     for servo in robot.servos:
-        if servo.joint is None:
-            continue
-        joint = spec.joint(servo.joint)
         limits = servo.limits
-        if limits.lower is not None and limits.upper is not None:
-            joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
-            joint.range = np.array([limits.lower, limits.upper]) * unit
-        joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
-        actuator = spec.add_actuator(name=servo.joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=servo.joint)
-        actuator.set_to_position(kp=1.0, kv=1.0)
-        actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
-        actuator.forcerange = np.array([-1.0, 1.0])
+        for one in servo.joints:
+            joint = spec.joint(one.joint)
+            if limits.lower is not None and limits.upper is not None:
+                joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+                ends = np.array([limits.lower, limits.upper]) * one.multiplier + one.offset
+                joint.range = np.sort(ends) * unit
+            joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+            actuator = spec.add_actuator(name=one.joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=one.joint)
+            actuator.set_to_position(kp=1.0, kv=1.0)
+            actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+            actuator.forcerange = np.array([-1.0, 1.0])

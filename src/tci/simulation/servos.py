@@ -41,26 +41,30 @@ class Servos:
         """Args: `home` (n,) [rad], the initial angles; `period` [s] between two targets."""
         self._physics = physics
         self._home = home
-        moving = [servo.index for servo in robot.servos if servo.joint is not None]
+        driven = [(servo.index, one) for servo in robot.servos for one in servo.joints]
+        moving = [index for index, _ in driven]
         self.moving: NDArray[np.intp] = np.array(moving, dtype=np.intp)
-        """Indices of the servos that have a joint."""
+        """Servo (k,) of each moving joint; several joints may follow one servo."""
         model = physics.model
-        joints = [model.joint(robot.servos[index].joint) for index in self.moving]
+        joints = [model.joint(one.joint) for _, one in driven]
         self.addresses: NDArray[np.intp] = np.array([joint.qposadr[0] for joint in joints], dtype=np.intp)
-        """Index of each moving servo's angle in `qpos`."""
+        """Index of each moving joint's angle in `qpos`."""
         self._dofs = np.array([joint.dofadr[0] for joint in joints], dtype=np.intp)
         self._actuators = np.array([model.actuator(joint.name).id for joint in joints], dtype=np.intp)
         self._ramp_steps = max(1, round(period / physics.step))
         limits = [robot.servos[index].limits for index in self.moving]
-        speed = [np.inf if limit.velocity is None else limit.velocity for limit in limits]
-        self._top = np.array(speed) * physics.step
-        self.state = np.zeros((4, len(moving)))
-        """Control state of the moving servos; rows as in `stepping`."""
+        speed = np.array([np.inf if limit.velocity is None else limit.velocity for limit in limits])
+        self.state = np.zeros((6, len(moving)))
+        """Control state of the moving joints; rows as in `stepping`."""
+        self.state[at.RATIO] = [one.multiplier for _, one in driven]
+        self.state[at.SHIFT] = [one.offset for _, one in driven]
+        speed = speed * np.abs(self.state[at.RATIO])
+        self._top = speed * physics.step
         self.places = np.zeros((6, len(moving)), dtype=np.int64)
-        """Indices and modes of the moving servos; rows as in `stepping`."""
+        """Indices and modes of the moving joints; rows as in `stepping`."""
         self.asked = np.zeros((2, len(home)))
         """Targets and torques of all servos; rows as in `stepping`."""
-        self.state[at.LAG] = np.array(speed) * 2.0 * TIME_CONSTANT
+        self.state[at.LAG] = speed * 2.0 * TIME_CONSTANT
         self.places[: at.LOOSE] = self.moving, self.addresses, self._dofs, self._actuators
         self._targets, self._torques = self.asked
         self._setpoint, self._stride = self.state[at.SETPOINT], self.state[at.STRIDE]
@@ -89,7 +93,7 @@ class Servos:
         self._stiffness = np.ones(len(self._home))
         self._damping = np.zeros(len(self._home))
         self._targets[:] = self._home
-        self._setpoint[:] = self._home[self.moving]
+        self._setpoint[:] = self.home
         self._stride[:] = 0.0
         self._torques[:] = 0.0
         self.modes = (Mode.POSITION,) * len(self._home)
@@ -99,6 +103,16 @@ class Servos:
         """True (n,) for servos that are on."""
         self._apply_gains()
         self._physics.data.ctrl[self._actuators] = self._setpoint
+
+    @property
+    def home(self) -> Array:
+        """Returns the initial angle (k,) [rad] of each moving joint."""
+        return self._joint_angles(self._home)
+
+    def _joint_angles(self, angles: Array) -> Array:
+        """Returns the angle (k,) [rad] of each moving joint for `angles` (n,) [rad] of the servos."""
+        result: Array = angles[self.moving] * self.state[at.RATIO] + self.state[at.SHIFT]
+        return result
 
     def set_position_targets(self, servos: ArrayLike, angles: ArrayLike) -> None:
         """Sets targets `angles` (k,) [rad]. Raises CommandError."""
@@ -162,15 +176,16 @@ class Servos:
     def stiffness(self) -> Array:
         """Full stiffness (n,) [N m/rad]; 0 for a servo without a joint."""
         result = np.zeros(len(self._home))
-        result[self.moving] = self._kp
+        np.add.at(result, self.moving, self.state[at.RATIO] ** 2 * self._kp)
         return result
 
     def _catch(self, servo: int) -> None:
         """Makes a loose servo hold its current angle, without torque."""
         self._torques[servo] = 0.0
-        here = self.measured()[at.JOINT, servo]
-        self._targets[servo] = here
-        self._setpoint[self.moving == servo] = here
+        here = self.measured()[at.JOINT]
+        self._targets[servo] = here[servo]
+        mine = self.moving == servo
+        self._setpoint[mine] = self._joint_angles(here)[mine]
 
     def measured(self) -> Array:
         """Returns angles [rad], velocities [rad/s] and motor torques [N m] of all servos (3, n).
@@ -179,7 +194,7 @@ class Servos:
         """
         found = np.empty((3, len(self._home)))
         physics = self._physics
-        at.measure(physics.qpos, physics.qvel, physics.motors, self.places, self.asked, found)
+        at.measure(physics.qpos, physics.qvel, physics.motors, self.places, self.asked, self.state, found)
         found.setflags(write=False)
         return found
 

@@ -17,9 +17,10 @@ from tci.engine import mujoco
 from tci.frames import Array
 from tci.simulation.feeling import DUE, SKIN, SLOTS, Arrays, feel
 
-SETPOINT, STRIDE, LAG, LEAD = range(4)
-"""Rows of the state of moving servos (4, k): set-point [rad], its change per step, limit of the error [rad]
-that they act on, and number of steps by which damping looks ahead."""
+SETPOINT, STRIDE, LAG, LEAD, RATIO, SHIFT = range(6)
+"""Rows of the state of moving joints (6, k): set-point [rad], its change per step, limit of the error [rad]
+that they act on, number of steps by which damping looks ahead; angle of the joint per angle of its servo, and
+at its servo's zero [rad]."""
 SERVO, ADDRESS, DOF, ACTUATOR, LOOSE, YIELDING = range(6)
 """Rows of their indices (6, k): servo, place in `qpos`, `qvel` and `ctrl`; 1 in torque mode; 1 in impedance
 mode."""
@@ -80,14 +81,14 @@ def _drive(qpos: Array, ctrl: Array, servos: Array, places: Array, asked: Array)
     """Moves the servos' set-points by one step."""
     for i in range(servos.shape[1]):
         setpoint, stride, lag = servos[SETPOINT, i], servos[STRIDE, i], servos[LAG, i]
-        left = asked[TARGET, places[SERVO, i]] - setpoint
+        left = asked[TARGET, places[SERVO, i]] * servos[RATIO, i] + servos[SHIFT, i] - setpoint
         advance = min(max(left, -stride), stride)
         setpoint += advance
         servos[SETPOINT, i] = setpoint
         here = qpos[places[ADDRESS, i]]
         error = setpoint - here
         if places[LOOSE, i]:
-            ctrl[places[ACTUATOR, i]] = asked[TORQUE, places[SERVO, i]]
+            ctrl[places[ACTUATOR, i]] = asked[TORQUE, places[SERVO, i]] * servos[RATIO, i]
         else:
             seen = error if places[YIELDING, i] else min(max(error, -lag), lag)
             ctrl[places[ACTUATOR, i]] = here + seen + servos[LEAD, i] * advance
@@ -225,18 +226,20 @@ def march(
     return end
 
 
-@compiled(int64(reads(1), reads(1), reads(1), reads(2, int64), reads(2), writes(2)))
-def measure(qpos: Array, qvel: Array, forces: Array, places: Array, asked: Array, found: Array) -> int:
+@compiled(int64(reads(1), reads(1), reads(1), reads(2, int64), reads(2), reads(2), writes(2)))
+def measure(
+    qpos: Array, qvel: Array, forces: Array, places: Array, asked: Array, servos: Array, found: Array
+) -> int:
     """Writes angles [rad], velocities and motor torques of all servos (3, n); the angle of a servo without a
-    joint is its target."""
+    joint is its target, and that of one with several joints comes from the first."""
     for i in range(found.shape[1]):
         found[JOINT, i] = asked[TARGET, i]
         found[VELOCITY, i] = found[MOTOR, i] = 0.0
-    for i in range(places.shape[1]):
-        servo = places[SERVO, i]
-        found[JOINT, servo] = qpos[places[ADDRESS, i]]
-        found[VELOCITY, servo] = qvel[places[DOF, i]]
-        found[MOTOR, servo] = forces[places[ACTUATOR, i]]
+    for i in range(places.shape[1] - 1, -1, -1):
+        servo, ratio = places[SERVO, i], servos[RATIO, i]
+        found[JOINT, servo] = (qpos[places[ADDRESS, i]] - servos[SHIFT, i]) / ratio
+        found[VELOCITY, servo] = qvel[places[DOF, i]] / ratio
+        found[MOTOR, servo] += forces[places[ACTUATOR, i]] * ratio
     return int(places.shape[1])
 
 
@@ -262,6 +265,7 @@ def aim(
     for i in range(len(servos)):
         asked[TARGET, servos[i]] = angles[i]
     for i in range(state.shape[1]):
-        left = abs(asked[TARGET, places[SERVO, i]] - state[SETPOINT, i])
+        target = asked[TARGET, places[SERVO, i]] * state[RATIO, i] + state[SHIFT, i]
+        left = abs(target - state[SETPOINT, i])
         state[STRIDE, i] = min(left / steps, top[i])
     return len(servos)

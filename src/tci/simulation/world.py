@@ -17,7 +17,7 @@ from tci.robot.collisions import NO_MODEL
 from tci.robot.description import Robot
 from tci.robot.joint_map import joint_map
 from tci.robot.kinematics import KinematicChain
-from tci.simulation.finger import Finger
+from tci.simulation.finger import RADIUS, Finger
 from tci.simulation.joint_torques import JointTorques
 from tci.simulation.physics import Physics
 from tci.simulation.posed_skin import PosedSkin
@@ -30,6 +30,8 @@ from tci.skin.surfaces import Surface, build_surface
 MIDDLEWARE = "sim"
 MAX_STEP = 0.005
 """Longest step [s]: the time constant of the servos. Contacts become softer from 0.002 s on."""
+MAX_TIP = 0.05
+"""Largest radius [m] of the finger's tip: a ball that a hand can still hold."""
 
 
 class World:
@@ -50,10 +52,12 @@ class World:
         posture: Mapping[str, ArrayLike] | None = None,
         stands: bool = False,
         period: float | None = None,
+        tip: float = RADIUS,
     ) -> None:
         """Args: `step` [s] of the physics; `period` [s] between two targets of the servos, by default the
         description's; `noise` [counts], the standard deviation of raw skin values; `skin`, True for all
-        patches, False for none, or the names of patches.
+        patches, False for none, or the names of patches; `tip` [m], the radius of the finger's tip, which may
+        also stand for a ball in a hand.
 
         `posture` gives generic angles [rad] at the start by generic part; other parts start at their initial
         posture. A robot that `stands` carries its weight on a floor, which only its soles touch, and may
@@ -69,6 +73,8 @@ class World:
             raise CommandError(f"noise {noise}; valid: at least 0 counts, and finite")
         if period is not None and not 0.0 < period < np.inf:
             raise CommandError(f"period {period}; valid: above 0 s, and finite")
+        if not 0.0 < tip <= MAX_TIP:
+            raise CommandError(f"tip {tip}; valid: above 0, up to {MAX_TIP} m")
         self.robot = robot
         kinematics = KinematicChain(robot)
         names = [patch.name for patch in robot.patches] if skin is True else skin or ()
@@ -80,7 +86,7 @@ class World:
         home = start_angles(robot, posture or {})
         self._seed = _checked_seed(seed)
         self._generator = np.random.default_rng(seed)
-        self._build = partial(build_scene, robot, self.surfaces, home, step=step, stands=stands)
+        self._build = partial(build_scene, robot, self.surfaces, home, step=step, stands=stands, tip=tip)
         self._physics = Physics(self._build())
         self._home = home
         period = 1.0 / robot.binding(MIDDLEWARE).rate if period is None else period
@@ -133,7 +139,7 @@ class World:
         """
         self._seed = self._seed if seed is None else _checked_seed(seed)
         self._generator.bit_generator.state = np.random.default_rng(self._seed).bit_generator.state
-        self._physics.reset(self._servos.addresses, self._home[self._servos.moving])
+        self._physics.reset(self._servos.addresses, self._servos.home)
         self._servos.reset()
         self.finger.retire()
         self._taxels.reset()

@@ -57,9 +57,11 @@ class Figure:
         self._server = server
         self._model = compiled(solid_spec(robot, shown=True), robot.model)
         self._data = mujoco.MjData(self._model)
-        moving = [servo for servo in robot.servos if servo.joint is not None]
-        self._servos = np.array([servo.index for servo in moving], dtype=np.intp)
-        self._addresses = np.array([self._model.joint(s.joint).qposadr[0] for s in moving], dtype=np.intp)
+        driven = [(servo.index, one) for servo in robot.servos for one in servo.joints]
+        self._servos = np.array([servo for servo, _ in driven], dtype=np.intp)
+        self._lines = np.array([(one.multiplier, one.offset) for _, one in driven]).reshape(-1, 2).T
+        places = [self._model.joint(one.joint).qposadr[0] for _, one in driven]
+        self._addresses = np.array(places, dtype=np.intp)
         self._torso_body = self._model.body(robot.model.torso_link).id
         self._T_LT = robot.model.T_LT
         self._links = {name: self._model.body(s.link).id for name, s in self.skin.surfaces.items()}
@@ -166,7 +168,7 @@ class Figure:
         return float(found) if found >= 0.0 else np.inf
 
     def _move(self, position: Array) -> None:
-        self._data.qpos[self._addresses] = position[self._servos]
+        self._data.qpos[self._addresses] = position[self._servos] * self._lines[0] + self._lines[1]
         mujoco.mj_kinematics(self._model, self._data)
 
     def _pose(self, body: int) -> Array:

@@ -8,14 +8,15 @@ from tci.robot.description.base import Description, Vector
 from tci.robot.description.binding import Address, Binding, wire_name
 from tci.robot.description.part import GenericPart, GenericServo, Kind, Segment, Term
 from tci.robot.description.patch import SOLE, Patch, Table, TriangularModules, TruncatedCone
-from tci.robot.description.robot import Model, Robot
+from tci.robot.description.robot import Attachment, Model, Robot
 from tci.robot.description.sensor import THROUGH_JOINTS, Sensor
-from tci.robot.description.servo import Coupling, Limits, Servo
+from tci.robot.description.servo import Coupling, Limits, Mimic, Servo
 
 __all__ = [
     "SOLE",
     "THROUGH_JOINTS",
     "Address",
+    "Attachment",
     "Binding",
     "Coupling",
     "Description",
@@ -23,6 +24,7 @@ __all__ = [
     "GenericServo",
     "Kind",
     "Limits",
+    "Mimic",
     "Model",
     "Patch",
     "Robot",

@@ -9,7 +9,7 @@ from tci.errors import UnknownNameError
 from tci.frames import Array, read_only, rotation_rpy
 from tci.robot.description.base import Description, Vector
 
-Kind = Literal["arm", "head", "torso", "leg", "hand", "other"]
+Kind = Literal["arm", "head", "torso", "leg", "hand", "fingers", "other"]
 """Kinds of generic parts: those of one kind have the same generic joints."""
 
 
@@ -35,12 +35,12 @@ class GenericServo(Description):
     """Transform factor gamma."""
     offset: float = 0.0
     """Transform displacement sigma [rad]."""
-    transform: Literal["linear", "table", "coupled", "retarget"] = "linear"
+    transform: Literal["linear", "table", "coupled", "synergy", "retarget"] = "linear"
     """Rule that relates generic angles and the robot's angles: see `tci.robot.joint_map`."""
     table: tuple[tuple[float, float], ...] = ()
     """Pairs (servo angle, generic angle) [rad] of a table, in rising order of the servo angle."""
     terms: tuple[Term, ...] = ()
-    """Servos of which a coupled joint is the linear combination, including its own servo."""
+    """Servos of which a coupled or synergic joint is the linear combination, including its own servo."""
     fixed: float = 0.0
     """Generic angle [rad] at which the robot holds a joint that it does not have."""
     stiffness: float = 1.0
@@ -57,7 +57,7 @@ class GenericServo(Description):
     def sense(self) -> float:
         """Sign of the transform: above 0 if the generic angle rises with its servo's angle, below 0 if it
         falls."""
-        if self.transform == "coupled":
+        if self.terms:
             return next((term.factor for term in self.terms if term.servo == self.servo), 0.0)
         return self.table[-1][1] - self.table[0][1] if self.table else self.scale
 

@@ -16,6 +16,21 @@ from tci.robot.description.patch import Patch
 from tci.robot.description.servo import Coupling, Servo
 
 
+class Attachment(Description):
+    """A model that is fixed to a link of the robot's own."""
+
+    path: str
+    """Path of the file (MJCF); absolute after loading."""
+    link: str
+    """Link of the robot's model that it is fixed to."""
+    prefix: str
+    """Text before each name in that file."""
+    xyz: Vector = (0.0, 0.0, 0.0)
+    """Origin [m] of its frame in that link."""
+    rpy: Vector = (0.0, 0.0, 0.0)
+    """Orientation [rad] of its frame in that link."""
+
+
 class Model(Description):
     """The file of the kinematic model, and the torso frame in it."""
 
@@ -33,6 +48,8 @@ class Model(Description):
     """Orientation [rad] of the torso frame (x forward, y left, z up) in that link."""
     torso_xyz: Vector = (0.0, 0.0, 0.0)
     """Origin [m] of the torso frame in that link."""
+    attachments: tuple[Attachment, ...] = ()
+    """Models of what the robot's model lacks, such as hands."""
 
     @cached_property
     def T_LT(self) -> Array:

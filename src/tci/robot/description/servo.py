@@ -25,6 +25,17 @@ class Limits(Description):
     """Names of the fields above whose value is assumed, since no manufacturer published it."""
 
 
+class Mimic(Description):
+    """A joint of the model that follows a servo, as in URDF."""
+
+    joint: str
+    """Name of the joint in the kinematic model."""
+    multiplier: float = 1.0
+    """Its angle per angle of the servo."""
+    offset: float = 0.0
+    """Its angle [rad] while the servo is at 0."""
+
+
 class Servo(Description):
     """A joint of the robot, by the robot's own names and numbers."""
 
@@ -38,10 +49,17 @@ class Servo(Description):
     """The robot's own name of the joint."""
     joint: str | None = None
     """Name of the joint in the kinematic model; None if the model lacks it."""
+    mimics: tuple[Mimic, ...] = ()
+    """Joints of the model that follow it, beside its own or in its place."""
     limits: Limits = Limits()
     """Limits of its motion."""
     modes: tuple[Mode, ...] = (Mode.POSITION,)
     """Control modes that it can be switched to; the first is the initial one."""
+
+    @property
+    def joints(self) -> tuple[Mimic, ...]:
+        """Returns all joints of the model that it moves; the first one tells its angle."""
+        return self.mimics if self.joint is None else (Mimic(joint=self.joint), *self.mimics)
 
 
 class Coupling(Description):

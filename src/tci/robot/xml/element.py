@@ -32,8 +32,8 @@ class Element:
     """Children that occur any number of times."""
     describes: type[Description] | None = None
     """Type of `tci.robot.description` that the element becomes."""
-    fields: Mapping[str, str] = field(default_factory=dict)
-    """Fields of that type by the name of the attribute or child, where the names differ."""
+    fields: Mapping[str, str | None] = field(default_factory=dict)
+    """Fields of that type by the name of the attribute or child, where the names differ; None: no field."""
 
     @property
     def children(self) -> dict[str, Element]:

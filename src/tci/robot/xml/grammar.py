@@ -13,6 +13,7 @@ from typing import get_args
 from tci.messages import CONTROL_MODES
 from tci.robot.description import (
     Address,
+    Attachment,
     Binding,
     Coupling,
     Description,
@@ -20,6 +21,7 @@ from tci.robot.description import (
     GenericServo,
     Kind,
     Limits,
+    Mimic,
     Model,
     Patch,
     Robot,
@@ -86,16 +88,26 @@ LIMITS: dict[str, Element] = {
     "torque": _limit("Limit of the torque.", {"max": "torque"}, TORQUE),
 }
 
+MODES = Choices(tuple(mode.value for mode in CONTROL_MODES))
+MIMIC = Element(
+    "A joint of the model that this servo moves as well, as in URDF: angle = multiplier x the servo's + "
+    "offset. In simulation each follows for itself, as on cables: one that is blocked stops no other.",
+    needs={"joint": NAME}, may={"multiplier": Factor(), "offset": Angle()}, describes=Mimic,
+)  # fmt: skip
 SERVO = Element(
-    "One joint, and its limits. `joint` is its name in the model. A limit with `origin=\"assumed\"` is a "
-    "figure that no maker published. A servo without limits is known, but the gate never moves it.",
-    needs={"id": ID, "name": NAME}, may={"joint": NAME}, once=LIMITS, describes=Servo,
+    "One joint, and its limits. `joint` is its name in the model; without it a simulated servo takes the "
+    "angles that it is sent. `modes` replaces those of its robot part. A limit with `origin=\"assumed\"` is "
+    "a figure that no maker published. A servo without limits is known, but the gate never moves it: a "
+    "command for a whole robot part leaves it where it is.",
+    needs={"id": ID, "name": NAME}, may={"joint": NAME, "modes": MODES}, once=LIMITS,
+    many={"mimic": MIMIC}, describes=Servo,
+    fields={"modes": None},  # no field's default holds: the robot part gives it
 )  # fmt: skip
 
 ROBOT_PART = Element(
     "The robot's own part: a control board of YARP, a chain of NAOqi. `modes` are the control modes of its "
     "servos; they start in the first. Without it: `position`.",
-    needs={"name": NAME}, may={"modes": Choices(tuple(mode.value for mode in CONTROL_MODES))},
+    needs={"name": NAME}, may={"modes": MODES},
     some={"servo": SERVO},
 )  # fmt: skip
 
@@ -126,7 +138,7 @@ GENERIC_SERVO = Element(
         "transform_type": Element(
             "Relation of the generic angle to the robot's. `retarget` is for the shoulder (0, 1, 2) of an "
             "arm: its generic angles count in the torso frame, whatever axes the robot's three joints have; "
-            "they are taken from the model.",
+            "they are taken from the model. `synergy` is for fingers that share motors, or have several.",
             text=_choice(GenericServo, "transform"),
         ),
         "transform_factor": Element("gamma.", text=Factor()),
@@ -150,8 +162,10 @@ GENERIC_SERVO = Element(
     },
     many={
         "coupled_term": Element(
-            "For `coupled`: GS = sum of factor x DS + sigma. The servos are those of this part's coupled "
-            "joints, and the matrix must be invertible.",
+            "For `coupled` and `synergy`: GS = sum of factor x DS + sigma. The servos of `coupled` are those "
+            "of this part's coupled joints, and the matrix must be invertible. Those of `synergy` may be "
+            "more or fewer than the joints: they go where the sum of squared errors is least, by the "
+            "smallest motion.",
             needs={"destination_servo_id": ID, "factor": Factor()}, may={"robot_part": NAME},
         )
     },
@@ -163,7 +177,8 @@ GENERIC_SERVO = Element(
 )  # fmt: skip
 
 GENERIC_ROBOT_PART = Element(
-    "A generic part. An arm has five generic servos. `robot_part` has its servos; one can say otherwise.",
+    "A generic part. An arm has five generic servos, fingers have ten. `robot_part` has its servos; one can "
+    "say otherwise.",
     needs={"name": NAME},
     may={"kind": Choice(get_args(Kind)), "side": Choice(("left", "right")), "robot_part": NAME},
     once={
@@ -186,6 +201,7 @@ GENERIC_ROBOT_PART = Element(
     many={
         "segment": Element(
             "A piece of a limb: u is 0 at `origin` and 1 at `length`. An arm has `upper_arm` and `forearm`; "
+            "fingers may have `palm` and, for their tips, `thumb`, `index`, `middle`, `ring`, `little`; "
             "other parts name theirs freely (`thigh`, `shank`, `foot`).",
             needs={"name": NAME, "link": NAME, "length": LENGTH}, may={"origin": POINT}, describes=Segment,
         )
@@ -273,7 +289,17 @@ MODEL = Element(
     "leaves all out.",
     needs={"format": _choice(Model, "format"), "file": RelativePath(), "torso_link": NAME},
     may={
-        "package": NAME, "extra": NAME, "meshes": RelativePath(),"torso_rpy": ORIENTATION, "torso_xyz": POINT,
+        "package": NAME, "extra": NAME, "meshes": RelativePath(),
+        "torso_rpy": ORIENTATION, "torso_xyz": POINT,
+    },
+    many={
+        "attachment": Element(
+            "A model in a file beside the description (MJCF) that is fixed to a link, such as a hand that "
+            "the robot's model lacks. Names in it get the prefix.",
+            needs={"file": RelativePath(), "link": NAME, "prefix": NAME},
+            may={"xyz": POINT, "rpy": ORIENTATION},
+            describes=Attachment, fields={"file": "path"},
+        )
     },
     describes=Model, fields={"file": "path"},
 )  # fmt: skip
@@ -296,9 +322,11 @@ BINDING = Element(
 
 ROOT = "generic_robot"
 GENERIC_ROBOT = Element(
-    "The file. Without `robot_part`, as in the paper, it gets bare servos without limits.",
+    "The file. Without `robot_part`, as in the paper, it gets bare servos without limits. `extends` names a "
+    "description beside it: an element here adds to the one there that has the same name, id or middleware, "
+    "or to the list.",
     needs={"angle_unit": UNIT},
-    may={"version": Choice(("1",)), "name": NAME, "title": NAME},
+    may={"version": Choice(("1",)), "name": NAME, "title": NAME, "extends": RelativePath()},
     once={"model": MODEL, "skin": Element("All skin.", some={"patch": PATCH})},
     some={"generic_robot_part": GENERIC_ROBOT_PART},
     many={"robot_part": ROBOT_PART, "coupling": COUPLING, "binding": BINDING},

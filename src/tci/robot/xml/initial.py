@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tci.robot.description import GenericPart, GenericServo, Robot, Servo
-from tci.robot.joint_map import Coupled, Linear, Table, Transform, initial_position
+from tci.robot.joint_map import Coupled, Linear, Synergy, Table, Transform, initial_position
 from tci.robot.xml.document import Faults
 from tci.robot.xml.node import Node, listed
 from tci.robot.xml.servos import Servos, check_initial_sum
@@ -45,11 +45,13 @@ def check_initial(
         ids = transform.ids.tolist()
         if not all(nodes[id].ok and positions.get(id, nodes[id]).ok for id in ids):
             continue
-        for id, (index, angle) in zip(ids, _angles(transform, generic).items(), strict=True):
+        by_servo = {joint.servo: joint.id for joint in generic if joint.id in ids}
+        for index, angle in _angles(transform, generic).items():
+            id = by_servo.get(index, ids[0])
             servo, node = servos.all[index], positions.get(id, nodes[id])
             if not _outside(servo, angle, _SLACK):
                 continue
-            if isinstance(transform, Coupled):
+            if isinstance(transform, Coupled | Synergy):
                 names = f"the initial positions of the coupled generic servos {listed(map(str, ids))} put"
                 how, valid = "", "initial positions: those that keep it within"
             else:
@@ -98,6 +100,9 @@ def _transforms(generic: Sequence[GenericServo]) -> list[Transform]:
     found += [Table(joint) for joint in mapped if joint.table]
     if coupled and separable(coupled):
         found.append(Coupled(coupled))
+    synergic = [joint for joint in mapped if joint.transform == "synergy" and joint.terms]
+    if synergic:
+        found.append(Synergy(synergic))
     return found
 
 

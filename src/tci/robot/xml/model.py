@@ -11,7 +11,7 @@ from pathlib import Path
 from lxml import etree
 
 from tci.errors import DescriptionError
-from tci.robot.description import Model
+from tci.robot.description import Attachment, Model
 from tci.robot.mesh_files import NO_MESHES
 from tci.robot.xml.document import Faults, parse, read_bytes
 from tci.robot.xml.node import Node, nearest
@@ -32,6 +32,11 @@ class ModelNames:
 
     links: frozenset[str]
     joints: frozenset[str]
+
+    def with_prefixed(self, prefix: str, other: ModelNames) -> ModelNames:
+        """Returns these names and those of an attached model."""
+        links, joints = ({prefix + name for name in names} for names in (other.links, other.joints))
+        return ModelNames(self.links | links, self.joints | joints)
 
 
 def read_model(root: Node, source: Path, faults: Faults) -> tuple[Model | None, str | None]:
@@ -57,11 +62,19 @@ def read_model(root: Node, source: Path, faults: Faults) -> tuple[Model | None, 
             )
     if path is None:
         return None, None
-    model = Model(**node.fields | {"path": str(path), "meshes": _meshes(node, source, faults)})
-    names = _names(node, path, model.format, faults)
+    attachments = []
+    names = _names(node, path, node.get("format"), faults)
+    for child in node.all("attachment"):
+        file = beside(child, source, "model", faults) if child.ok else None
+        if file is None:
+            continue
+        attachments.append(Attachment(**child.fields | {"path": str(file)}))
+        own = _names(child, file, "mjcf", faults)
+        names = names.with_prefixed(child.get("prefix"), own) if names and own else None
     if names is not None:
         _check_names(root, names, faults)
-    return model, None
+    found = {"path": str(path), "meshes": _meshes(node, source, faults), "attachments": tuple(attachments)}
+    return Model(**node.fields | found), None
 
 
 def _meshes(node: Node, source: Path, faults: Faults) -> str | None:
@@ -150,10 +163,14 @@ def _check_names(root: Node, names: ModelNames, faults: Faults) -> None:
         if node is not None and name is not None and name not in valid:
             faults.add(node.line, f"the model has no {what} {name!r}{nearest(name, sorted(valid))}")
 
-    check(root.first("model"), "torso_link", names.links, "link")
+    model = root.first("model")
+    check(model, "torso_link", names.links, "link")
+    for attachment in model.all("attachment") if model is not None else ():
+        check(attachment, "link", names.links, "link")
     for part in root.all("robot_part"):
         for servo in part.all("servo"):
-            check(servo, "joint", names.joints, "moving joint")
+            for node in (servo, *servo.all("mimic")):
+                check(node, "joint", names.joints, "moving joint")
     for generic in root.all("generic_robot_part"):
         for segment in generic.all("segment"):
             check(segment, "link", names.links, "link")

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from tci.frames import rotation_rpy
+from tci.robot import generic_fingers
 from tci.robot.description import GenericPart, GenericServo, Segment, Servo
 from tci.robot.generic_arm import JOINTS, SEGMENTS
 from tci.robot.xml.document import Faults
@@ -15,9 +16,13 @@ from tci.robot.xml.grammar import MAX_MOUNT
 from tci.robot.xml.initial import check_initial
 from tci.robot.xml.node import Node, listed
 from tci.robot.xml.servos import Servos, once_only
-from tci.robot.xml.transforms import check_coupled, check_retarget, read_table, read_terms
+from tci.robot.xml.transforms import check_coupled, check_retarget, check_synergy, read_table, read_terms
 from tci.robot.xml.values import in_unit
 
+NAMES = {"arm": JOINTS, "fingers": generic_fingers.JOINTS}
+"""Generic joints of the kinds of parts that have all of them."""
+PIECES = {"arm": SEGMENTS, "fingers": (*generic_fingers.FINGERS, generic_fingers.PALM)}
+"""Segments that these kinds may have."""
 _SLACK = 1e-9
 """Rounding error [rad] that conversion between units may add to an angle."""
 
@@ -31,8 +36,8 @@ def read_parts(root: Node, servos: Servos, faults: Faults) -> tuple[GenericPart,
 def _part(node: Node, servos: Servos, faults: Faults) -> GenericPart:
     name = node.get("name", "?")
     kind, side = node.get("kind", "other"), node.get("side")
-    if kind == "arm" and side is None:
-        faults.add(node.line, f'the arm {name!r} has no side; valid: side="left" or side="right"')
+    if kind in NAMES and side is None:
+        faults.add(node.line, f'the {kind} {name!r} has no side; valid: side="left" or side="right"')
     nodes = _by_id(node, name, faults)
     joints = _names(node, name, kind, nodes, faults)
     positions = _initial_positions(node, nodes, faults)
@@ -42,6 +47,7 @@ def _part(node: Node, servos: Servos, faults: Faults) -> GenericPart:
     ]
     _check_targets(name, generic, nodes, servos, faults)
     check_coupled(node, generic, faults)
+    check_synergy(node, generic, faults)
     check_retarget(node, kind, generic, faults)
     check_initial(generic, nodes, positions, servos, faults)
     mount = node.first("mount")
@@ -76,29 +82,30 @@ def _by_id(node: Node, name: str, faults: Faults) -> dict[int, Node]:
 
 
 def _names(node: Node, name: str, kind: str, nodes: Mapping[int, Node], faults: Faults) -> dict[int, str]:
-    """Returns the name of each generic servo; those of an arm are the generic arm's joints."""
+    """Returns the name of each generic servo; those of arms and fingers have a fixed order."""
     once_only(
         [child for child in nodes.values() if "name" in child.values],
         "name",
         f"generic_servo of {name!r} with",
         faults,
     )
-    if kind != "arm":
+    names = NAMES.get(kind)
+    if names is None:
         return {id: child.get("name", f"joint{id}") for id, child in nodes.items()}
-    if len(node.all("generic_servo")) != len(JOINTS):
+    if len(node.all("generic_servo")) != len(names):
+        has = "an arm has" if kind == "arm" else f"{kind} have"
         faults.add(
             node.line,
-            f"an arm has {len(JOINTS)} generic servos ({', '.join(JOINTS)}), {name!r} has "
+            f"{has} {len(names)} generic servos ({', '.join(names)}), {name!r} has "
             f"{len(node.all('generic_servo'))}; one that the robot lacks has the destination_servo_id none, "
-            'those in excess stay out, and what is no generic arm is kind="other"',
+            f'those in excess stay out, and what is no generic {kind} is kind="other"',
         )
         return {id: child.get("name", f"joint{id}") for id, child in nodes.items()}
     for id, child in nodes.items():
-        if id < len(JOINTS) and child.get("name", JOINTS[id]) != JOINTS[id]:
-            faults.add(
-                child.line, f"generic servo {id} of an arm is {JOINTS[id]!r}, not {child.get('name')!r}"
-            )
-    return {id: JOINTS[id] if id < len(JOINTS) else f"joint{id}" for id in nodes}
+        if id < len(names) and child.get("name", names[id]) != names[id]:
+            of = "an arm" if kind == "arm" else kind
+            faults.add(child.line, f"generic servo {id} of {of} is {names[id]!r}, not {child.get('name')!r}")
+    return {id: names[id] if id < len(names) else f"joint{id}" for id in nodes}
 
 
 def _initial_positions(node: Node, nodes: Mapping[int, Node], faults: Faults) -> dict[int, Node]:
@@ -164,7 +171,7 @@ def _check_targets(
     for servo in generic:
         if servo.servo is None:
             continue
-        if servo.servo in first:
+        if servo.servo in first and servo.transform != "synergy":
             target = servos.all[servo.servo]
             faults.add(
                 nodes[servo.id].line,
@@ -188,9 +195,11 @@ def _segments(node: Node, kind: str, faults: Faults) -> tuple[Segment, ...]:
     segments = []
     what = f"segment of {node.get('name', '?')!r} with"
     for child in once_only(node.all("segment"), "name", what, faults):
-        if kind == "arm" and child.get("name", SEGMENTS[0]) not in SEGMENTS:
+        valid = PIECES.get(kind)
+        if valid is not None and child.get("name", valid[0]) not in valid:
+            of = "an arm" if kind == "arm" else kind
             faults.add(
-                child.line, f"no segment of an arm is named {child.get('name')!r}; valid: {listed(SEGMENTS)}"
+                child.line, f"no segment of {of} is named {child.get('name')!r}; valid: {listed(valid)}"
             )
         elif child.ok:
             segments.append(Segment(**child.fields))

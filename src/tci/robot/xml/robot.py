@@ -10,8 +10,9 @@ from pathlib import Path
 from tci.errors import MissingExtraError
 from tci.installed import advice
 from tci.robot.description import Address, Binding, Robot
-from tci.robot.xml.document import Faults, parse, read_bytes, refuse, shown
-from tci.robot.xml.grammar import GENERIC_ROBOT, ROOT
+from tci.robot.xml.document import Faults, refuse
+from tci.robot.xml.extends import read_element
+from tci.robot.xml.grammar import GENERIC_ROBOT
 from tci.robot.xml.initial import check_retargeted, initial_angles
 from tci.robot.xml.model import read_model
 from tci.robot.xml.node import Node, nearest, read_node
@@ -28,11 +29,7 @@ def read_robot(path: str | os.PathLike[str]) -> Robot:
     model comes from a package that is not installed.
     """
     file = Path(path)
-    data = read_bytes(file)
-    element = parse(data, str(file))
-    if element.tag != ROOT:
-        tag = shown(str(element.tag))
-        raise refuse(str(file), element.sourceline or 1, f"the root element is {tag}; valid: <{ROOT}>")
+    element, data = read_element(file)
     faults = Faults(str(file))
     # Without a unit the file is refused; its angles are still checked, as if in degrees.
     unit = element.get("angle_unit")

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from tci.messages import Mode
-from tci.robot.description import Coupling, Limits, Servo
+from tci.robot.description import Coupling, Limits, Mimic, Servo
 from tci.robot.xml.document import Faults
 from tci.robot.xml.grammar import LIMITS
 from tci.robot.xml.node import Node, listed, nearest
@@ -80,16 +80,19 @@ def read_servos(root: Node, faults: Faults) -> Servos:
     modes = {}
     for part in once_only(root.all("robot_part"), "name", "robot_part with", faults):
         name = part.get("name", "?")
-        modes[name] = tuple(Mode(word) for word in part.get("modes", (Mode.POSITION.value,)))
+        modes[name] = part.get("modes", (Mode.POSITION.value,))
         what = f"servo of robot_part {name!r} with"
         of_part = once_only(part.all("servo"), "id", what, faults)
         once_only(of_part, "name", what, faults)
         nodes += [(name, node) for node in sorted(of_part, key=lambda node: node.get("id", -1))]
-    once_only([node for _, node in nodes if "joint" in node.values], "joint", "servo with", faults)
+    driven = [one for _, node in nodes for one in (node, *node.all("mimic")) if "joint" in one.values]
+    once_only(driven, "joint", "servo with", faults)
     for name, node in nodes:
         if "id" in node.values:
             fields = {"name": "?"} | node.fields
-            servos.add(node.line, name, **fields, limits=_limits(node, faults), modes=modes[name])
+            own = tuple(map(Mode, node.get("modes", modes[name])))
+            mimics = tuple(Mimic(**child.fields) for child in node.all("mimic") if child.ok)
+            servos.add(node.line, name, **fields, limits=_limits(node, faults), modes=own, mimics=mimics)
     _check_unit(root, servos, faults)
     return servos
 

@@ -55,16 +55,19 @@ def read_table(node: Node, kind: str, faults: Faults) -> tuple[tuple[float, floa
 
 
 def read_terms(part: Node, node: Node, kind: str, servos: Servos, faults: Faults) -> tuple[Term, ...]:
-    """Reads the servos of which a coupled generic servo is the linear combination."""
+    """Reads the servos of which a coupled or synergic generic servo is the linear combination."""
     children = node.all("coupled_term")
-    if kind != "coupled":
+    if kind not in ("coupled", "synergy"):
         if children:
-            faults.add(children[0].line, f"coupled_term is for the transform_type coupled, not {kind}")
+            valid = "coupled and synergy"
+            faults.add(children[0].line, f"coupled_term is for the transform_types {valid}, not {kind}")
         return ()
     if not children:
-        faults.add(node.line, "the transform_type coupled needs at least one coupled_term")
+        faults.add(node.line, f"the transform_type {kind} needs at least one coupled_term")
     if factor := node.first("transform_factor"):
-        faults.add(factor.line, "a coupled generic servo has factors in its coupled_term elements only")
+        faults.add(
+            factor.line, f"a generic servo of type {kind} has factors in its coupled_term elements only"
+        )
     terms: dict[int, Term] = {}
     for child in children:
         if not child.ok or "destination_servo_id" not in child.values:
@@ -94,6 +97,23 @@ def check_coupled(node: Node, generic: Sequence[GenericServo], faults: Faults) -
     if coupled and not separable(coupled):
         ids = listed(str(joint.id) for joint in coupled)
         faults.add(node.line, f"the coupled generic servos {ids} can't be told apart: singular matrix")
+
+
+def check_synergy(node: Node, generic: Sequence[GenericServo], faults: Faults) -> None:
+    """Checks that each joint of a synergy is moved by its own servo, and that its servos have no other
+    joints in this part."""
+    synergic = [joint for joint in generic if joint.transform == "synergy" and joint.servo is not None]
+    moved = {term.servo for joint in synergic for term in joint.terms}
+    for joint in synergic:
+        if joint.terms and all(term.servo != joint.servo for term in joint.terms):
+            faults.add(
+                node.line, f"generic servo {joint.id}: none of its coupled_terms is its destination_servo_id"
+            )
+    for joint in generic:
+        if joint.transform != "synergy" and joint.servo in moved:
+            faults.add(
+                node.line, f"generic servo {joint.id} leads to a servo of a synergy, and has no part in it"
+            )
 
 
 def separable(coupled: Sequence[GenericServo]) -> bool:

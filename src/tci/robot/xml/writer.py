@@ -35,7 +35,7 @@ def write_robot(
         own = robot.servos_of(name)
         part = root.add("robot_part", name=name, modes=[mode.value for mode in own[0].modes])
         for servo in own:
-            _servo(part, servo)
+            _servo(part, servo, None if servo.modes == own[0].modes else [mode.value for mode in servo.modes])
     for generic in robot.parts:
         _part(root, robot, generic)
     if robot.patches:
@@ -76,10 +76,10 @@ class _Written:
                 self.node.set(name, value.write(found))
 
 
-def _servo(part: _Written, servo: Servo) -> None:
-    written, limits = part.add("servo", servo), servo.limits
+def _servo(part: _Written, servo: Servo, modes: list[str] | None) -> None:
+    written, limits = part.add("servo", servo, modes=modes), servo.limits
     for tag, grammar in LIMITS.items():
-        fields = set(grammar.fields.values())
+        fields = {field for field in grammar.fields.values() if field}
         if all(getattr(limits, field) is not None for field in fields):
             written.add(tag, limits, origin=None if fields.isdisjoint(limits.assumed) else "assumed")
 

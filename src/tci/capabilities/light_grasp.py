@@ -1,0 +1,146 @@
+"""A light grasp reflex: a hand whose palm is touched closes, holds with little force, and opens on a pull.
+
+It is the palmar grasp of an infant, made gentle: the force on each finger is controlled by the flexion of
+that finger (integral force control, Raibert & Craig 1981). It needs generic fingers with skin on palm and
+tips, and nothing else of the robot: fingers that share a motor close until the first of them presses enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from tci.body.generic_body import GenericBody
+from tci.capabilities.capability import Capability
+from tci.errors import TciError
+from tci.frames import Array, read_only
+from tci.messages import GenericCommand, Mode, Order, Perception
+from tci.robot.generic_fingers import FINGERS, FLEXIONS, PALM
+
+LEAD = 0.1
+"""Angle [rad] by which a finger's target may lead its joint. Assumed: a blocked finger must not wind up."""
+OPPOSES = 2.0
+"""Speed of the thumb's opposition as a multiple of that of the flexions. Assumed: it is across the palm
+before the fingers are."""
+LONGEST = 0.1
+"""Longest time [s] between two perceptions that counts. Assumed: after a gap a hand goes on, and does not
+jump."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grip:
+    """State of one hand."""
+
+    stamp: float
+    """Time [s] of the last perception."""
+    flexion: Array
+    """Targets (n,) [rad] of the generic joints."""
+    closed: bool = False
+    """True from the touch of the palm until the hand opens."""
+    holds: bool = False
+    """True once a finger has pressed with half of the force."""
+    felt: float = -np.inf
+    """Latest time [s] at which palm or fingers were touched."""
+    rested: float = -np.inf
+    """Latest time [s] at which nothing pulled."""
+
+
+Grips = Mapping[str, Grip]
+"""Memory of a light grasp, by part."""
+
+
+@dataclass(frozen=True)
+class LightGrasp(Capability[Grips]):
+    """Closes each touched hand. Raises TciError for a setting out of range.
+
+    The defaults are assumed: nobody has published such values for these robots.
+    """
+
+    force: float = 1.0
+    """Force [N] with which each finger presses: enough to feel what is held, and harmless."""
+    touch: float = 0.3
+    """Force [N] on the palm from which the hand closes."""
+    pull: float = 2.5
+    """Force [N] on a finger from which the hand opens, as it does when what it holds leaves the palm."""
+    speed: float = 0.3
+    """Speed [rad/s] of the flexion. Assumed: a faster finger presses too much before its skin tells so."""
+    gain: float = 0.05
+    """Speed [rad/s] of a finger that presses, per missing force [N]. Assumed: stiff fingers, whose skin tells
+    of a change some 20 ms later, must not begin to oscillate."""
+    opposition: float = 1.2
+    """Angle [rad] of the thumb across the palm while the hand is closed."""
+    patience: float = 0.15
+    """Time [s] for which a pull must last. Assumed: longer than the impact of a finger."""
+    quiet: float = 0.5
+    """Time [s] without any touch after which the hand opens, and after which an open one may close again."""
+    most: float = 1.5
+    """Largest flexion [rad]: a finger that meets nothing stops there."""
+
+    def __post_init__(self) -> None:
+        for name in ("force", "touch", "pull", "speed", "gain", "opposition", "patience", "quiet", "most"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise TciError(f"light grasp: {name} {getattr(self, name)}; valid: above 0, finite")
+        if not self.force < self.pull:
+            raise TciError(f"light grasp: pull {self.pull}; valid: above the force of {self.force} N")
+
+    def init(self, body: GenericBody) -> Grips:
+        """Returns open hands. Raises TciError for a robot without fingers."""
+        if not body.parts("fingers"):
+            raise TciError(f"light grasp: {body.robot.name} has no fingers; valid: a robot with them")
+        return {}
+
+    def step(
+        self, memory: Grips, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[Order, ...], Grips]:
+        """Returns a command for each hand whose target changed."""
+        commands, grips = [], {}
+        for part in body.parts("fingers"):
+            rest = body.robot.part(part).initial_posture
+            before = memory.get(part, Grip(perception.stamp, rest))
+            after = grips[part] = self._grip(before, perception, body, part, rest)
+            if after.flexion is not before.flexion:
+                commands.append(GenericCommand(part, Mode.POSITION, after.flexion))
+        return tuple(commands), grips
+
+    def _grip(self, before: Grip, perception: Perception, body: GenericBody, part: str, rest: Array) -> Grip:
+        """Returns the next state of a hand that is open at `rest` (n,) [rad]."""
+        now = perception.stamp
+        pressed = dict.fromkeys((*FINGERS, PALM), 0.0)
+        for contact in perception.contacts:
+            if contact.part == part and contact.segment in pressed:
+                pressed[contact.segment] += contact.force
+        palm, most = pressed[PALM], max(pressed[finger] for finger in FINGERS)
+        felt = now if max(palm, most) >= self.touch else before.felt
+        if not before.closed:
+            closes = palm >= self.touch and now - before.felt >= self.quiet
+            start = perception.posture[part] if closes else before.flexion
+            return Grip(now, start, closed=closes, felt=felt, rested=now)
+        pulled = most >= self.pull or (before.holds and palm < self.touch <= most)
+        rested = before.rested if pulled else now
+        if now - rested >= self.patience or now - felt >= self.quiet:
+            return Grip(now, rest, felt=now)
+        flexion = self._flexion(before, perception, body, part, pressed)
+        holds = before.holds or most >= 0.5 * self.force
+        return Grip(now, flexion, closed=True, holds=holds, felt=felt, rested=rested)
+
+    def _flexion(
+        self, before: Grip, perception: Perception, body: GenericBody, part: str, pressed: Mapping[str, float]
+    ) -> Array:
+        """Returns targets (n,) [rad] that bring the force on each finger nearer to the one to hold with."""
+        here = perception.posture[part]
+        elapsed = min(max(perception.stamp - before.stamp, 0.0), LONGEST)
+        target = np.array(before.flexion)
+        target[0] = min(max(target[0], self.opposition), target[0] + OPPOSES * self.speed * elapsed)
+        for group in body.tied(part):
+            bent = [joint for joint in group if joint in FLEXIONS]
+            if not bent:
+                continue
+            strongest = max(pressed[FINGERS[FLEXIONS.index(joint)]] for joint in bent)
+            missing = self.force - strongest
+            rate = self.speed if strongest <= 0.0 else min(max(self.gain * missing, -self.speed), self.speed)
+            for joint in bent:
+                wanted = target[joint] + rate * elapsed
+                target[joint] = np.clip(min(wanted, here[joint] + LEAD), 0.0, self.most)
+        return read_only(target)

@@ -1,0 +1,53 @@
+"""Commands that name all servos of a robot part, some of which can't be moved.
+
+Programs for control boards command whole boards, also the joints that a robot of this kind can't move. Such a
+joint keeps its place, and the others obey. A command that singles it out is refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tci.errors import CommandError
+from tci.gate.acceptance import check_limits
+from tci.messages import PlatformCommand, PlatformOrder
+from tci.robot.description import Robot, Servo
+
+
+class Immovable:
+    """The servos of a robot that lack a limit which is required to move them."""
+
+    def __init__(self, robot: Robot) -> None:
+        names = dict.fromkeys(servo.robot_part for servo in robot.servos)
+        parts = {name: robot.servos_of(name) for name in names}
+        self._parts = [
+            ({servo.index for servo in servos}, fixed)
+            for servos in parts.values()
+            if (fixed := {servo.index for servo in servos if not _is_movable(servo)})
+        ]
+
+    def left_out(self, order: PlatformOrder) -> PlatformOrder:
+        """Returns an order without the immovable servos of robot parts that it names entirely; the order
+        itself if nothing else would be left of it."""
+        if not self._parts or order.servos.ndim != 1:
+            return order
+        named = {*order.servos.tolist()}
+        fixed = {servo for part, still in self._parts if part <= named for servo in still}
+        if not fixed or fixed == named:
+            return order
+        kept = np.array([servo not in fixed for servo in order.servos.tolist()])
+        if not isinstance(order, PlatformCommand):
+            return replace(order, servos=order.servos[kept])
+        if not order.values.shape == order.speed.shape == order.servos.shape:
+            return order
+        return replace(order, servos=order.servos[kept], values=order.values[kept], speed=order.speed[kept])
+
+
+def _is_movable(servo: Servo) -> bool:
+    try:
+        check_limits(servo)
+    except CommandError:
+        return False
+    return True

@@ -1,0 +1,75 @@
+"""Descriptions that extend another one: a variant of a robot says only what it adds or changes.
+
+An element that has the tag and the name (id, middleware, ...) of one in the extended file gives that one more
+or other attributes and children; any other is added to the list.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from lxml import etree
+
+from tci.robot.xml.document import parse, read_bytes, refuse, shown
+from tci.robot.xml.grammar import ROOT
+
+ATTRIBUTE = "extends"
+KEYS = ("id", "destination_servo_id", "name", "middleware", "of", "joint", "frame", "prefix")
+"""Attributes that tell elements of one tag apart."""
+MOST = 4
+"""Largest number of files that extend each other. Assumed: a robot, its variant, and that of its owner."""
+
+
+def read_element(file: Path) -> tuple[etree._Element, bytes]:
+    """Returns the root element of a description with all that it extends, and the bytes of all these files.
+
+    Raises DescriptionError for a file that can't be read or is no description.
+    """
+    found = [*_files(file)]
+    root = found[-1][0]
+    for element, _ in reversed(found[:-1]):
+        _merge(root, element)
+    root.attrib.pop(ATTRIBUTE, None)
+    return root, b"".join(data for _, data in found)
+
+
+def _files(file: Path) -> Iterator[tuple[etree._Element, bytes]]:
+    """Yields root element and bytes of a description, of the one that it extends, and so on."""
+    for _ in range(MOST):
+        data = read_bytes(file)
+        element = parse(data, str(file))
+        line = element.sourceline or 1
+        if element.tag != ROOT:
+            raise refuse(str(file), line, f"the root element is {shown(str(element.tag))}; valid: <{ROOT}>")
+        yield element, data
+        name = element.get(ATTRIBUTE)
+        if name is None:
+            return
+        base = file.parent / name
+        if Path(name).name != name or not base.is_file():
+            raise refuse(
+                str(file), line, f"{ATTRIBUTE} is {shown(name)}; valid: a description beside this one"
+            )
+        file = base
+    raise refuse(str(file), 1, f"more than {MOST} descriptions extend each other; valid: at most {MOST}")
+
+
+def _merge(base: etree._Element, other: etree._Element) -> None:
+    """Adds attributes and children of `other` to `base`."""
+    base.attrib.update({name: value for name, value in other.attrib.items() if name != ATTRIBUTE})
+    if other.text is not None and other.text.strip():
+        base.text = other.text
+    known = {_key(child): child for child in base if isinstance(child.tag, str)}
+    for child in [child for child in other if isinstance(child.tag, str)]:
+        same = known.get(_key(child))
+        if same is None:
+            base.append(child)
+        else:
+            _merge(same, child)
+
+
+def _key(element: etree._Element) -> tuple[str | None, ...]:
+    """Returns tag and name of an element."""
+    name = next((element.get(key) for key in KEYS if element.get(key) is not None), None)
+    return str(element.tag), name

@@ -1,0 +1,138 @@
+"""A light grasp closes a hand whose palm is touched, holds with the force that is asked for, and opens on a
+pull: on every robot with hands, by nine motors or one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tci
+from tci.capabilities.light_grasp import Grips, LightGrasp
+from tci.drivers.simulated import SimulatedDriver
+from tci.errors import TciError
+from tci.messages import GenericCommand
+from tci.robot.generic_fingers import FLEXIONS
+from tci.runtime.loop import Tick, run
+from tci.simulation.world import World
+from tci.testing import TouchedRobot
+
+HANDS = ("icub-hands", "nao-hands")
+PART = "left_fingers"
+
+
+class Felt:
+    """A hand that is touched in turn, and the state of the reflex."""
+
+    def __init__(self, name: str) -> None:
+        self.touched, self.grasp = TouchedRobot(name), LightGrasp(patience=0.05, quiet=0.1)
+        self.memory: Grips = self.grasp.init(self.touched.body)
+        self.last: GenericCommand | None = None
+
+    def feel(self, times: int, patch: str | None = None, force: float = 2.0) -> GenericCommand | None:
+        """Returns the last command for the left hand while it is touched `times` times."""
+        for _ in range(times):
+            seen = self.touched.perceive(patch, force=force)
+            commands, self.memory = self.grasp.step(self.memory, seen, self.touched.body)
+            for command in commands:
+                assert isinstance(command, GenericCommand)
+                self.last = command if command.part == PART else self.last
+        return self.last
+
+    @property
+    def closed(self) -> bool:
+        return self.memory[PART].closed
+
+
+@pytest.mark.parametrize("name", HANDS)
+def test_a_touched_palm_closes_all_fingers_of_that_hand_and_no_touch_none(name: str) -> None:
+    felt = Felt(name)
+    assert felt.feel(10) is None
+    command = felt.feel(10, "left_palm")
+    assert command is not None
+    has = [joint for joint in FLEXIONS if felt.touched.body.has_joint(PART)[joint]]
+    rest = felt.touched.robot.part(PART).initial_posture
+    assert np.all(command.values[has] > rest[has] + 0.02)
+    assert not felt.memory["right_fingers"].closed
+
+
+@pytest.mark.parametrize(
+    ("name", "finger", "stays", "go_on"),
+    [
+        ("icub-hands", "index", (3,), (1, 5, 7, 9)),
+        ("icub-hands", "little", (7, 9), (1, 3, 5)),  # with the ring finger, by one motor
+        ("nao-hands", "thumb", (1, 3, 5), ()),
+    ],
+)
+def test_a_finger_that_presses_enough_waits_with_those_on_its_motor(
+    name: str, finger: str, stays: tuple[int, ...], go_on: tuple[int, ...]
+) -> None:
+    felt = Felt(name)
+    felt.feel(5, "left_palm")
+    before = felt.memory[PART].flexion
+    felt.feel(3, f"left_{finger}_tip", force=2.0)
+    change = felt.memory[PART].flexion - before
+    assert np.all(change[list(stays)] < 0.0)
+    assert np.all(change[list(go_on)] > 0.0)
+
+
+@pytest.mark.parametrize("name", HANDS)
+def test_a_pull_opens_and_the_next_touch_closes_again(name: str) -> None:
+    felt = Felt(name)
+    felt.feel(5, "left_palm")
+    felt.feel(2, "left_thumb_tip", force=1.0)
+    assert felt.closed
+    command = felt.feel(5, "left_thumb_tip", force=1.0)  # it has left the palm, and the thumb still holds it
+    assert not felt.closed
+    assert command is not None
+    np.testing.assert_array_equal(command.values, felt.touched.robot.part(PART).initial_posture)
+    felt.feel(10)
+    felt.feel(2, "left_palm")
+    assert felt.closed
+
+
+@pytest.mark.parametrize("name", HANDS)
+def test_nothing_left_in_the_hand_opens_it(name: str) -> None:
+    felt = Felt(name)
+    felt.feel(5, "left_palm")
+    felt.feel(10)
+    assert not felt.closed
+
+
+def test_settings_and_robots_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(TciError, match=r"pull 0\.5; valid: above the force of 1"):
+        LightGrasp(pull=0.5)
+    with pytest.raises(TciError, match="speed 0"):
+        LightGrasp(speed=0.0)
+    with pytest.raises(TciError, match="g1 has no fingers"):
+        LightGrasp().init(TouchedRobot("g1").body)
+
+
+@pytest.mark.parametrize(("name", "ball", "bent"), [("nao-hands", 0.012, 20.0), ("icub-hands", 0.018, 70.0)])
+def test_a_ball_in_the_palm_is_held_with_one_newton_and_let_go_on_a_pull(
+    name: str, ball: float, bent: float
+) -> None:
+    robot = tci.load_robot(name)
+    start = np.array(robot.part(PART).initial_posture)
+    start[[0, *FLEXIONS]] = np.deg2rad([60.0, *[bent] * 5])
+    skin = [patch.name for patch in robot.patches if patch.part == PART]
+    world = World(robot, skin=skin, tip=ball, posture={PART: start})
+    driver = SimulatedDriver(robot, world=world)
+    center = len(world.surfaces["left_palm"].positions) // 2
+    world.finger.poke("left_palm", center, depth=0.004, speed=0.1)
+    forces: list[float] = []
+    ticks: list[Tick] = []
+
+    def see(tick: Tick) -> None:
+        ticks.append(tick)
+        tips = [c.force for c in tick.perception.contacts if c.part == PART and c.segment != "palm"]
+        forces.append(max(tips, default=0.0))
+        if len(ticks) == 900:
+            world.finger.retire()
+
+    run(driver, LightGrasp(), duration=2.6, observe=see)
+    assert all(not tick.sent.refusals and tick.sent.reason is None for tick in ticks)
+    held = np.array(forces[600:900])
+    assert held.mean() == pytest.approx(1.0, abs=0.15)
+    assert held.max() < 2.0
+    bends = [tick.perception.posture[PART][list(FLEXIONS)].sum() for tick in ticks]
+    assert bends[-1] < bends[-50], "it opens"

@@ -147,10 +147,10 @@ def test_what_is_wrong_is_said_at_once_with_what_would_be_valid(
 @pytest.mark.parametrize(
     ("words", "offered"),
     [
-        (["describe", "na"], ["nao", "nao-whole"]),
+        (["describe", "na"], ["nao", "nao-hands", "nao-whole"]),
         (["view", "nao", "ica"], []),
-        (["view", "nao", "icub-"], ["icub-whole"]),
-        (["run", "withdrawal", "icub-"], ["icub-whole"]),
+        (["view", "nao", "icub-"], ["icub-hands", "icub-whole"]),
+        (["run", "withdrawal", "icub-"], ["icub-hands", "icub-whole"]),
         (["skin", "show", "tal"], ["talos"]),
         (["run", "withd"], ["withdrawal"]),
         (["view", "--run", "soft"], ["soft-reaction"]),

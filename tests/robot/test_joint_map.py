@@ -156,7 +156,8 @@ def test_fingers_that_share_motors_bend_together(name: str) -> None:
     here[joints.servos] = joints.to_robot(fist, here)
     np.testing.assert_allclose(joints.to_generic(here), fist, atol=1e-9)
     limits = [robot.servos[servo].limits for servo in joints.servos]
-    assert all(one.lower <= here[s] <= one.upper for one, s in zip(limits, joints.servos, strict=True))
+    lower, upper = np.array([(one.lower, one.upper) for one in limits]).T
+    assert np.all((here[joints.servos] >= lower - 1e-9) & (here[joints.servos] <= upper + 1e-9))
     split = fist.copy()
     shared = (7, 9) if name == "icub" else (1, 3, 5)
     split[shared[0]] -= np.deg2rad(30.0)
@@ -173,6 +174,6 @@ def test_velocity_torque_and_stiffness_of_fingers_reach_every_motor() -> None:
     sent = to_platform(robot, GenericCommand("left_fingers", Mode.VELOCITY, speed))
     moved = joints.slope(np.zeros(41)) @ sent.values
     np.testing.assert_allclose(moved, speed[joints.ids], atol=1e-9)
-    assert np.count_nonzero(sent.values) == 2, "proximal and distal motor"
+    assert np.count_nonzero(np.abs(sent.values) > 1e-9) == 2, "proximal and distal motor"
     shares = to_platform(robot, GenericCommand("left_fingers", Mode.STIFFNESS, np.full(10, 0.4)))
     np.testing.assert_allclose(shares.values, np.full(9, 0.4))

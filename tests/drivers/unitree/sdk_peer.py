@@ -131,6 +131,9 @@ def py_robot() -> None:
         state.tick += 8
         state.crc = crc.Crc(state)
         states.Write(state)
+    end = time.monotonic() + 5.0
+    while weights and weights[-1] and time.monotonic() < end:
+        time.sleep(0.1)  # Python is late, by seconds on a busy machine
     tell(
         commands=len(weights), wrong=wrong, smallest=min(elbow, default=None), last=elbow and elbow[-1],
         largest_weight=max(weights, default=None), weight=weights and weights[-1],

@@ -26,6 +26,9 @@ from tci.drivers.ros.node import RosNode
 from tci.drivers.ros.ros1 import Ros1Node
 from tci.drivers.ros.ros2 import open_node
 from tci.drivers.ros.rosbridge import RosbridgeNode
+from tci.drivers.unitree.messages import HAND_STATE
+from tci.drivers.unitree.node import UnitreeNode, latest
+from tci.drivers.unitree.wire import MOTOR_STATE, PRESS, encode_hand
 from tci.drivers.zenoh.driver import QOS
 from tci.drivers.zenoh.session import close_session, open_session, parse_address
 from tci.messages import SkinFrame
@@ -147,6 +150,23 @@ class _Echo:
         return values
 
 
+def over_unitree(where: str, there: bool) -> Ways:
+    """Exchanges bytes as the motors of a hand, Unitree's only message without a fixed length."""
+    node, count = UnitreeNode("lo", int(where)), -(-8 * SIZE // MOTOR_STATE.itemsize)
+    ways = ("rt/bench/back", "rt/bench/there")
+    out, into = ways if there else ways[::-1]
+    send, came = node.out(out, HAND_STATE), node.reader(into, HAND_STATE)
+
+    def receive() -> Iterator[bytes]:
+        yield from (sample.raw[8 : 8 + 8 * SIZE] for sample in latest(came))
+
+    def put(data: bytes) -> None:
+        motors = np.frombuffer(data.ljust(count * MOTOR_STATE.itemsize), MOTOR_STATE)
+        send(encode_hand(motors, np.zeros(0, PRESS)))
+
+    return put, receive, node.close
+
+
 def over_yarp(where: str, there: bool) -> Ways:
     """Exchanges vectors over two ports, with the names and dialect of `tci serve --via yarp`."""
     address, _, dialect = where.partition(",")
@@ -188,8 +208,9 @@ OVER: dict[str, Callable[[str, bool], Ways]] = {
     "ros1": lambda where, there: over_ros(Ros1Node("bench"), there),
     "player": over_player,
     "rosbridge": over_rosbridge,
+    "unitree": over_unitree,
 }
-PLAIN = ("naoqi", "yarp", "yarp4")
+PLAIN = ("naoqi", "unitree", "yarp", "yarp4")
 """Middleware that carries numbers. The others carry skin frames with a header and a check sum."""
 
 

@@ -29,7 +29,7 @@ ELSEWHERE = {
     "yarp:bindings": "conda install -c conda-forge yarp-python",
 }
 """Installation advice for libraries that are not on PyPI."""
-VIAS = {**ELSEWHERE, **{name: advice(name) for name in ("naoqi", "ros2", "rosbridge", "zenoh")}}
+VIAS = {**ELSEWHERE, **{name: advice(name) for name in ("naoqi", "ros2", "rosbridge", "unitree", "zenoh")}}
 WITH_VIA = (
     "demo nao --headless --via {}",
     "run withdrawal nao --via {}",
@@ -119,7 +119,7 @@ def test_it_ends_with_what_to_install(words: str, said: dict[str, tuple[object, 
 def test_the_doctor_tells_every_driver_that_lacks_its_library(said: dict[str, tuple[object, str]]) -> None:
     found = {each["subject"]: each for each in json.loads(said[DOCTOR][1])["findings"]}
     lacking = {name for name in driver_names() if found[f"driver {name}"]["level"] != "ok"}
-    assert lacking == {"naoqi", "ros1", "ros2", "rosbridge", "zenoh"}
+    assert lacking == {"naoqi", "ros1", "ros2", "rosbridge", "unitree", "zenoh"}
     for name in lacking:
         assert found[f"driver {name}"]["level"] == "note"
         assert VIAS[name] in found[f"driver {name}"]["advice"]

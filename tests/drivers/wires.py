@@ -17,7 +17,7 @@ import pytest
 import zenoh
 
 import tci
-from drivers.patient import patient
+from drivers.patient import PATIENCE, patient
 from drivers.ros_robots import anywhere, garbage_on, here_only, roscore
 from drivers.served import needs_qi
 from peers import bindings_dialect
@@ -46,14 +46,16 @@ class Peer(ABC):
 
     other_process = True
     """True if it is another process, which can be lost."""
+    usual_silence = 0.08
+    """Age [s] of joint data above which a robot of this middleware holds, outside of tests."""
 
     @abstractmethod
     def start(self) -> None:
         """Starts the peer."""
 
     @abstractmethod
-    def open(self, *, arm: bool) -> Driver:
-        """Opens a driver of the peer's NAO."""
+    def open(self, *, arm: bool, silence: float = PATIENCE) -> Driver:
+        """Opens a driver of the peer's NAO that holds after `silence` [s]."""
 
     def freeze(self) -> None:
         """Suspends the peer until `thaw`."""
@@ -88,7 +90,7 @@ class Simulated(Peer):
     def start(self) -> None:
         pass
 
-    def open(self, *, arm: bool) -> Driver:
+    def open(self, *, arm: bool, silence: float = PATIENCE) -> Driver:
         return SimulatedDriver(tci.load_robot("nao"), arm=arm)
 
     def stop(self) -> None:
@@ -118,8 +120,8 @@ class Process(Peer):
         assert self.process.stdout is not None
         assert self.process.stdout.readline() == "ready\n"
 
-    def open(self, *, arm: bool) -> Driver:
-        return tci.connect(patient("nao"), self.driver_via, arm=arm)
+    def open(self, *, arm: bool, silence: float = PATIENCE) -> Driver:
+        return tci.connect(patient("nao", silence), self.driver_via, arm=arm)
 
     def freeze(self) -> None:
         assert self.process is not None
@@ -318,11 +320,14 @@ class Rosbridge(Process):
 class Unitree(Process):
     """On the topics of a Unitree G1, which has no skin."""
 
+    usual_silence = 0.1
+
     def __init__(self) -> None:
         super().__init__(lambda: f"unitree:lo/{100 + free_port() % 100}")
 
-    def open(self, *, arm: bool) -> Driver:
-        return tci.connect(patient("nao").model_copy(update={"patches": ()}), self.driver_via, arm=arm)
+    def open(self, *, arm: bool, silence: float = PATIENCE) -> Driver:
+        robot = patient("nao", silence).model_copy(update={"patches": ()})
+        return tci.connect(robot, self.driver_via, arm=arm)
 
     def disturb(self, messages: list[bytes]) -> None:
         stranger = UnitreeNode("lo", int(self.via.rpartition("/")[2]))

@@ -29,7 +29,6 @@ from report import TABLES, markdown
 from rich.progress import track
 from round_trip import in_turn
 
-import tci
 from drivers.ros_robots import here_only, roscore
 from drivers.wires import PEERS, Peer, free_port, lcm_url
 from tci.gate.safe_command import GateState
@@ -74,6 +73,15 @@ def rclpy() -> str:
     return f"rclpy {found[0]} (rmw_fastrtps {found[1]})"
 
 
+def sdks() -> str:
+    script = (
+        "from importlib.metadata import version as v; print(v('far-unitree-sdk'), v('unitree-sdk2py-dimos'))"
+    )
+    asked = [str(ROOT / ".peers/unitree/bin/python"), "-c", script]
+    cpp, python = subprocess.run(asked, capture_output=True, text=True, check=True).stdout.split()
+    return f"Unitree's SDKs: C++ (far-unitree-sdk {cpp}), Python (unitree-sdk2py-dimos {python})"
+
+
 def zenoh_where() -> str:
     return f"tcp/127.0.0.1:{free_port()}"
 
@@ -100,6 +108,7 @@ ROWS = {
     "ros1": Row(lambda: f"roscore, rospy {debian('python3-rospy')}", "test_ros1.py", ROBOT),
     "player": Row(lambda: f"Player 3.1.1, {SAID}", "test_player.py", AGAIN),
     "rosbridge": Row(lambda: f"rosbridge_server 0.11.17, {SAID}", "test_rosbridge.py", ROBOT),
+    "unitree": Row(sdks, "unitree", ITSELF, lambda: "99"),
 }
 
 
@@ -122,7 +131,7 @@ def held_after(peer: Peer) -> float:
     """Returns the time [ms] from a SIGKILL of the robot's process to the first command that holds."""
     peer.start()
     try:
-        with tci.connect(tci.load_robot("nao"), peer.driver_via, arm=True) as driver:
+        with peer.open(arm=True, silence=peer.usual_silence) as driver:
             for _ in driver.ticks(duration=1.0):
                 driver.write(driver.gate.step([], driver.read().joints, driver.clock.now()))
             peer.kill()

@@ -86,6 +86,7 @@ SERVERS = {
         command="who reaches the rosbridge server",
         beside=(str(ROOT / "tests" / "drivers" / "rosbridge_relay.py"),),
     ),
+    "unitree": Server(("serve", "g1", "--via", "unitree"), "`unitree:INTERFACE`"),
     "yarp": _serve(
         "yarp", "`yarp:ADDRESS:PORT`, or `yarp.conf`", command=f"{HERE}; with `auth.conf`, who has its key"
     ),

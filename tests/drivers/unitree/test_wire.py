@@ -8,12 +8,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cyclonedds.idl._typesupport.DDS.XTypes import TK_UINT8
 from hypothesis import given
 from hypothesis import strategies as st
 
 from skin_data import SkinData
+from tci.drivers.ros.messages import BYTES
+from tci.drivers.ros.ros2_dds import _idl
 from tci.drivers.unitree import messages, wire
 from tci.errors import FrameError
+from tci.recording.schemas import CLOUD, SKIN
 
 
 def slow_checksum(data: bytes) -> int:
@@ -107,6 +111,27 @@ def test_a_changed_byte_makes_the_checksum_wrong() -> None:
             assert not decode(bytes(data))[1]
             data[place] ^= 1
         assert decode(bytes(data))[1]
+
+
+def kinds(node: Any) -> Iterator[int]:
+    """Yields the kinds of all types that a description of types names."""
+    if isinstance(node, list | tuple):
+        for item in node:
+            yield from kinds(item)
+    elif hasattr(node, "discriminator"):
+        yield node.discriminator
+        yield from kinds(node.value)
+    elif dataclasses.is_dataclass(node):
+        for field in dataclasses.fields(node):
+            yield from kinds(getattr(node, field.name))
+
+
+@pytest.mark.parametrize(
+    "kind", [messages.COMMAND, messages.STATE, messages.HAND_STATE, *map(_idl, (BYTES, CLOUD, SKIN))]
+)
+def test_cyclone_of_robots_and_of_ros_knows_every_type(kind: Any) -> None:
+    """A program on cyclonedds 0.10.2 that reads TCI's bytes ended with a segmentation fault at TK_UINT8."""
+    assert TK_UINT8 not in kinds(kind.__idl__.get_type_mapping())
 
 
 def test_a_hand_says_how_many_motors_and_pads_it_has() -> None:

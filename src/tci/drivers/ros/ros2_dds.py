@@ -55,8 +55,9 @@ GRAPH = MessageType(
     headed=False,
 )
 """Assignment of a participant's topics to nodes; `ros2 node list` reads it."""
+# cyclonedds 11 announces `uint8` as TK_UINT8: programs on Cyclone 0.10, that of ROS 2, then crash.
 SIMPLE = {
-    "bool": bool, "uint8": types.uint8, "uint16": types.uint16, "int32": types.int32, "uint32": types.uint32,
+    "bool": bool, "uint8": types.byte, "uint16": types.uint16, "int32": types.int32, "uint32": types.uint32,
     "int64": types.int64, "float64": types.float64, "string": str,
 }  # fmt: skip
 _TIME = ("builtin_interfaces/Time", (("int32", "sec"), ("uint32", "nanosec")))

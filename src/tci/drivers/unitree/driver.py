@@ -5,6 +5,7 @@
 | `rt/lowstate` | angles, speeds and torques of all motors, pelvis, remote; 500 Hz | robot |
 | `rt/arm_sdk` | targets and gains of waist and arms, and their weight | driver |
 | `rt/lowcmd` | targets and gains of all motors, with `?control=all` | driver |
+| `rt/dex3/SIDE/state` | press sensors of a Dex3 hand (`hands`) | robot |
 
 DDS has no passwords here: the interface must be named, and one that others may reach is refused. Commands
 are sent by a process of their own, which hands the motors back even if this one is killed (`keeper`).
@@ -26,6 +27,7 @@ from tci.drivers.remote.source_clock import SourceClock
 from tci.drivers.unitree import messages
 from tci.drivers.unitree.address import parse_unitree
 from tci.drivers.unitree.handover import DQ, KP, ROWS, TAU, Phase, Q
+from tci.drivers.unitree.hands import HandSkin
 from tci.drivers.unitree.health import Health
 from tci.drivers.unitree.held_motors import HeldMotors, Status
 from tci.drivers.unitree.motors import MOTORS, NAMES, UPPER, VARIANTS, absent, commanded, gains
@@ -55,7 +57,8 @@ class UnitreeDriver(Driver):
         `?control=all` it first switches the robot's own controller off, which keeps its balance.
 
         Raises DriverError for an interface that others may reach, when no state arrives within `wait` [s],
-        and when the robot is not ready: an error of a motor, another program that commands it, L2+B.
+        and when the robot is not ready: an error of a motor, another program that commands it, L2+B. Without
+        `skin` the hands' press sensors are not read.
         """
         self.where = parse_unitree(address)
         super().__init__(
@@ -75,6 +78,7 @@ class UnitreeDriver(Driver):
         self._node = UnitreeNode(self.where.interface, self.where.domain)
         try:
             self._states = self._node.reader("rt/lowstate", messages.STATE)
+            self._skin = HandSkin(robot, self._node) if skin else None
             self._wait(wait)
             self._movable = self._movable_slots()
             if arm:
@@ -126,7 +130,7 @@ class UnitreeDriver(Driver):
         if self._held is not None:
             self._follow(self._held.poll())
         assert self._joints is not None  # the constructor waits for them
-        return Reading(self._joints, ())
+        return Reading(self._joints, () if self._skin is None else self._skin.frames(self.clock.now()))
 
     def _send(self, safe: SafeCommand) -> None:
         assert self._held is not None  # armed drivers hold motors

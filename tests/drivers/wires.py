@@ -325,10 +325,6 @@ class Unitree(Process):
     def __init__(self) -> None:
         super().__init__(lambda: f"unitree:lo/{100 + free_port() % 100}")
 
-    def open(self, *, arm: bool, silence: float = PATIENCE) -> Driver:
-        robot = patient("nao", silence).model_copy(update={"patches": ()})
-        return tci.connect(robot, self.driver_via, arm=arm)
-
     def disturb(self, messages: list[bytes]) -> None:
         stranger = UnitreeNode("lo", int(self.via.rpartition("/")[2]))
         send, size = stranger.out("rt/lowstate", STATE), STATE_RECORD.itemsize - 4

@@ -105,13 +105,14 @@ def check_hardware(
     from tci.robot.catalogue import load_robot
 
     robot = load_robot(name)
-    servos, patches = wanted(robot, parts)
+    wanted(robot, parts)  # before anything is taken
     if friction is not None and not any(patch.through_joints for patch in robot.patches):
         raise CommandError(
             f"--friction: no patch of {robot.name} is felt through joints; valid: a description with "
             "<felt_through_joints/>, such as g1-bare"
         )
     with connect(robot, via, arm=True) as driver:
+        servos, patches = wanted(driver.robot, parts)  # some drivers carry no skin
         shown = Console(stderr=True) if as_json else console
         operator = Simulation(driver) if isinstance(driver, SimulatedDriver) else Terminal(shown)
         if not as_json:

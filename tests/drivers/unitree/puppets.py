@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from tci.drivers.unitree import messages
-from tci.drivers.unitree.node import UnitreeNode, latest
+from tci.drivers.unitree.node import MOST, UnitreeNode, latest
 from tci.drivers.unitree.wire import STATE, WEIGHT, decode_command, encode_state
 
 PERIOD = 0.004
@@ -39,7 +39,7 @@ class Puppet:
         """True while their checksums are wrong."""
         self._node = UnitreeNode("lo", domain)
         self._states = self._node.out("rt/lowstate", messages.STATE)
-        self._commands = self._node.reader(topic, messages.COMMAND, calls=True)  # loses none
+        self._commands = self._node.reader(topic, messages.COMMAND, keep=MOST, reliable=True)
         self._open = True
         self._thread = threading.Thread(target=self._live, daemon=True)
         self._thread.start()
@@ -52,7 +52,7 @@ class Puppet:
                 if not self.silent:
                     data = encode_state(self.state)
                     self._states(data[:-1] + bytes([data[-1] ^ self.spoilt]))
-            for sample in latest(self._commands, 16):
+            for sample in latest(self._commands):
                 command, right = decode_command(sample.raw)
                 self.heard.append(
                     Heard(

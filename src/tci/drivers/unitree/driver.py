@@ -27,11 +27,11 @@ from tci.drivers.remote.source_clock import SourceClock
 from tci.drivers.unitree import messages
 from tci.drivers.unitree.address import parse_unitree
 from tci.drivers.unitree.handover import DQ, KP, ROWS, TAU, Phase, Q
-from tci.drivers.unitree.hands import HandSkin
+from tci.drivers.unitree.hands import HandSkin, patches_of
 from tci.drivers.unitree.health import Health
 from tci.drivers.unitree.held_motors import HeldMotors, Status
 from tci.drivers.unitree.motors import MOTORS, NAMES, UPPER, VARIANTS, absent, commanded, gains
-from tci.drivers.unitree.node import UnitreeNode, latest
+from tci.drivers.unitree.node import MOST, UnitreeNode, latest
 from tci.drivers.unitree.switcher import Switcher
 from tci.drivers.unitree.wire import decode_state
 from tci.errors import DriverError, FrameError
@@ -58,9 +58,11 @@ class UnitreeDriver(Driver):
 
         Raises DriverError for an interface that others may reach, when no state arrives within `wait` [s],
         and when the robot is not ready: an error of a motor, another program that commands it, L2+B. Without
-        `skin` the hands' press sensors are not read.
+        `skin` the hands' press sensors are not read, and other drivers may bring the skin.
         """
         self.where = parse_unitree(address)
+        if skin:
+            robot = robot.model_copy(update={"patches": patches_of(robot)})
         super().__init__(
             DriverInfo.of(
                 robot, "unitree", clock=MonotonicClock(), armed=arm, lease_name=f"unitree:{self.where}"
@@ -70,14 +72,13 @@ class UnitreeDriver(Driver):
         self._health = Health(simulation=self.where.simulation)
         self._source = SourceClock()
         self._joints: JointReading | None = None
-        self._tick = 0
         self._phase = Phase.WAITING
         self._share = np.ones((2, MOTORS))
         self._gains = gains(whole=self.where.whole)
         self._held: HeldMotors | None = None
         self._node = UnitreeNode(self.where.interface, self.where.domain)
         try:
-            self._states = self._node.reader("rt/lowstate", messages.STATE)
+            self._states = self._node.reader("rt/lowstate", messages.STATE, keep=MOST)
             self._skin = HandSkin(robot, self._node) if skin else None
             self._wait(wait)
             self._movable = self._movable_slots()
@@ -182,10 +183,8 @@ class UnitreeDriver(Driver):
                 self._joints = self._reading(state, min(stamp, now))
 
     def _reading(self, state: Any, stamp: float) -> JointReading:
-        motors, tick, before = state["motor"][self._slots], int(state["tick"]), self._tick
-        passed = tick - before if before < tick else 1  # it may stand still, or begin anew
-        self._tick = tick
-        sequence = 0 if self._joints is None else self._joints.sequence + passed
+        motors = state["motor"][self._slots]
+        sequence = 0 if self._joints is None else self._joints.sequence + 1
         position, velocity, torque = (read_only(motors[name], float) for name in ("q", "dq", "tau_est"))
         return JointReading(stamp, sequence, position, velocity, torque)
 

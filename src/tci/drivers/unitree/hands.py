@@ -26,6 +26,12 @@ NO_VALUE = 30_000.0
 """Reading of a place without a sensor (the vendor's)."""
 
 
+def patches_of(robot: Robot) -> tuple[Patch, ...]:
+    """Returns the patches that the binding puts on a hand; a G1 sends no others."""
+    named = {address.of for address in robot.binding("unitree").addresses}
+    return tuple(patch for patch in robot.patches if patch.name in named)
+
+
 class HandSkin:
     """Frames of the patches on both hands."""
 
@@ -34,12 +40,11 @@ class HandSkin:
         address."""
         binding = robot.binding("unitree")
         self._hands: list[_Hand] = []
-        for patch in robot.patches:
+        for patch in patches_of(robot):
             side = binding.address(patch.name, "")
-            if side and side not in SIDES:
+            if side not in SIDES:
                 raise DriverError(f"{patch.name} is on the hand {side!r}; valid: {', '.join(SIDES)}")
-            if side:
-                self._hands.append(_Hand(patch, side, node))
+            self._hands.append(_Hand(patch, side, node))
 
     def frames(self, now: float) -> tuple[SkinFrame, ...]:
         """Returns the latest frame of each patch that has sent one, at `now` [s]. Raises DriverError for a

@@ -24,8 +24,9 @@ from tci.errors import DriverError
 
 RELIABLE = Policy.Reliability.Reliable(duration(milliseconds=0))
 """Repeats lost messages, but never waits for a slow reader."""
-CALLS = 16
-"""Requests or responses that are kept until they are read. Assumed: a robot gets a few per second."""
+MOST = 16
+"""Messages that are kept until they are read, where more than the newest counts. Assumed: a robot gets few
+calls per second, and sends 8 states in a period of 60 Hz."""
 
 
 class Out:
@@ -67,14 +68,18 @@ class UnitreeNode:
         return DataWriter(self._there(), Topic(self._there(), topic, kind), qos=qos)
 
     def reader(
-        self, topic: str, kind: type[IdlStruct], *, calls: bool = False, foreign: bool = False
+        self,
+        topic: str,
+        kind: type[IdlStruct],
+        *,
+        keep: int = 1,
+        reliable: bool = False,
+        foreign: bool = False,
     ) -> DataReader[Any]:
-        """Returns a reader of the newest message, of others than this participant if `foreign`, or of
-        `calls`, of which none may be lost."""
+        """Returns a reader of the newest `keep` messages, none of which may be lost if it is `reliable`; of
+        others than this participant if it is `foreign`."""
         kept: list[Any] = [Policy.IgnoreLocal.Participant] if foreign else []
-        kept += [RELIABLE, Policy.History.KeepLast(CALLS)] if calls else [
-            Policy.Reliability.BestEffort, Policy.History.KeepLast(1)
-        ]  # fmt: skip
+        kept += [RELIABLE if reliable else Policy.Reliability.BestEffort, Policy.History.KeepLast(keep)]
         return DataReader(self._there(), Topic(self._there(), topic, kind), qos=Qos(*kept))
 
     def other_writers(self, topic: str) -> int:
@@ -105,7 +110,7 @@ class UnitreeNode:
         return self._participant
 
 
-def latest(reader: DataReader[Any], most: int = 1) -> list[Any]:
+def latest(reader: DataReader[Any], most: int = MOST) -> list[Any]:
     """Returns the samples that arrived since the last call, oldest first."""
     return [sample for sample in reader.take(most) if isinstance(sample, IdlStruct)]
 

@@ -8,7 +8,7 @@ from contextlib import suppress
 from typing import Any
 
 from tci.drivers.unitree import messages
-from tci.drivers.unitree.node import UnitreeNode, latest
+from tci.drivers.unitree.node import MOST, UnitreeNode, latest
 from tci.errors import DriverError
 
 CHECK, SELECT, RELEASE = 1001, 1002, 1003
@@ -27,7 +27,9 @@ class Switcher:
     """Client of the service."""
 
     def __init__(self, node: UnitreeNode) -> None:
-        self._responses = node.reader("rt/api/motion_switcher/response", messages.RESPONSE, calls=True)
+        self._responses = node.reader(
+            "rt/api/motion_switcher/response", messages.RESPONSE, keep=MOST, reliable=True
+        )
         self._requests = node.writer("rt/api/motion_switcher/request", messages.REQUEST)
 
     def check(self) -> str:
@@ -60,7 +62,7 @@ class Switcher:
                 )  # fmt: skip
                 call = messages.REQUEST(header=header, parameter=json.dumps(parameter), binary=[])
                 self._requests.write(call)
-            for answer in latest(self._responses, 16):
+            for answer in latest(self._responses):
                 if answer.header.identity.id in numbers:
                     if code := answer.header.status.code:
                         raise DriverError(f"motion_switcher: call {api} fails with code {code}")
@@ -77,12 +79,14 @@ class SwitcherServer:
     def __init__(self, node: UnitreeNode) -> None:
         self.name = NAME
         """Name of the controller that runs; empty without one."""
-        self._requests = node.reader("rt/api/motion_switcher/request", messages.REQUEST, calls=True)
-        self._responses = node.writer("rt/api/motion_switcher/response", messages.RESPONSE, keep=16)
+        self._requests = node.reader(
+            "rt/api/motion_switcher/request", messages.REQUEST, keep=MOST, reliable=True
+        )
+        self._responses = node.writer("rt/api/motion_switcher/response", messages.RESPONSE, keep=MOST)
 
     def poll(self) -> None:
         """Answers the calls that have arrived."""
-        for call in latest(self._requests, 16):
+        for call in latest(self._requests):
             code, data = self._answer(call.header.identity.api_id, call.parameter)
             if not call.header.policy.noreply:
                 header = messages.RESPONSE_HEADER(

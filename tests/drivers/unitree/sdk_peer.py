@@ -15,7 +15,7 @@ import types
 from typing import Any
 
 ROLE, DOMAIN = sys.argv[1], int(sys.argv[2])
-LONGEST = 30.0
+LONGEST = 60.0
 """Time [s] after which a program ends in any case."""
 LOOPBACK = (
     '<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterface name="lo" multicast="false"/>'

@@ -37,8 +37,8 @@ class Peer:
         if robot:
             assert self.process.stdin is not None
             self.process.stdin.close()
-        lines = [line for line in self.process.stdout if line.startswith("{")]
-        found: dict[str, Any] = json.loads(lines[-1])
+        said = self.process.stdout.read()  # threads of the SDK print between, even within a line
+        found: dict[str, Any] = json.JSONDecoder().raw_decode(said, said.index('{"'))[0]
         return found
 
 
@@ -49,7 +49,7 @@ def started(*command: str) -> Iterator[Peer]:
     with subprocess.Popen(command, text=True, cwd=HERE.parents[1], **pipes) as process:  # type: ignore[call-overload]
         assert process.stdout is not None
         try:
-            while (line := process.stdout.readline()) != "ready\n":
+            while "ready" not in (line := process.stdout.readline()):
                 assert line
             yield Peer(process)
         finally:

@@ -160,8 +160,9 @@ def test_a_robot_that_is_not_ready_is_not_taken(domain: int, puppet: Puppet, fau
         puppet.state["motor"]["motorstate"][20] = 2
     with closing(other), closing(hold(domain)) as held:
         if fault == "checksum":
-            time.sleep(1.5)
-            assert "wrong checksum" in held.poll().reason
+            puppet.wait(lambda robot: "wrong checksum" in held.poll().reason)
+            time.sleep(0.7)  # longer than others are looked for before the motors are taken
+            assert held.poll().phase is Phase.WAITING
         else:
             with pytest.raises(DriverError, match=word):
                 held.wait()

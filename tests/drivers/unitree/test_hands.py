@@ -11,7 +11,7 @@ import pytest
 import tci
 from drivers.unitree.test_keeper import DOMAINS
 from tci.drivers.unitree import messages
-from tci.drivers.unitree.hands import HandSkin
+from tci.drivers.unitree.hands import HandSkin, patches_of
 from tci.drivers.unitree.node import UnitreeNode
 from tci.drivers.unitree.wire import MOTOR_STATE, PRESS, encode_hand
 from tci.errors import DriverError
@@ -91,6 +91,13 @@ def test_a_message_with_another_number_of_sensors_is_refused(hand: Hand) -> None
     hand.pads = np.zeros(9, PRESS)
     with pytest.raises(DriverError, match="9 press sensors of 12 values, left_forearm has 312 channels"):
         hand.send()
+
+
+def test_a_robot_keeps_what_it_sends_and_what_its_joints_feel() -> None:
+    assert [patch.name for patch in patches_of(handed())] == ["left_forearm"]
+    assert not patches_of(tci.load_robot("g1"))
+    bare = tci.load_robot("g1-bare")
+    assert patches_of(bare) == bare.patches
 
 
 def test_a_hand_has_a_side() -> None:

@@ -27,9 +27,10 @@ NO_VALUE = 30_000.0
 
 
 def patches_of(robot: Robot) -> tuple[Patch, ...]:
-    """Returns the patches that the binding puts on a hand; a G1 sends no others."""
+    """Returns the patches that the binding puts on a hand, and those that are felt through joints; a G1 sends
+    no others."""
     named = {address.of for address in robot.binding("unitree").addresses}
-    return tuple(patch for patch in robot.patches if patch.name in named)
+    return tuple(patch for patch in robot.patches if patch.through_joints or patch.name in named)
 
 
 class HandSkin:
@@ -41,6 +42,8 @@ class HandSkin:
         binding = robot.binding("unitree")
         self._hands: list[_Hand] = []
         for patch in patches_of(robot):
+            if patch.through_joints:
+                continue
             side = binding.address(patch.name, "")
             if side not in SIDES:
                 raise DriverError(f"{patch.name} is on the hand {side!r}; valid: {', '.join(SIDES)}")

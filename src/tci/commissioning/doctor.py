@@ -6,10 +6,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from tci.commissioning.friction import feeling_servos
 from tci.commissioning.streams import Observation, Stream
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.driver import Driver
+from tci.messages import Reading
 from tci.robot.description import Patch, Robot, Sensor
+from tci.robot.kinematics import KinematicChain
 
 SLOW = 0.8
 """Fraction of its nominal rate below which a stream is slow. Assumed: rates vary by a few percent."""
@@ -27,6 +30,7 @@ def judge(driver: Driver, seen: Observation) -> tuple[Finding, ...]:
         *driver.diagnose(),
         *_joint_stream(driver, seen.streams[0], seen.cost),
         *_joint_values(driver.robot, seen),
+        *(found for reading in seen.readings[-1:] for found in judge_torques(driver.robot, reading)),
         *(found for stream in seen.streams[1:] for found in _skin_stream(driver.robot, stream)),
         *_skin_values(driver.robot, seen),
     )
@@ -170,6 +174,17 @@ def _skin_stream(robot: Robot, stream: Stream) -> Iterator[Finding]:
             "improve the connection: another carrier, a cable, less traffic",
             figures,
         )
+
+
+def judge_torques(robot: Robot, reading: Reading) -> Iterator[Finding]:
+    """Returns a finding if joints through which the robot feels touches report no torque."""
+    feeling = feeling_servos(robot, KinematicChain(robot)) if len(robot.skin) < len(robot.patches) else []
+    torque = reading.joints.torque
+    silent = [one.name for one in feeling if torque is None or not np.isfinite(torque[one.index])]
+    if silent:
+        advice = "make its driver report them, or leave out the patches that are felt through joints"
+        level = Level.FAULT if len(silent) == len(feeling) else Level.WARNING
+        yield Finding(level, "joints", f"no torques, which feeling touches needs: {_some(silent)}", advice)
 
 
 def _skin_values(robot: Robot, seen: Observation) -> Iterator[Finding]:

@@ -32,7 +32,7 @@ def test_the_table_has_every_middleware_and_the_whole_contract() -> None:
 def test_every_robot_was_run_over_every_middleware_that_carries_skin() -> None:
     head, cells = rows("robots-and-wires.md")
     assert head[1:] == [name for name in WIRES if name != "unitree"]
-    assert {row[0] for row in cells} == {*tci.robot_names()}
+    assert {row[0] for row in cells} == {name for name in tci.robot_names() if tci.load_robot(name).skin}
     for robot, *figures in cells:
         for wire, cell in zip(head[1:], figures, strict=True):
             answered, _, rest = cell.partition(" of ")

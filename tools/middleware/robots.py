@@ -37,6 +37,8 @@ TABLE = TABLES / "robots-and-wires.md"
 FILE = "robots-and-wires.json"
 WIRES = tuple(name for name in PEERS if name not in ("sim", "unitree"))
 """Middleware between processes that carries skin; Unitree's topics carry joints."""
+ROBOTS = tuple(name for name in tci.robot_names() if tci.load_robot(name).skin)
+"""Robots with taxels; the others feel touches through their joints."""
 TRIES = 3
 """Number of tries of each poke: while another program keeps the machine busy the robot holds, rightly."""
 NEVER = -1
@@ -118,7 +120,7 @@ def measured(robot: Robot, name: str, *, short: bool) -> Cell:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--robot", action="append", choices=tci.robot_names())
+    parser.add_argument("--robot", action="append", choices=ROBOTS)
     parser.add_argument("--via", action="append", choices=WIRES)
     parser.add_argument("--short", action="store_true", help="one poke of each part")
     parser.add_argument("--patience", type=float, help="silence [s] until a robot holds, on a busy machine")
@@ -128,7 +130,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     found = before["cells"] if before.get("commit") == commit() else {}
     load = os.getloadavg()[0]
     with Progress() as progress:
-        pairs = [(robot, via) for via in asked.via or WIRES for robot in asked.robot or tci.robot_names()]
+        pairs = [(robot, via) for via in asked.via or WIRES for robot in asked.robot or ROBOTS]
         task = progress.add_task("", total=len(pairs))
         for robot, via in pairs:
             progress.update(task, advance=1, description=f"{robot} via {via}")
@@ -143,7 +145,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     vias = [via for via in WIRES if any(key.endswith(f" {via}") for key in cells)]
     rows = [
         (f"`{robot}`", *(str(cells.get(f"{robot} {via}", "not run")) for via in vias))
-        for robot in tci.robot_names()
+        for robot in ROBOTS
         if any(f"{robot} {via}" in cells for via in vias)
     ]
     again = sum(cell.again for cell in cells.values())

@@ -19,6 +19,7 @@ from tci.frames import Array
 from tci.messages import Contact, Contacts, Site, SkinState
 from tci.robot.kernels.weighted_force import mean_force
 from tci.robot.limb import generic_limb_point
+from tci.skin.estimation import SATURATED
 from tci.skin.isolated import IsolatedSettings
 from tci.skin.kernels.arrays import ActiveTaxels, Clusters, ContactArrays, Estimates
 from tci.skin.kernels.contacts import SUMMARY, cluster, describe
@@ -70,6 +71,7 @@ class ContactFinder:
         self.contacts = _NONE
         """Contacts in the latest state."""
         self._waiting: Array = np.zeros((0, WAITING))
+        self._end = np.array([patch.pressure(SATURATED * patch.full) for patch in layout.patches])
 
     def find(
         self, state: SkinState, estimates: Estimates, poses: Callable[[], Array], posture: Mapping[str, Array]
@@ -110,13 +112,12 @@ class ContactFinder:
         WAITING).
         """
         arrays, before = self.layout.arrays, self.contacts
-        limits = np.array([settings.cover, settings.tip, settings.reach, settings.sure, self.settings.floor])
         starts = arrays.begin[before.site, 0]
         touched = before.taxel + np.repeat(starts, np.diff(before.begin))
         fresh = np.empty((single, WAITING))
         count, taxels, waits = _reject_isolated(
-            active, arrays, estimates, self._clusters, limits, settings.waits(arrays.rate), touched,
-            self._waiting, fresh,
+            active, arrays, estimates, self._clusters, settings.reach, self.settings.floor,
+            settings.waits(arrays.rate), self._end, touched, self._waiting, fresh,
         )  # fmt: skip
         return count, taxels, fresh[:waits]
 

@@ -36,7 +36,7 @@ class PatchEstimator:
         sensor, pairs = patch.description.sensor, patch.surface.neighbours
         count, sign = len(patch.surface.areas), float(np.sign(sensor.pascal_per_count))
         self.sole = patch.description.segment == SOLE
-        self.full = (sensor.highest - sensor.rest) if sign > 0 else (sensor.rest - sensor.lowest)
+        self.full = patch.full
         """Largest deviation [counts] that the sensor can send."""
         self.gain, self.nodes = abs(sensor.pascal_per_count), patch.nodes
         self.baseline = Baseline(

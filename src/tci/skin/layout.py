@@ -71,6 +71,17 @@ class SkinPatch:
         response = measured or self.description.sensor.response
         return np.array(response).T.copy() if response else np.zeros((2, 0))
 
+    @property
+    def full(self) -> float:
+        """Largest deviation [counts] that the sensor can send."""
+        sensor = self.description.sensor
+        rises = sensor.pascal_per_count > 0.0
+        return sensor.highest - sensor.rest if rises else sensor.rest - sensor.lowest
+
+    def pressure(self, counts: float) -> float:
+        """Returns the pressure [Pa] of a deviation [counts] along the normal, up to the last node at most."""
+        return float(np.interp(counts, *self.nodes) if self.nodes.size else abs(self.description.sensor.pascal_per_count) * counts)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinLayout:
@@ -201,7 +212,7 @@ def _arrays(patches: Sequence[SkinPatch], on: Places) -> LayoutArrays:
     ]
     made = LayoutArrays(
         begin=begin.astype(np.int64),
-        sensor=np.array([_sensor(one.description.sensor) for one in patches], np.float32).reshape(-1, 5),
+        sensor=np.array([_sensor(one) for one in patches], np.float32).reshape(-1, 5),
         rate=np.array([one.description.rate for one in patches], np.float64),
         channel=_joined(channels, 0).astype(np.int64),
         span=np.array([span for own in channels for span in _spans(own)], np.int64).reshape(-1, 3),
@@ -250,11 +261,10 @@ def _dtype(sensors: Sequence[Sensor]) -> np.dtype[Any]:
     return np.dtype(np.uint8 if octets else np.float32)
 
 
-def _sensor(one: Sensor) -> tuple[float, float, float, float, float]:
+def _sensor(patch: SkinPatch) -> tuple[float, float, float, float, float]:
     """Returns a row of `LayoutArrays.sensor`."""
-    sign = float(np.sign(one.pascal_per_count))
-    full = one.highest - one.rest if sign > 0.0 else one.rest - one.lowest
-    return one.lowest, one.highest, one.rest, sign, full
+    one = patch.description.sensor
+    return one.lowest, one.highest, one.rest, float(np.sign(one.pascal_per_count)), patch.full
 
 
 def _spans(channels: NDArray[np.intp]) -> list[tuple[int, int, bool]]:

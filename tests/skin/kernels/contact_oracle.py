@@ -16,7 +16,6 @@ from tci.robot.generic_arm import limb_coordinates
 from tci.skin.contacts import ContactSettings, centre_of_pressure
 from tci.skin.fill_factor import WIDTHS, fill_factors
 from tci.skin.kernels.contacts import LEAST_FILL, NARROW
-from tci.skin.kernels.isolated import ONE_SIDED
 from tci.skin.skin import segment_pose
 from tci.skin.surfaces import Surface
 
@@ -43,28 +42,6 @@ def clusters(forces: np.ndarray, neighbours: np.ndarray, settings: ContactSettin
     labels = connected(forces.size, pairs)
     seeds = np.unique(labels[forces >= settings.touch])
     return [np.flatnonzero(active & (labels == seed)) for seed in seeds]
-
-
-def is_touch(skin: FeltSkin, patch: str, forces: np.ndarray, taxel: int, settings: ContactSettings) -> bool:
-    """Returns True if an isolated taxel is a touch in its first frame."""
-    lone, surface = settings.isolated, skin.surfaces[patch]
-    if lone is None:
-        return True
-    least = skin.conditioner.estimates.least[skin.layout.taxels[skin.layout.places[patch]]]
-    pairs = np.concatenate([surface.neighbours, surface.neighbours[:, ::-1]])
-    others = pairs[pairs[:, 0] == taxel, 1]
-    ways = surface.positions[others] - surface.positions[taxel]
-    apart = np.linalg.norm(ways, axis=1)
-    near = (apart > 0.0) & (apart <= lone.reach) & np.isfinite(least[others]) & np.isfinite(forces[others])
-    ways = ways[near] - np.outer(ways[near] @ surface.normals[taxel], surface.normals[taxel])
-    units = ways / np.maximum(np.linalg.norm(ways, axis=1), 1e-300)[:, None]
-    if np.count_nonzero(near) < 2 or np.linalg.norm(units.mean(axis=0)) > ONE_SIDED:
-        return True
-    area, force = surface.areas[taxel], forces[taxel]
-    variance = lone.cover**2 + area / 12.0 + (lone.tip * np.cbrt(force)) ** 2 / 4.0
-    pressure = force / area * np.exp(-(apart[near] ** 2) / (2.0 * variance))
-    notices = np.maximum(least[others[near]], settings.floor / surface.areas[others[near]])
-    return not np.any(pressure >= lone.sure * notices)
 
 
 def project(surface: Surface, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -97,8 +74,6 @@ def contacts(
         T_TS = segment_pose(part, segment, poses[segment.link], posture[patch.part])
         own = []
         for taxels in clusters(one.force, surface.neighbours, settings):
-            if len(taxels) == 1 and not is_touch(skin, patch.name, one.force, taxels[0], settings):
-                continue
             positions, forces = surface.positions[taxels], one.force[taxels]
             p_L, n_L = project(surface, centre_of_pressure(positions, forces))
             points_S = apply(invert(T_TS) @ T_TL, np.concatenate([p_L[None], positions]))

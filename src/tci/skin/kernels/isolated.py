@@ -1,9 +1,9 @@
-"""Classifies clusters of a single taxel as light touches or sensor defects."""
+"""Classifies clusters of a single taxel as touches or sensor defects."""
 
 from __future__ import annotations
 
 import numpy as np
-from numba import int64
+from numba import float64, int64
 
 from tci.compiled import compiled, inlined, reads, returns, writes
 from tci.frames import Array
@@ -21,65 +21,44 @@ from tci.skin.kernels.arrays import (
     Places,
 )
 
-COVER, TIP, REACH, SURE, FLOOR = range(5)
-"""Indices in `limits`, see `IsolatedSettings`; FLOOR is the least force [N] on a taxel of a contact."""
 PLACE, SINCE, FORCE, CHANGED, LEFT, WAITING = range(6)
 """Columns of `waiting`, and their number: a taxel of the whole skin, the time [s] at which it became active
 alone, its force [N], how often that has changed since, and 1 if it is what is left of a contact."""
 ALIVE = 2
 """Number of changes of an isolated taxel's force that show it is healthy: one change may come from a new
 estimate of its rest value."""
-ONE_SIDED = 0.5
-"""Length of the mean unit vector towards a taxel's neighbours above which they do not surround it: 0.43 at
-the straight edge of a triangular lattice, 0.67 and more at corners."""
+SURROUNDED = 2
+"""Number of trusted neighbours from which a taxel of a dense skin is isolated; on a sparse skin every touch
+is."""
 
 
 @inlined
-def _must_respond(taxel: int, force: float, layout: LayoutArrays, least: Array, limits: Array) -> int:
-    """Returns 1 if neighbours would respond to a touch of one taxel, 0 if they need not, -1 if they can't
-    tell.
-
-    They need not respond to a light touch or to one beside all of them; fewer than two near and trusted
-    neighbours can't tell.
-    """
+def _has_neighbours(taxel: int, layout: LayoutArrays, least: Array, reach: float) -> bool:
+    """Returns True if a taxel has `SURROUNDED` or more near and trusted neighbours."""
     taxels, graph = layout.taxel, layout.graph
     x, y, z = taxels[taxel, 0], taxels[taxel, 1], taxels[taxel, 2]
-    nx, ny, nz = taxels[taxel, 3], taxels[taxel, 4], taxels[taxel, 5]
-    area = taxels[taxel, AREA]
-    tip = limits[TIP] * force ** (1.0 / 3.0)
-    variance = limits[COVER] ** 2 + area / 12.0 + tip**2 / 4.0
-    found, across, along, up = 0, 0.0, 0.0, 0.0
-    response = 0
+    found = 0
     for edge in range(graph[taxel], graph[taxel + 1]):
         other = graph[edge]
         a, b, c = taxels[other, 0] - x, taxels[other, 1] - y, taxels[other, 2] - z
         distance2 = a * a + b * b + c * c
-        if not least[other] < np.inf or distance2 > limits[REACH] ** 2 or distance2 == 0.0:
-            continue
-        out = a * nx + b * ny + c * nz
-        a, b, c = a - out * nx, b - out * ny, c - out * nz
-        length = np.sqrt(a * a + b * b + c * c)
-        if length > 0.0:
-            across, along, up = across + a / length, along + b / length, up + c / length
-        found += 1
-        pressure = force / area * np.exp(-distance2 / (2.0 * variance))
-        response |= pressure >= limits[SURE] * max(least[other], limits[FLOOR] / taxels[other, AREA])
-    if found < 2:
-        return -1
-    return 0 if across**2 + along**2 + up**2 > (ONE_SIDED * found) ** 2 else int(response)
+        found += least[other] < np.inf and 0.0 < distance2 <= reach * reach
+    return found >= SURROUNDED
 
 
 @inlined
-def _is_beside(taxel: int, p: int, state: ActiveTaxels, layout: LayoutArrays, limits: Array) -> bool:
+def _is_beside(
+    taxel: int, p: int, state: ActiveTaxels, layout: LayoutArrays, reach: float, floor: float
+) -> bool:
     """Returns True if another active taxel of the patch is within twice the reach: one touch over a gap in
     the skin."""
-    taxels, reach = layout.taxel, 2.0 * limits[REACH]
+    taxels = layout.taxel
     x, y, z = taxels[taxel, 0], taxels[taxel, 1], taxels[taxel, 2]
     for k in range(state.begin[p], state.begin[p + 1]):
         other = layout.begin[p, TAXEL] + state.active[k]
-        if other != taxel and state.pressure[k] * taxels[other, AREA] >= limits[FLOOR]:
+        if other != taxel and state.pressure[k] * taxels[other, AREA] >= floor:
             a, b, c = taxels[other, 0] - x, taxels[other, 1] - y, taxels[other, 2] - z
-            if a * a + b * b + c * c <= reach * reach:
+            if a * a + b * b + c * c <= 4.0 * reach * reach:
                 return True
     return False
 
@@ -108,7 +87,8 @@ def _wait_on(place: int, stamp: float, force: float, waiting: Array, now: Array)
 
 @compiled(
     returns(int64, int64, int64)(
-        ACTIVE, LAYOUT, ESTIMATES, CLUSTERS, reads(1), reads(1), reads(1, int64), reads(2), writes(2)
+        ACTIVE, LAYOUT, ESTIMATES, CLUSTERS, float64, float64, reads(1), reads(1), reads(1, int64), reads(2),
+        writes(2),
     )
 )
 def reject_isolated(
@@ -116,44 +96,49 @@ def reject_isolated(
     layout: LayoutArrays,
     estimates: Estimates,
     clusters: Clusters,
-    limits: Array,
+    reach: float,
+    floor: float,
     wait: Array,
+    end: Array,
     before: Places,
     waiting: Array,
     fresh: Array,
 ) -> tuple[int, int, int]:
     """Removes clusters of a single taxel that are no touch, see `IsolatedSettings`.
 
-    An isolated taxel must be pressed for `wait` (p,) [s], 0 for none; `before` (k,) are the taxels, among
-    those of the whole skin, of all contacts in the frame before, and `waiting` (w, WAITING) the isolated
-    taxels then. Returns the number of clusters left, the number of their taxels, and the number of rows of
-    `fresh` (m, WAITING) that were written: the next `waiting`.
+    An isolated taxel must be pressed for `wait` (p,) [s], 0 for none, and change if it reads `end` (p,)
+    [Pa] or more; `reach` [m] is that of the settings, `floor` [N] the least force on a taxel of a contact.
+    `before` (k,) are the taxels, among those of the whole skin, of all contacts in the frame before, and
+    `waiting` (w, WAITING) the isolated taxels then. Returns the number of clusters left, the number of their
+    taxels, and the number of rows of `fresh` (m, WAITING) that were written: the next `waiting`.
     """
     waits, kept, filled, c, begin = 0, 0, 0, 0, 0
     bound, member, forces = clusters.bound, clusters.member, clusters.member_force
     for p in range(len(clusters.counts)):
         last, kept_before = c + clusters.counts[p], kept
         while c < last:
-            end, keep = bound[c + 1], True
-            if end - begin == 1:
+            until, keep = bound[c + 1], True
+            if until - begin == 1:
                 i, force = member[begin], forces[begin]
-                response = _must_respond(i, force, layout, estimates.least, limits)
-                keep = response < 0
-                if response == 0:
+                keep = not _has_neighbours(i, layout, estimates.least, reach)
+                if not keep:
                     now, stamp = fresh[waits], state.stamp[p]
                     waits += 1
                     if not _wait_on(i, stamp, force, waiting, now):
                         now[LEFT] = _was_touched(i, before)
-                    alive = now[CHANGED] >= ALIVE or not estimates.fluctuating[i] or wait[p] <= 0.0
-                    keep = alive if stamp - now[SINCE] >= wait[p] else now[LEFT] > 0.0
-                    keep = keep or _is_beside(i, p, state, layout, limits)
+                    must_change = estimates.fluctuating[i] or force >= end[p] * layout.taxel[i, AREA]
+                    alive = now[CHANGED] >= ALIVE or not must_change or wait[p] <= 0.0
+                    if stamp - now[SINCE] >= wait[p]:
+                        keep = alive
+                    else:
+                        keep = now[LEFT] > 0.0 or _is_beside(i, p, state, layout, reach, floor)
             if keep:
-                for k in range(begin, end):
+                for k in range(begin, until):
                     member[filled], forces[filled] = member[k], forces[k]
                     filled += 1
                 kept += 1
                 bound[kept] = filled
-            begin = end
+            begin = until
             c += 1
         clusters.counts[p] = kept - kept_before
     return kept, filled, waits

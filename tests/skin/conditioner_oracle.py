@@ -101,7 +101,7 @@ class OneConditioner:
         before = self.baseline.offset.copy()
         raised = window.mean - before > self.baseline.threshold
         self.baseline.update(window, self.health.healthy)
-        self.health.judge(window, before, self.baseline.noise, self.baseline.threshold)
+        self.health.judge(window, self.baseline, before)
         self.forget()
         healthy = self.health.state == Health.HEALTHY
         steps = raised & healthy & (window.mean < SATURATED * self.full)

@@ -35,11 +35,14 @@ def sensor(bits: int = 8) -> Sensor:
     )
 
 
-def conditioner(of: Sensor | None = None, *, calibration: PatchCalibration | None = None) -> OnePatch:
+def conditioner(
+    of: Sensor | None = None, *, calibration: PatchCalibration | None = None, segment: str = "forearm"
+) -> OnePatch:
     """Returns the conditioner of a patch of 240 taxels."""
     patch = skin_patch(
-        of or sensor(), np.arange(TAXELS), neighbours=grid(), rate=RATE, calibration=calibration
-    )
+        of or sensor(), np.arange(TAXELS), neighbours=grid(), rate=RATE, calibration=calibration,
+        segment=segment,
+    )  # fmt: skip
     return OnePatch(patch)
 
 

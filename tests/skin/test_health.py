@@ -114,3 +114,45 @@ def test_settings_that_make_no_sense(bad: dict[str, float]) -> None:
 
 def test_grid_is_one_patch() -> None:
     assert len(grid()) == 12 * 19 + 11 * 20
+
+
+@pytest.mark.parametrize("share", [0.5, 0.7, 0.85])
+@pytest.mark.parametrize("segment", ["foot", "forearm"])
+def test_a_start_under_load_masks_no_sound_taxel(segment: str, share: float) -> None:
+    """A robot stands on its sole, or lies on its skin, before the first frame. The rest values of its taxels
+    differ from the description's."""
+    subject, chance = conditioner(segment=segment), np.random.default_rng(2)
+    sensor = subject.patch.sensor
+    load = np.where(np.arange(TAXELS) < share * TAXELS, chance.uniform(20.0, 120.0, TAXELS), 0.0)
+    scatter = chance.uniform(-4.0, 4.0, TAXELS)
+
+    def feed(begin: float, end: float, counts: np.ndarray) -> np.ndarray:
+        for now in np.arange(begin, end, 1.0 / RATE):
+            values = sensor.rest - counts - scatter + 1.2 * chance.standard_normal(TAXELS)
+            felt = subject.pressure(np.clip(np.rint(values), 0.0, 255.0), float(now))
+            assert subject.health.coverage == 1.0
+        return felt
+
+    feed(0.0, 60.0, load)
+    touch = np.zeros(TAXELS)
+    touch[-12:] = 60.0
+    assert (feed(60.0, 61.0, load + touch)[-12:] > 0.0).all()
+    assert not feed(61.0, 90.0, np.zeros(TAXELS))[load > 0.0].any(), "it got up"
+
+
+def test_a_robot_that_lies_on_all_of_a_skin_feels_again_once_it_got_up() -> None:
+    subject, chance = conditioner(), np.random.default_rng(2)
+
+    def feed(begin: float, end: float, counts: float | np.ndarray) -> np.ndarray:
+        for now in np.arange(begin, end, 1.0 / RATE):
+            values = subject.patch.sensor.rest - counts + 1.2 * chance.standard_normal(TAXELS)
+            felt = subject.pressure(np.clip(np.rint(values), 0.0, 255.0), float(now))
+        return felt
+
+    touch = np.zeros(TAXELS)
+    touch[:12] = 60.0
+    assert feed(0.0, 20.0, 80.0).all()
+    assert not feed(20.0, 60.0, 80.0).any(), "lying is rest now"
+    feed(60.0, 80.0, 0.0)
+    assert np.flatnonzero(feed(80.0, 81.0, touch)).tolist() == [*range(12)]
+    assert subject.health.coverage == 1.0

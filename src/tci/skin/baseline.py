@@ -109,6 +109,7 @@ class Baseline:
         self._slew = settings.drift_rate * span
         self._neighbours = neighbours
         self._initialised = np.zeros(count, dtype=bool)
+        self._rested = np.zeros(count, dtype=bool)
         self._afresh = False
 
     def start(self, offset: Array, noise: ArrayLike) -> None:
@@ -116,7 +117,15 @@ class Baseline:
         self.offset[:] = offset
         self.noise[:] = noise
         self.threshold[:] = self.settings.threshold * self.noise
-        self._initialised[:] = True
+        self._initialised[:] = self._rested[:] = True
+
+    @property
+    def typical_noise(self) -> float:
+        """Median standard deviation [counts] of the taxels that have been at rest, of all if none has.
+
+        Under a load from the start, such as the robot's own weight, the others are not known yet.
+        """
+        return median(self.noise[self._rested] if self._rested.any() else self.noise)
 
     def rezero(self, signal: Array) -> None:
         """Takes `signal` (n,) [counts] as the new rest values; the next window makes them exact."""
@@ -147,8 +156,9 @@ class Baseline:
         share = np.where(self._initialised, 1.0 - np.exp(-window.elapsed / s.noise), 1.0)
         self.noise += np.where(contributes, share * (noise - self.noise), 0.0)
         self._initialised |= contributes
+        self._rested |= quiet
         # A window has too few frames to show that a taxel is quieter than its patch.
-        self.threshold[:] = s.threshold * np.maximum(self.noise, median(self.noise))
+        self.threshold[:] = s.threshold * np.maximum(self.noise, self.typical_noise)
 
     def _follow(
         self, elapsed: float, deviation: Array, quiet: NDArray[np.bool_], healthy: NDArray[np.bool_]

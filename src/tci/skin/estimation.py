@@ -65,7 +65,7 @@ class PatchEstimator:
             self._half = self._estimate(statistics, status)
             return False
         (window, before, raised), self._half = self._half, None
-        self.health.judge(window, before, self.baseline.noise, self.baseline.threshold)
+        self.health.judge(window, self.baseline, before)
         if self._is_step(raised & (window.mean < SATURATED * self.full), window.elapsed):
             self.rezero(statistics)
         return True

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tci.errors import TciError
 from tci.frames import Array
-from tci.skin.baseline import NOISE_GAIN, Window, median, near
+from tci.skin.baseline import NOISE_GAIN, Baseline, Window, near
 
 
 class Health(IntEnum):
@@ -40,8 +40,8 @@ class HealthSettings:
     one window: a third of such a taxel's frames differ, so 50 equal ones occur by chance once in 1e5
     windows."""
     noisy: float = 8.0
-    """A taxel is masked if it is this many times as noisy as the median of its patch, until it is half as
-    noisy."""
+    """A taxel is masked if it is this many times as noisy as the median of its patch's taxels that were at
+    rest, until it is half as noisy."""
     least_noise: float = 1.0
     """Noise [counts] below which no taxel counts as noisy."""
     flicker: float = 0.2
@@ -89,18 +89,16 @@ class TaxelHealth:
         self.state[changed & (self.state != Health.NOISY)] = Health.HEALTHY
         self.muted &= ~(changed & (self.state == Health.HEALTHY))
 
-    def judge(self, window: Window, offset: Array, noise: Array, threshold: Array) -> None:
-        """Updates the health of every taxel (n,) by a window.
-
-        `offset` is its rest value, `noise` its standard deviation, `threshold` the deviation above which it
-        is active, all in counts.
+    def judge(self, window: Window, baseline: Baseline, offset: Array) -> None:
+        """Updates the health of every taxel (n,) by a window, its noise and threshold by the `baseline`, and the
+        rest values `offset` (n,) [counts] before it.
         """
-        s = self.settings
+        s, noise, threshold = self.settings, baseline.noise, baseline.threshold
         deviation = window.mean - offset
         changed = window.changes > 0.0
         self._unchanged = np.where(changed, 0.0, self._unchanged + window.elapsed)
         constant = self._unchanged > s.constant
-        middle = median(noise)
+        middle = baseline.typical_noise
         if constant.any():
             self._judge_constant(constant, deviation, threshold, middle)
         frozen = ~changed & (noise >= s.fluctuating)

@@ -36,8 +36,8 @@ class Form:
     mark: int | None = -2
     """Value of a pad in taxel2Repr; None for that of its module."""
     normals: str = "placeholder"
-    """`placeholder`: 1 0 0 everywhere, `none`: zero, `module`: one for each triangle, `taxel`: measured ones,
-    which are shorter than 1."""
+    """`placeholder`: 1 0 0 everywhere, `none`: zero, `module`: one for each triangle, `wrong`: these with their
+    axes exchanged, `taxel`: measured ones, which are shorter than 1."""
 
 
 CAD = Form()
@@ -48,6 +48,7 @@ UNMEASURED = replace(MEASURED, normals="none")
 HAND = Form(4, "  ", pads=(11,), placed=True, mark=-1, normals="module")
 TRAILING = Form(13, end=" \n", placed=True)
 SLEEVE = Form(12, normals="module")
+TURNED = replace(SLEEVE, normals="wrong")
 
 
 @dataclass(frozen=True)
@@ -89,13 +90,13 @@ ONE_SIDE = {
     "icub/positions/left_foot": SOLE,
     "icub/positions_pycub/left_forearm": replace(FOREARM, form=CAD, channels=768),
     "icub/positions_pycub/left_arm": Made(CAD, 768, 35, *ARM, around=8, gap=0),
-    "icub/positions_pycub/left_hand": Made(HAND, 192, 4, np.inf, np.inf, around=2, gap=0),
+    "icub/positions_pycub/left_hand": Made(replace(HAND, normals="wrong"), 192, 4, np.inf, np.inf, around=2, gap=0),
     "icub/positions_pycub/torso": Made(CAD, 768, 43, 0.09, 0.08, around=12, gap=0),
     "icub/positions_pycub/left_leg_upper": Made(CAD, 1344, 68, *LEG, around=14),
     "icub/positions_pycub/left_leg_lower": Made(CAD, 768, 38, *LEG, around=10),
     "icub/positions_pycub/left_foot": SOLE,
-    "nao/positions/nao_left_hand": Made(SLEEVE, 384, 24, 0.037, 0.043),
-    "nao/positions/nao_head": Made(SLEEVE, 384, 24, 0.06, 0.05),
+    "nao/positions/nao_left_hand": Made(TURNED, 384, 24, 0.037, 0.043),
+    "nao/positions/nao_head": Made(TURNED, 384, 24, 0.06, 0.05),
     "nao/positions/nao_torso": Made(SLEEVE, 384, 25, 0.07, 0.06),
 }
 SKINS = {name.replace("left", side): made for name, made in ONE_SIDE.items() for side in ("left", "right")}
@@ -137,6 +138,7 @@ def places(made: Made, *, mirrored: bool = False) -> tuple[Array, Array]:
         "placeholder": np.tile([1.0, 0.0, 0.0], (made.channels, 1)),
         "none": np.zeros_like(normals),
         "module": middle,
+        "wrong": middle[:, [1, 2, 0]],
         "taxel": normals * (0.7 + 0.3 * (np.arange(made.channels) % 2))[:, None],
     }[form.normals]
     if mirrored:

@@ -13,6 +13,8 @@ from skin_data import FOLDERS, SkinData, cone_file
 from tci.errors import DescriptionError
 from tci.robot.skin_files.file import read_skin_file
 from tci.robot.skin_files.normals import estimate_normals
+from tci.skin.nearest import nearest_on_faces
+from tci.skin.triangulation import triangulate
 
 HEAD = "name\tdemo\nspatial_sampling taxel\n"
 ROW = "0.01 0.02 0.03 0 0 1\n"
@@ -61,6 +63,29 @@ def test_every_file_is_in_the_table(skin_data: SkinData) -> None:
 def test_placeholder_and_missing_normals_are_estimated_and_marked(skin_data: SkinData) -> None:
     for name, marked in {"left_arm": 350, "left_forearm_nomesh": 275, "left_forearm_V2": 0}.items():
         assert read_skin_file(skin_data.file(f"icub/positions/{name}.txt")).estimated.sum() == marked
+
+
+@pytest.mark.parametrize("name", BOTH)
+def test_listed_normals_that_do_not_fit_the_positions_are_estimated_and_told(
+    name: str, skin_data: SkinData
+) -> None:
+    skin = read_skin_file(skin_data.file(name))
+    wrong = "nao_head" in name or "nao/positions/nao_left_hand" in name or "nao_right_hand" in name
+    wrong |= "positions_pycub" in name and "_hand" in name
+    assert ("degrees off the planes through their neighbours" in skin.note) == wrong
+    assert not wrong or skin.estimated[skin.taxels].all()
+    around = estimate_normals(skin.positions[skin.taxels])
+    angle = np.abs(np.einsum("ni,ni->n", around, skin.normals[skin.taxels]))
+    assert np.degrees(np.arccos(np.clip(np.median(angle), 0.0, 1.0))) < 20.0
+
+
+@pytest.mark.parametrize("name", BOTH)
+def test_the_projection_of_each_taxel_is_the_taxel(name: str, skin_data: SkinData) -> None:
+    skin = read_skin_file(skin_data.file(name))
+    places = skin.positions[skin.taxels]
+    faces = triangulate(places, skin.normals[skin.taxels])
+    there = nearest_on_faces(places, faces, places)[2]
+    assert np.linalg.norm(there - places, axis=1).max() <= 1e-3
 
 
 def test_estimated_normals_agree_with_measured_ones(skin_data: SkinData) -> None:

@@ -21,9 +21,10 @@ from tci.body.places import find_place
 from tci.errors import FrameError, TciError, UnknownNameError
 from tci.frames import rotation_z
 from tci.messages import JointReading, SkinFrame
-from tci.robot.catalogue import load_robot
+from tci.robot.catalogue import load_robot, robot_names
 from tci.robot.generic_arm import Side, forearm_rotation, side_sign, upper_arm_rotation
 from tci.robot.joint_map import initial_position
+from tci.skin.skin import Skin
 
 postures = hnp.arrays(np.float64, 10, elements=st.floats(-1.5, 1.5))
 
@@ -286,6 +287,13 @@ def test_unknown_names_list_the_valid_ones(skin: FeltSkin) -> None:
         skin.normals("left_arm_forearm", at, frame="world")
     with pytest.raises(UnknownNameError, match="upper_arm, forearm"):
         skin.segment_pose("left_arm", "hand", at, np.zeros(5))
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_the_projection_of_each_taxel_is_the_taxel(name: str) -> None:
+    for surface in Skin(load_robot(name)).surfaces.values():
+        there = surface.project(surface.positions)[0]
+        assert np.linalg.norm(there - surface.positions, axis=1).max() <= 1e-6
 
 
 @pytest.mark.filterwarnings("error")

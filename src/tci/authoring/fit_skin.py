@@ -19,8 +19,9 @@ from tci.robot.skin_files.reader import read_layout
 from tci.skin.surfaces import build_surface
 
 KINDS: dict[str, Freedom] = {"kinematic": "none", "free centre": "centre", "free axis": "axis"}
-Skin = tuple[str, int, Array, Array, Array]
-"""Name, channels, taxels (n, 3) [m], a point (3,) [m] on the axis and its direction (3,)."""
+Skin = tuple[str, int, Array, Array, Array, str]
+"""Name, channels, taxels (n, 3) [m], a point (3,) [m] on the axis and its direction (3,), and a note on its
+file."""
 
 
 def fit_skins(skin: str, axis: ArrayLike | None, origin: ArrayLike | None) -> list[dict[str, Any]]:
@@ -37,7 +38,8 @@ def _skins(skin: str, axis: ArrayLike | None, origin: ArrayLike | None) -> Itera
     if path.is_file() and path.suffix != ".xml":
         file = read_layout(path)
         along, through = np.array(axis or (0.0, 0.0, 1.0)), np.array(origin or (0.0, 0.0, 0.0))
-        yield file.name or path.name, file.channels, file.positions[file.taxels], through, along
+        taxels = file.positions[file.taxels]
+        yield file.name or path.name, file.channels, taxels, through, along, file.note
         return
     robot = load_robot(skin)
     if axis is not None or origin is not None:
@@ -48,11 +50,11 @@ def _skins(skin: str, axis: ArrayLike | None, origin: ArrayLike | None) -> Itera
         raise TciError(f"{robot.name} has no skin on a limb to fit a cone to; valid: a skin file")
     for patch in limbs:
         surface = build_surface(robot, patch, kinematics)
-        yield patch.name, patch.channels, surface.positions, *limb_axis(robot, surface, kinematics)
+        yield patch.name, patch.channels, surface.positions, *limb_axis(robot, surface, kinematics), ""
 
 
 def _fits(skin: Skin) -> dict[str, Any]:
-    name, channels, taxels, origin, axis = skin
+    name, channels, taxels, origin, axis, note = skin
     rows: list[dict[str, Any]] = []
     for kind, free in KINDS.items():
         try:
@@ -74,4 +76,4 @@ def _fits(skin: Skin) -> dict[str, Any]:
                 "direction": cone.axis.tolist(),
             }
         )
-    return {"name": name, "taxels": len(taxels), "channels": channels, "cones": rows}
+    return {"name": name, "taxels": len(taxels), "channels": channels, "note": note, "cones": rows}

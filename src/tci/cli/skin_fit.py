@@ -51,6 +51,8 @@ def fit(
         return
     for one in told:
         console.print(f"[bold]{one['name']}[/]  {one['taxels']} taxels, {one['channels']} channels")
+        if one["note"]:
+            console.print(one["note"], style="yellow", highlight=False, markup=False)
         console.print(_table(one["cones"]))
         for row in one["cones"]:
             if "error" in row:

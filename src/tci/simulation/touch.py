@@ -13,7 +13,8 @@ from tci.frames import Array, apply
 from tci.robot.collisions import GROUND, SKIN
 from tci.simulation.feeling import SLOTS
 from tci.simulation.physics import Physics
-from tci.skin.surfaces import Surface, is_sheet
+from tci.skin.surfaces import Surface
+from tci.skin.triangulation import is_sheet
 
 _FIELDS = (
     mujoco.mjtConDataField.mjCONDATA_FOUND,

@@ -11,7 +11,7 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
+from scipy.spatial import cKDTree
 
 from tci.errors import DescriptionError, Fault
 from tci.frames import Array, apply, invert, read_only, rotation_rpy, rotation_z, transform
@@ -20,16 +20,13 @@ from tci.robot.kinematics import KinematicChain
 from tci.robot.skin_files.file import MODULE_PITCH
 from tci.robot.skin_files.table import read_table
 from tci.skin.nearest import nearest_on_faces
+from tci.skin.triangulation import outward, triangulate
 
 NEIGHBOUR_DISTANCE = 0.015
 """Distance [m] up to which taxels are neighbours: the largest that an iCub's skinManager is set to."""
 
 GAP = 0.025
 """Widest gap [m] in a skin across which taxels are neighbours. Assumed: the widest of an iCub's is 19 mm."""
-
-SHEET = 0.3
-"""Least cosine between each normal of a skin and their mean for it to be a sheet: 72 degrees. Assumed; a
-limb's normals point all around, a palm's or a sole's stay well within."""
 
 CHANNELS_PER_MODULE = 12
 
@@ -65,8 +62,7 @@ class Surface:
     faces: NDArray[np.intp]
     """Triangles (f, 3) of taxels, anticlockwise seen from outside.
 
-    Those of a limb lie on its hull, those of a sheet (palm, sole, cap) form its outer side; taxels on one
-    line have none.
+    All taxels are corners, so that the projection of a taxel is the taxel. Taxels on one line have none.
     """
     tangents: Array | None = None
     """Unit x axes (n, 3) of three-axis taxels in the link; y is normal x tangent. None stands for
@@ -110,7 +106,7 @@ def build_surface(robot: Robot, patch: Patch, kinematics: KinematicChain) -> Sur
             positions, normals, areas = (
                 values[channels] for values in (layout.positions, layout.normals, layout.areas)
             )
-        faces = _faces(positions, normals)
+        faces = triangulate(positions, normals)
     needed = patch.sensor.axes * (int(channels.max()) + 1)
     if needed > patch.channels:
         message = f"patch {patch.name}: it has {patch.channels} channels; its taxels need {needed}"
@@ -127,7 +123,7 @@ def build_surface(robot: Robot, patch: Patch, kinematics: KinematicChain) -> Sur
         areas=read_only(areas),
         channels=read_only(channels, np.intp),
         neighbours=read_only(neighbours, np.intp),
-        faces=read_only(_outward(faces, positions, normals), np.intp),
+        faces=read_only(outward(faces, positions, normals), np.intp),
         tangents=across,
     )
 
@@ -221,46 +217,6 @@ def _frames(
         )
         raise DescriptionError(robot.source, [Fault(0, message)])
     return found[0]
-
-
-def _faces(positions: Array, normals: Array) -> NDArray[np.intp]:
-    """Returns triangles (f, 3) between taxels: of a sheet, or of a limb."""
-    places, index = np.unique(positions, axis=0, return_index=True)
-    if is_sheet(normals):
-        across = np.linalg.svd(normals.mean(axis=0, keepdims=True))[2][1:]
-        flat = places @ across.T
-        if len(places) < 3 or np.linalg.matrix_rank(flat - flat.mean(axis=0), tol=1e-6) < 2:
-            return np.zeros((0, 3), np.intp)
-        return index[np.asarray(Delaunay(flat).simplices, dtype=np.intp)]
-    try:
-        faces = index[np.asarray(ConvexHull(places).simplices, dtype=np.intp)]
-    except QhullError:
-        return np.zeros((0, 3), np.intp)
-    # The hull's caps over a limb's two open ends carry no skin.
-    towards = normals[faces].mean(axis=1)
-    along = np.abs(np.einsum("fi,fi->f", _unit_normals(faces, positions), towards))
-    result: NDArray[np.intp] = faces[along > 0.5 * np.linalg.norm(towards, axis=1)]
-    return result
-
-
-def is_sheet(normals: Array) -> bool:
-    """Returns True if a skin with these normals (n, 3) is a sheet: a palm, a sole, a cap, a single taxel."""
-    mean = normals.mean(axis=0)
-    length = float(np.linalg.norm(mean))
-    return length > 0.0 and float((normals @ (mean / length)).min()) > SHEET
-
-
-def _outward(faces: NDArray[np.intp], positions: Array, normals: Array) -> NDArray[np.intp]:
-    """Orients triangles anticlockwise, seen from the side that the taxels' normals point to."""
-    inward = np.einsum("fi,fi->f", _unit_normals(faces, positions), normals[faces].mean(axis=1)) < 0.0
-    return np.where(inward[:, None], faces[:, ::-1], faces)
-
-
-def _unit_normals(faces: NDArray[np.intp], positions: Array) -> Array:
-    a, b, c = positions[faces].transpose(1, 0, 2)
-    across = np.cross(b - a, c - a)
-    result: Array = across / np.linalg.norm(across, axis=1, keepdims=True)
-    return result
 
 
 def find_neighbours(positions: Array, normals: Array) -> NDArray[np.intp]:

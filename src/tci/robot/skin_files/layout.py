@@ -7,6 +7,7 @@ channels without a position and taxels all keep their number.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from tci.frames import Array, apply, read_only
-from tci.robot.skin_files.normals import estimate_normals
+from tci.robot.skin_files.normals import DISAGREE, disagreement, estimate_normals
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +34,7 @@ class SkinLayout:
     normals: Array
     """Outward unit normals (n, 3); zero without a position, or if none could be estimated."""
     estimated: NDArray[np.bool_]
-    """True for normals (n,) that were estimated, since the file lacks them or has a placeholder."""
+    """True for normals (n,) that were estimated, since the file lacks them, has a placeholder, or wrong ones."""
     areas: Array
     """Area (n,) [m2] that each channel represents; zero without a position."""
     valid: NDArray[np.bool_]
@@ -50,6 +51,8 @@ class SkinLayout:
     """Unit x axes (n, 3) of three-axis taxels, perpendicular to the normals; None if the file has none."""
     sampling: Literal["taxel", "triangle"] = "taxel"
     """Meaning of a position: that of one taxel, or one for all taxels with the same representative."""
+    note: str = ""
+    """Contradiction in the file and the reading of it; empty for none."""
 
     @property
     def channels(self) -> int:
@@ -91,9 +94,10 @@ def make_layout(
     """Makes a layout from the data of a reader: n `positions` (n, 3) [m] and `normals` (n, 3) of any length.
 
     Normals are scaled to unit length. Those that `estimated` (n,) marks, and those of zero length, are
-    estimated from the neighbours. A missing area is that of the hexagon that the distance to the nearest
-    neighbour gives (assumed: taxels on a triangular lattice). Without `modules` all channels are one module,
-    without `representative` each taxel represents itself. `tangents` (n, 3) are x axes of any length.
+    estimated from the neighbours; all are if they do not fit the positions, which `note` then says. A missing
+    area is that of the hexagon that the distance to the nearest neighbour gives (assumed: taxels on a triangular
+    lattice). Without `modules` all channels are one module, without `representative` each taxel represents
+    itself. `tangents` (n, 3) are x axes of any length.
     """
     n = len(positions)
     pads = np.zeros(n, dtype=bool) if pads is None else pads
@@ -101,8 +105,16 @@ def make_layout(
     guessed = valid & (lengths < 1e-3)
     if estimated is not None:
         guessed |= valid & estimated
-    unit = np.zeros((n, 3))
+    unit, note = np.zeros((n, 3)), ""
     known = valid & ~guessed
+    off = disagreement(positions[known], normals[known] / lengths[known, None])
+    if off > DISAGREE:
+        guessed, known = valid.copy(), np.zeros(n, dtype=bool)
+        note = (
+            f"{Path(source).name}: the listed normals are {np.degrees(off):.0f} degrees off the planes through "
+            f"their neighbours (median; valid: up to {np.degrees(DISAGREE):.0f}); they are estimated from the "
+            "positions instead"
+        )
     unit[known] = normals[known] / lengths[known, None]
     if guessed.any():
         guess = np.zeros((n, 3))
@@ -128,6 +140,7 @@ def make_layout(
         listed_normals=read_only(normals),
         tangents=None if tangents is None else read_only(_across(tangents, unit)),
         sampling=sampling,
+        note=note,
     )
 
 

@@ -21,6 +21,28 @@ FLAT = 1e-3
 """Distance [m] (RMS) from one plane below which a skin counts as flat. Assumed: files may round positions to
 a millimetre."""
 
+DISAGREE = np.radians(30.0)
+"""Median angle [rad] between listed normals and the planes through their neighbours above which the listed ones
+belong to another skin. Assumed: genuine skins stay below 15 degrees, wrong lists are at 50 and more."""
+THIN = 0.35
+"""Largest ratio of a neighbourhood's thickness to its width for its plane to mean something. Assumed: taxels
+that are far apart on a limb have neighbours all around it."""
+
+
+def disagreement(positions: Array, normals: Array) -> float:
+    """Returns the median angle [rad] between `normals` (n, 3) and the planes through the neighbours of
+    `positions` (n, 3) [m]; 0 if fewer than `NEIGHBOURS` have a neighbourhood that is nearly flat."""
+    places, index = np.unique(positions, axis=0, return_index=True)
+    if len(places) < NEIGHBOURS:
+        return 0.0
+    near = cKDTree(places).query(places, k=NEIGHBOURS)[1]
+    _, spread, axes = np.linalg.svd(places[near] - places[near].mean(axis=1, keepdims=True))
+    flat = spread[:, 2] < THIN * spread[:, 1]
+    if np.count_nonzero(flat) < NEIGHBOURS:
+        return 0.0
+    along = np.abs(np.einsum("ni,ni->n", axes[flat, 2], normals[index][flat]))
+    return float(np.median(np.arccos(np.clip(along, 0.0, 1.0))))
+
 
 def estimate_normals(positions: Array) -> Array:
     """Returns outward unit normals (n, 3) of taxels at `positions` (n, 3) [m], in the frame of the positions.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +17,12 @@ from tci.robot.skin_files.reader import read_layout
 def read_table(robot: Robot, patch: Patch, table: Table) -> SkinLayout:
     """Returns the skin of a patch, in the frame of the patch's link.
 
-    Raises DescriptionError with the faults of the file, and when its taxels have no normals or no area.
+    Warns of normals that do not fit the positions. Raises DescriptionError with the faults of the file, and when its taxels have no normals or no area.
     """
     path = Path(robot.source).parent / table.file
     layout = read_layout(path, form=table.format, sensor=table.sensor)
+    if layout.note:
+        warnings.warn(f"patch {patch.name}: {layout.note}", stacklevel=2)
     if not layout.normals[layout.taxels].any(axis=1).all():
         message = f"patch {patch.name}: no normals, and too few places to estimate them; valid: nx, ny, nz"
         raise DescriptionError(str(path), [Fault(0, message)])

@@ -36,8 +36,8 @@ class Form:
     mark: int | None = -2
     """Value of a pad in taxel2Repr; None for that of its module."""
     normals: str = "placeholder"
-    """`placeholder`: 1 0 0 everywhere, `none`: zero, `module`: one for each triangle, `wrong`: these with their
-    axes exchanged, `taxel`: measured ones, which are shorter than 1."""
+    """`placeholder`: 1 0 0 everywhere, `none`: zero, `module`: one for each triangle, `wrong`: these with
+    their axes exchanged, `taxel`: measured ones, which are shorter than 1."""
 
 
 CAD = Form()
@@ -90,7 +90,9 @@ ONE_SIDE = {
     "icub/positions/left_foot": SOLE,
     "icub/positions_pycub/left_forearm": replace(FOREARM, form=CAD, channels=768),
     "icub/positions_pycub/left_arm": Made(CAD, 768, 35, *ARM, around=8, gap=0),
-    "icub/positions_pycub/left_hand": Made(replace(HAND, normals="wrong"), 192, 4, np.inf, np.inf, around=2, gap=0),
+    "icub/positions_pycub/left_hand": Made(
+        replace(HAND, normals="wrong"), 192, 4, np.inf, np.inf, around=2, gap=0
+    ),
     "icub/positions_pycub/torso": Made(CAD, 768, 43, 0.09, 0.08, around=12, gap=0),
     "icub/positions_pycub/left_leg_upper": Made(CAD, 1344, 68, *LEG, around=14),
     "icub/positions_pycub/left_leg_lower": Made(CAD, 768, 38, *LEG, around=10),

@@ -25,6 +25,7 @@ from tci.robot.catalogue import load_robot, robot_names
 from tci.robot.generic_arm import Side, forearm_rotation, side_sign, upper_arm_rotation
 from tci.robot.joint_map import initial_position
 from tci.skin.skin import Skin
+from tci.skin.surfaces import find_neighbours
 
 postures = hnp.arrays(np.float64, 10, elements=st.floats(-1.5, 1.5))
 
@@ -294,6 +295,25 @@ def test_the_projection_of_each_taxel_is_the_taxel(name: str) -> None:
     for surface in Skin(load_robot(name)).surfaces.values():
         there = surface.project(surface.positions)[0]
         assert np.linalg.norm(there - surface.positions, axis=1).max() <= 1e-6
+
+
+def test_neighbours_are_as_far_apart_as_the_description_or_the_lattice_says(tmp_path: Path) -> None:
+    """On a dense skin two touches 12 mm apart are two contacts; 15 mm for every skin joined them."""
+    x, y = np.meshgrid(np.arange(12) * 3e-3, np.arange(12) * 3e-3)
+    places = np.column_stack([x.ravel(), y.ravel(), np.zeros(144)])
+    normals = np.tile([0.0, 0.0, 1.0], (144, 1))
+
+    def widest(distance: float | None) -> float:
+        one, other = find_neighbours(places, normals, distance).T
+        return float(np.linalg.norm(places[one] - places[other], axis=1).max())
+
+    assert 6e-3 <= widest(None) < 9e-3
+    assert 9e-3 <= widest(9.1e-3) <= 9.1e-3
+    robot = small_robot.build(tmp_path)
+    patch = robot.patches[0].model_copy(update={"neighbours": 0.05})
+    wide = FeltSkin(robot.model_copy(update={"patches": (patch,), "digest": "wide"})).surfaces[patch.name]
+    default = FeltSkin(robot).surfaces[patch.name]
+    assert len(wide.neighbours) > len(default.neighbours)
 
 
 @pytest.mark.filterwarnings("error")

@@ -16,12 +16,12 @@ from tci.frames import Array
 from tci.robot.catalogue import load_robot
 from tci.robot.kinematics import KinematicChain
 from tci.robot.skin_files.reader import read_layout
-from tci.skin.surfaces import build_surface
+from tci.skin.surfaces import build_surface, lattice_pitch, neighbour_distance
 
 KINDS: dict[str, Freedom] = {"kinematic": "none", "free centre": "centre", "free axis": "axis"}
-Skin = tuple[str, int, Array, Array, Array, str]
-"""Name, channels, taxels (n, 3) [m], a point (3,) [m] on the axis and its direction (3,), and a note on its
-file."""
+Skin = tuple[str, int, Array, Array, Array, str, float | None]
+"""Name, channels, taxels (n, 3) [m], a point (3,) [m] on the axis and its direction (3,), a note on its file,
+and the distance [m] up to which its description makes taxels neighbours."""
 
 
 def fit_skins(skin: str, axis: ArrayLike | None, origin: ArrayLike | None) -> list[dict[str, Any]]:
@@ -39,7 +39,7 @@ def _skins(skin: str, axis: ArrayLike | None, origin: ArrayLike | None) -> Itera
         file = read_layout(path)
         along, through = np.array(axis or (0.0, 0.0, 1.0)), np.array(origin or (0.0, 0.0, 0.0))
         taxels = file.positions[file.taxels]
-        yield file.name or path.name, file.channels, taxels, through, along, file.note
+        yield file.name or path.name, file.channels, taxels, through, along, file.note, None
         return
     robot = load_robot(skin)
     if axis is not None or origin is not None:
@@ -50,11 +50,18 @@ def _skins(skin: str, axis: ArrayLike | None, origin: ArrayLike | None) -> Itera
         raise TciError(f"{robot.name} has no skin on a limb to fit a cone to; valid: a skin file")
     for patch in limbs:
         surface = build_surface(robot, patch, kinematics)
-        yield patch.name, patch.channels, surface.positions, *limb_axis(robot, surface, kinematics), ""
+        yield (
+            patch.name,
+            patch.channels,
+            surface.positions,
+            *limb_axis(robot, surface, kinematics),
+            "",
+            patch.neighbours,
+        )
 
 
 def _fits(skin: Skin) -> dict[str, Any]:
-    name, channels, taxels, origin, axis, note = skin
+    name, channels, taxels, origin, axis, note, given = skin
     rows: list[dict[str, Any]] = []
     for kind, free in KINDS.items():
         try:
@@ -76,4 +83,12 @@ def _fits(skin: Skin) -> dict[str, Any]:
                 "direction": cone.axis.tolist(),
             }
         )
-    return {"name": name, "taxels": len(taxels), "channels": channels, "note": note, "cones": rows}
+    return {
+        "name": name,
+        "taxels": len(taxels),
+        "channels": channels,
+        "note": note,
+        "pitch_mm": lattice_pitch(taxels) * 1e3,
+        "neighbours_mm": (given or neighbour_distance(taxels)) * 1e3,
+        "cones": rows,
+    }

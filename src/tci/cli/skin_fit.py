@@ -51,6 +51,11 @@ def fit(
         return
     for one in told:
         console.print(f"[bold]{one['name']}[/]  {one['taxels']} taxels, {one['channels']} channels")
+        console.print(
+            f"lattice: pitch {one['pitch_mm']:.1f} mm; taxels up to {one['neighbours_mm']:.1f} mm apart are "
+            "neighbours, so that pressed ones are one contact",
+            highlight=False, markup=False,
+        )  # fmt: skip
         if one["note"]:
             console.print(one["note"], style="yellow", highlight=False, markup=False)
         console.print(_table(one["cones"]))

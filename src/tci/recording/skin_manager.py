@@ -1,9 +1,9 @@
 """The iCub's conventions for contacts, for comparison of results with skinManager's.
 
-A contact is a set of taxels linked by distances of up to 12 mm (single-link clusters). Its geometric centre
-is the mean of their positions, its pressure the mean of their values, its force -0.05 N per taxel and unit of
-pressure along the mean normal. Written from the conventions (facts and measurements), without any of
-skinManager's code.
+A contact is a set of taxels linked by distances of up to its maxNeighborDist (single-link clusters). Its
+geometric centre is the mean of their positions, its pressure the mean of their values, its force -0.05 N per
+taxel and unit of pressure along the mean normal. Written from the conventions (facts and measurements),
+without any of skinManager's code.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from tci.errors import FrameError
 from tci.frames import Array, read_only
 
 NEIGHBOUR = 0.012
-"""Distance [m] within which taxels are neighbours (skinManager's maxNeighborDist)."""
+"""Default distance [m] within which taxels are neighbours (skinManager's maxNeighborDist). Robots have
+others."""
 FORCE = 0.05
 """Force [N] per taxel and unit of pressure."""
 SKIN_PARTS = (
@@ -72,13 +73,16 @@ def contact_force(taxels: int, pressure: float, normal: Array) -> Array:
     return force
 
 
-def partition(positions: Array, taxels: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Divides active `taxels` (k,) into contacts: single-link clusters of the positions (n, 3) [m] of all.
+def partition(
+    positions: Array, taxels: NDArray[np.intp], *, neighbour: float = NEIGHBOUR
+) -> list[NDArray[np.intp]]:
+    """Divides active `taxels` (k,) into contacts: single-link clusters of the positions (n, 3) [m] of all,
+    whose links are up to `neighbour` [m] long.
 
     Each contact lists its taxels in ascending order; contacts are in the order of their smallest taxels.
     """
     active = np.unique(taxels)
-    pairs = cKDTree(positions[active]).query_pairs(NEIGHBOUR, output_type="ndarray")
+    pairs = cKDTree(positions[active]).query_pairs(neighbour, output_type="ndarray")
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(active), len(active)))
     count, labels = connected_components(graph, directed=False)
     found = [active[labels == label] for label in range(count)]

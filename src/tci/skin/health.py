@@ -90,8 +90,8 @@ class TaxelHealth:
         self.muted &= ~(changed & (self.state == Health.HEALTHY))
 
     def judge(self, window: Window, baseline: Baseline, offset: Array) -> None:
-        """Updates the health of every taxel (n,) by a window, its noise and threshold by the `baseline`, and the
-        rest values `offset` (n,) [counts] before it.
+        """Updates the health of every taxel (n,) by a window, its noise and threshold by the `baseline`, and
+        the rest values `offset` (n,) [counts] before it.
         """
         s, noise, threshold = self.settings, baseline.noise, baseline.threshold
         deviation = window.mean - offset

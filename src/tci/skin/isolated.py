@@ -1,9 +1,9 @@
 """Settings that classify contacts of a single taxel as touches or sensor defects.
 
 The cover over the taxels spreads a touch, so where taxels are close together, several respond. A single
-active taxel is pressed lightly or by something sharp, or it is broken. Its silent neighbours do not tell which:
-streams without noise hide what they read below a threshold. Time does, whatever the force, so that more force
-is never felt less.
+active taxel is pressed lightly or by something sharp, or it is broken. Its silent neighbours do not tell
+which: streams without noise hide what they read below a threshold. Time does, whatever the force, so that
+more force is never felt less.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ EARLY = 1e-6
 class IsolatedSettings:
     """Conditions under which a single active taxel is a contact. All figures are assumed.
 
-    It is one once it was pressed for `wait`; it must have changed meanwhile if taxels as noisy as it never stay
-    constant, or if it reads the end of its range. Until then it is one if it is the rest of an ended contact or
-    if another taxel within twice the `reach` is pressed (one touch over a gap in the skin). It is one at once if
-    it has fewer than two trusted neighbours within `reach`.
+    It is one once it was pressed for `wait`; it must have changed meanwhile if taxels as noisy as it never
+    stay constant, or if it reads the end of its range. Until then it is one if it is the rest of an ended
+    contact or if another taxel within twice the `reach` is pressed (one touch over a gap in the skin). It is
+    one at once if it has fewer than two trusted neighbours within `reach`.
     """
 
     reach: float = 0.015

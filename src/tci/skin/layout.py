@@ -80,7 +80,11 @@ class SkinPatch:
 
     def pressure(self, counts: float) -> float:
         """Returns the pressure [Pa] of a deviation [counts] along the normal, up to the last node at most."""
-        return float(np.interp(counts, *self.nodes) if self.nodes.size else abs(self.description.sensor.pascal_per_count) * counts)
+        return float(
+            np.interp(counts, *self.nodes)
+            if self.nodes.size
+            else abs(self.description.sensor.pascal_per_count) * counts
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,7 +23,12 @@ from tci.skin.nearest import nearest_on_faces
 from tci.skin.triangulation import outward, triangulate
 
 NEIGHBOUR_DISTANCE = 0.015
-"""Distance [m] up to which taxels are neighbours: the largest that an iCub's skinManager is set to."""
+"""Largest distance [m] up to which taxels are neighbours: the largest that an iCub's skinManager is set
+to."""
+
+PITCHES = 2.3
+"""Distance up to which taxels are neighbours, as a multiple of the pitch of a dense lattice. Assumed: beyond
+two steps of the lattice, so that a taxel that fails divides no contact, and 15 mm on an iCub."""
 
 GAP = 0.025
 """Widest gap [m] in a skin across which taxels are neighbours. Assumed: the widest of an iCub's is 19 mm."""
@@ -114,7 +119,7 @@ def build_surface(robot: Robot, patch: Patch, kinematics: KinematicChain) -> Sur
     if patch.rigid:
         neighbours = np.array(list(combinations(range(len(positions)), 2)), np.intp).reshape(-1, 2)
     else:
-        neighbours = find_neighbours(positions, normals)
+        neighbours = find_neighbours(positions, normals, patch.neighbours)
     return Surface(
         patch=patch.name,
         link=patch.link,
@@ -219,19 +224,38 @@ def _frames(
     return found[0]
 
 
-def find_neighbours(positions: Array, normals: Array) -> NDArray[np.intp]:
+def lattice_pitch(positions: Array) -> float:
+    """Returns the pitch [m] of the lattice of taxels at `positions` (n, 3) [m]: the median distance to the
+    third nearest one. The nearest are too near where a file has rounded positions. Infinite for fewer than
+    four."""
+    places = np.unique(positions, axis=0)
+    if len(places) < 4:
+        return float("inf")
+    return float(np.median(cKDTree(places).query(places, k=4)[0][:, 3]))
+
+
+def neighbour_distance(positions: Array) -> float:
+    """Returns the distance [m] up to which taxels at `positions` (n, 3) [m] are neighbours, unless the
+    description has another one."""
+    return min(PITCHES * lattice_pitch(positions), NEIGHBOUR_DISTANCE)
+
+
+def find_neighbours(positions: Array, normals: Array, distance: float | None = None) -> NDArray[np.intp]:
     """Returns pairs (m, 2), lower index first, of taxels that are near and face the same way.
 
-    Across a gap between modules they are near if no other taxel lies in the ball between them (Gabriel and
-    Sokal 1969): one finger on the gap presses both.
+    They are near up to `distance` [m], None for `neighbour_distance`, and across a wider gap between modules
+    if no other taxel lies in the ball between them (Gabriel and Sokal 1969): one finger on the gap presses
+    both. With a `distance` a gap is no wider than that.
     """
     tree = cKDTree(positions)
-    pairs = tree.query_pairs(GAP, output_type="ndarray").astype(np.intp)
+    near = neighbour_distance(positions) if distance is None else distance
+    widest = GAP if distance is None else distance
+    pairs = tree.query_pairs(widest, output_type="ndarray").astype(np.intp)
     facing = np.einsum("pi,pi->p", normals[pairs[:, 0]], normals[pairs[:, 1]]) > 0.0
     pairs = pairs[facing]
     one, other = positions[pairs[:, 0]], positions[pairs[:, 1]]
     gap = np.linalg.norm(one - other, axis=1)
     nothing_between = tree.query(0.5 * (one + other))[0] >= 0.5 * gap * (1.0 - 1e-9)
-    pairs = pairs[(gap <= NEIGHBOUR_DISTANCE) | nothing_between]
+    pairs = pairs[(gap <= near) | nothing_between]
     result: NDArray[np.intp] = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     return result

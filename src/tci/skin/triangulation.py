@@ -18,8 +18,8 @@ limb's normals point all around, a palm's or a sole's stay well within."""
 OFF = 1e-3
 """Largest distance [m] of a taxel from its projection. Assumed: the figure that skin files are rounded to."""
 TIE = 1e-6
-"""Standard deviation [m] of shifts that decide between equally good triangles. Without them those of a regular
-lattice differ from one turn of an unrolled limb to the next."""
+"""Standard deviation [m] of shifts that decide between equally good triangles. Without them those of a
+regular lattice differ from one turn of an unrolled limb to the next."""
 
 _NONE = np.zeros((0, 3), np.intp)
 
@@ -77,7 +77,8 @@ def _around_axis(places: Array, normals: Array) -> NDArray[np.intp]:
     unrolled = np.column_stack([around / (2.0 * np.pi) * turn, along])
     unrolled += TIE * np.random.default_rng(0).standard_normal(unrolled.shape)
     n = len(places)
-    faces = _delaunay(np.concatenate([unrolled - [turn, 0.0], unrolled, unrolled + [turn, 0.0]]))
+    shift = np.array([turn, 0.0])
+    faces = _delaunay(np.concatenate([unrolled - shift, unrolled, unrolled + shift]))
     # Each triangle is found once per turn; that whose lowest taxel is on the middle turn is kept.
     lowest = np.take_along_axis(faces, (faces % n).argmin(axis=1)[:, None], axis=1)[:, 0]
     faces = faces[lowest // n == 1] % n
@@ -85,7 +86,8 @@ def _around_axis(places: Array, normals: Array) -> NDArray[np.intp]:
     # Faces over a limb's open ends carry no skin.
     towards = normals[faces].mean(axis=1)
     across = np.abs(np.einsum("fi,fi->f", _unit_normals(faces, places), towards))
-    return faces[across > 0.5 * np.linalg.norm(towards, axis=1)]
+    result: NDArray[np.intp] = faces[across > 0.5 * np.linalg.norm(towards, axis=1)]
+    return result
 
 
 def _delaunay(flat: Array) -> NDArray[np.intp]:

@@ -84,6 +84,9 @@ class Patch(Description):
     rigid: bool = False
     """True if its taxels carry one rigid plate, such as the load cells under a foot: all pressed taxels are
     then one contact."""
+    neighbours: float | None = None
+    """Distance [m] up to which its taxels are neighbours, so that pressed ones are one contact; None: as its
+    lattice gives it (`tci skin fit`)."""
 
     @property
     def through_joints(self) -> bool:

@@ -34,7 +34,8 @@ class SkinLayout:
     normals: Array
     """Outward unit normals (n, 3); zero without a position, or if none could be estimated."""
     estimated: NDArray[np.bool_]
-    """True for normals (n,) that were estimated, since the file lacks them, has a placeholder, or wrong ones."""
+    """True for normals (n,) that were estimated, since the file lacks them, has a placeholder, or wrong
+    ones."""
     areas: Array
     """Area (n,) [m2] that each channel represents; zero without a position."""
     valid: NDArray[np.bool_]
@@ -95,9 +96,9 @@ def make_layout(
 
     Normals are scaled to unit length. Those that `estimated` (n,) marks, and those of zero length, are
     estimated from the neighbours; all are if they do not fit the positions, which `note` then says. A missing
-    area is that of the hexagon that the distance to the nearest neighbour gives (assumed: taxels on a triangular
-    lattice). Without `modules` all channels are one module, without `representative` each taxel represents
-    itself. `tangents` (n, 3) are x axes of any length.
+    area is that of the hexagon that the distance to the nearest neighbour gives (assumed: taxels on a
+    triangular lattice). Without `modules` all channels are one module, without `representative` each taxel
+    represents itself. `tangents` (n, 3) are x axes of any length.
     """
     n = len(positions)
     pads = np.zeros(n, dtype=bool) if pads is None else pads
@@ -111,9 +112,9 @@ def make_layout(
     if off > DISAGREE:
         guessed, known = valid.copy(), np.zeros(n, dtype=bool)
         note = (
-            f"{Path(source).name}: the listed normals are {np.degrees(off):.0f} degrees off the planes through "
-            f"their neighbours (median; valid: up to {np.degrees(DISAGREE):.0f}); they are estimated from the "
-            "positions instead"
+            f"{Path(source).name}: the listed normals are {np.degrees(off):.0f} degrees off the planes "
+            f"through their neighbours (median; valid: up to {np.degrees(DISAGREE):.0f}); they are estimated "
+            "from the positions instead"
         )
     unit[known] = normals[known] / lengths[known, None]
     if guessed.any():

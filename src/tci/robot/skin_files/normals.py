@@ -22,8 +22,8 @@ FLAT = 1e-3
 a millimetre."""
 
 DISAGREE = np.radians(30.0)
-"""Median angle [rad] between listed normals and the planes through their neighbours above which the listed ones
-belong to another skin. Assumed: genuine skins stay below 15 degrees, wrong lists are at 50 and more."""
+"""Median angle [rad] between listed normals and the planes through their neighbours above which the listed
+ones belong to another skin. Assumed: genuine skins stay below 15 degrees, wrong lists are at 50 and more."""
 THIN = 0.35
 """Largest ratio of a neighbourhood's thickness to its width for its plane to mean something. Assumed: taxels
 that are far apart on a limb have neighbours all around it."""

@@ -278,7 +278,7 @@ PATCH = Element(
     "taxels carry one rigid plate, as the load cells under a foot, so that all that are pressed are one "
     "contact.",
     needs={"name": NAME, "part": NAME, "link": NAME, "rate": RATE, "channels": Integer(1, 100_000)},
-    may={"segment": NAME, "rigid": Flag()},
+    may={"segment": NAME, "rigid": Flag(), "neighbours": LENGTH},
     once=SENSORS | SURFACES, describes=Patch,
 )  # fmt: skip
 

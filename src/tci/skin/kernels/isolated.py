@@ -87,7 +87,16 @@ def _wait_on(place: int, stamp: float, force: float, waiting: Array, now: Array)
 
 @compiled(
     returns(int64, int64, int64)(
-        ACTIVE, LAYOUT, ESTIMATES, CLUSTERS, float64, float64, reads(1), reads(1), reads(1, int64), reads(2),
+        ACTIVE,
+        LAYOUT,
+        ESTIMATES,
+        CLUSTERS,
+        float64,
+        float64,
+        reads(1),
+        reads(1),
+        reads(1, int64),
+        reads(2),
         writes(2),
     )
 )

@@ -159,6 +159,21 @@ def test_a_dead_patch_goes_no_further_than_its_keep_alive() -> None:
     assert filled.fill((frame,), 10.1)[0].sequence == 39  # never back in time
 
 
+@pytest.mark.parametrize("keep_alive", [None, KEEP_ALIVE])
+@pytest.mark.parametrize("stamp", [np.nan, np.inf, -np.inf])
+def test_a_frame_whose_stamp_is_no_time_is_refused_and_changes_nothing(
+    keep_alive: float | None, stamp: float
+) -> None:
+    perceiver = tci.Perceiver(tci.GenericBody(NAO), keep_alive=keep_alive)
+    still = JointReading(0.0, 0, np.array(initial_position(NAO)), np.zeros(len(NAO.servos)))
+    values = read_only(np.full(240, 240.0))
+    good = SkinFrame("left_forearm", 1.0, 1, values)
+    perceiver.step(Reading(still, (good,)), 1.0)
+    with pytest.raises(FrameError, match=f"left_forearm: a frame stamped {stamp} s; valid: a finite time"):
+        perceiver.step(Reading(still, (SkinFrame("left_forearm", stamp, 2, values),)), 1.01)
+    assert perceiver.step(Reading(still, (good,)), 1.01).skin.stamp[0] >= 1.0
+
+
 def test_a_frame_that_was_refused_is_not_repeated() -> None:
     perceiver = tci.Perceiver(tci.GenericBody(NAO), keep_alive=KEEP_ALIVE)
     joints = JointReading(0.0, 0, np.array(initial_position(NAO)), np.zeros(len(NAO.servos)))

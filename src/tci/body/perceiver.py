@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import deepcopy
+from math import isfinite
 
 from tci.body.generic_body import GenericBody
 from tci.errors import FrameError
@@ -50,6 +51,9 @@ class Perceiver:
         Raises FrameError, and changes nothing, if a frame or the joints do not fit the robot.
         """
         posture = self.body.posture(reading.joints)
+        for frame in reading.skin:
+            if not isfinite(frame.stamp):
+                raise FrameError(f"{frame.patch}: a frame stamped {frame.stamp} s; valid: a finite time")
         frames = reading.skin if self._held is None else self._held.fill(reading.skin, now)
         try:
             perceived = frames != self._frames and self._conditioner.step(frames)

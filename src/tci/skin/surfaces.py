@@ -20,7 +20,7 @@ from tci.robot.kinematics import KinematicChain
 from tci.robot.skin_files.file import MODULE_PITCH
 from tci.robot.skin_files.table import read_table
 from tci.skin.nearest import nearest_on_faces
-from tci.skin.triangulation import outward, triangulate
+from tci.skin.triangulation import hull, outward, triangulate
 
 NEIGHBOUR_DISTANCE = 0.015
 """Largest distance [m] up to which taxels are neighbours: the largest that an iCub's skinManager is set
@@ -67,7 +67,8 @@ class Surface:
     faces: NDArray[np.intp]
     """Triangles (f, 3) of taxels, anticlockwise seen from outside.
 
-    All taxels are corners, so that the projection of a taxel is the taxel. Taxels on one line have none.
+    All taxels are corners, so that the projection of a taxel is the taxel; modules at frames of a model lie
+    on their hull. Taxels on one line have none.
     """
     tangents: Array | None = None
     """Unit x axes (n, 3) of three-axis taxels in the link; y is normal x tangent. None stands for
@@ -101,16 +102,16 @@ def build_surface(robot: Robot, patch: Patch, kinematics: KinematicChain) -> Sur
     if isinstance(description, TruncatedCone):
         positions, normals, areas, faces = _cone(description)
         channels = np.arange(len(positions))
+    elif isinstance(description, TriangularModules):
+        positions, normals, areas, channels = _modules(robot, patch, description, kinematics)
+        faces = hull(positions, normals)
     else:
-        if isinstance(description, TriangularModules):
-            positions, normals, areas, channels = _modules(robot, patch, description, kinematics)
-        else:
-            layout = read_table(robot, patch, description)
-            channels = layout.taxels
-            across = None if layout.tangents is None else read_only(layout.tangents[channels])
-            positions, normals, areas = (
-                values[channels] for values in (layout.positions, layout.normals, layout.areas)
-            )
+        layout = read_table(robot, patch, description)
+        channels = layout.taxels
+        across = None if layout.tangents is None else read_only(layout.tangents[channels])
+        positions, normals, areas = (
+            values[channels] for values in (layout.positions, layout.normals, layout.areas)
+        )
         faces = triangulate(positions, normals)
     needed = patch.sensor.axes * (int(channels.max()) + 1)
     if needed > patch.channels:

@@ -1,14 +1,15 @@
 """Triangles between the taxels of a skin: of a sheet on a plane, of a limb unrolled around its axis.
 
-All taxels are corners. A convex hull would leave out those in hollows, and would put touches there up to
-9 mm outside the skin of an iCub's forearm.
+All taxels are corners, but for those of modules at frames of a model, which are on the convex hull. A convex
+hull would leave out those in hollows, and would put touches there up to 9 mm outside the skin of an iCub's
+forearm.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay, QhullError, cKDTree
+from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 
 from tci.frames import Array
 
@@ -49,6 +50,22 @@ def triangulate(positions: Array, normals: Array) -> NDArray[np.intp]:
     return faces if whole else _NONE
 
 
+def hull(positions: Array, normals: Array) -> NDArray[np.intp]:
+    """Returns triangles (f, 3) of the convex hull of a limb's flat modules, or those of `triangulate` for a
+    sheet.
+
+    It is the shape that collides in the simulation, so that a poke's depth is that in the skin. Taxels in
+    hollows between an iCub's modules are up to 1.9 mm inside.
+    """
+    if is_sheet(normals):
+        return triangulate(positions, normals)
+    places, index = np.unique(positions, axis=0, return_index=True)
+    try:
+        return _skin_only(index[np.asarray(ConvexHull(places).simplices, dtype=np.intp)], positions, normals)
+    except QhullError:
+        return _NONE
+
+
 def outward(faces: NDArray[np.intp], positions: Array, normals: Array) -> NDArray[np.intp]:
     """Orients triangles anticlockwise, seen from the side that the taxels' normals point to."""
     inward = np.einsum("fi,fi->f", _unit_normals(faces, positions), normals[faces].mean(axis=1)) < 0.0
@@ -83,7 +100,11 @@ def _around_axis(places: Array, normals: Array) -> NDArray[np.intp]:
     lowest = np.take_along_axis(faces, (faces % n).argmin(axis=1)[:, None], axis=1)[:, 0]
     faces = faces[lowest // n == 1] % n
     faces = faces[[len({*face}) == 3 for face in faces.tolist()]]
-    # Faces over a limb's open ends carry no skin.
+    return _skin_only(faces, places, normals)
+
+
+def _skin_only(faces: NDArray[np.intp], places: Array, normals: Array) -> NDArray[np.intp]:
+    """Returns the `faces` (f, 3) without those over a limb's open ends, which carry no skin."""
     towards = normals[faces].mean(axis=1)
     across = np.abs(np.einsum("fi,fi->f", _unit_normals(faces, places), towards))
     result: NDArray[np.intp] = faces[across > 0.5 * np.linalg.norm(towards, axis=1)]

@@ -10,7 +10,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tci.frames import Array
-from tci.skin.surfaces import NEIGHBOUR_DISTANCE, Surface, is_sheet
+from tci.skin.surfaces import NEIGHBOUR_DISTANCE, Surface
+from tci.skin.triangulation import is_sheet
 
 WIDTHS = 2e-3 * 2.0 ** np.arange(4)
 """Standard deviations [m] of the Gaussians by which the fill factor is averaged, each twice the one before.

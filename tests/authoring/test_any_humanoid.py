@@ -57,6 +57,13 @@ def test_a_urdf_and_its_export_as_mjcf_give_one_robot(tmp_path: Path) -> None:
         assert set(joints_of(second, f"{side}_leg").values()) == {f"{side}_{name}" for name in LEG}
 
 
+def test_speeds_are_written_as_a_person_reads_them(tmp_path: Path) -> None:
+    robot = propose(MadeHumanoid().urdf(tmp_path), name="made")
+    text = write_robot(robot, file="made.urdf")
+    assert "359.82" in text, "6.28 rad/s"
+    assert "359.8174" not in text
+
+
 def test_a_file_that_is_no_model_is_named(tmp_path: Path) -> None:
     macro = tmp_path / "robot.urdf"
     macro.write_text(

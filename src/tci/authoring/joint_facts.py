@@ -78,6 +78,7 @@ def proposed_limits(given: JointFacts, inertia: float) -> Limits:
     if not 0.0 < velocity < FASTEST:
         velocity = SPEED
         assumed.append("velocity")
+    velocity = float(np.deg2rad(round(np.rad2deg(velocity), 2)))  # as a person reads it
     if not 0.0 < torque < STRONGEST:
         torque = TORQUE
         assumed.append("torque")

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from tci.messages import JointReading
 from yarpwire.calls_v3 import answer_v3
 from yarpwire.calls_v4 import answer_v4
 from yarpwire.dialect import V3, V4, Dialect
+from yarpwire.errors import CallError
 from yarpwire.text import from_text
 from yarpwire.values import Vocab
 
@@ -94,7 +95,9 @@ def _prepare(shown: Unattended, interface: str) -> None:
     """Switches joints to the mode in which the methods of an interface apply."""
     mode = {"IPositionDirect": "posd", "IVelocityControl": "vel", "IVelocityDirect": "veld"}.get(interface)
     mode = "torq" if interface == "ITorqueControl" else mode or "pos"
-    shown.set_modes(None, [Vocab(mode)] * JOINTS)
+    for joint in range(JOINTS):
+        with suppress(CallError):  # fingers have no torque mode
+            shown.set_modes([joint], [Vocab(mode)])
 
 
 def page() -> str:

@@ -139,7 +139,7 @@ def test_random_pokes_anywhere_on_the_skin(name: str) -> None:
         contact = max(contacts, key=lambda contact: contact.force)
         error = contact.p_T - truth.center
         errors.append(1e3 * np.linalg.norm(error - (error @ contact.n_T) * contact.n_T))
-        ratios.append(sum(c.force for c in contacts) / truth.force)
+        ratios.append(sum(c.taxel_forces.sum() for c in contacts) / truth.force)
     assert covered < 40
     print(
         f"{name}: centre of pressure, median {np.median(errors):.2f} mm, "

@@ -141,7 +141,7 @@ def test_skin_tells_where_and_joints_tell_how_much() -> None:
     assert contact.certainty == 1.0
     assert np.linalg.norm(contact.p_L - push.point) < 0.01
     assert contact.force == pytest.approx(NEWTON, rel=0.25)
-    assert contact.taxel_forces.sum() == pytest.approx(contact.force)
+    assert 0.4 * contact.force < contact.taxel_forces.sum() < contact.force, "the rest presses between taxels"
     np.testing.assert_allclose(contact.f_T, -contact.force * contact.n_T, atol=1e-9)
 
 

@@ -49,7 +49,8 @@ def test_two_slow_sweeps_find_friction_although_masses_are_wrong(joint: int) -> 
 def test_the_friction_of_simulated_joints_is_written_beside_what_was_known(tmp_path: Path) -> None:
     """Simulated joints have none. What the robot's own file says of rotors is kept."""
     source = tmp_path / "bare.xml"
-    source.write_text(Path(tci.load_robot("g1-bare").source).read_text())
+    for file in Path(tci.load_robot("g1-bare").source).parent.glob("*.xml"):
+        (tmp_path / file.name).write_text(file.read_text())
     name, file = "left_elbow_joint", tmp_path / "bare.joints.json"
     before = JointCalibration(robot="g1-bare", friction={name: JointFriction(coulomb=1.0, rotor=0.01)})
     write_json(file, before)

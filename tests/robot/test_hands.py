@@ -109,6 +109,17 @@ def test_a_variant_has_all_of_what_it_extends_and_its_own(tmp_path: Path) -> Non
     assert changed.servos[0].limits.velocity == pytest.approx(np.deg2rad(400.0))
 
 
+def test_a_variant_removes_elements_and_keeps_the_rest() -> None:
+    plain, bare = load_robot("g1"), load_robot("g1-bare")
+    assert [p.surface for p in bare.patches] == [p.surface for p in plain.patches]
+    assert not bare.skin
+    assert bare.bindings == plain.bindings
+    names = [s.name for s in load_robot("nao").servos]
+    for gone in ("LWristYaw", "LHand", "RWristYaw", "RHand"):
+        names.remove(gone)
+    assert [s.name for s in load_robot("nao-h21").servos] == names
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
@@ -118,6 +129,7 @@ def test_a_variant_has_all_of_what_it_extends_and_its_own(tmp_path: Path) -> Non
         ('joint="LThumbFlexion"', 'joint="LIndexFlexion"', "second servo with joint 'LIndexFlexion'"),
         ('segment="palm"', 'segment="wrist"', "'left_fingers' has no segment 'wrist'"),
         ('<segment name="thumb"', '<segment name="toe"', "no segment of fingers is named 'toe'"),
+        ('<segment name="thumb"', '<segment name="toe" removed="yes"', "<segment> removes nothing"),
     ],
 )  # fmt: skip
 def test_each_fault_is_named(tmp_path: Path, old: str, new: str, words: str) -> None:

@@ -1,11 +1,8 @@
 """`unitree:INTERFACE[/DOMAIN]`: a Unitree G1 over its own DDS topics.
 
-| topic | content | from |
-|---|---|---|
-| `rt/lowstate` | angles, speeds and torques of all motors, pelvis, remote; 500 Hz | robot |
-| `rt/arm_sdk` | targets and gains of waist and arms, and their weight | driver |
-| `rt/lowcmd` | targets and gains of all motors, with `?control=all` | driver |
-| `rt/dex3/SIDE/state` | press sensors of a Dex3 hand (`hands`) | robot |
+Topics: `rt/lowstate` (from the robot, 500 Hz) has angles, speeds and torques of all motors, and pelvis;
+`rt/arm_sdk` (from the driver) targets and gains of waist and arms, and their weight; `rt/lowcmd`, with
+`?control=all`, targets and gains of all motors.
 
 DDS has no passwords here: the interface must be named, and one that others may reach is refused. Commands
 are sent by a process of their own, which hands the motors back even if this one is killed (`keeper`).

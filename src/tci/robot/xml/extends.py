@@ -1,7 +1,7 @@
 """Descriptions that extend another one: a variant of a robot says only what it adds or changes.
 
 An element that has the tag and the name (id, middleware, ...) of one in the extended file gives that one more
-or other attributes and children; any other is added to the list.
+or other attributes and children; any other is added to the list. With `removed="yes"` it takes that one away.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from lxml import etree
 from tci.robot.xml.document import parse, read_bytes, refuse, shown
 from tci.robot.xml.grammar import ROOT
 
-ATTRIBUTE = "extends"
+ATTRIBUTE, REMOVED = "extends", "removed"
 KEYS = ("id", "destination_servo_id", "name", "middleware", "of", "joint", "frame", "prefix")
 """Attributes that tell elements of one tag apart."""
 MOST = 4
@@ -28,21 +28,21 @@ def read_element(file: Path) -> tuple[etree._Element, bytes]:
     """
     found = [*_files(file)]
     root = found[-1][0]
-    for element, _ in reversed(found[:-1]):
-        _merge(root, element)
+    for element, _, source in reversed(found[:-1]):
+        _merge(root, element, source)
     root.attrib.pop(ATTRIBUTE, None)
-    return root, b"".join(data for _, data in found)
+    return root, b"".join(data for _, data, _ in found)
 
 
-def _files(file: Path) -> Iterator[tuple[etree._Element, bytes]]:
-    """Yields root element and bytes of a description, of the one that it extends, and so on."""
+def _files(file: Path) -> Iterator[tuple[etree._Element, bytes, str]]:
+    """Yields root element, bytes and path of a description, of the one that it extends, and so on."""
     for _ in range(MOST):
         data = read_bytes(file)
         element = parse(data, str(file))
         line = element.sourceline or 1
         if element.tag != ROOT:
             raise refuse(str(file), line, f"the root element is {shown(str(element.tag))}; valid: <{ROOT}>")
-        yield element, data
+        yield element, data, str(file)
         name = element.get(ATTRIBUTE)
         if name is None:
             return
@@ -55,18 +55,26 @@ def _files(file: Path) -> Iterator[tuple[etree._Element, bytes]]:
     raise refuse(str(file), 1, f"more than {MOST} descriptions extend each other; valid: at most {MOST}")
 
 
-def _merge(base: etree._Element, other: etree._Element) -> None:
-    """Adds attributes and children of `other` to `base`."""
+def _merge(base: etree._Element, other: etree._Element, source: str) -> None:
+    """Adds attributes and children of `other`, which is of the file `source`, to `base`. Raises
+    DescriptionError if it removes what is not there."""
     base.attrib.update({name: value for name, value in other.attrib.items() if name != ATTRIBUTE})
     if other.text is not None and other.text.strip():
         base.text = other.text
     known = {_key(child): child for child in base if isinstance(child.tag, str)}
     for child in [child for child in other if isinstance(child.tag, str)]:
         same = known.get(_key(child))
-        if same is None:
+        if child.get(REMOVED) == "yes":
+            if same is None:
+                words = (
+                    f"<{child.tag}> removes nothing; valid: the tag and the name of an element that is there"
+                )
+                raise refuse(source, child.sourceline or 1, words)
+            base.remove(same)
+        elif same is None:
             base.append(child)
         else:
-            _merge(same, child)
+            _merge(same, child, source)
 
 
 def _key(element: etree._Element) -> tuple[str | None, ...]:

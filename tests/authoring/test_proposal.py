@@ -63,7 +63,7 @@ def test_an_icub_is_found_as_people_described_it() -> None:
     assert proposed.model is not None
     assert proposed.model.torso_link == icub.model.torso_link
     np.testing.assert_allclose(proposed.model.T_LT[:3, :3], icub.model.T_LT[:3, :3], atol=1e-3)
-    for part in icub.parts:
+    for part in (part for part in icub.parts if part.kind != "fingers"):  # the model has none that move
         for ours, theirs in zip(proposed.part(part.name).servos, part.servos, strict=True):
             assert theirs.servo is not None
             assert ours.servo is not None

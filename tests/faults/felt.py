@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -110,8 +111,8 @@ class NoisySkin(Driver):
 class Counted(tci.Capability[WithdrawalMemory]):
     """The withdrawal reflex, which records by arm when it began to answer."""
 
-    def __init__(self) -> None:
-        self.reflex = tci.WithdrawalReflex()
+    def __init__(self, surround: Sequence[tci.ReceptiveField] | None = None) -> None:
+        self.reflex = tci.WithdrawalReflex(surround=surround)
         self.answers: dict[str, list[float]] = {"left_arm": [], "right_arm": []}
 
     def init(self, body: GenericBody) -> WithdrawalMemory:
@@ -134,10 +135,17 @@ class Felt:
     """A run on that robot with one fault from `at` [s] on."""
 
     def __init__(
-        self, driver: NoisySkin, name: str, *, at: float, duration: float, lasts: float = np.inf
+        self,
+        driver: NoisySkin,
+        name: str,
+        *,
+        at: float,
+        duration: float,
+        lasts: float = np.inf,
+        surround: Sequence[tci.ReceptiveField] | None = None,
     ) -> None:
         self.ticks: list[Tick] = []
-        self.reflex, self.report = Counted(), LoopReport()
+        self.reflex, self.report = Counted(surround), LoopReport()
         self.at = at
         faulty = FaultInjector(driver, [FaultPlan(name, at, lasts)])
         self.memory = run(

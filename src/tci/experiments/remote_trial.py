@@ -7,14 +7,10 @@ it (`real_time`), as on a robot, so that the measured times are not those of oth
 
 from __future__ import annotations
 
-import base64
-import pickle
-import queue
-import subprocess
-import sys
-import threading
+import multiprocessing
 import time
 from collections.abc import Iterator
+from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Any, Self
 
@@ -34,6 +30,8 @@ from tci.simulation.world import World
 STARTING = 60.0
 """Longest time [s] for the other process to start, compile and connect. Assumed: the first compilation takes
 about half of it on two cores."""
+ENDED = "ended"
+"""Word for a process that says nothing any more."""
 APPEARING = 10.0
 """Longest time [s] until the served robot answers a connection. Assumed: discovery takes a few seconds over
 the slowest middleware."""
@@ -72,18 +70,11 @@ class RemoteTrial:
         """
         self.robot, self.via = robot, via
         robot.binding(via.partition(":")[0])
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-        self._said: queue.Queue[str] = queue.Queue()
-        threading.Thread(target=self._listen, daemon=True).start()
-        self._tell(base64.b64encode(pickle.dumps((robot, reflex))).decode())
-
-    def _listen(self) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            self._said.put(line.strip())
-        self._said.put("ended")
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=answer, args=(robot, reflex, theirs), daemon=True)
+        self._process.start()
+        theirs.close()
 
     def run(self, world: World, duration: float, trial: Trial) -> None:
         """Serves `world` until the reflex in the other process is ready, then runs the trial for `duration`
@@ -115,30 +106,33 @@ class RemoteTrial:
             self._tell("enough")  # before the server closes, so that the reflex does not lose its robot
         said = ""
         while said != "done":
-            said = self._said.get(timeout=STARTING)
-            if said == "ended":
-                raise DriverError(self._trouble(said))
+            said = self._hear(STARTING)
+            if said in ("", ENDED):
+                raise DriverError(self._trouble(said or f"no answer for {STARTING:g} s"))
 
-    def _ask(self, line: str) -> None:
-        while not self._said.empty():
-            self._said.get()
-        self._tell(line)
+    def _ask(self, via: str) -> None:
+        while self._hear(0.0) not in ("", ENDED):
+            pass
+        self._tell(via)
 
-    def _tell(self, line: str) -> None:
-        assert self._process.stdin is not None
+    def _tell(self, words: str) -> None:
         try:
-            print(line, file=self._process.stdin, flush=True)
-        except BrokenPipeError as error:
-            raise DriverError(self._trouble("ended")) from error
+            self._pipe.send(words)
+        except OSError as error:
+            raise DriverError(self._trouble(ENDED)) from error
+
+    def _hear(self, wait: float) -> str:
+        """Returns what the other process says within `wait` [s], or nothing."""
+        try:
+            return str(self._pipe.recv()) if self._pipe.poll(wait) else ""
+        except (EOFError, OSError):
+            return ENDED
 
     def _trouble(self, said: str) -> str:
         return f"the process with the reflex, connected by {self.via}: {said}"
 
     def _ready(self, asked: float) -> bool:
-        try:
-            said = self._said.get_nowait()
-        except queue.Empty:
-            said = ""
+        said = self._hear(0.0)
         if said == "ready":
             return True
         if said or time.monotonic() - asked > STARTING:
@@ -152,7 +146,8 @@ class RemoteTrial:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._process.kill()
-        self._process.communicate()
+        self._process.join()
+        self._pipe.close()
 
 
 class Trial:
@@ -191,35 +186,26 @@ def _patiently(robot: Robot, via: str) -> Driver:
             time.sleep(0.2)
 
 
-def main() -> None:
-    """Entry point of the other process: reads robot and reflex; then, again and again, reads an address,
-    connects, and runs the reflex until the next line."""
-    robot, reflex = pickle.loads(base64.b64decode(sys.stdin.readline()))
-    told: queue.Queue[str] = queue.Queue()
-    threading.Thread(target=_hear, args=(told,), daemon=True).start()
-    while via := told.get():
+def answer(robot: Robot, reflex: Capability[Any], pipe: Connection) -> None:
+    """Main loop of the other process: receives an address, connects, and runs the reflex until the next
+    message; again and again."""
+    while True:
+        try:
+            via = pipe.recv()
+        except EOFError:
+            return
         ticks = 0
 
         def tell(tick: Tick) -> None:
             nonlocal ticks
             ticks += 1
             if ticks == 1:
-                print("ready", flush=True)
+                pipe.send("ready")
 
         try:
             with real_time_where_permitted(), _patiently(robot, via) as driver:
-                run(driver, reflex, until=lambda memory: not told.empty(), observe=tell)
+                run(driver, reflex, until=lambda memory: pipe.poll(), observe=tell)
         except Exception as error:
-            print(f"{type(error).__name__}: {error}".replace("\n", "; "), flush=True)
-        told.get()
-        print("done", flush=True)
-
-
-def _hear(told: queue.Queue[str]) -> None:
-    for line in sys.stdin:
-        told.put(line.strip())
-    told.put("")
-
-
-if __name__ == "__main__":
-    main()
+            pipe.send(f"{type(error).__name__}: {error}".replace("\n", "; "))
+        pipe.recv()
+        pipe.send("done")

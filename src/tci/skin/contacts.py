@@ -71,7 +71,9 @@ class ContactFinder:
         self.contacts = _NONE
         """Contacts in the latest state."""
         self._waiting: Array = np.zeros((0, WAITING))
-        self._end = np.array([patch.pressure(SATURATED * patch.full) for patch in layout.patches])
+        if settings.isolated is not None:
+            waits = settings.isolated.waits(layout.arrays.rate)
+            self._rules = np.array([waits, [one.pressure(SATURATED * one.full) for one in layout.patches]])
 
     def find(
         self, state: SkinState, estimates: Estimates, poses: Callable[[], Array], posture: Mapping[str, Array]
@@ -117,7 +119,7 @@ class ContactFinder:
         fresh = np.empty((single, WAITING))
         count, taxels, waits = _reject_isolated(
             active, arrays, estimates, self._clusters, settings.reach, self.settings.floor,
-            settings.waits(arrays.rate), self._end, touched, self._waiting, fresh,
+            self._rules, touched, self._waiting, fresh,
         )  # fmt: skip
         return count, taxels, fresh[:waits]
 

@@ -93,8 +93,7 @@ def _wait_on(place: int, stamp: float, force: float, waiting: Array, now: Array)
         CLUSTERS,
         float64,
         float64,
-        reads(1),
-        reads(1),
+        reads(2),
         reads(1, int64),
         reads(2),
         writes(2),
@@ -107,22 +106,23 @@ def reject_isolated(
     clusters: Clusters,
     reach: float,
     floor: float,
-    wait: Array,
-    end: Array,
+    rules: Array,
     before: Places,
     waiting: Array,
     fresh: Array,
 ) -> tuple[int, int, int]:
     """Removes clusters of a single taxel that are no touch, see `IsolatedSettings`.
 
-    An isolated taxel must be pressed for `wait` (p,) [s], 0 for none, and change if it reads `end` (p,)
-    [Pa] or more; `reach` [m] is that of the settings, `floor` [N] the least force on a taxel of a contact.
-    `before` (k,) are the taxels, among those of the whole skin, of all contacts in the frame before, and
-    `waiting` (w, WAITING) the isolated taxels then. Returns the number of clusters left, the number of their
-    taxels, and the number of rows of `fresh` (m, WAITING) that were written: the next `waiting`.
+    An isolated taxel of a patch must be pressed for the first row of `rules` (2, p) [s], 0 for none, and
+    change if it reads the second [Pa] or more; `reach` [m] is that of the settings, `floor` [N] the least
+    force on a taxel of a contact. `before` (k,) are the taxels, among those of the whole skin, of all
+    contacts in the frame before, and `waiting` (w, WAITING) the isolated taxels then. Returns the number of
+    clusters left, the number of their taxels, and the number of rows of `fresh` (m, WAITING) that were
+    written: the next `waiting`.
     """
     waits, kept, filled, c, begin = 0, 0, 0, 0, 0
     bound, member, forces = clusters.bound, clusters.member, clusters.member_force
+    wait, end = rules
     for p in range(len(clusters.counts)):
         last, kept_before = c + clusters.counts[p], kept
         while c < last:

@@ -63,10 +63,14 @@ def test_generic_limits_are_those_of_the_servos(name: str) -> None:
             if joint.servo is None:
                 assert fact.lower is fact.upper is None
                 continue
-            limits, ends = robot.servos[joint.servo].limits, []
-            for limit in (limits.lower, limits.upper):
+            ends = []
+            moved = [robot.servos[servo] for servo in (joint.servo, *(term.servo for term in joint.terms))]
+            limits = moved[0].limits
+            for side in ("lower", "upper"):
                 position = initial_position(robot).copy()
-                position[joint.servo] = np.nan if limit is None else limit
+                for servo in moved if joint.transform == "synergy" else moved[:1]:
+                    limit = getattr(servo.limits, side)
+                    position[servo.index] = np.nan if limit is None else limit
                 ends.append(joints.to_generic(position)[joint.id])
             if limits.lower is None:
                 assert fact.lower is None

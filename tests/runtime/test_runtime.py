@@ -94,8 +94,9 @@ def test_connect_lists_what_there_is() -> None:
     with pytest.raises(UnknownNameError, match="no option of the driver 'replay' named 'rate'; valid: arm"):
         tci.connect(robot, "replay:touch.mcap", rate=100.0)
     unbound = robot.model_copy(update={"bindings": ()})
+    tci.connect(unbound, "sim").close()
     with pytest.raises(UnknownNameError, match="binding"):
-        tci.connect(unbound, "sim")
+        tci.connect(unbound, "naoqi:127.0.0.1:9")
 
 
 @pytest.mark.parametrize("name", tci.driver_names())

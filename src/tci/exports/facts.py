@@ -17,7 +17,7 @@ from tci.exports.chain import ChainSegment, chain_to, ends_of
 from tci.exports.cone import cone_of
 from tci.exports.denavit_hartenberg import Convention, denavit_hartenberg
 from tci.exports.tree import KinematicLink, Matrix, links_of, rows, vector
-from tci.robot.description import Coupling, Description, GenericPart, Robot, Servo, Vector
+from tci.robot.description import Coupling, Description, GenericPart, GenericServo, Robot, Servo, Vector
 from tci.robot.joint_map import joint_map
 from tci.robot.kinematics import KinematicChain
 from tci.skin.surfaces import Surface, build_surface
@@ -187,10 +187,26 @@ def generic_limits(robot: Robot, part: str) -> tuple[GenericLimits, ...]:
         ends.append(joints.to_generic(np.array([np.nan if limit is None else limit for limit in limits])))
     facts = []
     for joint, low, high in zip(robot.part(part).servos, *np.sort(ends, axis=0), strict=True):
-        own = joint.servo is not None and joint.transform in ("linear", "table") and np.isfinite(low + high)
+        if joint.transform == "synergy":
+            low, high = _reach(robot, joint)
+        own = (
+            joint.servo is not None
+            and joint.transform in ("linear", "table", "synergy")
+            and np.isfinite(low + high)
+        )
         lower, upper = (float(low), float(high)) if own else (None, None)
         facts.append(GenericLimits(joint=joint.name, lower=lower, upper=upper))
     return tuple(facts)
+
+
+def _reach(robot: Robot, joint: GenericServo) -> tuple[float, float]:
+    """Returns the lowest and highest angle [rad] of a joint that several servos move; NaN without limits."""
+    low = high = joint.offset
+    for term in joint.terms:
+        limits = robot.servos[term.servo].limits
+        ends = [np.nan if end is None else term.factor * end for end in (limits.lower, limits.upper)]
+        low, high = low + min(ends), high + max(ends)
+    return low, high
 
 
 def dh_tables(robot: Robot) -> tuple[DHTable, ...]:

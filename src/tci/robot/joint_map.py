@@ -1,198 +1,16 @@
-"""Maps between a generic part's joints and the robot's servos, by the transforms of its description.
-
-linear    GS = gamma DS + sigma (eq. 1)
-table     piecewise linear between pairs of angles, extrapolated beyond its ends
-coupled   GS = M DS + sigma: a generic joint is a linear combination of several servos
-synergy   the same of as many servos as there are: the pseudo-inverse of M gives their angles
-retarget  the three joints of a shoulder, by the rotation of the upper arm in the torso frame
-"""
+"""Maps between a generic part's joints and the robot's servos, by the transforms of its description."""
 
 from __future__ import annotations
-
-from abc import ABC, abstractmethod
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.errors import CommandError, FrameError
+from tci.errors import FrameError
 from tci.frames import Array, frozen, read_only
 from tci.messages import JointReading
-from tci.robot.description import GenericPart, GenericServo, Robot
+from tci.robot.description import GenericPart, Robot
 from tci.robot.per_robot import per_robot
-
-
-class Transform(ABC):
-    """The relation between some joints of a part (k,) and the same number of servos; only a synergy has
-    another number of joints (m,)."""
-
-    ids: NDArray[np.intp]
-    """Generic ids (k,)."""
-    servos: NDArray[np.intp]
-    """Indices (k,) into `Robot.servos`."""
-
-    def __init__(self, joints: list[GenericServo]) -> None:
-        self.ids = np.array([joint.id for joint in joints], dtype=np.intp)
-        self.servos = np.array([joint.servo for joint in joints], dtype=np.intp)
-
-    @abstractmethod
-    def generic(self, angles: Array) -> Array:
-        """Returns the generic angles (k,) [rad] of servo `angles` (k,) [rad]."""
-
-    @abstractmethod
-    def robot(self, generic: Array, near: Array) -> Array:
-        """Returns the servo angles (k,) [rad] of generic angles (k,) [rad]. If several solutions exist, the
-        one closest to `near` (k,) [rad]."""
-
-    @abstractmethod
-    def slope(self, angles: Array) -> Array:
-        """Returns the derivative d generic / d servo (k, k) at servo `angles` (k,) [rad]."""
-
-    def speeds(self, angles: Array, most: Array) -> Array:
-        """Returns the speed (k,) [rad/s] at which each servo may move to a target, with all at `angles` (k,)
-        [rad], if the description gives the joints the speeds `most` (k,) [rad/s]."""
-        return _speeds(self.slope(angles), most)
-
-    constant = False
-    """True if the slope is the same everywhere."""
-    steady = False
-    """True if `speeds` are the same everywhere."""
-
-
-class Linear(Transform):
-    """Joints that are mapped by equation 1."""
-
-    constant = steady = True
-
-    def __init__(self, joints: list[GenericServo]) -> None:
-        super().__init__(joints)
-        self.scale = np.array([joint.scale for joint in joints])
-        self.offset = np.array([joint.offset for joint in joints])
-
-    def generic(self, angles: Array) -> Array:
-        result: Array = self.scale * angles + self.offset
-        return result
-
-    def robot(self, generic: Array, near: Array) -> Array:
-        result: Array = (generic - self.offset) / self.scale
-        return result
-
-    def slope(self, angles: Array) -> Array:
-        return np.diag(self.scale)
-
-
-class Table(Transform):
-    """One joint, mapped by pairs of angles; both columns are strictly monotone."""
-
-    def __init__(self, joint: GenericServo) -> None:
-        super().__init__([joint])
-        self._servo, self._generic = np.array(joint.table).T
-
-    def generic(self, angles: Array) -> Array:
-        return _interpolate(angles, self._servo, self._generic)
-
-    def robot(self, generic: Array, near: Array) -> Array:
-        if self._generic[0] > self._generic[-1]:
-            return _interpolate(generic, self._generic[::-1], self._servo[::-1])
-        return _interpolate(generic, self._generic, self._servo)
-
-    def slope(self, angles: Array) -> Array:
-        piece = _piece(angles, self._servo)
-        slopes: Array = np.diff(self._generic) / np.diff(self._servo)
-        return np.diag(slopes[piece])
-
-
-class Coupled(Transform):
-    """Joints that are linear combinations of the same servos."""
-
-    constant = steady = True
-
-    def __init__(self, joints: list[GenericServo]) -> None:
-        super().__init__(joints)
-        place = {servo: column for column, servo in enumerate(self.servos.tolist())}
-        self._matrix = np.zeros((len(joints), len(joints)))
-        for row, joint in enumerate(joints):
-            for term in joint.terms:
-                self._matrix[row, place[term.servo]] = term.factor
-        self._offset = np.array([joint.offset for joint in joints])
-        self._inverse = np.linalg.inv(self._matrix)
-
-    def generic(self, angles: Array) -> Array:
-        result: Array = self._matrix @ angles + self._offset
-        return result
-
-    def robot(self, generic: Array, near: Array) -> Array:
-        result: Array = self._inverse @ (generic - self._offset)
-        return result
-
-    def slope(self, angles: Array) -> Array:
-        return self._matrix
-
-
-class Synergy(Transform):
-    """Joints and servos of which one servo may move several joints, or several servos one joint together.
-
-    If commanded joints contradict each other, the servos go where the sum of squared errors is least; if
-    several motions of the servos fit, they make the smallest one (Moore-Penrose).
-    """
-
-    constant = steady = True
-
-    def __init__(self, joints: list[GenericServo]) -> None:
-        super().__init__(joints)
-        servos = list(dict.fromkeys(term.servo for joint in joints for term in joint.terms))
-        self.servos = np.array(servos, dtype=np.intp)
-        self._matrix = np.zeros((len(joints), len(servos)))
-        for row, joint in enumerate(joints):
-            for term in joint.terms:
-                self._matrix[row, servos.index(term.servo)] = term.factor
-        self._offset = np.array([joint.offset for joint in joints])
-        self._inverse = np.linalg.pinv(self._matrix)
-
-    def generic(self, angles: Array) -> Array:
-        result: Array = self._matrix @ angles + self._offset
-        return result
-
-    def robot(self, generic: Array, near: Array) -> Array:
-        result: Array = self._inverse @ (generic - self._offset)
-        return result
-
-    def slope(self, angles: Array) -> Array:
-        return self._matrix
-
-
-class Retarget(Transform):
-    """The three joints of a shoulder, with any axes."""
-
-    steady = True
-
-    def __init__(self, robot: Robot, part: GenericPart, joints: list[GenericServo]) -> None:
-        """Raises what Shoulder raises."""
-        from tci.robot.shoulder import SINGULAR, shoulder_of  # only this transform needs the model
-
-        super().__init__(joints)
-        self._shoulder = shoulder_of(robot, part.name)
-        self._R_TM = part.R_TM
-        self._name = part.name
-        self._least = SINGULAR
-
-    def generic(self, angles: Array) -> Array:
-        return self._shoulder.generic(self._shoulder.rotation(angles), self._R_TM)
-
-    def robot(self, generic: Array, near: Array) -> Array:
-        return self._shoulder.best(self._shoulder.wanted(generic, self._R_TM), near)
-
-    def slope(self, angles: Array) -> Array:
-        """Returns the derivative. Raises CommandError where the generic shoulder is singular: at 90 degrees
-        of abduction."""
-        axes = self._shoulder.generic_spin(self.generic(angles), self._R_TM)
-        if abs(np.linalg.det(axes)) < self._least:
-            raise CommandError(f"{self._name}: at 90 degrees of abduction no generic velocity is defined")
-        return np.array(np.linalg.solve(axes, self._shoulder.spin(angles)))
-
-    def speeds(self, angles: Array, most: Array) -> Array:
-        """Returns `most`: each servo turns the arm about one axis, so the described speed holds everywhere.
-        The generic angles give no bound, since they jump near 90 degrees of abduction."""
-        return most
+from tci.robot.transforms import KINDS, Coupled, Linear, Retarget, Synergy, Table, Transform, servo_speeds
 
 
 class JointMap:
@@ -300,7 +118,7 @@ class JointMap:
         generic joints of a retargeted shoulder within their described speeds. Raises what `slope` raises."""
         if self._slope is not None:
             return self.speeds(position)
-        return frozen(_speeds(self.slope(position), self._speeds[self.ids]))
+        return frozen(servo_speeds(self.slope(position), self._speeds[self.ids]))
 
 
 class Postures:
@@ -341,10 +159,6 @@ class Postures:
         return {name: generic[place] for name, place in self._slices.items()}
 
 
-KINDS = ("linear", "table", "coupled", "synergy", "retarget")
-"""Kinds of transforms of a joint."""
-
-
 @per_robot
 def joint_map(robot: Robot, name: str) -> JointMap:
     """Returns the map of a generic part by name. Raises UnknownNameError, and what the transforms raise."""
@@ -378,25 +192,3 @@ def initial_position(robot: Robot) -> Array:
         joints = joint_map(robot, part.name)
         position[joints.servos] = joints.to_robot(part.initial_posture, position)
     return read_only(position)
-
-
-def _speeds(slope: Array, most: Array) -> Array:
-    """Returns speeds (k,) [rad/s] of servos such that no joint exceeds `most` (k,) [rad/s], even if all
-    servos turn it at once: sum_j |slope_ij| speed_j <= most_i. `slope` (m, k) is d generic / d servo."""
-    size = np.abs(slope)
-    each = np.where(size > 0.0, (most / size.sum(axis=1))[:, None], np.inf)
-    result: Array = each.min(axis=0, initial=np.inf)
-    return result
-
-
-def _piece(values: Array, nodes: Array) -> NDArray[np.intp]:
-    """Returns the piece (k,) of a table that contains each value or is nearest to it. `nodes` (m,) rise."""
-    return np.clip(np.searchsorted(nodes, values) - 1, 0, len(nodes) - 2)
-
-
-def _interpolate(values: Array, nodes: Array, results: Array) -> Array:
-    """Interpolates piecewise linearly and extrapolates beyond the ends. `nodes` (m,) rise."""
-    piece = _piece(values, nodes)
-    share = (values - nodes[piece]) / (nodes[piece + 1] - nodes[piece])
-    result: Array = results[piece] + share * (results[piece + 1] - results[piece])
-    return result

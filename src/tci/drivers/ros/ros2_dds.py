@@ -27,6 +27,7 @@ from cyclonedds.util import duration
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from tci.drivers.dds_domain import MOST_PARTICIPANTS, close_domain, open_domain
+from tci.drivers.dds_types import carry_raw
 from tci.drivers.remote.hosts import numeric
 from tci.drivers.ros.node import LIFESPAN, Callback, Publish, RosNode
 from tci.errors import DriverError
@@ -193,20 +194,7 @@ def _idl(kind: MessageType) -> type[IdlStruct]:
     if kind.headed:
         needs |= dict((_TIME, _HEADER))
     fields = ((("std_msgs/Header", "header"),) if kind.headed else ()) + kind.fields
-    cls = _struct(kind.name.replace("/msg/", "/"), fields, needs)
-
-    def serialize(self: Any, *args: Any, **options: Any) -> bytes:
-        return bytes(self.raw)
-
-    def deserialize(cls: Any, data: bytes, *args: Any, **options: Any) -> Any:
-        sample = cls.__new__(cls)
-        sample.raw = data
-        return sample
-
-    # Replaces cyclonedds' methods, which would pack field by field.
-    cls.serialize = serialize  # type: ignore[method-assign]
-    cls.deserialize = classmethod(deserialize)  # type: ignore[method-assign, assignment]
-    return cls
+    return carry_raw(_struct(kind.name.replace("/msg/", "/"), fields, needs))
 
 
 def _struct(

@@ -12,27 +12,13 @@ from cyclonedds.idl import IdlStruct, make_idl_struct
 from cyclonedds.idl.annotations import autoid, final
 from cyclonedds.idl.types import array, byte, float32, int16, int32, int64, sequence, uint32
 
+from tci.drivers.dds_types import carry_raw
+
 
 def _struct(package: str, name: str, **fields: Any) -> type[IdlStruct]:
     made = make_idl_struct(name, f"{package}.msg.dds_.{name}", fields)
     kept: type[IdlStruct] = autoid("sequential")(final(made))
     return kept
-
-
-def _raw(kind: type[IdlStruct]) -> type[IdlStruct]:
-    """Replaces cyclonedds' methods, which would pack field by field: `raw` is sent and received."""
-
-    def serialize(self: Any, *args: Any, **options: Any) -> bytes:
-        return bytes(self.raw)
-
-    def deserialize(cls: Any, data: bytes, *args: Any, **options: Any) -> Any:
-        sample = cls.__new__(cls)
-        sample.raw = data
-        return sample
-
-    kind.serialize = serialize  # type: ignore[method-assign]
-    kind.deserialize = classmethod(deserialize)  # type: ignore[method-assign, assignment]
-    return kind
 
 
 def _many(item: Any, count: int) -> Any:
@@ -67,16 +53,16 @@ _PRESS: Any = _hg(
     "PressSensorState_", pressure=_many(float32, 12), temperature=_many(float32, 12), lost=uint32,
     reserve=uint32,
 )  # fmt: skip
-COMMAND = _raw(_hg(
+COMMAND = carry_raw(_hg(
     "LowCmd_", mode_pr=byte, mode_machine=byte, motor_cmd=_many(_MOTOR_COMMAND, 35),
     reserve=_many(uint32, 4), crc=uint32,
 ))  # fmt: skip
-STATE = _raw(_hg(
+STATE = carry_raw(_hg(
     "LowState_", version=_many(uint32, 2), mode_pr=byte, mode_machine=byte, tick=uint32, imu_state=_IMU,
     motor_state=_many(_MOTOR_STATE, 35), wireless_remote=_many(byte, 40), reserve=_many(uint32, 4),
     crc=uint32,
 ))  # fmt: skip
-HAND_STATE = _raw(_hg(
+HAND_STATE = carry_raw(_hg(
     "HandState_", motor_state=_any(_MOTOR_STATE), press_sensor_state=_any(_PRESS), imu_state=_IMU,
     power_v=float32, power_a=float32, system_v=float32, device_v=float32, error=_many(uint32, 2),
     reserve=_many(uint32, 2),

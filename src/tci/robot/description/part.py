@@ -36,7 +36,7 @@ class GenericServo(Description):
     offset: float = 0.0
     """Transform displacement sigma [rad]."""
     transform: Literal["linear", "table", "coupled", "synergy", "retarget"] = "linear"
-    """Rule that relates generic angles and the robot's angles: see `tci.robot.joint_map`."""
+    """Rule that relates generic angles and the robot's angles: see `tci.robot.transforms`."""
     table: tuple[tuple[float, float], ...] = ()
     """Pairs (servo angle, generic angle) [rad] of a table, in rising order of the servo angle."""
     terms: tuple[Term, ...] = ()

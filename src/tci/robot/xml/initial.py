@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tci.robot.description import GenericPart, GenericServo, Robot, Servo
-from tci.robot.joint_map import Coupled, Linear, Synergy, Table, Transform, initial_position
+from tci.robot.joint_map import initial_position
+from tci.robot.transforms import Coupled, Linear, Synergy, Table, Transform
 from tci.robot.xml.document import Faults
 from tci.robot.xml.node import Node, listed
 from tci.robot.xml.servos import Servos, check_initial_sum
@@ -51,7 +52,7 @@ def check_initial(
             servo, node = servos.all[index], positions.get(id, nodes[id])
             if not _outside(servo, angle, _SLACK):
                 continue
-            if isinstance(transform, Coupled | Synergy):
+            if isinstance(transform, Coupled):
                 names = f"the initial positions of the coupled generic servos {listed(map(str, ids))} put"
                 how, valid = "", "initial positions: those that keep it within"
             else:

@@ -1,0 +1,208 @@
+"""Transforms between joints of a generic part and the servos that move them.
+
+linear    GS = gamma DS + sigma (eq. 1)
+table     piecewise linear between pairs of angles, extrapolated beyond its ends
+coupled   GS = M DS + sigma: a generic joint is a linear combination of several servos
+synergy   the same of as many servos as there are: the pseudo-inverse of M gives their angles
+retarget  the three joints of a shoulder, by the rotation of the upper arm in the torso frame
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.errors import CommandError
+from tci.frames import Array
+from tci.robot.description import GenericPart, GenericServo, Robot
+
+KINDS = ("linear", "table", "coupled", "synergy", "retarget")
+"""Kinds of transforms of a joint."""
+
+
+class Transform(ABC):
+    """The relation between some joints of a part (k,) and the same number of servos; only a synergy has
+    another number of joints (m,)."""
+
+    ids: NDArray[np.intp]
+    """Generic ids (k,)."""
+    servos: NDArray[np.intp]
+    """Indices (k,) into `Robot.servos`."""
+
+    def __init__(self, joints: list[GenericServo]) -> None:
+        self.ids = np.array([joint.id for joint in joints], dtype=np.intp)
+        self.servos = np.array([joint.servo for joint in joints], dtype=np.intp)
+
+    @abstractmethod
+    def generic(self, angles: Array) -> Array:
+        """Returns the generic angles (k,) [rad] of servo `angles` (k,) [rad]."""
+
+    @abstractmethod
+    def robot(self, generic: Array, near: Array) -> Array:
+        """Returns the servo angles (k,) [rad] of generic angles (k,) [rad]. If several solutions exist, the
+        one closest to `near` (k,) [rad]."""
+
+    @abstractmethod
+    def slope(self, angles: Array) -> Array:
+        """Returns the derivative d generic / d servo (k, k) at servo `angles` (k,) [rad]."""
+
+    def speeds(self, angles: Array, most: Array) -> Array:
+        """Returns the speed (k,) [rad/s] at which each servo may move to a target, with all at `angles` (k,)
+        [rad], if the description gives the joints the speeds `most` (k,) [rad/s]."""
+        return servo_speeds(self.slope(angles), most)
+
+    constant = False
+    """True if the slope is the same everywhere."""
+    steady = False
+    """True if `speeds` are the same everywhere."""
+
+
+class Linear(Transform):
+    """Joints that are mapped by equation 1."""
+
+    constant = steady = True
+
+    def __init__(self, joints: list[GenericServo]) -> None:
+        super().__init__(joints)
+        self.scale = np.array([joint.scale for joint in joints])
+        self.offset = np.array([joint.offset for joint in joints])
+
+    def generic(self, angles: Array) -> Array:
+        result: Array = self.scale * angles + self.offset
+        return result
+
+    def robot(self, generic: Array, near: Array) -> Array:
+        result: Array = (generic - self.offset) / self.scale
+        return result
+
+    def slope(self, angles: Array) -> Array:
+        return np.diag(self.scale)
+
+
+class Table(Transform):
+    """One joint, mapped by pairs of angles; both columns are strictly monotone."""
+
+    def __init__(self, joint: GenericServo) -> None:
+        super().__init__([joint])
+        self._servo, self._generic = np.array(joint.table).T
+
+    def generic(self, angles: Array) -> Array:
+        return _interpolate(angles, self._servo, self._generic)
+
+    def robot(self, generic: Array, near: Array) -> Array:
+        if self._generic[0] > self._generic[-1]:
+            return _interpolate(generic, self._generic[::-1], self._servo[::-1])
+        return _interpolate(generic, self._generic, self._servo)
+
+    def slope(self, angles: Array) -> Array:
+        piece = _piece(angles, self._servo)
+        slopes: Array = np.diff(self._generic) / np.diff(self._servo)
+        return np.diag(slopes[piece])
+
+
+class Coupled(Transform):
+    """Joints that are linear combinations of the same servos."""
+
+    constant = steady = True
+
+    def __init__(self, joints: list[GenericServo]) -> None:
+        super().__init__(joints)
+        servos = self._moved(joints)
+        self.servos = np.array(servos, dtype=np.intp)
+        self._matrix = np.zeros((len(joints), len(servos)))
+        for row, joint in enumerate(joints):
+            for term in joint.terms:
+                self._matrix[row, servos.index(term.servo)] = term.factor
+        self._offset = np.array([joint.offset for joint in joints])
+        self._inverse = self._invert()
+
+    def generic(self, angles: Array) -> Array:
+        result: Array = self._matrix @ angles + self._offset
+        return result
+
+    def robot(self, generic: Array, near: Array) -> Array:
+        result: Array = self._inverse @ (generic - self._offset)
+        return result
+
+    def slope(self, angles: Array) -> Array:
+        return self._matrix
+
+    def _moved(self, joints: list[GenericServo]) -> list[int]:
+        """Returns the servos in the order of the matrix's columns."""
+        return [joint.servo for joint in joints if joint.servo is not None]
+
+    def _invert(self) -> Array:
+        return np.array(np.linalg.inv(self._matrix))
+
+
+class Synergy(Coupled):
+    """Joints and servos of which one servo may move several joints, or several servos one joint together.
+
+    If commanded joints contradict each other, the servos go where the sum of squared errors is least; if
+    several motions of the servos fit, they make the smallest one (Moore-Penrose).
+    """
+
+    def _moved(self, joints: list[GenericServo]) -> list[int]:
+        return list(dict.fromkeys(term.servo for joint in joints for term in joint.terms))
+
+    def _invert(self) -> Array:
+        return np.array(np.linalg.pinv(self._matrix))
+
+
+class Retarget(Transform):
+    """The three joints of a shoulder, with any axes."""
+
+    steady = True
+
+    def __init__(self, robot: Robot, part: GenericPart, joints: list[GenericServo]) -> None:
+        """Raises what Shoulder raises."""
+        from tci.robot.shoulder import SINGULAR, shoulder_of  # only this transform needs the model
+
+        super().__init__(joints)
+        self._shoulder = shoulder_of(robot, part.name)
+        self._R_TM = part.R_TM
+        self._name = part.name
+        self._least = SINGULAR
+
+    def generic(self, angles: Array) -> Array:
+        return self._shoulder.generic(self._shoulder.rotation(angles), self._R_TM)
+
+    def robot(self, generic: Array, near: Array) -> Array:
+        return self._shoulder.best(self._shoulder.wanted(generic, self._R_TM), near)
+
+    def slope(self, angles: Array) -> Array:
+        """Returns the derivative. Raises CommandError where the generic shoulder is singular: at 90 degrees
+        of abduction."""
+        axes = self._shoulder.generic_spin(self.generic(angles), self._R_TM)
+        if abs(np.linalg.det(axes)) < self._least:
+            raise CommandError(f"{self._name}: at 90 degrees of abduction no generic velocity is defined")
+        return np.array(np.linalg.solve(axes, self._shoulder.spin(angles)))
+
+    def speeds(self, angles: Array, most: Array) -> Array:
+        """Returns `most`: each servo turns the arm about one axis, so the described speed holds everywhere.
+        The generic angles give no bound, since they jump near 90 degrees of abduction."""
+        return most
+
+
+def servo_speeds(slope: Array, most: Array) -> Array:
+    """Returns speeds (k,) [rad/s] of servos such that no joint exceeds `most` (k,) [rad/s], even if all
+    servos turn it at once: `sum_j |slope[i, j]| speed[j] <= most[i]`. `slope` (m, k) is d generic / d servo."""
+    size = np.abs(slope)
+    each = np.where(size > 0.0, (most / size.sum(axis=1))[:, None], np.inf)
+    result: Array = each.min(axis=0, initial=np.inf)
+    return result
+
+
+def _piece(values: Array, nodes: Array) -> NDArray[np.intp]:
+    """Returns the piece (k,) of a table that contains each value or is nearest to it. `nodes` (m,) rise."""
+    return np.clip(np.searchsorted(nodes, values) - 1, 0, len(nodes) - 2)
+
+
+def _interpolate(values: Array, nodes: Array, results: Array) -> Array:
+    """Interpolates piecewise linearly and extrapolates beyond the ends. `nodes` (m,) rise."""
+    piece = _piece(values, nodes)
+    share = (values - nodes[piece]) / (nodes[piece + 1] - nodes[piece])
+    result: Array = results[piece] + share * (results[piece + 1] - results[piece])
+    return result

@@ -188,7 +188,8 @@ class Retarget(Transform):
 
 def servo_speeds(slope: Array, most: Array) -> Array:
     """Returns speeds (k,) [rad/s] of servos such that no joint exceeds `most` (m,) [rad/s], even if all
-    servos turn it at once: `sum_j |slope[i, j]| speed[j] <= most[i]`, with `slope` (m, k) d generic / d servo."""
+    servos turn it at once: `sum_j |slope[i, j]| speed[j] <= most[i]`; `slope` (m, k) is
+    d generic / d servo."""
     size = np.abs(slope)
     each = np.where(size > 0.0, (most / size.sum(axis=1))[:, None], np.inf)
     result: Array = each.min(axis=0, initial=np.inf)

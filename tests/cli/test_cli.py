@@ -65,7 +65,10 @@ def test_the_name_of_a_file_does_not_steer_the_terminal(tmp_path: Path) -> None:
 
 def test_robots() -> None:
     assert "iCub V2.5" in tci("robots")
-    names = {row["name"] for row in json.loads(tci("robots", "--json"))["robots"]}
+    rows = {row["name"]: row for row in json.loads(tci("robots", "--json"))["robots"]}
+    assert rows["g1-bare"]["skin"] == {}
+    assert "left_forearm" in rows["g1-bare"]["through_joints"]
+    names = set(rows)
     assert {"nao", "icub"} <= names
 
 

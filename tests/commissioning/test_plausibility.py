@@ -31,6 +31,10 @@ def planted() -> ModuleType:
     return module
 
 
+def test_a_patch_without_taxels_has_no_scale_to_doubt() -> None:
+    assert doubts(load_robot("g1-bare")) == []
+
+
 @pytest.mark.parametrize("name", ["nao", "g1"])
 def test_planted_mistakes_are_found_and_nothing_else_is_blamed(name: str, planted: ModuleType) -> None:
     """One of each kind; `tools/planted.py` plants more of them, on more robots."""

@@ -19,7 +19,8 @@ from tci.skin.surfaces import build_surface
 def check_skins(robot: Robot, file: Path | None = None, link: str | None = None) -> list[dict[str, Any]]:
     """Returns the distances of one skin file from one link, or of every patch of a robot from its own link.
 
-    Each row is made of JSON values. Raises CommandError for a file without a link, or the other way round.
+    Each row is made of JSON values. Raises CommandError for a file without a link, a link without a file, and
+    a robot without skin.
     """
     if (file is None) != (link is None):
         raise CommandError("--file and --link need each other; valid: --file FILE --link LINK")
@@ -41,9 +42,13 @@ def _taxels(file: Path) -> np.ndarray:
 
 
 def _patches(robot: Robot) -> list[tuple[str, str, np.ndarray]]:
+    if not robot.skin:
+        raise CommandError(
+            f"{robot.name} has no skin to check; valid: a robot with taxels, or --file and --link"
+        )
     kinematics = KinematicChain(robot)
     return [
-        (patch.name, patch.link, build_surface(robot, patch, kinematics).positions) for patch in robot.patches
+        (patch.name, patch.link, build_surface(robot, patch, kinematics).positions) for patch in robot.skin
     ]
 
 

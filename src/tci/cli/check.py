@@ -144,7 +144,7 @@ def _say_proof(proof: Proof) -> None:
 def _say(name: str, robot: Robot, notes: list[str], doubtful: list[str]) -> None:
     console.print(
         f"[green]{escape(name)} is valid[/]: {robot.name}, {len(robot.parts)} generic parts, "
-        f"{len(robot.servos)} servos, {len(robot.patches)} patches of skin"
+        f"{len(robot.servos)} servos, {len(robot.skin)} patches of skin"
     )
     for note in notes:
         console.print(f"  note: {note}", style="yellow", highlight=False, markup=False)
@@ -160,12 +160,13 @@ def remarks(robot: Robot) -> list[str]:
     needed = ("lower", "upper", "velocity", "acceleration", "jerk")
     notes = []
     for part in robot.parts:
+        absent = [generic.name for generic in part.servos if generic.servo is None]
+        if absent:
+            notes.append(
+                f"{part.name}: no joint of the robot is mapped to {', '.join(absent)}; read as constant"
+            )
         for generic in part.servos:
             if generic.servo is None:
-                notes.append(
-                    f"{part.name} {generic.name}: no joint of the robot is mapped to it; its angle is read "
-                    "as constant"
-                )
                 continue
             servo = robot.servos[generic.servo]
             missing = [name for name in needed if getattr(servo.limits, name) is None]

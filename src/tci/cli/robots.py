@@ -42,7 +42,7 @@ def robots(as_json: AsJson = False) -> None:
                 row["title"],
                 ", ".join(row["parts"]),
                 str(row["servos"]),
-                f"{len(row['skin'])} patches, {sum(row['skin'].values())} channels",
+                _skin(row),
                 ", ".join(row["drivers"]),
             )
     console.print(table)
@@ -61,9 +61,19 @@ def _row(name: str) -> dict[str, Any]:
         "title": robot.title,
         "parts": [part.name for part in robot.parts],
         "servos": len(robot.servos),
-        "skin": {patch.name: patch.channels for patch in robot.patches},
+        "skin": {patch.name: patch.channels for patch in robot.skin},
+        "through_joints": [patch.name for patch in robot.patches if patch.through_joints],
         "drivers": [binding.middleware for binding in robot.all_bindings],
     }
+
+
+def _skin(row: dict[str, Any]) -> str:
+    said = []
+    if row["skin"]:
+        said.append(f"{len(row['skin'])} patches, {sum(row['skin'].values())} channels")
+    if row["through_joints"]:
+        said.append(f"{len(row['through_joints'])} surfaces felt through joints")
+    return "; ".join(said) or "none"
 
 
 def load_robots(names: Sequence[str]) -> list[Robot]:

@@ -60,7 +60,7 @@ def doubts(robot: Robot) -> list[str]:
 
 
 def _sensors(robot: Robot) -> Iterator[str]:
-    for patch in robot.patches:
+    for patch in robot.skin:
         sensor = patch.sensor
         if sensor.response:
             continue

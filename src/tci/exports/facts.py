@@ -106,6 +106,8 @@ class PatchFacts(Description):
     """Frames per second [Hz]."""
     channels: int
     """Number of values in a raw frame."""
+    through_joints: bool = False
+    """True if it sends no frames and touches are felt through joints; its taxels only span the surface."""
     area: float
     """Total area of its taxels [m2]."""
     cone: ConeFacts | None
@@ -254,6 +256,7 @@ def _patches(robot: Robot) -> tuple[PatchFacts, ...]:
             PatchFacts(
                 name=patch.name, part=patch.part, segment=patch.segment, link=patch.link,
                 kind=patch.surface.kind, rate=patch.rate, channels=patch.channels,
+                through_joints=patch.through_joints,
                 area=float(surface.areas.sum()), cone=_cone(robot, surface, kinematics), taxels=taxels,
             )
         )  # fmt: skip

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 
 from tci.drivers.yarp.driver_errors import raises_driver_errors
 from tci.errors import DriverError
-from tci.robot.description import Robot, wire_name
+from tci.robot.description import Patch, Robot, wire_name
 from yarpwire.bindings.network import Bindings
 from yarpwire.carrier import CARRIERS, FAST_TCP, TEXT, TEXT_ACK
 from yarpwire.dialect import DIALECTS, Dialect
@@ -35,6 +35,11 @@ class YarpAddress:
     """`comp` for drift-compensated skin values, empty for raw ones."""
     without: tuple[str, ...] = ()
     """Names of the patches that are not read. In the address they are separated by `+`."""
+
+    def patches(self, robot: Robot) -> tuple[Patch, ...]:
+        """Returns the patches that are read. Raises UnknownNameError if the robot lacks one of `without`."""
+        left_out = {robot.patch(name).name for name in self.without}
+        return tuple(patch for patch in robot.skin if patch.name not in left_out)
 
     @raises_driver_errors
     def network(self) -> Network:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tci.drivers.remote.source_clock import SourceClock
+from tci.drivers.yarp.axes import find_axes
 from tci.drivers.yarp.driver_errors import raises_driver_errors
 from tci.errors import DriverError
 from tci.frames import Array
@@ -70,23 +71,18 @@ class BoardDriver:
         carrier: str,
         dialect: Dialect | None,
     ) -> None:
-        """Connects, and assigns the board's axes to `servos`: by name if the board has all names, else by
-        number.
+        """Connects, and finds the board's axis of each of `servos`.
 
         `prefix` is the first part of the board's port names (`/icub/left_arm`), `own` that of the ports
         opened here. Raises DriverError for a board that can't be reached or whose axes don't fit the servos.
         """
-        self.servos = tuple(servos)
         self.prefix = prefix
         self._network, self._own = network, own
         self.board: Board = find_board(network, prefix, f"{own}/rpc:o", dialect)
-        self.axes: tuple[str, ...] = ()
-        """The board's own names of its axes, in its order."""
         self.feed: Feed[BoardState] | None = None
         self._output: Writer | None = None
         try:
-            self.axes = tuple(self.board.name(axis) for axis in range(self.board.axes()))
-            self.axis = self._match()
+            self.axes = find_axes(self.board, servos)
             self.feed = Feed(
                 f"{prefix}/stateExt:o",
                 network,
@@ -100,7 +96,8 @@ class BoardDriver:
         except BaseException:
             self.close()
             raise
-        self._requested = {servo.index: servo.modes[0] for servo in self.servos}
+        self._requested = {servo.index: servo.modes[0] for servo in self.axes.servos}
+        self._mine = {s.index: axis for s, axis in zip(self.axes.servos, self.axes.numbers, strict=True)}
         self._direct: dict[int, bool] = {}
         self._impedance: dict[int, tuple[float, float]] = {}
         self._switching: dict[int, Mode] = {}
@@ -136,7 +133,7 @@ class BoardDriver:
     def modes(self, state: BoardState) -> list[tuple[Mode | None, bool]]:
         """Returns the control mode of each servo in a state, and True if the servo is on."""
         found: list[tuple[Mode | None, bool]] = []
-        for axis in self.axis:
+        for axis in self.axes.numbers:
             mode = MOVING.get(state.modes[axis] if state.modes is not None else POSITION)
             if (
                 mode is Mode.POSITION
@@ -150,7 +147,7 @@ class BoardDriver:
     @raises_driver_errors
     def limits(self) -> list[AxisLimits]:
         """Returns the board's range [deg] of each servo."""
-        return [self.board.limits(axis) for axis in self.axis]
+        return [self.board.limits(axis) for axis in self.axes.numbers]
 
     @raises_driver_errors
     def send(self, safe: SafeCommand, ahead: Array) -> None:
@@ -160,7 +157,7 @@ class BoardDriver:
         a later call raises DriverError: the answer may take a period.
         """
         self._settle()
-        mine = {servo.index: axis for servo, axis in zip(self.servos, self.axis, strict=True)}
+        mine = self._mine
         self._set_shares(safe, mine)
         chosen = [(place, servo) for place, servo in enumerate(safe.servos.tolist()) if servo in mine]
         if not chosen:
@@ -181,7 +178,7 @@ class BoardDriver:
     def send_torques_only(self, safe: SafeCommand) -> None:
         """Sends only the torques of servos in torque mode, to a board whose state no longer arrives: it would
         keep the last ones. The gate ends torques that are not based on fresh data."""
-        mine = {servo.index: axis for servo, axis in zip(self.servos, self.axis, strict=True)}
+        mine = self._mine
         loose = [
             (place, servo)
             for place, (servo, mode) in enumerate(zip(safe.servos.tolist(), safe.modes, strict=True))
@@ -192,7 +189,7 @@ class BoardDriver:
     @raises_driver_errors
     def halt(self) -> None:
         """Calls the board's own stop in position mode: its joints stay where they are. Raises DriverError."""
-        self.board.set_modes(list(self.axis), POSITION)
+        self.board.set_modes(list(self.axes.numbers), POSITION)
         self.board.stop()
         self._direct.clear()
 
@@ -269,7 +266,7 @@ class BoardDriver:
         """Sets stiffness and damping as fractions of those that the board had at first."""
         shares = [(0, safe.stiffness), (1, safe.damping)]
         for servo in {servo for _, values in shares for servo in values if servo in mine}:
-            if Mode.IMPEDANCE not in next(s.modes for s in self.servos if s.index == servo):
+            if Mode.IMPEDANCE not in next(s.modes for s in self.axes.servos if s.index == servo):
                 continue
             if servo not in self._impedance:
                 self._impedance[servo] = self.board.impedance(mine[servo])
@@ -315,22 +312,8 @@ class BoardDriver:
     def _decode(self, delivery: Delivery) -> BoardState:
         dialect = self.board.dialect
         state = decode_state(delivery.items(dialect), dialect)
-        if len(state.position) != len(self.axes):
-            raise WireError(f"{self.prefix} sends {len(state.position)} joints and has {len(self.axes)}")
-        return state
-
-    def _match(self) -> tuple[int, ...]:
-        """Returns the board's axis of each servo. Raises DriverError for a servo without one."""
-        known = {name: axis for axis, name in enumerate(self.axes)}
-        names = [servo.name for servo in self.servos]
-        if len(known) == len(self.axes) and all(name in known for name in names):
-            return tuple(known[name] for name in names)
-        strangers = [servo for servo in self.servos if not 0 <= servo.id < len(self.axes)]
-        mixed = [s.name for s in self.servos if known.get(s.name, s.id) != s.id]
-        if strangers or mixed:
-            raise DriverError(
-                f"{self.prefix} has the axes {', '.join(self.axes)}; the description gives another axis "
-                f"number (id) to {', '.join(mixed or [servo.name for servo in strangers])}; "
-                "valid: a description whose servos have the board's names, or its axis numbers as id"
+        if len(state.position) != len(self.axes.names):
+            raise WireError(
+                f"{self.prefix} sends {len(state.position)} joints and has {len(self.axes.names)}"
             )
-        return tuple(servo.id for servo in self.servos)
+        return state

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,9 @@ import numpy as np
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.yarp import address as addresses
 from tci.drivers.yarp.address import board_ports, patch_port
+from tci.drivers.yarp.axes import Axes, find_axes
 from tci.drivers.yarp.board_driver import BoardDriver
-from tci.errors import MissingExtraError, TciError
+from tci.errors import DriverError, MissingExtraError, TciError, UnknownNameError
 from tci.robot.description import Robot, wire_name
 from yarpwire.bindings.module import importable
 from yarpwire.board import find_board
@@ -31,9 +33,12 @@ def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
     step that fails is a finding."""
     try:
         options = addresses.parse(address)
+        patches = options.patches(robot)
         network = options.network()
     except MissingExtraError as error:
         return (Finding(Level.FAULT, "YARP library", str(error)),)
+    except UnknownNameError as error:
+        return (Finding(Level.FAULT, "address", str(error)),)
     except TciError as error:
         return (_no_server(error),)
     try:
@@ -47,21 +52,33 @@ def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
     dialect = options.dialect or network.dialect
     for part, where in board_ports(robot, prefix).items():
         try:
-            board = find_board(network, where, f"/tci/{os.getpid()}/probe/{wire_name(part)}", dialect)
-            axes = board.axes()
-            board.close()
-            found.append(
-                Finding(Level.OK, part, f"a control board of YARP {board.dialect.name}, {axes} axes")
-            )
+            with closing(
+                find_board(network, where, f"/tci/{os.getpid()}/probe/{wire_name(part)}", dialect)
+            ) as board:
+                axes = find_axes(board, robot.servos_of(part))
         except YarpError as error:
             advice = "start its device (yarprobotinterface), or name the robot: --via yarp:...,robot=NAME"
             found.append(Finding(Level.FAULT, part, str(error), advice))
-    for patch in robot.patches:
+            continue
+        except DriverError as error:
+            found.append(Finding(Level.FAULT, part, str(error)))
+            continue
+        text = f"a control board of YARP {board.dialect.name}, {len(axes.names)} axes"
+        found += [Finding(Level.OK, part, text), *_absent(part, axes)]
+    for patch in patches:
         name = patch_port(robot, prefix, patch.name)
         if name not in there:
             advice = f"leave it out: --via yarp:...,without={patch.name}"
             found.append(Finding(Level.FAULT, patch.name, f"no port {name}", advice))
     return tuple(found)
+
+
+def _absent(part: str, axes: Axes) -> list[Finding]:
+    """Returns a finding about the servos that a board lacks."""
+    if not axes.absent:
+        return []
+    what = f"the board has no axis of {', '.join(servo.name for servo in axes.absent)}"
+    return [Finding(Level.NOTE, part, what, "they count as still: commands to them are refused")]
 
 
 def _library(network: Network) -> Finding:
@@ -101,10 +118,11 @@ def examine(
 
 
 def _examine_board(part: str, board: BoardDriver) -> list[Finding]:
-    found = []
-    for servo, axis, limits in zip(board.servos, board.axis, board.limits(), strict=True):
-        if board.axes[axis] != servo.name:
-            what = f"the board's name of its axis {axis} is {board.axes[axis]!r}"
+    axes = board.axes
+    found = _absent(part, axes)
+    for servo, axis, limits in zip(axes.servos, axes.numbers, board.limits(), strict=True):
+        if axes.names[axis] != servo.name:
+            what = f"the board's name of its axis {axis} is {axes.names[axis]!r}"
             found.append(Finding(Level.NOTE, servo.name, what, "found by its number: check it on the robot"))
         ours = (servo.limits.lower, servo.limits.upper)
         if ours[0] is None or ours[1] is None:
@@ -119,5 +137,5 @@ def _examine_board(part: str, board: BoardDriver) -> list[Finding]:
             figures = {"lower_deg": limits.lower, "upper_deg": limits.upper}
             found.append(Finding(Level.WARNING, servo.name, what, advice, figures=figures))
     if not found:
-        found.append(Finding(Level.OK, part, f"{len(board.servos)} joints, names and limits as described"))
+        found.append(Finding(Level.OK, part, f"{len(axes.servos)} joints, names and limits as described"))
     return found

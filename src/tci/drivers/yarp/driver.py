@@ -21,6 +21,7 @@ from tci.drivers.remote.hosts import numeric
 from tci.drivers.remote.source_clock import SourceClock
 from tci.drivers.yarp import address as addresses
 from tci.drivers.yarp.address import board_ports, patch_port
+from tci.drivers.yarp.axes import without_motion
 from tci.drivers.yarp.board_driver import AHEAD, BoardDriver
 from tci.drivers.yarp.diagnose import examine, probe
 from tci.drivers.yarp.driver_errors import raises_driver_errors
@@ -31,6 +32,7 @@ from tci.gate.gate import SafeCommand
 from tci.messages import JointReading, Mode, Reading, SkinFrame
 from tci.reasons import Code, Reason
 from tci.robot.description import Patch, Robot, wire_name
+from tci.robot.joint_map import initial_position
 from yarpwire.dialect import Dialect
 from yarpwire.errors import UnknownNameError, WireError, YarpError
 from yarpwire.feed import Feed
@@ -92,6 +94,7 @@ class YarpDriver(Driver):
         self._dialect = dialect = options.dialect or self.network.dialect
         self._compensated = options.skin == "comp"
         self._joints: JointReading | None = None
+        self._home = initial_position(robot)
         self._away: set[str] = set()
         self._reconnected = threading.Event()
         self._refused: dict[str, tuple[float, DriverError]] = {}
@@ -99,13 +102,13 @@ class YarpDriver(Driver):
         try:
             if joints:
                 self._open_boards(dialect)
+                self._leave_out_absent_servos()
             elif dialect is None:
                 raise DriverError(
                     f"skin alone over yarp:{address} needs dialect=3 or dialect=4 in its address"
                 )
-            for patch in robot.skin if skin else ():
-                if patch.name not in options.without:
-                    self._open_skin(patch)
+            for patch in options.patches(robot) if skin else ():
+                self._open_skin(patch)
             self._wait_for_all()
         except UnknownNameError as error:
             self._close()
@@ -171,7 +174,7 @@ class YarpDriver(Driver):
         powered = np.ones(count, dtype=bool)
         for board in self.boards.values():
             state, _ = board.state(stamp)
-            servos, axes = [servo.index for servo in board.servos], list(board.axis)
+            servos, axes = [servo.index for servo in board.axes.servos], list(board.axes.numbers)
             position[servos] = np.deg2rad(state.position[axes])
             if state.velocity is not None:
                 velocity[servos] = np.deg2rad(state.velocity[axes])
@@ -179,6 +182,8 @@ class YarpDriver(Driver):
                 torque[servos] = state.torque[axes]
             for servo, (mode, on) in zip(servos, board.modes(state), strict=True):
                 modes[servo], powered[servo] = mode, on
+            absent = [servo.index for servo in board.axes.absent]
+            position[absent], velocity[absent], powered[absent] = self._home[absent], 0.0, False
         return JointReading(
             stamp=float(stamp),
             sequence=min((board.number() for board in self.boards.values()), default=0),
@@ -244,6 +249,16 @@ class YarpDriver(Driver):
                 own=f"{self._own}/{wire_name(part)}", carrier=self._carrier, dialect=dialect,
             )  # fmt: skip
             dialect = self.boards[part].board.dialect
+
+    def _leave_out_absent_servos(self) -> None:
+        """Makes servos that no board has immovable, in the description and in the gate."""
+        absent = [servo for board in self.boards.values() for servo in board.axes.absent]
+        if absent:
+            info = self.info
+            self.info = DriverInfo.of(
+                without_motion(self.robot, absent), "yarp",
+                clock=info.clock, armed=info.armed, lease_name=info.lease_name,
+            )  # fmt: skip
 
     def _open_skin(self, patch: Patch) -> None:
         source = patch_port(self.robot, self.prefix, patch.name) + ("_comp" if self._compensated else "")

@@ -1,0 +1,68 @@
+"""Assignment of a control board's axes to the servos of a robot part."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+from tci.drivers.yarp.driver_errors import raises_driver_errors
+from tci.errors import DriverError
+from tci.robot.description import Limits, Robot, Servo
+from yarpwire.board import Board
+
+
+@dataclass(frozen=True, slots=True)
+class Axes:
+    """The axes of one board, and the servos that they move."""
+
+    names: tuple[str, ...]
+    """The board's own names of its axes, in its order."""
+    servos: tuple[Servo, ...]
+    """Servos that the board has."""
+    numbers: tuple[int, ...]
+    """The board's axis of each of `servos`."""
+    absent: tuple[Servo, ...]
+    """Servos that the board lacks. None of them moves a link of the robot's model."""
+
+
+@raises_driver_errors
+def find_axes(board: Board, servos: Sequence[Servo]) -> Axes:
+    """Asks a board for its axes and assigns them to `servos`: by name if the board has all names, else by
+    number.
+
+    A board may lack servos that move nothing in the robot's model, such as the fingers and eyes of the iCub
+    in Gazebo. Raises DriverError when the board does not answer, lacks another servo, or has other numbers.
+    """
+    names = tuple(board.name(axis) for axis in range(board.axes()))
+    known = {name: axis for axis, name in enumerate(names)}
+    has = [servo.name in known or 0 <= servo.id < len(names) for servo in servos]
+    mine = tuple(servo for servo, there in zip(servos, has, strict=True) if there)
+    absent = tuple(servo for servo, there in zip(servos, has, strict=True) if not there)
+    if len(known) == len(names) and all(servo.name in known for servo in mine):
+        numbers = tuple(known[servo.name] for servo in mine)
+        mixed = []
+    else:
+        numbers = tuple(servo.id for servo in mine)
+        mixed = [servo.name for servo in mine if known.get(servo.name, servo.id) != servo.id]
+    needed = [servo.name for servo in absent if servo.joints or not mine]
+    if mixed or needed:
+        fault = "gives another axis number (id) to" if mixed else "has also"
+        raise DriverError(
+            f"{board.prefix} has the axes {', '.join(names)}; the description {fault} "
+            f"{', '.join(mixed or needed)}; "
+            "valid: a description whose servos have the board's names, or its axis numbers as id"
+        )
+    return Axes(names, mine, numbers, absent)
+
+
+def without_motion(robot: Robot, absent: Collection[Servo]) -> Robot:
+    """Returns a robot whose `absent` servos can't be moved: they have no limit of speed, so the gate refuses
+    commands to them, and leaves them out of one to a whole robot part."""
+    still = {servo.index for servo in absent}
+    servos = [
+        servo.model_copy(update={"limits": Limits(lower=servo.limits.lower, upper=servo.limits.upper)})
+        if servo.index in still
+        else servo
+        for servo in robot.servos
+    ]
+    return robot.model_copy(update={"servos": tuple(servos)})

@@ -1,0 +1,120 @@
+"""Boards with fewer axes than the description, as those of the iCub in Gazebo: arms of 7, a head of 3."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import pytest
+
+import tci
+from drivers.patient import patient
+from drivers.yarp.show import Show, until
+from tci.drivers.diagnosis import Level
+from tci.drivers.yarp import server
+from tci.drivers.yarp.driver import YarpDriver
+from tci.drivers.yarp.served_board import ServedBoard
+from tci.errors import DriverError, UnknownNameError
+from tci.gate.gate import GateState
+from tci.messages import GenericCommand, Mode
+from tci.reasons import Code
+from tci.robot.description import Robot, Servo
+from yarpwire.dialect import DIALECTS
+
+AXES = {"left_arm": 7, "right_arm": 7, "head": 3, "torso": 3}
+
+
+@pytest.fixture(scope="module", params=["3", "4"])
+def show(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Show]:
+    """Yields a served iCub whose boards have the axes of the iCub in Gazebo."""
+
+    def board(part: str, servos: Sequence[Servo]) -> ServedBoard:
+        return ServedBoard(part, servos[: AXES[part]])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("YARP_CONFIG_HOME", str(tmp_path_factory.mktemp("yarp")))
+        patch.setattr(server, "ServedBoard", board)
+        running = Show(DIALECTS[request.param], "icub")
+        yield running
+        running.close()
+
+
+def where(show: Show, options: str = "") -> str:
+    return "{}:{}".format(*show.names.address) + options
+
+
+def test_it_connects_and_moves_the_arms_and_fingers_are_refused_by_name(show: Show) -> None:
+    robot = patient("icub")
+    with YarpDriver(robot, where(show), arm=True) as driver:
+        assert {part: len(board.axes.names) for part, board in driver.boards.items()} == AXES
+        reading = driver.read().joints
+        fingers = [servo.index for servo in robot.servos if not servo.joints]
+        assert len(fingers) == 2 * 9 + 3
+        assert np.isfinite(reading.position).all()
+        assert reading.powered is not None
+        assert np.flatnonzero(~reading.powered).tolist() == fingers
+        body = tci.GenericBody(driver.robot)
+
+        def order(part: str, servo: int, angle: float) -> list[GenericCommand]:
+            values = tci.Perceiver(body).step(driver.read(), driver.clock.now()).posture[part].copy()
+            values[servo] += angle
+            return [GenericCommand(part, Mode.POSITION, values)]
+
+        elbow = robot.part("left_arm").servos[3].servo
+        assert elbow is not None
+        start = driver.read().joints.position[elbow]
+        bend = order("left_arm", 3, 0.1)
+
+        def moved() -> bool:
+            pending, _ = body.to_platform(bend, driver.read().joints)
+            sent = driver.write(driver.gate.step(pending, driver.read().joints, driver.clock.now()))
+            return sent.state is GateState.RUN and abs(driver.read().joints.position[elbow] - start) > 0.05
+
+        assert until(moved)
+        grip, _ = body.to_platform(order("left_fingers", 3, 0.1), driver.read().joints)
+        sent = driver.write(driver.gate.step(grip, driver.read().joints, driver.clock.now()))
+        assert [reason.code for reason in sent.refusals] == [Code.LIMITS_UNKNOWN]
+        assert sent.state is not GateState.STOP
+
+
+def test_doctor_judges_as_the_driver_does(show: Show) -> None:
+    robot = patient("icub")
+    probed = YarpDriver.probe(robot, where(show))
+    with YarpDriver(robot, where(show)) as driver:
+        found = driver.diagnose()
+    for findings in (probed, found):
+        assert {finding.level for finding in findings} <= {Level.OK, Level.NOTE}
+        notes = {finding.subject: finding.what for finding in findings if finding.level is Level.NOTE}
+        assert notes.keys() == {"left_arm", "right_arm", "head"}
+        assert "no axis of eyes_tilt, eyes_version, eyes_vergence" in notes["head"]
+
+
+def test_a_board_without_a_joint_of_the_model_is_refused_by_both(show: Show) -> None:
+    def longer(robot: Robot) -> Robot:
+        """Returns the robot with its arms' fourth finger motor as a joint of the model."""
+        servos = [
+            servo.model_copy(update={"joint": "l_elbow"}) if servo.name == "l_pinky" else servo
+            for servo in robot.servos
+        ]
+        return robot.model_copy(update={"servos": tuple(servos)})
+
+    robot = longer(patient("icub"))
+    with pytest.raises(DriverError, match="the description has also l_pinky"):
+        YarpDriver(robot, where(show))
+    faults = [f for f in YarpDriver.probe(robot, where(show)) if f.level is Level.FAULT]
+    assert [(fault.subject, "l_pinky" in fault.what) for fault in faults] == [("left_arm", True)]
+
+
+def test_doctor_honours_without_and_an_unknown_patch_is_an_error(show: Show) -> None:
+    robot = patient("icub")
+    first = robot.patches[0]
+    moved = robot.model_copy(
+        update={"patches": (first.model_copy(update={"name": "elsewhere"}), *robot.patches[1:])}
+    )
+    faults = [f.subject for f in YarpDriver.probe(moved, where(show)) if f.level is Level.FAULT]
+    assert faults == ["elsewhere"]
+    left = YarpDriver.probe(moved, where(show, ",without=elsewhere"))
+    assert Level.FAULT not in {finding.level for finding in left}
+    with pytest.raises(UnknownNameError, match="elsewhere"):
+        YarpDriver(robot, where(show, ",without=elsewhere"))
+    assert "elsewhere" in YarpDriver.probe(robot, where(show, ",without=elsewhere"))[-1].what

@@ -65,6 +65,8 @@ class ServoCheck:
         limits = servo.limits
         if None in (limits.lower, limits.upper, limits.velocity, limits.acceleration, limits.jerk):
             return Finding(Level.NOTE, servo.name, "not moved: its description lacks limits")
+        if why := self.driver.info.unreached.get(servo.index):
+            return Finding(Level.NOTE, servo.name, f"not moved: {why}")
         start, noise = self._at_rest()
         here = start[servo.index]
         assert limits.lower is not None

@@ -34,6 +34,8 @@ class DriverInfo:
     """Facts that a recording needs for a repetition of its run: seed and step of the physics."""
     recorded: bool = False
     """True if the driver replays a recording: writing moves nothing, and each reading is returned once."""
+    unreached: Mapping[int, str] = field(default_factory=lambda: MappingProxyType({}))
+    """Reason for each servo, by index, that the driver reads but can't move."""
 
     @classmethod
     def of(

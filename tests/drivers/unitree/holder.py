@@ -10,13 +10,22 @@ import numpy as np
 
 from tci.drivers.unitree.address import parse_unitree
 from tci.drivers.unitree.handover import KP, ROWS, Q
+from tci.drivers.unitree.health import Health
 from tci.drivers.unitree.held_motors import HeldMotors
 from tci.drivers.unitree.motors import ARM_GAINS, MOTORS
+from tci.drivers.unitree.node import UnitreeNode
+
+
+def held_motors(place: str, period: float) -> HeldMotors:
+    """Returns motors that are asked for."""
+    where = parse_unitree(place)
+    held = HeldMotors(where, period, UnitreeNode(where.interface, where.domain), Health())
+    held.take()
+    return held
 
 
 def main() -> None:
-    held = HeldMotors(parse_unitree(f"lo/{sys.argv[1]}"), 0.004)
-    held.take()
+    held = held_motors(f"lo/{sys.argv[1]}", 0.004)
     held.wait()
     targets = np.full((ROWS, MOTORS), 0.1)
     targets[Q], targets[KP:] = 0.3, ARM_GAINS

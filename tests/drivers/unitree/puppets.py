@@ -37,6 +37,8 @@ class Puppet:
         """True while it sends no states."""
         self.spoilt = False
         """True while their checksums are wrong."""
+        self.obeys = False
+        """True while it goes at once where commands of full weight want it."""
         self._node = UnitreeNode("lo", domain)
         self._states = self._node.out("rt/lowstate", messages.STATE)
         self._commands = self._node.reader(topic, messages.COMMAND, keep=MOST, reliable=True)
@@ -54,6 +56,8 @@ class Puppet:
                     self._states(data[:-1] + bytes([data[-1] ^ self.spoilt]))
             for sample in latest(self._commands):
                 command, right = decode_command(sample.raw)
+                if self.obeys and command["motor"]["q"][WEIGHT] == 1.0:
+                    self.state["motor"]["q"][12:29] = command["motor"]["q"][12:29]
                 self.heard.append(
                     Heard(
                         time.monotonic(), float(command["motor"]["q"][WEIGHT]), command["motor"], right,

@@ -3,24 +3,35 @@
 from __future__ import annotations
 
 import itertools
+import os
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
 
+import tci
+from drivers.unitree.holder import held_motors
 from drivers.unitree.puppets import Puppet
+from tci.commissioning.hardware import ServoCheck
+from tci.commissioning.operator import Operator
+from tci.drivers.diagnosis import Level
 from tci.drivers.unitree import messages
-from tci.drivers.unitree.address import parse_unitree
+from tci.drivers.unitree.driver import UnitreeDriver
 from tci.drivers.unitree.handover import GIVE, KP, LONGEST, ROWS, TAKE, Phase, Q
 from tci.drivers.unitree.held_motors import HeldMotors
 from tci.drivers.unitree.motors import ARM_GAINS, MOTORS
 from tci.drivers.unitree.node import UnitreeNode
 from tci.errors import DriverError
+from tci.gate.safe_command import GateState
+from tci.messages import Mode, PlatformCommand
+from tci.reasons import Code
 
 pytestmark = pytest.mark.timeout(60)
 DOMAINS = itertools.count(120)
@@ -42,9 +53,7 @@ def puppet(domain: int) -> Iterator[Puppet]:
 
 
 def hold(domain: int) -> HeldMotors:
-    held = HeldMotors(parse_unitree(f"lo/{domain}"), 0.004)
-    held.take()
-    return held
+    return held_motors(f"lo/{domain}", 0.004)
 
 
 def lead(held: HeldMotors, angle: float, seconds: float) -> None:
@@ -94,6 +103,68 @@ def test_a_behaviour_that_is_killed_leaves_a_completed_fade(domain: int, puppet:
     assert largest_steps(puppet)[1] <= STEP / GIVE
     assert puppet.heard[-1].motor["q"][20] == np.float32(0.3)
     assert not puppet.heard[-1].motor["dq"].any()  # it was killed at a speed
+
+
+def test_a_keeper_that_is_killed_is_noticed_and_the_behaviour_completes_its_fade(
+    domain: int, puppet: Puppet
+) -> None:
+    with tci.connect("g1", f"unitree:lo/{domain}", arm=True) as driver:
+        assert isinstance(driver, UnitreeDriver)
+        puppet.obeys = True
+        arm = driver.native("left_arm")
+        orders = [arm.command({"left_elbow_joint": 0.4})]
+        for now in driver.ticks(duration=0.3):
+            sent = driver.write(driver.gate.step(orders, driver.read().joints, now))
+            orders = []
+        assert sent.state is GateState.RUN, sent.reason
+        assert driver._held is not None
+        os.kill(driver._held._process.pid, signal.SIGKILL)
+        killed = time.monotonic()
+        before = len(puppet.heard)
+        goal = puppet.heard[-1].motor["q"][18]
+        while driver.gate.step([], driver.read().joints, driver.clock.now()).state is not GateState.STOP:
+            assert time.monotonic() - killed < 0.1
+            time.sleep(0.004)
+        assert "was killed, and this one fades them out" in str(driver.gate.reason)
+    fade = puppet.heard[before:]
+    assert fade[0].time - killed < 0.1
+    assert puppet.weights[-1] == 0.0
+    assert largest_steps(puppet)[1] <= STEP / GIVE
+    assert fade[-1].time - killed == pytest.approx(GIVE, abs=0.6)
+    assert all(heard.motor["q"][18] == goal for heard in fade)  # the elbow
+    assert all(heard.right and heard.mode_machine == 5 for heard in fade)
+
+
+def test_legs_are_refused_by_name_and_the_rest_goes_on(domain: int, puppet: Puppet) -> None:
+    del puppet
+    with tci.connect("g1", f"unitree:lo/{domain}") as driver:
+        legs = driver.robot.servos_of("left_leg")
+        knee = PlatformCommand(Mode.POSITION, np.array([legs[3].index]), np.array([0.3]), np.array([0.5]))
+        elbow = driver.native("left_arm").command({"left_elbow_joint": 0.3}, speed=0.5)
+        sent = driver.gate.step([knee, elbow], driver.read().joints, driver.clock.now())
+        assert sent.state is GateState.RUN
+        assert [refusal.code for refusal in sent.refusals] == [Code.ROBOT_REFUSES]
+        assert "left_knee_joint can't be moved: rt/arm_sdk moves waist and arms" in str(sent.refusals[0])
+        assert sent.orders == (elbow,)
+        check = ServoCheck(driver, cast("Operator", None))
+        found = [check.check(leg) for leg in legs]
+    assert {finding.level for finding in found} == {Level.NOTE}
+    assert all("rt/arm_sdk moves waist and arms" in finding.what for finding in found)
+
+
+def test_a_variant_obeys_for_the_joints_that_it_has(domain: int, puppet: Puppet) -> None:
+    puppet.state["mode_machine"] = 6  # no waist roll and pitch
+    with tci.connect("g1", f"unitree:lo/{domain}") as driver:
+        waist = driver.robot.servos_of("torso")
+        whole = PlatformCommand(
+            Mode.POSITION, np.array([servo.index for servo in waist]), np.full(3, 0.1), np.full(3, 0.5)
+        )
+        sent = driver.gate.step(whole, driver.read().joints, driver.clock.now())
+        assert not sent.refusals
+        assert sent.servos.tolist() == [waist[0].index]
+        roll = driver.native("torso").command({"waist_roll_joint": 0.1})
+        sent = driver.gate.step(roll, driver.read().joints, driver.clock.now())
+    assert "this robot has 27 motors, and not this one" in str(sent.refusals[0])
 
 
 def test_states_that_stop_end_all_and_a_new_start_is_from_zero(domain: int, puppet: Puppet) -> None:

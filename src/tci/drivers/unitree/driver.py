@@ -11,6 +11,7 @@ are sent by a process of their own, which hands the motors back even if this one
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from tci.clock import MonotonicClock
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.driver import Driver
 from tci.drivers.info import DriverInfo
+from tci.drivers.partial_gate import PartialGate
 from tci.drivers.remote.source_clock import SourceClock
 from tci.drivers.unitree import messages
 from tci.drivers.unitree.address import parse_unitree
@@ -27,7 +29,7 @@ from tci.drivers.unitree.handover import DQ, KP, ROWS, TAU, Phase, Q
 from tci.drivers.unitree.hands import HandSkin, patches_of
 from tci.drivers.unitree.health import Health
 from tci.drivers.unitree.held_motors import HeldMotors, Status
-from tci.drivers.unitree.motors import MOTORS, NAMES, UPPER, VARIANTS, absent, commanded, gains
+from tci.drivers.unitree.motors import MOTORS, NAMES, VARIANTS, absent, commanded, gains
 from tci.drivers.unitree.node import MOST, UnitreeNode, latest
 from tci.drivers.unitree.switcher import Switcher
 from tci.drivers.unitree.wire import decode_state
@@ -78,7 +80,9 @@ class UnitreeDriver(Driver):
             self._states = self._node.reader("rt/lowstate", messages.STATE, keep=MOST)
             self._skin = HandSkin(robot, self._node) if skin else None
             self._wait(wait)
-            self._movable = self._movable_slots()
+            unreached = self._unreached()
+            gate = PartialGate(robot, unreached, period=self.period, stale_after=self.gate.stale_after)
+            self.info = replace(self.info, gate=gate, unreached=unreached)
             if arm:
                 self._arm()
         except BaseException:
@@ -133,9 +137,6 @@ class UnitreeDriver(Driver):
     def _send(self, safe: SafeCommand) -> None:
         assert self._held is not None  # armed drivers hold motors
         slots = self._slots[safe.servos]
-        for servo, slot in zip(safe.servos.tolist(), slots.tolist(), strict=True):
-            if slot not in self._movable:
-                raise DriverError(f"{self.robot.servos[servo].name} can't be moved: {self._why_not(slot)}")
         if self._phase is Phase.WAITING and not self._held.status.lasting:
             self._held.take()
             return
@@ -195,15 +196,18 @@ class UnitreeDriver(Driver):
                 raise DriverError(f"{why} within {seconds:g} s on {self.where}, topic rt/lowstate")
             time.sleep(0.002)
 
-    def _movable_slots(self) -> frozenset[int]:
-        gone = absent(int(self._health.state["mode_machine"]), simulation=self.where.simulation)
-        return frozenset(commanded(whole=self.where.whole).tolist()) - frozenset(gone)
-
-    def _why_not(self, slot: int) -> str:
-        if slot not in UPPER and not self.where.whole:
-            return "rt/arm_sdk moves waist and arms; valid: ?control=all behind the address"
-        count = VARIANTS[int(self._health.state["mode_machine"])][0]
-        return f"this robot has {count} motors, and not this one"
+    def _unreached(self) -> dict[int, str]:
+        """Returns the reason for each servo that commands on this topic do not move."""
+        variant = int(self._health.state["mode_machine"])
+        gone = absent(variant, simulation=self.where.simulation)
+        count = VARIANTS.get(variant, (MOTORS, ()))[0]
+        found = {}
+        for servo, slot in enumerate(self._slots.tolist()):
+            if slot in gone:
+                found[servo] = f"this robot has {count} motors, and not this one"
+            elif slot not in commanded(whole=self.where.whole):
+                found[servo] = "rt/arm_sdk moves waist and arms; valid: ?control=all behind the address"
+        return found
 
     def _arm(self) -> None:
         """Takes the motors. Raises DriverError with the reason if the robot is not ready."""
@@ -211,7 +215,7 @@ class UnitreeDriver(Driver):
             raise DriverError(f"the robot can't be armed: {self._health.lasting}")
         if self.where.whole:
             Switcher(self._node).release()
-        self._held = HeldMotors(self.where, self.period)
+        self._held = HeldMotors(self.where, self.period, self._node, self._health)
         self._held.take()
         self._held.wait()
         self._phase = Phase.LEADING

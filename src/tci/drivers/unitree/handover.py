@@ -67,6 +67,13 @@ class Handover:
             self._pushed[:] = False
             self._now = self._told = now
 
+    def resume(self, goal: Array, weight: float, now: float) -> None:
+        """Begins to hand back motors that another process held: targets (5, 29) and their `weight`."""
+        self.phase, self.weight = Phase.LEADING, weight
+        self._goal[:] = goal
+        self._now = self._told = now
+        self.give()
+
     def follow(self, chosen: NDArray[np.bool_], targets: Array, posture: Array, now: float) -> None:
         """Takes targets (5, 29) of the `chosen` motors (29,); the others stay.
 

@@ -1,4 +1,7 @@
-"""The driver's end of the process that holds a robot's motors (`keeper`)."""
+"""The driver's end of the process that holds a robot's motors (`keeper`).
+
+If that process is killed, this one hands the motors back in its place.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import json
 import socket
 import subprocess
 import sys
+import threading
 import time
 from contextlib import suppress
 from dataclasses import asdict
@@ -16,9 +20,12 @@ from numpy.typing import NDArray
 
 from tci.drivers.unitree.address import UnitreeAddress
 from tci.drivers.unitree.handover import GIVE as GIVE_TIME
+from tci.drivers.unitree.handover import KP, ROWS, Phase, Q
 from tci.drivers.unitree.handover import TAKE as TAKE_TIME
-from tci.drivers.unitree.handover import Phase
-from tci.drivers.unitree.keeper import FOLLOW, FOLLOWS, GIVE, STATUS, TAKE, Orders
+from tci.drivers.unitree.health import Health
+from tci.drivers.unitree.keeper import FOLLOW, FOLLOWS, GIVE, STATUS, TAKE, Keeper, Orders, keep
+from tci.drivers.unitree.motors import MOTORS, gains
+from tci.drivers.unitree.node import UnitreeNode
 from tci.errors import DriverError
 from tci.frames import Array
 
@@ -42,44 +49,58 @@ class Status(NamedTuple):
 class HeldMotors:
     """Starts the keeper and talks with it. It outlives this process."""
 
-    def __init__(self, where: UnitreeAddress, period: float) -> None:
-        """Starts the process; nothing is taken yet. Raises DriverError on systems without its sockets."""
+    def __init__(self, where: UnitreeAddress, period: float, node: UnitreeNode, health: Health) -> None:
+        """Starts the process; nothing is taken yet. Raises DriverError on systems without its sockets.
+
+        `node` and `health` are the driver's, for the case that the process is killed.
+        """
         if not hasattr(socket, "SOCK_SEQPACKET") or not hasattr(socket, "AF_UNIX"):
             raise DriverError("a Unitree robot can be moved from Linux only; valid: connect with arm=False")
         self.status = Status(Phase.WAITING, False, 0.0, "")
+        self._node, self._health = node, health
+        self._goal, self._told = np.zeros((ROWS, MOTORS)), np.zeros(MOTORS, dtype=bool)
+        self._lock, self._ended = threading.Lock(), False
+        self._successor: Keeper | None = None
+        self._fade: threading.Thread | None = None
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.setblocking(False)
-        orders = Orders(
+        self._orders = Orders(
             where.interface, where.domain, where.topic, whole=where.whole, simulation=where.simulation,
             period=period, socket=theirs.fileno(),
         )  # fmt: skip
         with theirs:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "tci.drivers.unitree.keeper", json.dumps(asdict(orders))],
+                [sys.executable, "-m", "tci.drivers.unitree.keeper", json.dumps(asdict(self._orders))],
                 pass_fds=[theirs.fileno()], start_new_session=True,
                 stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
             )  # fmt: skip
+        threading.Thread(target=self._watch, name="unitree keeper's end", daemon=True).start()
 
     def poll(self) -> Status:
         """Returns the latest status."""
-        while True:
-            try:
-                data = self._socket.recv(LONGEST)
-            except BlockingIOError:
-                return self.status
-            except OSError:
-                data = b""
-            if not data:
-                if not self.status.lasting:
-                    words = "the process that holds the motors has ended"
-                    self.status = Status(Phase.WAITING, True, 0.0, words)
-                return self.status
-            phase, lasting, weight = STATUS.unpack_from(data)
-            reason = data[STATUS.size :].decode(errors="replace")
-            self.status = Status(Phase(phase), lasting, weight, reason)
+        with self._lock:
+            while not self._ended:
+                try:
+                    data = self._socket.recv(LONGEST)
+                except BlockingIOError:
+                    break
+                except OSError:
+                    data = b""
+                if data:
+                    phase, lasting, weight = STATUS.unpack_from(data)
+                    reason = data[STATUS.size :].decode(errors="replace")
+                    self.status = Status(Phase(phase), lasting, weight, reason)
+                else:
+                    self._ended = True
+                    self._succeed()
+            if self._successor is not None:
+                fading = self._successor.handover
+                self.status = self.status._replace(phase=fading.phase, weight=fading.weight)
+            return self.status
 
     def take(self) -> None:
         """Asks for the motors: their weight then rises at the posture in which they are."""
+        self._told[:] = False
         self._send(TAKE)
 
     def wait(self) -> None:
@@ -94,6 +115,8 @@ class HeldMotors:
 
     def follow(self, chosen: NDArray[np.bool_], targets: Array) -> None:
         """Sends targets (5, 29) of the `chosen` motors (29,)."""
+        self._told = (self._told & (self._goal[KP] > 0.0)) | chosen
+        self._goal[:, chosen] = targets[:, chosen]
         self._send(FOLLOWS.pack(FOLLOW, *chosen.tolist(), *targets.ravel().tolist()))
 
     def close(self) -> None:
@@ -101,7 +124,41 @@ class HeldMotors:
         self._send(GIVE)
         with suppress(subprocess.TimeoutExpired):  # it hands them back as soon as the machine lets it
             self._process.wait(GIVE_TIME + WAIT)
-        self._socket.close()
+        self.poll()
+        if self._fade is not None:
+            self._fade.join(GIVE_TIME + WAIT)
+        with self._lock:
+            self._ended = True
+            self._socket.close()
+
+    def _watch(self) -> None:
+        """Notices the end of the process, whatever the behaviour does meanwhile."""
+        self._process.wait()
+        self.poll()
+
+    def _succeed(self) -> None:
+        """Hands the motors back in a thread, after the end of a process that had them still."""
+        with suppress(subprocess.TimeoutExpired):
+            if self._process.wait(1.0) == 0 or self.status.phase is Phase.WAITING:
+                words = self.status.reason or "the process that holds the motors has ended"
+                self.status = Status(Phase.WAITING, True, 0.0, words)
+                return
+        goal = np.zeros((ROWS, MOTORS))
+        goal[Q], goal[KP:] = self._health.posture, gains(whole=self._orders.whole)
+        goal[:, self._told] = self._goal[:, self._told]
+        mine, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        theirs.close()
+        keeper = self._successor = Keeper(self._orders, self._node, mine)
+        keeper.succeed(self._health.state, goal, self.status.weight, time.monotonic())
+
+        def fade() -> None:
+            with mine:
+                keep(keeper, mine, self._orders.period)
+
+        self._fade = threading.Thread(target=fade, name="unitree fade")  # it is waited for at exit
+        self._fade.start()
+        words = "the process that held them was killed, and this one fades them out"
+        self.status = Status(Phase.GIVING, True, self.status.weight, words)
 
     def _send(self, message: bytes) -> None:
         try:

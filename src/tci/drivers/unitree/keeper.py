@@ -28,6 +28,7 @@ from tci.drivers.unitree.motors import MOTORS, absent, commanded, gains
 from tci.drivers.unitree.node import UnitreeNode, latest
 from tci.drivers.unitree.wire import COMMAND, WEIGHT, decode_state, encode_command
 from tci.errors import DriverError, FrameError, TciError
+from tci.frames import Array
 
 TAKE, GIVE, FOLLOW = b"T", b"G", b"F"
 """First byte of the driver's messages."""
@@ -83,6 +84,15 @@ class Keeper:
         self._looked = -np.inf
         self._reason = ""
         self._told = b""
+
+    def succeed(self, state: Any, goal: Array, weight: float, now: float) -> None:
+        """Begins to hand back what another keeper held that was killed: targets (5, 29) and their weight.
+
+        `state` is the robot's latest one.
+        """
+        self._address(state)
+        self.leaving = True
+        self.handover.resume(goal, weight, now)
 
     def step(self, now: float) -> bool:
         """Does the work of one period at `now` [s]; returns False at the end."""
@@ -175,11 +185,14 @@ class Keeper:
             return
         if self._first is None or now - self._first < DISCOVERY:
             return
-        gone = absent(int(self.health.state["mode_machine"]), simulation=True)
-        self._commanded = np.setdiff1d(self._commanded, gone)
-        self._command["mode_pr"] = self.health.state["mode_pr"]
-        self._command["mode_machine"] = self.health.state["mode_machine"]
+        self._address(self.health.state)
         self.handover.take(self.health.posture, now)
+
+    def _address(self, state: Any) -> None:
+        """Makes commands fit the robot that sent `state`."""
+        gone = absent(int(state["mode_machine"]), simulation=True)
+        self._commanded = np.setdiff1d(self._commanded, gone)
+        self._command["mode_pr"], self._command["mode_machine"] = state["mode_pr"], state["mode_machine"]
 
     def _send(self, targets: Any) -> None:
         """Sends targets (5, 29) to the motors that are commanded; the others stay disabled."""

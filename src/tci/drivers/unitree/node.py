@@ -91,7 +91,7 @@ class UnitreeNode:
             else:
                 self._writers.pop(sample.key, None)
         writers: dict[str, set[Any]] = {topic: set(), "rt/lowstate": {self._there().guid}}
-        for name, participant in self._writers.values():
+        for name, participant in [*self._writers.values()]:  # a fade may ask too
             if name in writers:
                 writers[name].add(participant)
         return len(writers[topic] - writers["rt/lowstate"])

@@ -1,0 +1,56 @@
+"""Gate of a connection that moves only some servos of its robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from tci.gate.gate import Gate, SafeCommand
+from tci.gate.immovable import Immovable
+from tci.messages import JointReading, PlatformOrder
+from tci.reasons import Code, Reason
+from tci.robot.description import Limits, Robot
+
+
+class PartialGate(Gate):
+    """Refuses commands to servos that a connection does not reach; treats all others as any gate.
+
+    As with servos that can't be moved at all, a command for a whole robot part moves the rest of it.
+    """
+
+    def __init__(
+        self, robot: Robot, unreached: Mapping[int, str], *, period: float, stale_after: float
+    ) -> None:
+        """Takes the reason for each servo that is not reached, by its index."""
+        super().__init__(robot, period=period, stale_after=stale_after)
+        self._unreached = unreached
+        servos = tuple(
+            servo.model_copy(update={"limits": Limits()}) if servo.index in unreached else servo
+            for servo in robot.servos
+        )
+        self._immovable = Immovable(robot.model_copy(update={"servos": servos}))
+
+    def step(
+        self,
+        commands: Sequence[PlatformOrder] | PlatformOrder,
+        joints: JointReading,
+        now: float,
+        *,
+        refused: Sequence[Reason] = (),
+    ) -> SafeCommand:
+        kept: list[PlatformOrder] = []
+        why = [*refused]
+        for command in (commands,) if isinstance(commands, PlatformOrder) else commands:
+            left = self._immovable.left_out(command) if isinstance(command, PlatformOrder) else command
+            reason = self._refusal(left) if isinstance(left, PlatformOrder) else None
+            if reason is None:
+                kept.append(left)
+            else:
+                why.append(reason)
+        return super().step(kept, joints, now, refused=why)
+
+    def _refusal(self, order: PlatformOrder) -> Reason | None:
+        for servo in order.servos.ravel().tolist():
+            if servo in self._unreached:
+                name = self.robot.servos[servo].name
+                return Reason(Code.ROBOT_REFUSES, f"{name} can't be moved: {self._unreached[servo]}")
+        return None

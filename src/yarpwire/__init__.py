@@ -6,7 +6,7 @@ README.md begins with five lines that read a port.
 dialect, values, bottle, text    types and their encoding: 3.x and 4.x number some of them differently
 message, source                  framing: header, index, command, envelope, acknowledgement
 incoming, outgoing, auth         one connection, by its carrier: tcp, fast_tcp, udp, text, text_ack
-listener, visitors               accepting connections, and the bound on their number
+listener, connection_limit       accepting connections, and the bound on their number
 names, name_server               the client of a name server, and a name server
 port, rpc, feed                  named ports, calls, and the latest messages of another program's port
 network, wire, bindings          one interface to ports and calls, by this package or by YARP's own bindings

@@ -16,6 +16,7 @@ import numpy as np
 from yarpwire import auth, message
 from yarpwire.bottle import decode_bottle, decode_vector, encode_bottle
 from yarpwire.carrier import BY_CODE, TEXT, TEXT_ACK, UDP, Carrier
+from yarpwire.connection_limit import AcceptedConnection
 from yarpwire.dialect import Dialect
 from yarpwire.errors import WireError
 from yarpwire.message import Command, Stamp
@@ -23,7 +24,6 @@ from yarpwire.names import PATIENCE
 from yarpwire.source import Memory, SocketSource
 from yarpwire.text import from_text, to_text
 from yarpwire.values import Array
-from yarpwire.visitors import Visitor
 
 BURST, SLICE = 200, 0.01
 """Number of messages that are read from one connection in such a time [s]; beyond, its sender has to wait or
@@ -71,7 +71,7 @@ class Incoming:
     """Reads one accepted connection until its end."""
 
     def __init__(
-        self, sock: socket.socket, visitor: Visitor, *, dialect: Dialect,
+        self, sock: socket.socket, connection: AcceptedConnection, *, dialect: Dialect,
         deliver: Callable[[Delivery], Answer],
     ) -> None:  # fmt: skip
         self.sender = ""
@@ -80,7 +80,7 @@ class Incoming:
         """Carrier of the connection."""
         self.count = 0
         """Number of messages so far."""
-        self._socket, self._visitor = sock, visitor
+        self._socket, self._connection = sock, connection
         self._source = SocketSource(sock)
         self._dialect, self._deliver = dialect, deliver
         self._datagrams: socket.socket | None = None
@@ -188,7 +188,7 @@ class Incoming:
                     data, peer = sock.recvfrom(UDP_LARGEST)
                 except BlockingIOError:  # the timeout: check for closing
                     continue
-                if len(data) < 8 or peer[0] != self._visitor.host:  # an empty datagram comes from closing
+                if len(data) < 8 or peer[0] != self._connection.host:  # an empty datagram comes from closing
                     continue
                 if struct.unpack_from("<I", data)[0] != zlib.crc32(data[8:]):
                     continue
@@ -221,7 +221,7 @@ class Incoming:
 
     def _handle(self, command: Command, body: bytes | str) -> Answer:
         self.count += 1
-        self._visitor.last_message = now = time.monotonic()
+        self._connection.last_message = now = time.monotonic()
         return self._deliver(Delivery(command, self.sender, now, body))
 
 

@@ -1,5 +1,5 @@
-"""A TCP port that others connect to: one thread that accepts, one per connection; `visitors` bounds their
-number."""
+"""A TCP port that others connect to: one thread that accepts, one per connection; `connection_limit`
+bounds their number."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import threading
 from collections.abc import Callable
 from functools import partial
 
+from yarpwire.connection_limit import MOST, AcceptedConnection, ConnectionLimit
 from yarpwire.errors import PortError, YarpError
-from yarpwire.visitors import MOST, Visitor, Visitors
 
 
 class Listener:
-    """Accepts connections and passes each to `serve(socket, visitor)`, in a thread of its own."""
+    """Accepts connections and passes each to `serve(socket, connection)`, in a thread of its own."""
 
     def __init__(
-        self, host: str, port: int, serve: Callable[[socket.socket, Visitor], None], *, name: str
+        self, host: str, port: int, serve: Callable[[socket.socket, AcceptedConnection], None], *, name: str
     ) -> None:
         """Opens the port. Raises PortError when it is in use."""
         self._name, self._serve = name, serve
-        self._visitors = Visitors()
+        self._limit = ConnectionLimit()
         self._wrong = 0
         self.last_error = ""
         """Error for which the last connection was dropped."""
@@ -40,7 +40,7 @@ class Listener:
     @property
     def dropped(self) -> int:
         """Number of connections that ended because of invalid data, or to make room for others."""
-        return self._wrong + self._visitors.ended
+        return self._wrong + self._limit.ended
 
     def close(self) -> None:
         """Closes the port and every connection; shuts them down first, since the port number may be reused at
@@ -49,7 +49,7 @@ class Listener:
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         self._socket.close()
-        self._visitors.end_all()
+        self._limit.end_all()
 
     def _accept(self) -> None:
         while not self._closed:
@@ -59,17 +59,17 @@ class Listener:
                 if self._closed:
                     return
                 continue
-            visitor = self._visitors.welcome(partial(_end, sock), str(address[0]))
+            connection = self._limit.add(partial(_end, sock), str(address[0]))
             if self._closed:  # this connection came while `close` ran
                 _end(sock)
             threading.Thread(
-                target=self._run, args=(sock, visitor), name=f"yarp serve {self._name}", daemon=True
+                target=self._run, args=(sock, connection), name=f"yarp serve {self._name}", daemon=True
             ).start()
 
-    def _run(self, sock: socket.socket, visitor: Visitor) -> None:
+    def _run(self, sock: socket.socket, connection: AcceptedConnection) -> None:
         try:
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._serve(sock, visitor)
+            self._serve(sock, connection)
         except (EOFError, TimeoutError, ConnectionError):
             pass
         except Exception as error:  # otherwise it would end the process
@@ -77,7 +77,7 @@ class Listener:
                 self._wrong += 1
                 self.last_error = error_text(error)
         finally:
-            self._visitors.leave(visitor)
+            self._limit.remove(connection)
             sock.close()
 
 

@@ -9,11 +9,11 @@ import socket
 import threading
 
 from yarpwire import auth
+from yarpwire.connection_limit import AcceptedConnection
 from yarpwire.errors import PortError, WireError
 from yarpwire.listener import Listener
 from yarpwire.names import END, PATIENCE, ROOT, Contact
 from yarpwire.source import SocketSource
-from yarpwire.visitors import Visitor
 
 FIRST_PORT = 2
 """Offset from the server's own port number at which it begins to assign ports, as in YARP."""
@@ -48,15 +48,15 @@ class NameServer:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _serve(self, sock: socket.socket, visitor: Visitor) -> None:
+    def _serve(self, sock: socket.socket, connection: AcceptedConnection) -> None:
         source = SocketSource(sock)
         sock.settimeout(PATIENCE)
         if self._key is not None:
             auth.accept(sock, source, self._key)
         while True:
             source.allow()
-            answer = self.answer(source.line(), visitor.host)
-            visitor.mark_verified()
+            answer = self.answer(source.line(), connection.host)
+            connection.mark_verified()
             sock.settimeout(60.0)
             sock.sendall(answer.encode())
 

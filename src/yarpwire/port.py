@@ -12,6 +12,7 @@ from typing import Any
 
 from yarpwire import message, outgoing
 from yarpwire.carrier import FAST_TCP, TCP, find_carrier
+from yarpwire.connection_limit import MOST, AcceptedConnection
 from yarpwire.dialect import Dialect
 from yarpwire.errors import PortError
 from yarpwire.incoming import Answer, Delivery, Incoming
@@ -20,7 +21,6 @@ from yarpwire.message import Stamp
 from yarpwire.names import Contact, Names
 from yarpwire.outgoing import Outgoing
 from yarpwire.values import Array, Vocab
-from yarpwire.visitors import MOST, Visitor
 
 SPOKEN = "tcp fast_tcp udp text text_ack"
 """Carriers that the ports offer and accept."""
@@ -135,16 +135,16 @@ class Port:
         for connection in connections:
             connection.close()
 
-    def _serve(self, sock: socket.socket, visitor: Visitor) -> None:
-        incoming = Incoming(sock, visitor, dialect=self.dialect, deliver=self._deliver)
+    def _serve(self, sock: socket.socket, connection: AcceptedConnection) -> None:
+        incoming = Incoming(sock, connection, dialect=self.dialect, deliver=self._deliver)
         with self._lock:
             if self._closed:  # the new connection would not be closed
                 return
             self._served.add(incoming)
-        visitor.end = partial(self._let_go, incoming)
+        connection.end = partial(self._let_go, incoming)
         try:
             incoming.greet(self.names.key, lambda name: self._add(name, incoming))
-            visitor.mark_verified()
+            connection.mark_verified()
             self._run(incoming)
         finally:
             with self._lock:

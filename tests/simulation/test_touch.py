@@ -11,9 +11,9 @@ from simulation import kernel_oracle
 from simulation.pokes import frame_of, poke_anywhere, pressures, straight_arms
 from tci.errors import TciError
 from tci.robot.catalogue import load_robot
-from tci.simulation import feeling as at
-from tci.simulation.feeling import SLOTS
+from tci.simulation import sampling as at
 from tci.simulation.kernel import spread, width
+from tci.simulation.sampling import SLOTS
 from tci.simulation.touch import skin_geom
 from tci.simulation.world import World
 

@@ -11,11 +11,11 @@ import pytest
 
 from yarp_captures import NAMES, naming
 from yarpwire import names as yarp_names
+from yarpwire.connection_limit import AcceptedConnection
 from yarpwire.errors import PortError, UnknownNameError
 from yarpwire.listener import Listener
 from yarpwire.name_server import NameServer
 from yarpwire.names import Contact, Names, find_server, parse_contact, read_key
-from yarpwire.visitors import Visitor
 
 
 @pytest.fixture
@@ -98,7 +98,7 @@ def test_who_knows_the_key_is_answered_and_nobody_else() -> None:
 def test_an_answer_without_its_end_is_none(said: bytes) -> None:
     """A nonce of eight bytes and its MAC contain a line feed now and then."""
 
-    def hang_up(sock: socket.socket, visitor: Visitor) -> None:
+    def hang_up(sock: socket.socket, connection: AcceptedConnection) -> None:
         sock.recv(100)
         sock.sendall(said)
 

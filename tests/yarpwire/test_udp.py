@@ -17,13 +17,13 @@ from drivers.yarp.show import until
 from yarpwire import message, outgoing
 from yarpwire.bottle import encode_bottle
 from yarpwire.carrier import UDP
+from yarpwire.connection_limit import MOST
 from yarpwire.dialect import V3
 from yarpwire.incoming import Delivery, Incoming
 from yarpwire.name_server import NameServer
 from yarpwire.names import Names
 from yarpwire.port import Port
 from yarpwire.values import Vocab
-from yarpwire.visitors import MOST
 
 
 class Reader:

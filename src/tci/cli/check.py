@@ -85,12 +85,12 @@ def check(
     notes, doubtful = list(remarks(found)), doubts(found)
     proof = _prove(found, quiet=as_json) if simulate else None
     if as_json:
-        told = {} if proof is None else {"simulated": proof.to_json()}
-        print_json({"robot": found.name, "valid": True, "remarks": notes, "doubts": doubtful, **told})
+        simulated = {} if proof is None else {"simulated": proof.to_json()}
+        print_json({"robot": found.name, "valid": True, "remarks": notes, "doubts": doubtful, **simulated})
     else:
-        _say(robot, found, notes, doubtful)
+        _print_check(robot, found, notes, doubtful)
         if proof is not None:
-            _say_proof(proof)
+            _print_proof(proof)
     if proof is not None and proof.faults:
         raise SystemExit(1)
 
@@ -104,15 +104,15 @@ def _prove(robot: Robot, *, quiet: bool) -> Proof:
     with Progress(*columns, console=console, disable=quiet, transient=True) as progress:
         task = progress.add_task("reading the model", total=14 + len(robot.patches))
 
-        def tell(what: str) -> None:
+        def show(what: str) -> None:
             progress.update(task, advance=1, description=what)
             if not quiet and not console.is_terminal:  # there is no bar in a file or a pipe
                 console.print(f"... {what}", highlight=False, markup=False)
 
-        return prove(robot, progress=tell)
+        return prove(robot, progress=show)
 
 
-def _say_proof(proof: Proof) -> None:
+def _print_proof(proof: Proof) -> None:
     from tci.experiments.proof import POSTURES
 
     for axes in proof.axes:
@@ -141,7 +141,7 @@ def _say_proof(proof: Proof) -> None:
     console.print(f"{proof.robot}: {end}")
 
 
-def _say(name: str, robot: Robot, notes: list[str], doubtful: list[str]) -> None:
+def _print_check(name: str, robot: Robot, notes: list[str], doubtful: list[str]) -> None:
     console.print(
         f"[green]{escape(name)} is valid[/]: {robot.name}, {len(robot.parts)} generic parts, "
         f"{len(robot.servos)} servos, {len(robot.skin)} patches of skin"

@@ -47,13 +47,13 @@ def doctor(
     from tci.robot.catalogue import load_robot
 
     if via is None and robot is None:
-        _tell("this machine", examine_machine(), (), as_json=as_json)
+        _print_findings("this machine", examine_machine(), (), as_json=as_json)
         return
     if robot is None:
         raise DriverError(f"--via {via} needs the robot's name; valid: tci doctor ROBOT --via {via}")
     via = via or "sim"
     findings, streams = _examine(load_robot(robot), via, duration, quiet=as_json)
-    _tell(f"{robot} via {via}", findings, streams, as_json=as_json)
+    _print_findings(f"{robot} via {via}", findings, streams, as_json=as_json)
 
 
 def _examine(
@@ -94,10 +94,12 @@ def _examine(
             return (*found, Finding(Level.FAULT, "connection", f"lost while reading: {error}")), ()
 
 
-def _tell(title: str, findings: Sequence[Finding], streams: Sequence[Stream], *, as_json: bool) -> None:
+def _print_findings(
+    title: str, findings: Sequence[Finding], streams: Sequence[Stream], *, as_json: bool
+) -> None:
     counts = Counter(finding.level for finding in findings)
     if as_json:
-        told: dict[str, Any] = {
+        report: dict[str, Any] = {
             "what": title,
             "healthy": not counts[Level.FAULT],
             "counts": {level.value: counts[level] for level in Level},
@@ -106,7 +108,7 @@ def _tell(title: str, findings: Sequence[Finding], streams: Sequence[Stream], *,
                 {key: _finite(value) for key, value in stream.to_json().items()} for stream in streams
             ],
         }
-        print_json(told)
+        print_json(report)
     else:
         console.print(_table(title, findings))
         for finding in findings:

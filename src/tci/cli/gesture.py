@@ -71,10 +71,10 @@ def record(
             f"{robot} sent {len(times)} postures, too few for a gesture; valid: 2 or more, record longer"
         )
     gesture = write()
-    told = {"file": str(file), "postures": len(times), "duration_s": gesture.duration,
+    report = {"file": str(file), "postures": len(times), "duration_s": gesture.duration,
             "parts": list(gesture.postures)}  # fmt: skip
     if as_json:
-        print_json(told)
+        print_json(report)
     else:
         console.print(
             f"{file}: {len(times)} postures of {', '.join(gesture.postures)} in {gesture.duration:.1f} s",

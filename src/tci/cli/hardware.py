@@ -127,14 +127,14 @@ def check_hardware(
             servos=servos,
             patches=patches if taxels else (),
             taxels=None if taxels < 0 else taxels,
-            tell=(lambda finding: None) if as_json else _tell,
+            show=(lambda finding: None) if as_json else _print_finding,
         )
         if friction is not None and not any(finding.level is Level.FAULT for finding in found):
             swept = measure_friction(driver, operator, servos, friction)
             found = (*found, *swept)
             if not as_json:
                 for finding in swept:
-                    _tell(finding)
+                    _print_finding(finding)
     counts = Counter(finding.level for finding in found)
     if as_json:
         print_json(
@@ -157,7 +157,7 @@ def check_hardware(
         raise SystemExit(1)
 
 
-def _tell(finding: Finding) -> None:
+def _print_finding(finding: Finding) -> None:
     from tci.cli.doctor import MARKS
     from tci.drivers.diagnosis import Level
 

@@ -87,7 +87,7 @@ INTERRUPTED = 130
 """Exit status of a command that Ctrl-C ended: 128 + SIGINT, as shells report it."""
 
 
-def _said(error: TciError | OSError) -> str:
+def _message(error: TciError | OSError) -> str:
     """Returns the message of an error; of a file error the file's name and the system's message."""
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return f"{error.filename}: {error.strerror}"
@@ -109,28 +109,28 @@ def main() -> None:
     try:
         status = app(standalone_mode=not as_json)  # when False, usage errors are raised
         if status == INTERRUPTED:
-            _say({"error": "interrupted"})
+            _print_fields({"error": "interrupted"})
         raise SystemExit(status)
     except typer.TyperException as error:
-        _say({"error": error.format_message()})
+        _print_fields({"error": error.format_message()})
         raise SystemExit(error.exit_code) from None
     except (TciError, OSError) as error:
         if as_json and isinstance(error, DescriptionError):
             faults = [{"line": fault.line, "message": fault.message} for fault in error.faults]
-            _say({"error": str(error).splitlines()[0], "faults": faults})
+            _print_fields({"error": str(error).splitlines()[0], "faults": faults})
         elif as_json:
-            _say({"error": _said(error)})
+            _print_fields({"error": _message(error)})
         else:
-            print(f"tci: {_printable(_said(error))}", file=sys.stderr)
+            print(f"tci: {_printable(_message(error))}", file=sys.stderr)
         raise SystemExit(1) from None
 
 
-def _say(told: dict[str, Any]) -> None:
+def _print_fields(fields: dict[str, Any]) -> None:
     """Prints JSON. If that fails, as on a full disk, prints the error as text instead."""
     try:
-        print(json.dumps(told, indent=2), flush=True)
+        print(json.dumps(fields, indent=2), flush=True)
     except OSError:
-        print(f"tci: {told['error']}", file=sys.stderr)
+        print(f"tci: {fields['error']}", file=sys.stderr)
 
 
 if __name__ == "__main__":

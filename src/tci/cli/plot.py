@@ -60,11 +60,11 @@ def plot(
         return
     for touch in series.touches:
         after = touch.to_json()
-        told = ", ".join(
+        numbers = ", ".join(
             f"{word} {after[key]:.0f} ms" if after[key] is not None else f"no {word}"
             for word, key in (("command", "command_ms"), ("motion", "motion_ms"), ("lost", "lost_ms"))
         )
         console.print(
-            f"{touch.began:8.3f} s  {touch.patch}: {touch.peak_force:.1f} N, {told}", highlight=False
+            f"{touch.began:8.3f} s  {touch.patch}: {touch.peak_force:.1f} N, {numbers}", highlight=False
         )
     console.print(f"figure {out}", highlight=False, markup=False)

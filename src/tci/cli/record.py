@@ -41,12 +41,12 @@ def record(
                 recorder.tick(now, driver.read())
                 if recorder.failed:
                     break
-    told(recorder, as_json=as_json)
+    print_recording(recorder, as_json=as_json)
     if recorder.failed:
         raise SystemExit(1)
 
 
-def told(recorder: Recorder, *, as_json: bool) -> None:
+def print_recording(recorder: Recorder, *, as_json: bool) -> None:
     """Prints the file that was written, its number of periods and its size, or why recording failed."""
     if as_json:
         print_json(recorder.to_json())

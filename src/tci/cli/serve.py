@@ -51,7 +51,7 @@ def serve(
 
     options = {"paced": True} if source == "sim" else {}
     arm = arm or source.partition(":")[0] in HARMLESS
-    report, served, told = LoopReport(), Served(), ReasonCounter()
+    report, served, reasons = LoopReport(), Served(), ReasonCounter()
     opened = connect(load_robot(robot), source, arm=arm, **options)
     with opened as driver, open_server(driver, via) as server, told_here():
         if not as_json:
@@ -63,7 +63,7 @@ def serve(
                 f"{tick.sent.state.name}: {tick.sent.reason}" if tick.sent.reason else tick.sent.state.name
             )
             for line in (words, *map(str, tick.sent.refusals)):
-                if told.add(Reason.of(line), tick.now) and not as_json:
+                if reasons.add(Reason.of(line), tick.now) and not as_json:
                     console.print(f"{tick.now:10.3f} s  {line}", highlight=False, markup=False)
 
         status = 0
@@ -91,7 +91,7 @@ def serve(
             f"{report.ticks} periods, {served.orders} orders, {refused} refused; at the end {state.name}",
             highlight=False,
         )
-        if left_out := told.counts[OTHERS]:
+        if left_out := reasons.counts[OTHERS]:
             console.print(f"{left_out} further messages ({OTHERS}) are not shown", highlight=False)
     if state is GateState.STOP and report.ended == "done":
         status = 1

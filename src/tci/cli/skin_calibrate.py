@@ -70,8 +70,8 @@ def calibrate(
             progress=lambda what, seen, of: bar.update(task, description=what, completed=seen, total=of),
         )  # fmt: skip
     if as_json:
-        told = {"file": str(done.file), "patch": patch, "report": done.found.report, "loads": done.loads}
-        print_json(told)
+        report = {"file": str(done.file), "patch": patch, "report": done.found.report, "loads": done.loads}
+        print_json(report)
     else:
         console.print(_table(patch, done))
         console.print(f"calibration {done.file}", highlight=False, markup=False)

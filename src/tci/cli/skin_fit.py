@@ -45,11 +45,13 @@ def fit(
     """
     from tci.authoring.fit_skin import fit_skins
 
-    told = fit_skins(skin, axis, origin)
+    fitted = fit_skins(skin, axis, origin)
     if as_json:
-        print_json({"file": skin, **told[0]} if Path(skin).is_file() and len(told) == 1 else {"skins": told})
+        print_json(
+            {"file": skin, **fitted[0]} if Path(skin).is_file() and len(fitted) == 1 else {"skins": fitted}
+        )
         return
-    for one in told:
+    for one in fitted:
         console.print(f"[bold]{one['name']}[/]  {one['taxels']} taxels, {one['channels']} channels")
         console.print(
             f"lattice: pitch {one['pitch_mm']:.1f} mm; taxels up to {one['neighbours_mm']:.1f} mm apart are "

@@ -48,8 +48,8 @@ def locate(
     if touches is not None:
         located = locate_taxels(read_touches(touches, words, surface), surface.positions)
         moved = np.linalg.norm(located.positions - surface.positions, axis=1)
-        told = {"patch": patch, "median_moved_mm": 1e3 * float(np.median(moved))}
-        line = f"{patch}: taxels moved by {told['median_moved_mm']:.1f} mm (median)"
+        report = {"patch": patch, "median_moved_mm": 1e3 * float(np.median(moved))}
+        line = f"{patch}: taxels moved by {report['median_moved_mm']:.1f} mm (median)"
     else:
         with Progress(console=console, disable=as_json, transient=True) as progress:
             task = progress.add_task("touching", total=count)
@@ -62,14 +62,14 @@ def locate(
             )
         located = done.located
         before, after = (1e3 * float(np.median(errors)) for errors in (done.before, done.after))
-        told = {"patch": patch, "touches": count, "before_mm": before, "after_mm": after,
+        report = {"patch": patch, "touches": count, "before_mm": before, "after_mm": after,
                 "p95_after_mm": 1e3 * float(np.quantile(done.after, 0.95))}  # fmt: skip
         line = f"{patch}: median error of the taxels' positions {before:.1f} mm before, {after:.1f} mm after"
     never = int((located.touches == 0).sum())
     if out is not None:
         write_taxels(out, surface, located)
     if as_json:
-        print_json({**told, "never_touched": never, "width_mm": 1e3 * located.width})
+        print_json({**report, "never_touched": never, "width_mm": 1e3 * located.width})
         return
     console.print(f"{line}; {never} of {len(located.touches)} taxels were never touched", highlight=False)
     if out is not None:

@@ -67,9 +67,9 @@ def router(
     close_session(session)
 
 
-def _users(told: Sequence[str] | None) -> dict[str, list[str]]:
+def _users(texts: Sequence[str] | None) -> dict[str, list[str]]:
     users = {}
-    for text in told or ():
+    for text in texts or ():
         name, equals, robots = text.partition("=")
         if not equals or not robots:
             raise DriverError(f"user {text!r}; valid: NAME=ROBOT or NAME=ROBOT,ROBOT")

@@ -35,11 +35,11 @@ def first_minutes(
     servos: Sequence[Servo],
     patches: Sequence[Patch],
     taxels: int | None = 12,
-    tell: Callable[[Finding], None] = lambda finding: None,
+    show: Callable[[Finding], None] = lambda finding: None,
 ) -> tuple[tuple[Finding, ...], float]:
     """Checks `servos`, then `taxels` of each of `patches` (None: all of them), with the operator's consent.
 
-    Calls `tell` with each finding at once. Does not move a robot part for which the observation found a fault
+    Calls `show` with each finding at once. Does not move a robot part for which the observation found a fault
     or warning, and moves nothing after a general fault. Returns all findings, and the largest motion [rad]
     that was measured. Raises DriverError if another program commands the robot or the robot disconnects, and
     what the operator raises.
@@ -49,7 +49,7 @@ def first_minutes(
     def note(findings: Iterator[Finding]) -> None:
         for finding in findings:
             found.append(finding)
-            tell(finding)
+            show(finding)
 
     check = ServoCheck(driver, operator)
     with commanding(driver):

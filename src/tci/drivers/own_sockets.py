@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from yarpwire.visitors import MOST, Visitor, surplus
+from yarpwire.connection_limit import MOST, AcceptedConnection, surplus
 
 try:
     import resource
@@ -26,7 +26,7 @@ except ModuleNotFoundError:  # Windows
     resource = None  # type: ignore[assignment]
 
 FOLDER = Path("/proc/self/fd")
-LOOK = 0.25
+INTERVAL = 0.25
 """Time [s] between two checks of a library's connections. Assumed: a flood of connections opens no more than
 a few hundred in that time."""
 SO_DOMAIN = 39
@@ -119,9 +119,9 @@ def on_loopback() -> AbstractContextManager[None]:
     return on_interface("lo")
 
 
-class Watch:
-    """Bounds the number of connections to a library's server in this process, as `Visitors` does for TCI's
-    own servers.
+class ConnectionMonitor:
+    """Bounds the number of connections to a library's server in this process, as `ConnectionLimit` does for
+    TCI's own servers.
 
     A connection is unverified until it has sent a byte.
     """
@@ -132,14 +132,14 @@ class Watch:
         """Number of connections that were closed."""
         self._closed = threading.Event()
         _open_more_files()
-        threading.Thread(target=self._keep_looking, name=f"connections to {port}", daemon=True).start()
+        threading.Thread(target=self._keep_checking, name=f"connections to {port}", daemon=True).start()
 
-    def look(self) -> None:
+    def check(self) -> None:
         """Closes the connections that exceed the bounds on number and on time without data."""
         now, going = time.monotonic(), set[str]()
-        found = [_visitor(partial(going.add, one.name), one, now) for one in self._connections()]
-        for visitor in surplus(found, now, self._most):
-            visitor.end()
+        found = [_connection(partial(going.add, one.name), one, now) for one in self._connections()]
+        for connection in surplus(found, now, self._most):
+            connection.end()
         for one in self._connections() if going else ():
             if one.name in going:
                 self.ended += 1
@@ -154,10 +154,10 @@ class Watch:
             if not one.flag(socket.SO_ACCEPTCONN) and one.port() == self._port:
                 yield one
 
-    def _keep_looking(self) -> None:
-        while not self._closed.wait(LOOK):
+    def _keep_checking(self) -> None:
+        while not self._closed.wait(INTERVAL):
             with suppress(OSError):  # a connection may end in the meantime
-                self.look()
+                self.check()
 
 
 def _open_more_files() -> None:
@@ -170,10 +170,10 @@ def _open_more_files() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
 
 
-def _visitor(end: Callable[[], None], one: OwnSocket, now: float) -> Visitor:
+def _connection(end: Callable[[], None], one: OwnSocket, now: float) -> AcceptedConnection:
     info = one.get(socket.IPPROTO_TCP, socket.TCP_INFO, INFO)
     (silent,), (received,) = (
         struct.unpack_from("=I", info, SILENT_AT),
         struct.unpack_from("=Q", info, RECEIVED_AT),
     )
-    return Visitor(end, now - silent / 1e3, bool(received))
+    return AcceptedConnection(end, now - silent / 1e3, bool(received))

@@ -68,20 +68,20 @@ class BodyGuard:
         self, index: NDArray[np.intp], stop: StopTrajectory, others: Sequence[JointGroup], measured: Array
     ) -> Reason | None:
         """Returns the result of `fault` by a check of the stops point by point."""
-        told, away = np.array(measured), np.zeros(len(measured))
-        told[index] = stop.here
-        away[index] = measured[index] - stop.here
+        reference, deviation = np.array(measured), np.zeros(len(measured))
+        reference[index] = stop.here
+        deviation[index] = measured[index] - stop.here
         for other in others:
-            here = told[other.index] = other.limiter.whole_state[0]
-            away[other.index] = measured[other.index] - self._before.get(other, here)
+            here = reference[other.index] = other.limiter.whole_state[0]
+            deviation[other.index] = measured[other.index] - self._before.get(other, here)
         duration = stop.duration
         longest = max((other.limiter.remaining for other in others), default=0.0)
         times = duration * SHARES
         if longest > duration:  # another group still moves when this one rests
             times = np.concatenate([times, duration + (longest - duration) * SHARES[1:]])
-        path = told[None].repeat(1 + len(times), axis=0)
+        path = reference[None].repeat(1 + len(times), axis=0)
         path[1:, index] = stop.states(times)[:, 0]
         for other in others:
             lead = self._period if other in self._waiting else 0.0
             path[1:, other.index] = other.limiter.stop_at(times + lead)
-        return self._body.fault(path) or self._body.fault(path + away)
+        return self._body.fault(path) or self._body.fault(path + deviation)

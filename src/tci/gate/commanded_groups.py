@@ -86,8 +86,8 @@ class CommandedGroups:
         if loose.size or not states:
             states = [*states, np.zeros((3, loose.size))]
             states[-1][0] = self.measured[loose]
-        told = frozen(states[0].copy() if len(states) == 1 else np.concatenate(states, axis=1))
-        self._shown = Reference(servos, modes, told[0], told[1])
+        state = frozen(states[0].copy() if len(states) == 1 else np.concatenate(states, axis=1))
+        self._shown = Reference(servos, modes, state[0], state[1])
         return self._shown
 
     def found(self, mode: Mode, servos: NDArray[np.intp]) -> list[JointGroup] | None:

@@ -74,7 +74,7 @@ class Gate:
         self._monitor = (
             JointMonitor(robot, self._settings.monitor) if self._settings.monitor is not None else None
         )
-        self._told, self._pushed = self._motion.reference, np.zeros(0)
+        self._reference, self._torque = self._motion.reference, np.zeros(0)
         self._stopped: Reason | None = None
         self._held: Reason | None = None
         self._credit, self._before = 1.0, -np.inf
@@ -160,8 +160,8 @@ class Gate:
         if self._monitor is not None:
             self._monitor.forget()
         self._motion.drop()
-        self._told = self._motion.reference
-        self._pushed = np.zeros(len(self._told.servos))
+        self._reference = self._motion.reference
+        self._torque = np.zeros(len(self._reference.servos))
 
     def step(
         self,
@@ -212,17 +212,17 @@ class Gate:
         due = self._is_due(now)
         if due:
             clamped += self._motion.step(now)
-        told = self._told = self._motion.reference
-        self._pushed = self._motion.torques(now, due=due)
+        reference = self._reference = self._motion.reference
+        self._torque = self._motion.torques(now, due=due)
         self._issued = SafeCommand(
             seal=self._seal,
             stamp=now,
             state=self.state,
-            servos=told.servos,
-            modes=told.modes,
-            position=told.position,
-            velocity=told.velocity,
-            torque=self._pushed,
+            servos=reference.servos,
+            modes=reference.modes,
+            position=reference.position,
+            velocity=reference.velocity,
+            torque=self._torque,
             stiffness=MappingProxyType(stiffness) if stiffness else _NONE,
             damping=MappingProxyType(damping) if damping else _NONE,
             clamped=tuple(clamped),
@@ -253,7 +253,7 @@ class Gate:
             self._motion.refuse(joints)
         else:
             monitor = self._monitor  # also in STOP: wrong data must not brake a joint
-            if monitor is not None and (fault := monitor.step(joints, self._told, self._pushed)):
+            if monitor is not None and (fault := monitor.step(joints, self._reference, self._torque)):
                 self.stop(fault)
             self._motion.see(joints, now, believed=monitor is None or not monitor.misled)
             reason = self._motion.fault_of_age(now, self.stale_after)

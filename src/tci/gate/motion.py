@@ -227,16 +227,16 @@ class Motion:
 
     def check_stiffness(self, command: PlatformCommand) -> None:
         """Raises CommandError if more stiffness would throw a yielding joint back to its equilibrium."""
-        told = self.reference
-        place = {servo: index for index, servo in enumerate(told.servos.tolist())}
+        reference = self.reference
+        place = {servo: index for index, servo in enumerate(reference.servos.tolist())}
         for servo, share in zip(command.servos.tolist(), command.values.tolist(), strict=True):
             if servo not in place or self.modes[servo] is not Mode.IMPEDANCE or share <= self._shares[servo]:
                 continue
-            away = abs(float(told.position[place[servo]] - self.groups.measured[servo]))
+            deviation = abs(float(reference.position[place[servo]] - self.groups.measured[servo]))
             monitor = self._settings.monitor
-            if monitor is not None and away > monitor.following_error:
+            if monitor is not None and deviation > monitor.following_error:
                 raise CommandError(
-                    f"{self.robot.servos[servo].name} is {np.rad2deg(away):.1f} degrees from its "
+                    f"{self.robot.servos[servo].name} is {np.rad2deg(deviation):.1f} degrees from its "
                     f"equilibrium; valid: no more stiffness than {self._shares[servo]:.2f} there",
                     code=Code.LIMITS_EXCEEDED,
                 )
@@ -259,9 +259,9 @@ class Motion:
         CommandError."""
         check_switch(self.robot, switch)
         servos = [servo for servo in switch.servos.tolist() if self.modes[servo] is not switch.mode]
-        told = self.reference
+        reference = self.reference
         moving = {
-            *told.servos[np.abs(told.velocity) > STILL].tolist(),
+            *reference.servos[np.abs(reference.velocity) > STILL].tolist(),
             *np.flatnonzero(np.abs(self._speed) > REST).tolist(),
         }
         for servo in servos:

@@ -105,9 +105,9 @@ def _parse(source: str, lines: list[str]) -> tuple[list[Bone], float, Array]:
         elif words[0] == "CHANNELS" and bones:
             names = tuple(words[2:])
             if words[1:2] != [str(len(names))] or len({*names} & {*CHANNELS}) != len(names):
-                told = shown(" ".join(words[1:]))
+                found = shown(" ".join(words[1:]))
                 valid = f"{', '.join(CHANNELS)}, each once, after their number"
-                raise refuse(source, number, f"channels {told}; valid: {valid}")
+                raise refuse(source, number, f"channels {found}; valid: {valid}")
             bones[current].channels, bones[current].first = names, channels
             channels += len(names)
         else:

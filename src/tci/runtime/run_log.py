@@ -74,13 +74,13 @@ class RunLog:
         if now_state != self._state:
             self._state = now_state
             reason = tick.sent.reason or "no fault any more"
-            self.tell(tick.now, state.name, f"{reason} ({MEANING[state]})")
+            self.write(tick.now, state.name, f"{reason} ({MEANING[state]})")
             self._ended = None if state is GateState.RUN else self._ended or tick.now
         if state is GateState.STOP or self.worst is GateState.RUN:
             self.worst = state
         if self._ended is not None and not (np.abs(tick.sent.velocity) > STILL).any():
             late = (tick.now - self._ended) * 1e3
-            self.tell(tick.now, "at rest", f"all servos are commanded to rest after {late:.0f} ms")
+            self.write(tick.now, "at rest", f"all servos are commanded to rest after {late:.0f} ms")
             self._ended = None
         self._judged(tick)
         for command in tick.commands:
@@ -95,13 +95,13 @@ class RunLog:
             self._begun.append((now, plan))
             expected = FAULTS[INJECTORS[plan.name].number].expected
             words = f"{plan}: {INJECTORS[plan.name].description}; expected: {expected}"
-            self.tell(now, "FAULT", words)
+            self.write(now, "FAULT", words)
         for begin, plan in self._begun:
             if plan not in self._over and now - begin >= plan.lasts:
                 self._over.add(plan)
-                self.tell(now, "over", f"{plan.name} has ended")
+                self.write(now, "over", f"{plan.name} has ended")
 
-    def tell(self, now: float, kind: str, words: str) -> None:
+    def write(self, now: float, kind: str, words: str) -> None:
         """Stores one event and passes it on."""
         event = Event(now, kind, words)
         self.events.append(event)
@@ -109,13 +109,13 @@ class RunLog:
 
     def outcome(self) -> list[dict[str, Any]]:
         """Returns for each fault its begin [s], the expected reaction, and the first reaction of the gate."""
-        told = []
+        lines = []
         for begin, plan in self._begun:
             after = [event for event in self.events if round(event.now, 4) >= round(begin, 4)]
             kinds = (("HOLD", "STOP"), ("MASK",))
             answers = [event for among in kinds for event in after if event.kind in among]
             first = answers[0] if answers else None
-            told.append(
+            lines.append(
                 {
                     "fault": plan.name,
                     "began_s": round(begin, 4),
@@ -125,14 +125,14 @@ class RunLog:
                     "why": first and first.words.partition(" (")[0],
                 }
             )
-        return told
+        return lines
 
     def _touches(self, tick: Tick) -> None:
         contacts = {contact.identity: contact for contact in tick.perception.contacts}
         for contact in (contacts[identity] for identity in contacts.keys() - self._contacts):
             where = f"{contact.segment} of {contact.part}" if contact.segment else contact.part
             if tick.now - self._touched.get(where, -np.inf) > LULL:
-                self.tell(tick.now, "touch", where)
+                self.write(tick.now, "touch", where)
             self._touched[where] = tick.now
         self._contacts = {*contacts}
 
@@ -146,17 +146,17 @@ class RunLog:
                 count = own.stop - own.start
                 others = "none is left" if masked == count else "the others are used"
                 words = f"{name}: {masked} of {count} taxels are masked as faulty; {others}"
-                self.tell(tick.now, "MASK", words)
+                self.write(tick.now, "MASK", words)
 
     def _judged(self, tick: Tick) -> None:
         for reason in tick.sent.refusals:
             if self.refused.add(reason, tick.now):
-                self.tell(tick.now, "refused", reason.text)
+                self.write(tick.now, "refused", reason.text)
         for clamp in tick.sent.clamped:
             if self.clamped.add(clamp, tick.now):
-                self.tell(tick.now, "clamped", str(clamp))
+                self.write(tick.now, "clamped", str(clamp))
 
     def _command(self, now: float, command: GenericCommand) -> None:
         if self._modes.get(command.part) is not command.mode:
             self._modes[command.part] = command.mode
-            self.tell(now, "command", f"{command.part} in {command.mode.value} mode")
+            self.write(now, "command", f"{command.part} in {command.mode.value} mode")

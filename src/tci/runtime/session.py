@@ -96,7 +96,7 @@ class Session:
         def take_notes(memory: Any) -> bool:
             for note in self._capability.notes(memory):
                 if notes.add(Reason.of(note), clock.now()):
-                    log.tell(clock.now(), "NOTE", note)
+                    log.write(clock.now(), "NOTE", note)
             return False
 
         with _quiet_threads() if self.driver is not self.source else contextlib.nullcontext():
@@ -112,18 +112,18 @@ class Session:
                 log.tell_faults(clock.now())
                 rest = "; the robot was brought to rest" if self.driver.armed else ""
                 log.worst = GateState.STOP
-                log.tell(clock.now(), "STOP", f"{self.report.ended}{self._place(error)}{rest}")
+                log.write(clock.now(), "STOP", f"{self.report.ended}{self._place(error)}{rest}")
         if self.result is not None and self.result.refused_all:
-            log.tell(clock.now(), "refused", "every command was refused, so the capability moved nothing")
+            log.write(clock.now(), "refused", "every command was refused, so the capability moved nothing")
         if self.report.cut_short:
-            log.tell(clock.now(), "at rest", "the run ended during a motion; a hold stopped it")
+            log.write(clock.now(), "at rest", "the run ended during a motion; a hold stopped it")
         if notes.counts[OTHERS]:
-            log.tell(clock.now(), "NOTE", "further notes are not shown")
+            log.write(clock.now(), "NOTE", "further notes are not shown")
 
     def to_json(self) -> dict[str, Any]:
         """Returns all that is known of the run as JSON values."""
         counts = self.driver.gate.counts
-        told: dict[str, Any] = {
+        fields: dict[str, Any] = {
             "state": self.driver.gate.state.value,
             "worst": self.log.worst.value,
             "events": [event.to_json() for event in self.log.events],
@@ -135,13 +135,13 @@ class Session:
             "loop": self.report.to_json(),
         }  # fmt: skip
         if self.result is not None:
-            told |= {"touched_N": dict(self.result.touched), "moved_rad": dict(self.result.moved)}
+            fields |= {"touched_N": dict(self.result.touched), "moved_rad": dict(self.result.moved)}
         if self.recorder is not None:
-            told["recording"] = self.recorder.to_json()
+            fields["recording"] = self.recorder.to_json()
         if isinstance(self.source, ReplayDriver):
-            told["replay"] = {"compared": self.source.compared, "different": len(self.source.different),
+            fields["replay"] = {"compared": self.source.compared, "different": len(self.source.different),
                               "other_versions": self.source.changed}  # fmt: skip
-        return told
+        return fields
 
     def _place(self, error: BaseException) -> str:
         """Returns the file and line of an error in the capability's own file; empty for one elsewhere."""
@@ -198,9 +198,9 @@ def _quiet_threads() -> Iterator[None]:
     """Suppresses the traceback of a thread that an injected fault ends on purpose."""
     usual = threading.excepthook
 
-    def hook(told: threading.ExceptHookArgs) -> None:
-        if told.thread is None or told.thread.name != THREAD:
-            usual(told)
+    def hook(failed: threading.ExceptHookArgs) -> None:
+        if failed.thread is None or failed.thread.name != THREAD:
+            usual(failed)
 
     threading.excepthook = hook
     try:

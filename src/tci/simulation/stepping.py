@@ -15,7 +15,7 @@ from numba import float64, int64, types
 from tci.compiled import compiled, inlined, reads, returns, views, writes
 from tci.engine import mujoco
 from tci.frames import Array
-from tci.simulation.feeling import DUE, SKIN, SLOTS, Arrays, feel
+from tci.simulation.sampling import DUE, SKIN, SLOTS, Arrays, sample
 
 SETPOINT, STRIDE, LAG, LEAD, RATIO, SHIFT = range(6)
 """Rows of the state of moving joints (6, k): set-point [rad], its change per step, limit of the error [rad]
@@ -219,7 +219,7 @@ def march(
             if number + 1 >= patches[patch, DUE]:
                 if whole[AHEAD] != number + 1:
                     _look_ahead(model, data, number + 1, moved, warm, here, whole)
-                full |= feel(patch, number + 1, skin) > SLOTS
+                full |= sample(patch, number + 1, skin) > SLOTS
             due = min(due, patches[patch, DUE])
         if full:
             return number + 1

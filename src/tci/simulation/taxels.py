@@ -11,7 +11,7 @@ from tci.errors import TciError
 from tci.frames import Array, read_only
 from tci.messages import SkinFrame
 from tci.robot.description import Patch
-from tci.simulation import feeling as at
+from tci.simulation import sampling as at
 from tci.simulation.kernel import ROWS, width
 from tci.simulation.physics import Physics
 from tci.simulation.touch import floor_sensor, skin_geom
@@ -37,8 +37,8 @@ class Taxels:
         self._physics = physics
         self._noise = noise
         self._generator = generator
-        self._words = np.zeros((len(patches), 14), dtype=np.int64)
-        sizes, positions, taxels, channels, nodes = (
+        self._integers = np.zeros((len(patches), 14), dtype=np.int64)
+        floats, positions, taxels, channels, nodes = (
             [],
             [np.zeros((0, 3))],
             [np.zeros((0, 7))],
@@ -48,22 +48,22 @@ class Taxels:
         floors = {one.name: one.adr[0] for one in map(physics.model.sensor, range(physics.model.nsensor))}
         for number, patch in enumerate(patches):
             surface, sensor = surfaces[patch.name], patch.sensor
-            name, words = skin_geom(patch.name), self._words[number]
-            words[at.SENSOR] = physics.model.sensor(name).adr[0]
-            words[at.FLOOR] = floors.get(floor_sensor(patch.name), -1)
-            words[at.BODY] = physics.model.geom_bodyid[physics.model.geom(name).id]
-            words[at.BEGIN] = sum(map(len, positions))
-            words[at.END] = words[at.BEGIN] + len(surface.positions)
-            words[at.CHANNEL] = sum(patch.channels for patch in patches[:number])
-            words[at.NODE] = sum(one.shape[1] for one in nodes)
-            words[at.NODES] = words[at.NODE] + len(sensor.response)
-            words[at.AXES] = sensor.axes
+            name, integers = skin_geom(patch.name), self._integers[number]
+            integers[at.SENSOR] = physics.model.sensor(name).adr[0]
+            integers[at.FLOOR] = floors.get(floor_sensor(patch.name), -1)
+            integers[at.BODY] = physics.model.geom_bodyid[physics.model.geom(name).id]
+            integers[at.BEGIN] = sum(map(len, positions))
+            integers[at.END] = integers[at.BEGIN] + len(surface.positions)
+            integers[at.CHANNEL] = sum(patch.channels for patch in patches[:number])
+            integers[at.NODE] = sum(one.shape[1] for one in nodes)
+            integers[at.NODES] = integers[at.NODE] + len(sensor.response)
+            integers[at.AXES] = sensor.axes
             x = tangents(surface.normals) if surface.tangents is None else surface.tangents
             shear = sensor.shear_pascal_per_count if sensor.axes == 3 else 1.0
             # A rigid plate distributes a force over all its taxels, at any distance.
             half = 0.5 * float(np.ptp(surface.positions, axis=0).max())
             outward = surface.normals.mean(axis=0)
-            sizes.append([
+            floats.append([
                 sensor.rest, sensor.pascal_per_count, shear, patch.rate * physics.step,
                 half if patch.rigid else width(surface.areas), half,
                 *(outward / max(float(np.linalg.norm(outward)), 1e-9)),
@@ -74,22 +74,22 @@ class Taxels:
             nodes.append(np.array(sensor.response).reshape(-1, 2).T)
         count = sum(map(len, positions))
         self._lists = np.zeros((at.AROUND + at.SLOTS + 1, count), dtype=np.int64)
-        for words in self._words:
-            begin, end = words[[at.BEGIN, at.END]]
+        for integers in self._integers:
+            begin, end = integers[[at.BEGIN, at.END]]
             self._lists[at.ALL, begin:end] = np.arange(end - begin)
         spots = np.full((len(patches) * (at.SLOTS + 1), 5), -np.inf)
-        self._total = np.zeros((4, count))
+        self._load = np.zeros((4, count))
         self._values = np.concatenate(
             [np.full(patch.channels, float(patch.sensor.rest)) for patch in patches] or [np.zeros(0)]
         )
         data = physics.data
         self.arrays = (
-            physics.sensors, data.xpos, data.xmat, self._words, np.array(sizes).reshape(-1, 9),
+            physics.sensors, data.xpos, data.xmat, self._integers, np.array(floats).reshape(-1, 9),
             np.concatenate(positions), np.concatenate(taxels), np.array(channels, dtype=np.int64),
-            np.concatenate(nodes, axis=1), self._total, self._lists, spots,
+            np.concatenate(nodes, axis=1), self._load, self._lists, spots,
             np.empty((ROWS + 1, max(9, count))), self._values,
         )  # fmt: skip
-        """Arguments of the loops in `feeling`."""
+        """Arguments of the loops in `sampling`."""
         # All frames at rest share one read-only array, so a reader that recognises it can skip its values.
         self._rest = [_raw(patch, np.full(patch.channels, patch.sensor.rest)) for patch in patches]
         self._frames: list[SkinFrame] = []
@@ -99,7 +99,7 @@ class Taxels:
     @property
     def due(self) -> int:
         """Step in which the next frame is taken; the largest integer without skin."""
-        return int(self._words[:, at.DUE].min(initial=np.iinfo(np.int64).max))
+        return int(self._integers[:, at.DUE].min(initial=np.iinfo(np.int64).max))
 
     @property
     def noisy(self) -> bool:
@@ -109,9 +109,9 @@ class Taxels:
     def reset(self) -> None:
         """Takes the first frame now. Raises TciError as `frames` does."""
         self._physics.refresh()
-        self._words[:, at.COUNT] = -1
+        self._integers[:, at.COUNT] = -1
         for number in range(len(self._patches)):
-            at.feel_now(number, self._physics.steps, self.arrays)
+            at.sample_now(number, self._physics.steps, self.arrays)
         self._frames = [self._frame(number) for number in range(len(self._patches))]
         self._until = -1
 
@@ -121,7 +121,7 @@ class Taxels:
         Raises TciError if a patch had more contacts than slots.
         """
         if self._physics.steps >= self._until:
-            for number, count in enumerate(self._words[:, at.COUNT].tolist()):
+            for number, count in enumerate(self._integers[:, at.COUNT].tolist()):
                 if self._frames[number].sequence != count:
                     self._frames[number] = self._frame(number)
             sent = zip(self._patches, self._frames, strict=True)
@@ -130,18 +130,18 @@ class Taxels:
         return self._latest
 
     def _frame(self, number: int) -> SkinFrame:
-        patch, words = self._patches[number], self._words[number]
-        found = int(words[at.TOUCHED])
+        patch, integers = self._patches[number], self._integers[number]
+        found = int(integers[at.TOUCHED])
         self._check(number, found)
         values = self._rest[number]
         if found or self._noise:
-            begin = words[at.CHANNEL]
+            begin = integers[at.CHANNEL]
             counts = self._values[begin : begin + patch.channels].copy() if found else values.astype(float)
             if self._noise:
                 counts += self._generator.normal(0.0, self._noise, len(counts))
             values = _raw(patch, counts)
         return SkinFrame(
-            patch.name, float(words[at.TAKEN]) * self._physics.step, int(words[at.COUNT]), values
+            patch.name, float(integers[at.TAKEN]) * self._physics.step, int(integers[at.COUNT]), values
         )
 
     def vectors(self, patch: str) -> Array:
@@ -151,11 +151,11 @@ class Taxels:
         """
         self._physics.refresh()
         number = self.worn[patch]
-        begin, end = self._words[number, [at.BEGIN, at.END]]
-        found = at.feel_now(number, -1, self.arrays)
+        begin, end = self._integers[number, [at.BEGIN, at.END]]
+        found = at.sample_now(number, -1, self.arrays)
         self._check(number, found)
-        vectors = self._total[:3, : end - begin].T.copy()
-        self._total[:] = 0.0
+        vectors = self._load[:3, : end - begin].T.copy()
+        self._load[:] = 0.0
         return vectors
 
     def _check(self, number: int, found: int) -> None:

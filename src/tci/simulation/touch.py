@@ -11,8 +11,8 @@ from scipy.spatial import ConvexHull
 from tci.engine import mujoco
 from tci.frames import Array, apply
 from tci.robot.collisions import GROUND, SKIN
-from tci.simulation.feeling import SLOTS
 from tci.simulation.physics import Physics
+from tci.simulation.sampling import SLOTS
 from tci.skin.surfaces import Surface
 from tci.skin.triangulation import is_sheet
 

@@ -104,7 +104,7 @@ class Viewer:
         while self._clicks:
             self._clicked(*self._clicks.pop(0))
         if words:
-            self._tell()
+            self._show_events()
             self._plots.update({key: source.history for key, source in self.sources.items()})
             for controls in self.controls.values():
                 controls.update()
@@ -240,12 +240,12 @@ class Viewer:
         for session in self.sessions.values():
             session.pace = pace
 
-    def _tell(self) -> None:
-        told: list[tuple[str, float, str]] = []
+    def _show_events(self) -> None:
+        events: list[tuple[str, float, str]] = []
         for key, source in self.sources.items():
             _set(self._badges[key], badge(_title(source), source.view, source.ended, source.loop_words))
-            told += [(_title(source), stamp, words) for stamp, words in list(source.events)[-6:]]
-        _set(self._events, event_list(sorted(told, key=lambda event: -event[1])[:8]))
+            events += [(_title(source), stamp, words) for stamp, words in list(source.events)[-6:]]
+        _set(self._events, event_list(sorted(events, key=lambda event: -event[1])[:8]))
 
 
 def _set(handle: viser.GuiHtmlHandle | viser.GuiMarkdownHandle, content: str) -> None:

@@ -130,7 +130,7 @@ class Controls:
         with self._gui.add_folder("recording", expand_by_default=False):
             name = self.file = self._gui.add_text("file", self._free_name())
             button = self._gui.add_button("Record", color="red")
-            told = self._gui.add_markdown(f"writes to `{self._folder}`")
+            label = self._gui.add_markdown(f"writes to `{self._folder}`")
 
         @button.on_click
         def _(_: object) -> None:
@@ -139,18 +139,18 @@ class Controls:
                     path = inside(self._folder, name.value)
                     self._folder.mkdir(parents=True, exist_ok=True)
                     self._session.record(path)
-                    button.label, told.content = "Stop recording", f"recording to `{path}`"
+                    button.label, label.content = "Stop recording", f"recording to `{path}`"
                 else:
-                    button.disabled, told.content = True, "compressing ..."
+                    button.disabled, label.content = True, "compressing ..."
                     recorder = self._session.stop_recording()
                     button.disabled, button.label = False, "Record"
                     if recorder is not None:
                         size = recorder.path.stat().st_size / 1e6
                         words = recorder.failed or f"{recorder.ticks} periods, {size:.2f} MB"
-                        told.content = f"`{recorder.path}`: {words}"
+                        label.content = f"`{recorder.path}`: {words}"
                     name.value = self._free_name()  # type: ignore[misc] # viser's types say read-only
             except (TciError, OSError) as error:
-                told.content = f"**{error}**"
+                label.content = f"**{error}**"
 
     def _free_name(self) -> str:
         number = 1

@@ -29,7 +29,7 @@ from websockets.datastructures import Headers, MultipleValuesError
 from websockets.http11 import Request, Response
 
 from tci.errors import DriverError, TciError
-from yarpwire.visitors import PATIENCE, Visitors
+from yarpwire.connection_limit import PATIENCE, ConnectionLimit
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 ALIVE = "/alive"
@@ -59,7 +59,7 @@ class Guard:
 
         def judge(connection: Any, request: Request) -> Response | None:
             reason = self.refusal(request)
-            connection.visitor.verified = not reason
+            connection.counted.verified = not reason
             if reason:
                 self.refused += 1
                 body = f"{reason}\n".encode()
@@ -123,7 +123,7 @@ class Guard:
 
 def _bounded() -> type[ServerConnection]:
     """Returns the connection class of one server; its connections share a counter."""
-    visitors = Visitors()
+    limit = ConnectionLimit()
 
     class Bounded(ServerConnection):
         """A connection that closes if there are too many; untrusted until its request is permitted."""
@@ -131,15 +131,15 @@ def _bounded() -> type[ServerConnection]:
         def connection_made(self, transport: asyncio.BaseTransport) -> None:
             super().connection_made(transport)
             assert isinstance(transport, asyncio.WriteTransport)
-            self.visitor = visitors.welcome(transport.abort)
+            self.counted = limit.add(transport.abort)
 
         def data_received(self, data: bytes) -> None:
-            if self.visitor.verified:
-                self.visitor.mark_verified()
+            if self.counted.verified:
+                self.counted.mark_verified()
             super().data_received(data)
 
         def connection_lost(self, exc: Exception | None) -> None:
-            visitors.leave(self.visitor)
+            limit.remove(self.counted)
             super().connection_lost(exc)
 
     return Bounded

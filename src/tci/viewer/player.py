@@ -166,9 +166,9 @@ class Player:
                 f"{recording.path} has no complete period; valid: a recording of a run (tci log info)"
             )
         self.touches = tuple(find_touches(periods))
-        self._tell(periods)
+        self._list_events(periods)
 
-    def _tell(self, periods: list[Perceived]) -> None:
+    def _list_events(self, periods: list[Perceived]) -> None:
         by_time = {period.now: period for period in periods}
         for touch in self.touches:
             contacts = [c for c in by_time[touch.began].perception.contacts if c.part == touch.part]

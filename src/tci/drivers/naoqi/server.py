@@ -16,7 +16,7 @@ from tci.drivers.driver import Driver
 from tci.drivers.naoqi import services
 from tci.drivers.naoqi.board import Board
 from tci.drivers.naoqi.session import PORT, first_line
-from tci.drivers.own_sockets import Watch
+from tci.drivers.own_sockets import ConnectionMonitor
 from tci.drivers.server import Server
 from tci.errors import DriverError
 from tci.gate.safe_command import SafeCommand
@@ -46,7 +46,7 @@ class NaoqiServer(Server):
         except RuntimeError as error:
             reason = "the port is taken" if "in use" in str(error) else first_line(error)
             raise DriverError(f"can't listen at {url}: {reason}; valid: --via naoqi:HOST:PORT") from None
-        self._watch = Watch(int(self._session.endpoints()[0].rpartition(":")[2]))
+        self._monitor = ConnectionMonitor(int(self._session.endpoints()[0].rpartition(":")[2]))
 
     def where(self) -> str:
         return f"NAOqi at {', '.join(self._session.endpoints())}"
@@ -71,6 +71,6 @@ class NaoqiServer(Server):
         self._board.gate = ["refused", reason.text]
 
     def close(self) -> None:
-        self._watch.close()
+        self._monitor.close()
         with suppress(RuntimeError):
             self._session.close()

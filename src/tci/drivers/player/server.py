@@ -56,7 +56,7 @@ from tci.exports.facts import query
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Perception, Reading, SkinFrame
 from tci.robot.joint_map import initial_position
-from yarpwire.visitors import Visitor, Visitors
+from yarpwire.connection_limit import AcceptedConnection, ConnectionLimit
 
 BACKLOG = 128
 """Largest number of connections that wait and that are accepted in one period. Assumed: bounds the time that
@@ -76,7 +76,7 @@ class _Client:
     """One connection."""
 
     socket: socket.socket
-    visitor: Visitor
+    counted: AcceptedConnection
     stream: Stream = field(default_factory=Stream)
     out: bytearray = field(default_factory=bytearray)
     devices: set[tuple[int, int]] = field(default_factory=set)
@@ -127,7 +127,7 @@ class PlayerServer(RemoteServer):
         """Error for which a client was last disconnected."""
         self._facts = blob(query(driver.robot).model_dump_json().encode())
         self._clients: list[_Client] = []
-        self._visitors = Visitors()
+        self._limit = ConnectionLimit()
         try:
             self._listener = socket.create_server((host, self.port), backlog=BACKLOG)
         except OSError as error:
@@ -171,7 +171,7 @@ class PlayerServer(RemoteServer):
         with contextlib.suppress(BlockingIOError, OSError):
             for _ in range(BACKLOG):
                 self._add_client(self._listener.accept()[0])
-        self._visitors.look()
+        self._limit.trim()
         for client in list(self._clients):
             with self._drop_on_error(client):
                 self._read_messages(client)
@@ -203,7 +203,7 @@ class PlayerServer(RemoteServer):
     def _add_client(self, connection: socket.socket) -> None:
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        client = _Client(connection, self._visitors.welcome(connection.close))
+        client = _Client(connection, self._limit.add(connection.close))
         client.out += b"Player v.3.1.1 (TCI)".ljust(GREETING, b"\0")
         self._clients.append(client)
 
@@ -219,7 +219,7 @@ class PlayerServer(RemoteServer):
             self._drop(client)
 
     def _drop(self, client: _Client) -> None:
-        self._visitors.leave(client.visitor)
+        self._limit.remove(client.counted)
         client.socket.close()
         self._clients.remove(client)
 
@@ -234,7 +234,7 @@ class PlayerServer(RemoteServer):
             if not data:
                 raise OSError("gone")
             for message in client.stream.feed(data):
-                client.visitor.mark_verified()
+                client.counted.mark_verified()
                 if message.kind == Kind.REQUEST:
                     self._answer(client, message)
                 elif message.kind == Kind.COMMAND:

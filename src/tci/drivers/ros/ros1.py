@@ -23,7 +23,7 @@ from urllib.parse import urlsplit
 from xmlrpc.client import ServerProxy, Transport
 
 from tci.drivers.driver import Driver
-from tci.drivers.own_sockets import Watch, listening
+from tci.drivers.own_sockets import ConnectionMonitor, listening
 from tci.drivers.remote.hosts import numeric
 from tci.drivers.ros.driver import WAIT, RosDriver
 from tci.drivers.ros.names import token
@@ -33,7 +33,7 @@ from tci.drivers.ros.tree import Trees
 from tci.errors import DriverError, MissingExtraError
 from tci.robot.description import Robot
 from tci.rosmsg.cdr import MessageType
-from yarpwire.visitors import MOST
+from yarpwire.connection_limit import MOST
 
 PLACES = ("/opt/ros/noetic/lib/python3/dist-packages", "/usr/lib/python3/dist-packages")
 """Folders in which ROS 1 and Debian install their Python packages."""
@@ -97,7 +97,7 @@ class Ros1Node(RosNode):
             self._rospy.init_node(name, anonymous=True, disable_signals=True)
             self._serve_in_threads()
             for port in listening() - others:
-                Watch(port)  # runs to the end of this process, as the node does
+                ConnectionMonitor(port)  # runs to the end of this process, as the node does
         self._topics: list[Any] = []
 
     def _serve_in_threads(self) -> None:

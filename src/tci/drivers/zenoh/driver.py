@@ -18,7 +18,7 @@ import zenoh
 
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.driver import Driver
-from tci.drivers.own_sockets import Watch, listening
+from tci.drivers.own_sockets import ConnectionMonitor, listening
 from tci.drivers.remote.driver import RemoteDriver
 from tci.drivers.remote.encoding import frame_bytes, orders_bytes, state_bytes, to_orders, to_skin, to_state
 from tci.drivers.remote.protocol import Orders, SessionFrame, State
@@ -115,7 +115,7 @@ class ZenohServer(RemoteServer):
         before = listening()
         self.session = open_session(self._where, "listen")
         """The session."""
-        self._watches = [Watch(port) for port in listening() - before]
+        self._monitors = [ConnectionMonitor(port) for port in listening() - before]
         self.rejected = 0
         """Number of messages that were no orders for this robot."""
         self._orders = self.session.declare_subscriber(
@@ -149,8 +149,8 @@ class ZenohServer(RemoteServer):
         self._frames[frame.patch].put(frame_bytes(self.driver.robot, SessionFrame(self.number, frame)))
 
     def close(self) -> None:
-        for watch in self._watches:
-            watch.close()
+        for monitor in self._monitors:
+            monitor.close()
         close_session(self.session)
 
 

@@ -10,13 +10,14 @@ import zenoh
 
 from tci.drivers.remote.address import RemoteAddress, parse_remote
 from tci.errors import DriverError
-from yarpwire.visitors import PATIENCE
+from yarpwire.connection_limit import PATIENCE
 
 ENDPOINT = "tcp/127.0.0.1:7447"
 """Default endpoint at which a robot is served: this machine only."""
 VALID = "valid: [NAME@]PROTOCOL/HOST:PORT, as in tcp/10.0.0.5:7447, or [NAME@]FILE.json5"
 PENDING = 10_000
-"""Unauthenticated connections that Zenoh lets wait before it refuses more: larger than `Watch` allows."""
+"""Unauthenticated connections that Zenoh lets wait before it refuses more: larger than `ConnectionMonitor`
+allows."""
 LEASE = 2000
 """Silence [ms] after which a connection counts as broken and is opened again. Assumed: short network failures
 do not end it."""

@@ -116,14 +116,14 @@ def follow_stop(stop: Array, times: Array, states: Array) -> None:
 
 
 @compiled(void(views(1, int64), views(1), views(1), reads(2), writes(2)))
-def take_room(index: NDArray[np.intp], measured: Array, told: Array, span: Array, box: Array) -> None:
+def take_room(index: NDArray[np.intp], measured: Array, reference: Array, span: Array, box: Array) -> None:
     """Writes the least and largest angles of servos `index` (n,) into `box` (2, n_servos).
 
     Their references stay in `span` (2, n), and they may deviate from it by their present deviation:
-    `measured` (n_servos,) from `told` (n,). All in [rad].
+    `measured` (n_servos,) from `reference` (n,). All in [rad].
     """
     for i in range(len(index)):
         servo = index[i]
-        away = measured[servo] - told[i]
-        box[0, servo] = span[0, i] + min(away, 0.0)
-        box[1, servo] = span[1, i] + max(away, 0.0)
+        deviation = measured[servo] - reference[i]
+        box[0, servo] = span[0, i] + min(deviation, 0.0)
+        box[1, servo] = span[1, i] + max(deviation, 0.0)

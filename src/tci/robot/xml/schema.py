@@ -70,7 +70,7 @@ def _walk(tag: str, element: Element, above: str = "") -> Iterator[tuple[str, El
 
 
 def _holds(element: Element) -> str:
-    def told(name: str, value: Value) -> str:
+    def described(name: str, value: Value) -> str:
         default = element.default(name)
         notes = [value.says, "" if default in (None, "") else f"default {value.write(default)}"]
         note = "; ".join(filter(None, notes))
@@ -78,8 +78,8 @@ def _holds(element: Element) -> str:
 
     parts = [
         element.text.says or "number" if element.text else "",
-        ", ".join(told(name, value) for name, value in element.needs.items()),
-        "optional " + ", ".join(told(name, value) for name, value in element.may.items())
+        ", ".join(described(name, value) for name, value in element.needs.items()),
+        "optional " + ", ".join(described(name, value) for name, value in element.may.items())
         if element.may
         else "",
         "children " + ", ".join(f"`{tag}`" for tag in element.children) if element.children else "",

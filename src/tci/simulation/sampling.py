@@ -31,7 +31,7 @@ X, Y, AREA = 0, 3, 6
 """Columns of a taxel (7): its tangents, its area [m2]."""
 PRESSING, MARK = 2, 3
 """Rows of the load on taxels (4): force [N] along x, along y and normal; 1 for an active taxel, else 0."""
-ALL, NEAR, FELT, LATEST, AROUND = range(5)
+ALL, NEAR, ACTIVE, LATEST, AROUND = range(5)
 """Rows of lists of taxels, by their number in the patch: all; those near a contact; active ones; those active
 in the latest frame; those around each contact, a row for each slot and the floor."""
 CENTRE, RADIUS, MEMBERS = 0, 3, 4
@@ -42,7 +42,7 @@ SKIN = returns(
     writes(2), writes(2, int64), writes(2), writes(2), writes(1),
 )  # fmt: skip
 """Types of the data of all patches: MuJoCo's sensors, positions and orientations of links; `patches` and
-their `sizes`; positions of taxels, their tangents and areas, their channels; nodes of responses; load on
+their `floats`; positions of taxels, their tangents and areas, their channels; nodes of responses; load on
 taxels; lists of taxels; centres of the lists; workspace; values of the channels."""
 Arrays = tuple[Array, ...]
 _SLACK = 1.0
@@ -97,38 +97,38 @@ def _share(
 
 @inlined
 def _add(force: float, x: float, y: float, z: float, count: int, axes: int, taxels: Array, lists: Array,
-         felt: int, total: Array, work: Array) -> int:  # fmt: skip
+         active: int, load: Array, work: Array) -> int:  # fmt: skip
     """Adds the shares of a normal force to the taxels `NEAR`, and, for three axes, those of a tangential
     force (x, y, z) [N]. Returns the number of active taxels."""
     for j in range(count):
         k, share = lists[NEAR, j], work[SHARE, j]
-        if total[MARK, k] == 0.0:
-            total[MARK, k] = 1.0
-            lists[FELT, felt] = k
-            felt += 1
-        total[PRESSING, k] += force * share
+        if load[MARK, k] == 0.0:
+            load[MARK, k] = 1.0
+            lists[ACTIVE, active] = k
+            active += 1
+        load[PRESSING, k] += force * share
         if axes == 3:
             row = taxels[k]
-            total[0, k] += share * (row[X] * x + row[X + 1] * y + row[X + 2] * z)
-            total[1, k] += share * (row[Y] * x + row[Y + 1] * y + row[Y + 2] * z)
-    return felt
+            load[0, k] += share * (row[X] * x + row[X + 1] * y + row[X + 2] * z)
+            load[1, k] += share * (row[Y] * x + row[Y + 1] * y + row[Y + 2] * z)
+    return active
 
 
 @inlined
 def press(patch: int, skin: Arrays) -> tuple[int, int]:
-    """Writes the active taxels of a patch, `FELT`, and the forces [N] on them.
+    """Writes the active taxels of a patch, `ACTIVE`, and the forces [N] on them.
 
     Returns the number of contacts (a floor's counts only if there is no other) and the number of active
     taxels, which is 0 if there are more contacts than slots.
     """
-    sensors, centres, turns, patches, sizes, positions, taxels, _, _, total, lists, spots, work, _ = skin
-    words, size = patches[patch], sizes[patch]
-    start, begin, end, body = words[SENSOR], words[BEGIN], words[END], words[BODY]
-    found, floor = int(sensors[start + FOUND]), words[FLOOR]
+    sensors, centres, turns, patches, floats, positions, taxels, _, _, load, lists, spots, work, _ = skin
+    integers, numbers = patches[patch], floats[patch]
+    start, begin, end, body = integers[SENSOR], integers[BEGIN], integers[END], integers[BODY]
+    found, floor = int(sensors[start + FOUND]), integers[FLOOR]
     carried = floor >= 0 and sensors[floor + FOUND] > 0.0
-    felt = 0
+    active = 0
     if (found == 0 and not carried) or found > SLOTS:
-        return found, felt
+        return found, active
     point, way, tangent = work[ROWS, :3], work[ROWS, 3:6], work[ROWS, 6:9]
     places, own, spots = positions[begin:end], taxels[begin:end], spots[(SLOTS + 1) * patch :]
     mine = lists[:, begin:end]
@@ -148,15 +148,15 @@ def press(patch: int, skin: Arrays) -> tuple[int, int]:
         if number < 0:
             # A floor loads the whole of a padded sole, not the corners of its hull. The axes of its sensor
             # are those of the world.
-            row, sigma, pressing = SLOTS, size[SIZE], 0.0
+            row, sigma, pressing = SLOTS, numbers[SIZE], 0.0
             x = y = z = 0.0
             for i in range(3):
-                way[i] = size[OUTWARD + i]
+                way[i] = numbers[OUTWARD + i]
                 a, b, c = turns[body, i], turns[body, 3 + i], turns[body, 6 + i]
                 pressing += (a * first + b * second + c * third) * way[i]
             pressing = abs(pressing)
         else:
-            row, sigma, pressing = number, size[WIDTH], first
+            row, sigma, pressing = number, numbers[WIDTH], first
             third_x = way[1] * tangent[2] - way[2] * tangent[1]
             third_y = way[2] * tangent[0] - way[0] * tangent[2]
             third_z = way[0] * tangent[1] - way[1] * tangent[0]
@@ -164,8 +164,8 @@ def press(patch: int, skin: Arrays) -> tuple[int, int]:
             y = -(second * tangent[1] + third * third_y)
             z = -(second * tangent[2] + third * third_z)
         near = _share(places, point, way, sigma, mine, row, spots[row], work)
-        felt = _add(pressing, x, y, z, near, words[AXES], own, mine, felt, total, work)
-    return max(found, 1), felt
+        active = _add(pressing, x, y, z, near, integers[AXES], own, mine, active, load, work)
+    return max(found, 1), active
 
 
 @inlined
@@ -182,42 +182,44 @@ def _counts(pressure: float, begin: int, end: int, nodes: Array, per_count: floa
 
 
 @inlined
-def feel(patch: int, step: int, skin: Arrays) -> int:
+def sample(patch: int, step: int, skin: Arrays) -> int:
     """Takes a patch's next frame at the end of a step: writes the unrounded values [counts] of channels that
     are active or were so in the frame before.
 
-    With `step` -1 it takes no frame: forces are left in `total`. Returns the number of contacts.
+    With `step` -1 it takes no frame: forces are left in `load`. Returns the number of contacts.
     """
-    _, _, _, patches, sizes, _, taxels, channels, nodes, total, lists, _, _, values = skin
-    words, size = patches[patch], sizes[patch]
-    begin, axes = words[BEGIN], words[AXES]
-    latest = lists[LATEST, begin : words[END]]
-    found, felt = press(patch, skin)
+    _, _, _, patches, floats, _, taxels, channels, nodes, load, lists, _, _, values = skin
+    integers, numbers = patches[patch], floats[patch]
+    begin, axes = integers[BEGIN], integers[AXES]
+    latest = lists[LATEST, begin : integers[END]]
+    found, active = press(patch, skin)
     if step < 0:
         return found
-    for j in range(words[PRESSED]):
-        at = words[CHANNEL] + axes * channels[begin + latest[j]]
+    for j in range(integers[PRESSED]):
+        at = integers[CHANNEL] + axes * channels[begin + latest[j]]
         for axis in range(axes):
-            values[at + axis] = size[REST]
-    words[COUNT] += 1
-    words[DUE] = max(math.ceil((words[COUNT] + 1) / size[RATE] - 1e-6), step + 1)
-    words[TAKEN], words[TOUCHED], words[PRESSED] = step, found, felt
-    sign = 1.0 if size[PER_COUNT] > 0.0 else -1.0
-    for j in range(felt):
-        k = lists[FELT, begin + j]
+            values[at + axis] = numbers[REST]
+    integers[COUNT] += 1
+    integers[DUE] = max(math.ceil((integers[COUNT] + 1) / numbers[RATE] - 1e-6), step + 1)
+    integers[TAKEN], integers[TOUCHED], integers[PRESSED] = step, found, active
+    sign = 1.0 if numbers[PER_COUNT] > 0.0 else -1.0
+    for j in range(active):
+        k = lists[ACTIVE, begin + j]
         area = taxels[begin + k, AREA]
-        at = words[CHANNEL] + axes * channels[begin + k]
+        at = integers[CHANNEL] + axes * channels[begin + k]
         if axes == 3:
-            values[at] += total[0, k] / area / size[SHEAR_PER_COUNT]
-            values[at + 1] += total[1, k] / area / size[SHEAR_PER_COUNT]
-        pressure = total[PRESSING, k] / area
-        values[at + axes - 1] += sign * _counts(pressure, words[NODE], words[NODES], nodes, size[PER_COUNT])
+            values[at] += load[0, k] / area / numbers[SHEAR_PER_COUNT]
+            values[at + 1] += load[1, k] / area / numbers[SHEAR_PER_COUNT]
+        pressure = load[PRESSING, k] / area
+        values[at + axes - 1] += sign * _counts(
+            pressure, integers[NODE], integers[NODES], nodes, numbers[PER_COUNT]
+        )
         latest[j] = k
-        total[0, k] = total[1, k] = total[PRESSING, k] = total[MARK, k] = 0.0
+        load[0, k] = load[1, k] = load[PRESSING, k] = load[MARK, k] = 0.0
     return int(found)
 
 
 @compiled(int64(int64, int64, SKIN))
-def feel_now(patch: int, step: int, skin: Arrays) -> int:
-    """Calls `feel` from Python: for the first frame, and between steps."""
-    return feel(patch, step, skin)
+def sample_now(patch: int, step: int, skin: Arrays) -> int:
+    """Calls `sample` from Python: for the first frame, and between steps."""
+    return sample(patch, step, skin)

@@ -19,7 +19,7 @@ PATIENCE = 2.0
 
 
 @dataclass(slots=True, eq=False)
-class Visitor:
+class AcceptedConnection:
     """One connection."""
 
     end: Callable[[], None]
@@ -36,51 +36,51 @@ class Visitor:
         self.verified, self.last_message = True, time.monotonic() if now is None else now
 
 
-def surplus(visitors: Iterable[Visitor], now: float, most: int) -> list[Visitor]:
+def surplus(connections: Iterable[AcceptedConnection], now: float, most: int) -> list[AcceptedConnection]:
     """Returns the connections to close so that at most `most` remain, in that order."""
-    there = sorted(visitors, key=lambda one: (one.verified, one.last_message))
-    late = sum(not one.verified and now - one.last_message > PATIENCE for one in there)
-    return there[: max(late, len(there) - most)]
+    oldest_first = sorted(connections, key=lambda one: (one.verified, one.last_message))
+    late = sum(not one.verified and now - one.last_message > PATIENCE for one in oldest_first)
+    return oldest_first[: max(late, len(oldest_first) - most)]
 
 
-class Visitors:
+class ConnectionLimit:
     """The connections of one server. Methods may be called from any thread."""
 
     def __init__(self, most: int = MOST, clock: Callable[[], float] = time.monotonic) -> None:
         self._most, self._clock = most, clock
         self._lock = threading.Lock()
-        self._there: set[Visitor] = set()
+        self._open: set[AcceptedConnection] = set()
         self.ended = 0
         """Number of connections that were closed to make room."""
 
     def __len__(self) -> int:
-        return len(self._there)
+        return len(self._open)
 
-    def welcome(self, end: Callable[[], None], host: str = "") -> Visitor:
+    def add(self, end: Callable[[], None], host: str = "") -> AcceptedConnection:
         """Adds a connection; others are closed if it is one too many."""
-        self.look(leave=1)
-        visitor = Visitor(end, self._clock(), host=host)
+        self.trim(room=1)
+        connection = AcceptedConnection(end, self._clock(), host=host)
         with self._lock:
-            self._there.add(visitor)
-        return visitor
+            self._open.add(connection)
+        return connection
 
-    def look(self, *, leave: int = 0) -> None:
-        """Closes surplus connections, so that `leave` places are free."""
+    def trim(self, *, room: int = 0) -> None:
+        """Closes surplus connections, so that `room` places are free."""
         with self._lock:
-            going = surplus(self._there, self._clock(), self._most - leave)
-            self._there.difference_update(going)
+            going = surplus(self._open, self._clock(), self._most - room)
+            self._open.difference_update(going)
             self.ended += len(going)
-        for visitor in going:
-            visitor.end()
+        for connection in going:
+            connection.end()
 
-    def leave(self, visitor: Visitor) -> None:
+    def remove(self, connection: AcceptedConnection) -> None:
         """Removes a connection that has ended. A second call does nothing."""
         with self._lock:
-            self._there.discard(visitor)
+            self._open.discard(connection)
 
     def end_all(self) -> None:
         """Closes all connections, when the server closes."""
         with self._lock:
-            going, self._there = self._there, set()
-        for visitor in going:
-            visitor.end()
+            going, self._open = self._open, set()
+        for connection in going:
+            connection.end()

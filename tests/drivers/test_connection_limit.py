@@ -24,17 +24,17 @@ from drivers.namespaces import HERE
 from drivers.ros_robots import anywhere, roscore
 from drivers.served import needs_qi
 from drivers.wires import free_port
-from tci.drivers.own_sockets import Watch, listening
+from tci.drivers.own_sockets import ConnectionMonitor, listening
 from tci.drivers.player.client import Client
 from tci.drivers.player.server import PlayerServer
 from tci.drivers.simulated import SimulatedDriver
 from tci.drivers.zenoh.session import close_session, open_session, parse_address
 from tci.viewer.guard import close_server, open_server
+from yarpwire.connection_limit import MOST, PATIENCE, AcceptedConnection, ConnectionLimit, surplus
 from yarpwire.dialect import V3
 from yarpwire.name_server import NameServer
 from yarpwire.names import END, Names
 from yarpwire.port import Port
-from yarpwire.visitors import MOST, PATIENCE, Visitor, Visitors, surplus
 
 pytestmark = pytest.mark.timeout(180)
 Again = Callable[[], object]
@@ -241,43 +241,43 @@ def _held(port: int) -> int:
 def test_strangers_go_first_then_who_was_silent_the_longest() -> None:
     gone: list[str] = []
     now = 0.0
-    visitors = Visitors(3, clock=lambda: now)
+    limit = ConnectionLimit(3, clock=lambda: now)
 
-    def welcome(name: str) -> Visitor:
-        return visitors.welcome(lambda: gone.append(name))
+    def add(name: str) -> AcceptedConnection:
+        return limit.add(lambda: gone.append(name))
 
-    old, young = welcome("old"), welcome("young")
+    old, young = add("old"), add("young")
     old.mark_verified(0.1)
     young.mark_verified(0.2)
     now = 1.0
-    welcome("stranger")
-    welcome("another")
+    add("stranger")
+    add("another")
     assert gone == ["stranger"]
     old.mark_verified(1.1)
     now = 1.0 + PATIENCE + 0.1
-    visitors.look()
+    limit.trim()
     assert gone == ["stranger", "another"], "they have only so long"
     for number in range(2):
-        welcome(f"third {number}").mark_verified(now)
+        add(f"third {number}").mark_verified(now)
     assert gone == ["stranger", "another", "young"]
-    assert (len(visitors), visitors.ended) == (3, 3)
-    visitors.leave(old)
-    visitors.leave(old)
-    visitors.end_all()
-    assert len(visitors) == 0
+    assert (len(limit), limit.ended) == (3, 3)
+    limit.remove(old)
+    limit.remove(old)
+    limit.end_all()
+    assert len(limit) == 0
     assert sorted(gone[3:]) == ["third 0", "third 1"]
 
 
 def test_whoever_spoke_may_be_silent_for_as_long_as_there_is_room() -> None:
-    known = [Visitor(lambda: None, 0.0, verified=True) for _ in range(3)]
+    known = [AcceptedConnection(lambda: None, 0.0, verified=True) for _ in range(3)]
     assert surplus(known, 1e9, 3) == []
 
 
 def test_a_librarys_connections_are_told_apart_by_what_came() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server, ExitStack() as stack:
         port = server.getsockname()[1]
-        watch = Watch(port, most=2)
-        watch.close()
+        monitor = ConnectionMonitor(port, most=2)
+        monitor.close()
         near, far = [], []
         for number in range(4):
             near.append(stack.enter_context(socket.create_connection(("127.0.0.1", port), timeout=20)))
@@ -286,8 +286,8 @@ def test_a_librarys_connections_are_told_apart_by_what_came() -> None:
                 near[-1].sendall(b"hello")
             time.sleep(0.02)
         near[0].sendall(b"again")
-        watch.look()
-        assert watch.ended == 2
+        monitor.check()
+        assert monitor.ended == 2
         for number in (1, 3):  # the stranger, and the connection that was silent the longest
             assert near[number].recv(1) == b""
         for number in (0, 2):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from lxml import etree
@@ -44,6 +45,12 @@ class JointFacts:
     """Largest torque [N m]."""
     follows: str | None = None
     """Name of the joint that it follows by a fixed ratio (mimic, equality)."""
+    multiplier: float = 1.0
+    """Its angle per angle of that joint."""
+    offset: float = 0.0
+    """Its angle [rad] while that joint is at 0."""
+    stuck: bool = False
+    """True for a joint whose range is a single angle."""
 
 
 def read_facts(model: Model, compiled: mujoco.MjModel) -> dict[str, JointFacts]:
@@ -52,14 +59,17 @@ def read_facts(model: Model, compiled: mujoco.MjModel) -> dict[str, JointFacts]:
 
 
 def driven(joints: Sequence[Joint], facts: Mapping[str, JointFacts], needed: set[int]) -> set[int]:
-    """Returns the joints that count as servos: of joints coupled by a fixed ratio, the leading one, or the
-    follower if it is `needed` and the leading one, a gear at the motor, carries nothing."""
+    """Returns the joints that count as servos: all but stuck ends of chains, and of joints coupled by a
+    fixed ratio the leading one, or the follower if it is `needed` and the leading one, a gear at the motor,
+    carries nothing."""
     index = {joint.name: place for place, joint in enumerate(joints)}
     parents = {joint.parent for joint in joints}
     servos = set(range(len(joints)))
     for place, joint in enumerate(joints):
         leader = index.get(facts[joint.name].follows or "")
-        if leader is not None:
+        if facts[joint.name].stuck and place not in parents | needed:
+            servos.discard(place)
+        elif leader is not None:
             servos.discard(leader if place in needed and leader not in parents | needed else place)
         elif facts[joint.name].follows is not None:
             servos.discard(place)
@@ -98,31 +108,37 @@ def _from_urdf(model: Model) -> dict[str, JointFacts]:
 
 def _described(joint: etree._Element) -> JointFacts:
     limit, mimic = joint.find("limit"), joint.find("mimic")
-    follows = None if mimic is None else str(mimic.get("joint"))
+    led: dict[str, Any] = {}
+    if mimic is not None:
+        led = {"follows": str(mimic.get("joint"))}
+        led |= {key: float(mimic.get(key, usual)) for key, usual in (("multiplier", 1.0), ("offset", 0.0))}
     if limit is None:
-        return JointFacts(follows=follows)
+        return JointFacts(**led)
     lower, upper, velocity, torque = (
         float(limit.get(key, 0.0)) for key in ("lower", "upper", "velocity", "effort")
     )
+    stuck = joint.get("type") == "revolute" and lower == upper
     if joint.get("type") == "continuous":
         lower = upper = 0.0
-    return JointFacts(lower, upper, velocity, torque, follows)
+    return JointFacts(lower, upper, velocity, torque, stuck=stuck, **led)
 
 
 def _from_mjcf(compiled: mujoco.MjModel) -> dict[str, JointFacts]:
     found = {}
     for joint in range(compiled.njnt):
         lower, upper = compiled.jnt_range[joint] if compiled.jnt_limited[joint] else (0.0, 0.0)
-        follows = None
+        led: dict[str, Any] = {}
         for equality in range(compiled.neq):
             if (
                 compiled.eq_type[equality] == mujoco.mjtEq.mjEQ_JOINT
                 and compiled.eq_obj1id[equality] == joint
             ):
                 leader = int(compiled.eq_obj2id[equality])
-                follows = compiled.joint(leader).name if leader >= 0 else ""
+                offset, multiplier = compiled.eq_data[equality][:2].tolist()
+                led = {"follows": compiled.joint(leader).name if leader >= 0 else "", "offset": offset,
+                       "multiplier": multiplier}  # fmt: skip
         torque = _actuated(compiled, joint)
-        found[compiled.joint(joint).name] = JointFacts(float(lower), float(upper), 0.0, torque, follows)
+        found[compiled.joint(joint).name] = JointFacts(float(lower), float(upper), 0.0, torque, **led)
     return found
 
 

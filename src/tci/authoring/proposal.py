@@ -6,13 +6,14 @@ shapes of the links. Values that the file does not contain are proposed and mark
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from tci.authoring.find_limbs import FoundLimbs, find_limbs
-from tci.authoring.joint_facts import driven, proposed_limits, read_facts
+from tci.authoring.joint_facts import JointFacts, driven, proposed_limits, read_facts
 from tci.authoring.link_points import LinkPoints
 from tci.authoring.proposed_arm import Sign, arm, elbow_senses
+from tci.authoring.proposed_fingers import Trust, find_hands, fingers, with_followers
 from tci.authoring.proposed_parts import hand, leg, middle, wrist
 from tci.authoring.sleeves import sleeves
 from tci.errors import DescriptionError, Fault
@@ -26,6 +27,7 @@ from tci.robot.model_format import model_format
 def propose(
     path: Path, *, name: str, package: str | None = None, mount: bool = False,
     meshes: str | None = None, arms: tuple[str, str] | None = None, elbow: Sign | None = None,
+    trust_fingers: Trust | None = None,
 ) -> Robot:  # fmt: skip
     """Proposes the description of the robot whose URDF or MJCF is at `path`, for review by a person.
 
@@ -33,9 +35,9 @@ def propose(
     generic one except for a small rotation get eq. 1 on a mount; otherwise they are retargeted, in the torso
     frame. `meshes` is a folder with meshes that are not where the model says, or "none". `arms` names the
     first joint of the left and of the right shoulder, `elbow` is the direction in which the left elbow's
-    joint bends the arm, for a model that leaves them in doubt. Raises DescriptionError for a file that is no
-    model of a humanoid with two arms, or in which they, their elbows or the ends of their forearms are in
-    doubt.
+    joint bends the arm, for a model that leaves them in doubt. `trust_fingers` decides where names and places
+    of fingers contradict each other. Raises DescriptionError for a file that is no model of a humanoid with
+    two arms, or in which they, their elbows, the ends of their forearms or their fingers are in doubt.
     """
     model = Model(
         format=model_format(path), path=str(path.resolve()), package=package, meshes=meshes, torso_link="?"
@@ -46,7 +48,9 @@ def propose(
     model = model.model_copy(
         update={"torso_link": body.torso_link, "torso_rpy": tuple(round(a, 9) for a in rpy)}
     )
-    servos = _servos(body, model, points)
+    facts = read_facts(model, points.compiled)
+    hands = find_hands(body, facts, points, str(path), trust=trust_fingers)
+    servos = with_followers(_servos(body, facts, points), body, facts, hands)
     index = {servo.joint: servo.index for servo in servos}
     for limb in body.arms.values():
         for joint in (*limb.ball, limb.bend, *([] if limb.turn is None else [limb.turn])):
@@ -69,17 +73,17 @@ def propose(
         middle(body, "head", body.head, index),
         middle(body, "torso", body.trunk, index, sense=-1.0 if body.trunk_below else 1.0),
     ]
-    hands = [
+    wrists = [
         hand(draft, body, limb, arm, index) for limb, arm in zip(body.arms.values(), parts, strict=False)
     ]
-    parts += [one for one in hands if one is not None]
+    parts += [one for one in wrists if one is not None]
+    parts += [fingers(draft, body, side, found, facts, points) for side, found in hands.items()]
     parts += [leg(draft, body, found, side, points, index) for side, found in body.legs.items()]
     return draft.model_copy(update={"parts": tuple(parts), "patches": tuple(patches)})
 
 
-def _servos(body: FoundLimbs, model: Model, points: LinkPoints) -> tuple[Servo, ...]:
+def _servos(body: FoundLimbs, facts: Mapping[str, JointFacts], points: LinkPoints) -> tuple[Servo, ...]:
     """Returns a servo for each actuated joint, limb by limb."""
-    facts = read_facts(model, points.compiled)
     needed = {*body.trunk, *body.head, *(joint for leg in body.legs.values() for joint in leg.chain)}
     for limb in body.arms.values():
         needed |= {*limb.ball, limb.bend, *wrist(body, limb), *([] if limb.turn is None else [limb.turn])}

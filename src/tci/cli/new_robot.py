@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast, get_args
 
 import typer
 from rich.markup import escape
@@ -15,6 +15,7 @@ from tci.errors import CommandError
 
 if TYPE_CHECKING:
     from tci.authoring.proposed_arm import Sign
+    from tci.authoring.proposed_fingers import Trust
     from tci.robot.description import Robot
 
 
@@ -56,6 +57,13 @@ def new_robot(
             help="Direction, 1 or -1, in which the left elbow's joint bends the arm, if in doubt.",
         ),
     ] = None,
+    fingers: Annotated[
+        str | None,
+        typer.Option(
+            metavar="names|places|none",
+            help="Decision if names and places of fingers contradict each other, or no fingers.",
+        ),
+    ] = None,
     mount: Annotated[
         bool,
         typer.Option(
@@ -69,8 +77,9 @@ def new_robot(
 ) -> None:
     """Propose the description of a humanoid from its URDF or MJCF.
 
-    Finds arms, hands, head, torso and legs by their geometry, reads limits from the file and puts sleeves of
-    skin around the arms. Review the result: values that the file does not have are marked as assumed in it.
+    Finds arms, hands, fingers, head, torso and legs by their geometry, reads limits from the file and puts
+    sleeves of skin around the arms. Review the result: values that the file does not have are marked as
+    assumed in it.
 
     Example:  tci new-robot my_robot.urdf
     """
@@ -94,6 +103,7 @@ def new_robot(
         meshes=NO_MESHES if without_meshes else None if meshes is None else str(meshes.resolve()),
         arms=_both(arms),
         elbow=_direction(elbow),
+        trust_fingers=_trust(fingers),
     )
     if target.exists() and not force:
         raise CommandError(f"{target} exists; valid: --out with another file, or --force to replace it")
@@ -141,6 +151,15 @@ def _direction(elbow: int | None) -> Sign | None:
     return None if elbow is None else 1 if elbow > 0 else -1
 
 
+def _trust(fingers: str | None) -> Trust | None:
+    """Returns the choice of --fingers. Raises CommandError for another word."""
+    from tci.authoring.proposed_fingers import Trust
+
+    if fingers not in (None, *get_args(Trust)):
+        raise CommandError(f"--fingers {fingers}; valid: {', '.join(get_args(Trust))}")
+    return cast("Trust | None", fingers)
+
+
 def _beside(path: Path, target: Path, *, what: str) -> str:
     """Returns a path relative to the description's folder.
 
@@ -185,11 +204,12 @@ def _found(robot: Robot) -> list[str]:
         for generic in part.servos:
             if generic.servo is not None:
                 how = generic.transform if generic.transform != "linear" else f"{generic.scale:+g}"
-                joints.append(f"{generic.name} = {robot.servos[generic.servo].name} ({how})")
+                moved = " and ".join(robot.servos[servo].name for servo in generic.moved)
+                joints.append(f"{generic.name} = {moved} ({how})")
         turn = ", ".join(f"{np.rad2deg(angle):.1f}" for angle in part.mount)
         on = f" on a mount turned by {turn} degrees (roll, pitch, yaw)" if any(part.mount) else ""
         lines.append(f"{part.name}: {', '.join(joints) or 'nothing'}{on}")
-    used = {generic.servo for part in robot.parts for generic in part.servos}
+    used = {servo for part in robot.parts for generic in part.servos for servo in generic.moved}
     for name in dict.fromkeys(servo.robot_part for servo in robot.servos):
         idle = [servo.name for servo in robot.servos_of(name) if servo.index not in used]
         if idle:

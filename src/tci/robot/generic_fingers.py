@@ -2,8 +2,8 @@
 
 At generic zero all fingers are straight and side by side, the thumb beside the palm. Flexion, towards the
 palm, is that of the whole finger: the angle of its first joint, which the others follow in proportion. Spread
-is positive away from the middle finger; that of the thumb is its opposition, positive across the palm. Signs
-are the same on both sides.
+is positive away from the middle finger, and that of the middle finger towards the index finger; that of the
+thumb is its opposition, from beside the palm to across it at 90 degrees. Signs are the same on both sides.
 """
 
 from __future__ import annotations

@@ -54,6 +54,13 @@ class GenericServo(Description):
     """Initial generic angle [rad]."""
 
     @property
+    def moved(self) -> tuple[int, ...]:
+        """Servos that its angle depends on, as indices into `Robot.servos`; none if the robot lacks it."""
+        if self.terms:
+            return tuple(term.servo for term in self.terms)
+        return () if self.servo is None else (self.servo,)
+
+    @property
     def sense(self) -> float:
         """Sign of the transform: above 0 if the generic angle rises with its servo's angle, below 0 if it
         falls."""

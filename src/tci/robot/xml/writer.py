@@ -82,6 +82,8 @@ def _servo(part: _Written, servo: Servo, modes: list[str] | None) -> None:
         fields = {field for field in grammar.fields.values() if field}
         if all(getattr(limits, field) is not None for field in fields):
             written.add(tag, limits, origin=None if fields.isdisjoint(limits.assumed) else "assumed")
+    for mimic in servo.mimics:
+        written.add("mimic", mimic)
 
 
 def _part(root: _Written, robot: Robot, part: GenericPart) -> None:
@@ -102,7 +104,7 @@ def _part(root: _Written, robot: Robot, part: GenericPart) -> None:
 
 
 def _generic_servo(part: _Written, robot: Robot, home: str, servo: GenericServo) -> None:
-    if servo.transform not in ("linear", "retarget"):
+    if servo.transform not in ("linear", "synergy", "retarget"):
         raise TciError(f"the transform {servo.transform} is not written; add it by hand")
     if servo.servo is None:
         written = part.add("generic_servo", servo, destination_servo_id="none", fixed_position=servo.fixed)
@@ -111,6 +113,10 @@ def _generic_servo(part: _Written, robot: Robot, home: str, servo: GenericServo)
     written = part.add("generic_servo", servo, destination_servo_id=own.id)
     if own.robot_part != home:
         written.node[0].set("robot_part", own.robot_part)
+    for term in servo.terms:
+        moved = robot.servos[term.servo]
+        elsewhere = None if moved.robot_part == home else moved.robot_part
+        written.add("coupled_term", destination_servo_id=moved.id, factor=term.factor, robot_part=elsewhere)
 
 
 def _patch(skin: _Written, patch: Patch) -> None:

@@ -1,0 +1,249 @@
+"""Finds the fingers of a hand: chains of joints beside each other on a palm, told apart by place and name.
+
+Each bends to where its joints can move farther. The thumb is the one that bends about another axis than the
+others, or against them; the next one on its side is the index finger.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from tci.authoring.joint_facts import JointFacts
+from tci.authoring.joint_tree import Joint, carried
+from tci.frames import Array
+from tci.robot.generic_arm import Side
+from tci.robot.generic_fingers import FINGERS
+from tci.robot.shoulder import angle_about
+
+PARALLEL = 0.8
+"""Least cosine between the axes of joints that bend one finger. Assumed: 37 degrees; thumbs are twisted."""
+FEWEST = 3
+"""Least number of chains of a hand; fewer are a gripper."""
+CLEAR = np.deg2rad(25.0)
+"""Difference [rad] between the motions of a finger in both directions from which the larger one decides."""
+APART = 0.1
+"""Difference of cosines by which a thumb must be farther from the other fingers than any of them. Assumed:
+fingers fan out by less."""
+BESIDE = 0.3
+"""Distance of a thumb from the middle of the palm, as a fraction of half its width, from which it is on a
+side. Assumed; the thumb of a Dex3 is in the middle."""
+FLEXED = np.deg2rad(30.0)
+"""Angle [rad] of each joint of a finger at which its spread is judged: a straight one may only turn about
+itself."""
+SIDEWAYS = 0.3
+"""Least cosine between the motion of a spread finger's tip and its direction. Assumed: less is no spread."""
+ROUNDED = float(np.deg2rad(15.0))
+"""Step [rad] to which a thumb's opposition at the model's zero is rounded. Assumed: shapes tell no more."""
+_NAMES = {
+    "thumb": re.compile(r"(?i)thumb|(?<![a-z])th(?=j|\d|_|-|$)"),
+    "index": re.compile(r"(?i)index|forefinger|(?<![a-z])ff(?=j|\d|_|-|$)"),
+    "middle": re.compile(r"(?i)middle|(?<![a-z])mf(?=j|\d|_|-|$)"),
+    "ring": re.compile(r"(?i)(?<![a-z])ring|(?<![a-z])rf(?=j|\d|_|-|$)"),
+    "little": re.compile(r"(?i)little|pinky|pinkie|(?<![a-z])lf(?=j|\d|_|-|$)"),
+}
+
+
+class DoubtfulFingersError(Exception):
+    """Fingers that place and names do not tell apart; the text says which."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Finger:
+    """Joints of one finger, by index, at the model's zero in the frame H."""
+
+    chain: tuple[int, ...]
+    """All its joints, from the palm outwards."""
+    flexion: tuple[int, ...]
+    """Those that bend it."""
+    signs: tuple[float, ...]
+    """Direction in which each of them turns to bend it towards the palm."""
+    axis: Array
+    """Axis (3,) about which it bends."""
+    ahead: Array
+    """Unit vector (3,) from its first bending joint to its tip."""
+    tip: Array
+    """Its end (3,) [m]."""
+    name: str = ""
+    spread: int | None = None
+    """Joint that spreads it, or opposes the thumb; None if there is none."""
+    outward: float = 1.0
+    """Direction in which that joint turns for a positive spread."""
+    offset: float = 0.0
+    """Spread [rad] at the model's zero."""
+
+    @property
+    def palmar(self) -> Array:
+        """Direction (3,) in which the tip moves as it bends."""
+        return np.cross(self.axis, self.ahead)
+
+
+def find_fingers(
+    joints: Sequence[Joint], arm: int, side: Side, facts: Mapping[str, JointFacts],
+    tips: Mapping[int, Array], *, trust: str | None = None,
+) -> tuple[Finger, ...]:  # fmt: skip
+    """Returns the fingers that the joint `arm` carries, in the order of the generic ones; none for a gripper.
+
+    `tips` are the ends (3,) [m] of the links that joints move. `trust` is `names` or `places` where these
+    contradict each other. Raises DoubtfulFingersError.
+    """
+    able = [one for one in carried(joints, arm) if not facts[joints[one].name].stuck]
+    best: list[tuple[int, ...]] = []
+    for palm in able:
+        chains = [_chain(joints, one, able) for one in able if joints[one].parent == palm]
+        found = [chain for chain in chains if len(chain) > 1]
+        best = found if len(found) > len(best) else best
+    if len(best) < FEWEST:
+        return ()
+    fingers = [_finger(joints, chain, facts, tips) for chain in best]
+    thumb, names = _thumb(joints, fingers, trust), [_named(joints, one) for one in fingers]
+    others = [one for one in range(len(fingers)) if one != thumb]
+    if len(others) >= len(FINGERS):
+        raise DoubtfulFingersError(f"{len(fingers)} chains of joints, and a hand has at most {len(FINGERS)}")
+    palmar, radial = _across(joints, fingers, thumb, side)
+    place = {one: float(radial @ _base(joints, fingers[one])) for one in others}
+    others.sort(key=place.__getitem__, reverse=True)
+    usual: Sequence[str] = FINGERS[1 : 1 + len(others)]
+    told = [names[one] for one in others]
+    if None not in told and len(set(told)) == len(told) and trust != "places":
+        usual = [str(name) for name in told]
+        if trust is None and sorted(usual, key=FINGERS.index) != usual:
+            raise DoubtfulFingersError(f"by their places, from the thumb on, they are {', '.join(usual)}")
+    named = {thumb: "thumb"} | dict(zip(others, usual, strict=True))
+    made = [_spread(joints, replace(fingers[one], name=name), palmar, radial) for one, name in named.items()]
+    return tuple(sorted(made, key=lambda finger: FINGERS.index(finger.name)))
+
+
+def _chain(joints: Sequence[Joint], first: int, able: Sequence[int]) -> tuple[int, ...]:
+    """Returns the chain that begins with a joint; empty if it branches, as linkages of grippers do."""
+    chain, after = [], [first]
+    while len(after) == 1:
+        chain.append(after[0])
+        after = [one for one in able if joints[one].parent == chain[-1]]
+    return () if after else tuple(chain)
+
+
+def _finger(
+    joints: Sequence[Joint], chain: tuple[int, ...], facts: Mapping[str, JointFacts],
+    tips: Mapping[int, Array],
+) -> Finger:  # fmt: skip
+    """Returns a chain as a finger without name and spread. Raises DoubtfulFingersError if its limits do not
+    tell in which direction it bends."""
+    last = joints[chain[-1]].axis
+    first = next(
+        i for i in range(len(chain)) if all(abs(joints[j].axis @ last) > PARALLEL for j in chain[i:])
+    )
+    flexion = chain[first:]
+    alike = [float(np.sign(joints[one].axis @ last)) for one in flexion]
+    limits = [
+        sorted(sign * end for end in (facts[joints[one].name].lower, facts[joints[one].name].upper))
+        for sign, one in zip(alike, flexion, strict=True)
+    ]
+    lower, upper = np.sum(limits, axis=0)
+    if abs(upper + lower) < CLEAR:
+        names = ", ".join(joints[one].name for one in flexion)
+        raise DoubtfulFingersError(f"the limits of {names} leave open in which direction they bend a finger")
+    sense = 1.0 if upper > -lower else -1.0
+    axis, base = sense * last, joints[flexion[0]].anchor
+    ahead = tips[chain[-1]] - base
+    ahead = ahead - axis * float(axis @ ahead)
+    length = float(np.linalg.norm(ahead))
+    if length < 1e-6:
+        raise DoubtfulFingersError(f"nothing shows the end of the finger at {joints[chain[-1]].name}")
+    return Finger(chain, flexion, tuple(sense * one for one in alike), axis, ahead / length, tips[chain[-1]])
+
+
+def _base(joints: Sequence[Joint], finger: Finger) -> Array:
+    return joints[finger.flexion[0]].anchor
+
+
+def _named(joints: Sequence[Joint], finger: Finger) -> str | None:
+    """Returns the name that most of a finger's joints and links tell; None for none."""
+    words = [word for one in finger.chain for word in (joints[one].name, joints[one].link)]
+    counts = {name: sum(bool(words_of.search(word)) for word in words) for name, words_of in _NAMES.items()}
+    most = max(counts, key=counts.__getitem__)
+    return most if counts[most] else None
+
+
+def _thumb(joints: Sequence[Joint], fingers: Sequence[Finger], trust: str | None) -> int:
+    """Returns the thumb among fingers: by its place, and by its name. Raises DoubtfulFingersError."""
+
+    def alike(without: int) -> float:
+        rest = [finger.axis for one, finger in enumerate(fingers) if one != without]
+        return min(float(one @ other) for one, other in combinations(rest, 2))
+
+    order = sorted(range(len(fingers)), key=alike, reverse=True)
+    clear = alike(order[0]) - alike(order[1]) > APART
+    place = order[0] if clear else None
+    named = [one for one, finger in enumerate(fingers) if _named(joints, finger) == "thumb"]
+    name = named[0] if len(named) == 1 else None
+    if trust == "names" or (trust is None and place is None):
+        place = name if name is not None else place
+    if place is None or (trust is None and name not in (None, place)):
+        which = (
+            "no finger bends against the others"
+            if place is None
+            else (
+                f"{joints[fingers[place].chain[0]].name} bends as a thumb does, and the name of "
+                f"{joints[fingers[named[0]].chain[0]].name} is that of a thumb"
+            )
+        )
+        raise DoubtfulFingersError(which)
+    return place
+
+
+def _across(
+    joints: Sequence[Joint], fingers: Sequence[Finger], thumb: int, side: Side
+) -> tuple[Array, Array]:
+    """Returns unit vectors (3,) out of the palm, and across it towards the thumb; for a thumb in the middle
+    as on a human hand."""
+    others = [finger for one, finger in enumerate(fingers) if one != thumb]
+    palmar, ahead = (
+        np.mean(vectors, axis=0) for vectors in zip(*((f.palmar, f.ahead) for f in others), strict=True)
+    )
+    radial = np.cross(palmar, ahead) if side == "left" else np.cross(ahead, palmar)
+    radial, palmar = (vector / np.linalg.norm(vector) for vector in (radial, palmar))
+    places = np.array([float(radial @ _base(joints, finger)) for finger in others])
+    points = [*(joints[one].anchor for one in fingers[thumb].chain), fingers[thumb].tip]
+    aside = float(np.mean(points, axis=0) @ radial) - (places.max() + places.min()) / 2.0
+    if abs(aside) > BESIDE * float(np.ptp(places)) / 2.0:
+        radial = radial * float(np.sign(aside))
+    return palmar, radial
+
+
+def _spread(joints: Sequence[Joint], finger: Finger, palmar: Array, radial: Array) -> Finger:
+    """Returns the finger with the joint that spreads it, if there is one."""
+    free = finger.chain[: -len(finger.flexion)]
+    if not free:
+        return finger
+    thumb, tip = finger.name == "thumb", finger.tip
+    for one, sign in zip(finger.flexion[::-1], finger.signs[::-1], strict=True):
+        tip = joints[one].anchor + _turned(tip - joints[one].anchor, sign * joints[one].axis, FLEXED)
+    away = palmar - radial if thumb else radial if finger.name in ("index", "middle") else -radial
+    away = away / np.linalg.norm(away)
+    # Any of a thumb's first joints may oppose it; other fingers may have an arch of the palm before it.
+    near = free if thumb else free[-1:]
+    motions = {one: np.cross(joints[one].axis, tip - joints[one].anchor) for one in near}
+    spread = max(motions, key=lambda one: abs(float(motions[one] @ away)))
+    along = float(motions[spread] @ away)
+    if abs(along) < SIDEWAYS * float(np.linalg.norm(motions[spread])):
+        return finger
+    joint, outward = joints[spread], float(np.sign(along))
+    offset = 0.0
+    if thumb:
+        turn = angle_about(outward * joint.axis, radial, tip - joint.anchor)
+        offset = ROUNDED * round(turn / ROUNDED)
+    return replace(finger, spread=spread, outward=outward, offset=offset)
+
+
+def _turned(vector: Array, axis: Array, angle: float) -> Array:
+    """Returns a vector (3,) turned about an axis (3,) (Rodrigues)."""
+    turned: Array = (
+        vector * np.cos(angle) + np.cross(axis, vector) * np.sin(angle)
+        + axis * float(axis @ vector) * (1.0 - np.cos(angle))
+    )  # fmt: skip
+    return turned

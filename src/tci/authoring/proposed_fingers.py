@@ -1,0 +1,176 @@
+"""Proposes the generic fingers of a hand: motors and joints of each finger, their coupling, and its tip."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from tci.authoring.find_fingers import DoubtfulFingersError, Finger, find_fingers
+from tci.authoring.find_limbs import FoundLimbs
+from tci.authoring.joint_facts import JointFacts
+from tci.authoring.joint_tree import carried
+from tci.authoring.link_points import LinkPoints
+from tci.authoring.proposed_parts import ROOM, generic_joint, segment
+from tci.errors import DescriptionError, Fault
+from tci.frames import Array
+from tci.robot.description import GenericPart, GenericServo, Mimic, Robot, Servo
+from tci.robot.description.part import Term
+from tci.robot.generic_arm import Side
+from tci.robot.generic_fingers import JOINTS, PALM
+
+Trust = Literal["names", "places", "none"]
+"""Decision on fingers in doubt: by their names, by their places, or that there are none."""
+SHORTEST = 0.005
+"""Length [m] of the last link of a finger below which its shape does not tell its end. Assumed:
+shorter than any finger tip."""
+Hands = Mapping[Side, tuple[Finger, ...]]
+"""Fingers of each hand that has some."""
+
+
+class _Drive(NamedTuple):
+    """Servo that moves a joint: the joint's angle is multiplier x the servo's + offset."""
+
+    servo: Servo
+    multiplier: float
+    offset: float
+
+
+def find_hands(
+    body: FoundLimbs, facts: Mapping[str, JointFacts], points: LinkPoints, path: str, *, trust: Trust | None
+) -> Hands:
+    """Returns the fingers of both hands. Raises DescriptionError for fingers in doubt unless `trust`
+    decides."""
+    hands: dict[Side, tuple[Finger, ...]] = {}
+    for name, limb in body.arms.items():
+        side: Side = "left" if name == "left" else "right"
+        try:
+            found = () if trust == "none" else find_fingers(
+                body.joints, limb.bend, side, facts, _tips(body, limb.bend, points), trust=trust
+            )  # fmt: skip
+        except DoubtfulFingersError as doubt:
+            message = (
+                f"fingers of the {side} hand: {doubt}; valid: --fingers names or --fingers places to decide "
+                "by those, or --fingers none"
+            )
+            raise DescriptionError(path, [Fault(0, message)]) from None
+        if found:
+            hands[side] = found
+    return hands
+
+
+def with_followers(
+    servos: Sequence[Servo], body: FoundLimbs, facts: Mapping[str, JointFacts], hands: Hands
+) -> tuple[Servo, ...]:
+    """Returns the servos, each with the joints of fingers that follow it."""
+    own = {servo.joint: servo for servo in servos}
+    followers: dict[int, list[Mimic]] = {}
+    for one in (one for found in hands.values() for finger in found for one in finger.chain):
+        name = body.joints[one].name
+        if name not in own and (drive := _drive(name, own, facts)) is not None:
+            mimic = Mimic(joint=name, multiplier=drive.multiplier, offset=drive.offset)
+            followers.setdefault(drive.servo.index, []).append(mimic)
+    return tuple(
+        servo.model_copy(update={"mimics": tuple(followers.get(servo.index, ()))}) for servo in servos
+    )
+
+
+def fingers(
+    draft: Robot, body: FoundLimbs, side: Side, found: Sequence[Finger], facts: Mapping[str, JointFacts],
+    points: LinkPoints,
+) -> GenericPart:  # fmt: skip
+    """Returns the generic fingers of one hand."""
+    own = {servo.joint: servo for servo in draft.servos}
+    rows: dict[str, tuple[dict[int, float], float]] = {}
+    segments = []
+    for finger in found:
+        drives = {one: _drive(body.joints[one].name, own, facts) for one in finger.chain}
+        bends = [(sign, drives[one]) for one, sign in zip(finger.flexion, finger.signs, strict=True)]
+        rows[f"{finger.name}_flexion"] = _flexion(
+            [(sign, drive) for sign, drive in bends if drive is not None]
+        )
+        turn = None if finger.spread is None else drives[finger.spread]
+        if turn is not None:
+            factor = {turn.servo.index: finger.outward * turn.multiplier}
+            rows[f"{finger.name}_spread"] = factor, finger.outward * turn.offset + finger.offset
+        link, start = body.joints[finger.chain[-1]].link, body.joints[finger.flexion[-1]].anchor
+        segments.append(segment(body, points, finger.name, link, start, finger.tip))
+    palm = body.joints[body.joints[found[0].chain[0]].parent]
+    bases = np.mean([body.joints[finger.flexion[0]].anchor for finger in found], axis=0)
+    segments.append(segment(body, points, PALM, palm.link, palm.anchor, bases))
+    shared = Counter(servo for factors, _ in rows.values() for servo in factors)
+    servos = tuple(
+        _generic(draft, id, name, *rows.get(name, ({}, 0.0)), shared) for id, name in enumerate(JOINTS)
+    )
+    return GenericPart(
+        name=f"{side}_fingers", kind="fingers", side=side, servos=servos, segments=tuple(segments)
+    )
+
+
+def _tips(body: FoundLimbs, arm: int, points: LinkPoints) -> dict[int, Array]:
+    """Returns the end (3,) [m] of each link that an arm moves: the next joint, or where its shape ends;
+    without one, it is as long as the link before."""
+    ends = {}
+    for one in carried(body.joints, arm):
+        joint = body.joints[one]
+        after = [other.anchor for other in body.joints if other.parent == one]
+        end = points.far_end(joint.link, body.R_RH @ joint.anchor)
+        last = 2.0 * joint.anchor - body.joints[joint.parent].anchor
+        if end is not None and np.linalg.norm(end @ body.R_RH - joint.anchor) > SHORTEST:
+            last = end @ body.R_RH
+        ends[one] = after[0] if after else last
+    return ends
+
+
+def _drive(name: str, own: Mapping[str | None, Servo], facts: Mapping[str, JointFacts]) -> _Drive | None:
+    """Returns what moves a joint; None for one that nothing moves."""
+    multiplier, offset = 1.0, 0.0
+    while name not in own:
+        given = facts.get(name)
+        if given is None or not given.follows:
+            return None
+        multiplier, offset = multiplier * given.multiplier, offset + multiplier * given.offset
+        name = given.follows
+    return _Drive(own[name], multiplier, offset)
+
+
+def _flexion(bends: Sequence[tuple[float, _Drive]]) -> tuple[dict[int, float], float]:
+    """Returns factor by servo, and offset [rad], of a finger's flexion: the angle of its first joint, which
+    the other motors follow in the ratio of their ranges."""
+    if not bends:
+        return {}, 0.0
+    ranges: dict[int, tuple[float, float]] = {}
+    for sign, drive in bends:
+        limits = drive.servo.limits
+        slope = sign * drive.multiplier
+        reach = max(slope * (limits.lower or 0.0), slope * (limits.upper or 0.0))
+        ranges.setdefault(drive.servo.index, (slope, reach))
+    first = next(iter(ranges.values()))[1]
+    turn = {servo: reach / first / slope for servo, (slope, reach) in ranges.items()}
+    total = sum(angle**2 for angle in turn.values())
+    offset = bends[0][0] * bends[0][1].offset if len(turn) == 1 else 0.0
+    return {servo: round(angle / total, 9) for servo, angle in turn.items()}, offset
+
+
+def _generic(
+    draft: Robot, id: int, name: str, factors: Mapping[int, float], offset: float, shared: Mapping[int, int]
+) -> GenericServo:
+    """Returns a generic joint: by eq. 1 if one servo moves it and nothing else, else as a synergy."""
+    if not factors:
+        return GenericServo(id=id, name=name, servo=None)
+    zero = {servo: _near_zero(draft.servos[servo]) for servo in factors}
+    initial = offset + sum(factor * zero[servo] for servo, factor in factors.items())
+    servo, factor = next(iter(factors.items()))
+    if len(factors) == 1 and shared[servo] == 1:
+        return generic_joint(id, name, servo, scale=factor, offset=offset, initial=initial)
+    terms = tuple(Term(servo=servo, factor=factor) for servo, factor in factors.items())
+    return generic_joint(id, name, servo, transform="synergy", terms=terms, offset=offset, initial=initial)
+
+
+def _near_zero(servo: Servo) -> float:
+    """Returns the angle [rad] of a servo next to 0 that keeps away from its limits."""
+    lower, upper = servo.limits.lower or 0.0, servo.limits.upper or 0.0
+    room = min(ROOM, 0.4 * (upper - lower))
+    return float(np.clip(0.0, lower + room, upper - room))

@@ -181,6 +181,9 @@ class Counts:
 class Attack:
     """A gate, a robot that follows it, and an attacker."""
 
+    eager = 0.2
+    """Probability of another command in a step."""
+
     def __init__(
         self,
         robot: Robot,
@@ -216,7 +219,7 @@ class Attack:
             gate.hold("calm down")
         if time == CYCLE - 1:
             orders = self._switches()
-        while time < BUSY and random.random() < 0.2:
+        while time < BUSY and random.random() < self.eager:
             order, bad = self._order()
             orders.append(order)
             malformed += bad

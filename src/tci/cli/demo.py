@@ -6,6 +6,7 @@ import json
 import os
 import sys
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -45,7 +46,8 @@ def demo(
     via: Annotated[
         str | None,
         typer.Option(
-            help="Run the reflex in another process, through this middleware: NAME or NAME:ADDRESS.",
+            help="Run the reflex in another process, through this middleware: NAME or NAME:ADDRESS, or "
+            "several with ' + ' between them.",
             autocompletion=completion.servers,
         ),
     ] = None,
@@ -110,15 +112,15 @@ def _run_trials(
 
     from tci.authoring.dense_skin import with_skin_rate
     from tci.capabilities.withdrawal import WithdrawalReflex
+    from tci.drivers.combined_server import JOIN
     from tci.experiments.experiment import SIDES, run_experiment
     from tci.experiments.pictures import draw_demo
     from tci.experiments.remote_trial import try_server
 
     robots = load_robots(names)
     if via is not None:
-        middleware = via.partition(":")[0]
-        for one in robots:
-            one.binding(middleware)
+        for one, address in product(robots, via.split(JOIN)):
+            one.binding(address.partition(":")[0])
         try_server(robots[0], via)
     if skin_rate is not None:
         robots = [with_skin_rate(one, skin_rate) for one in robots]

@@ -67,7 +67,8 @@ def _examine(
 
     from tci.commissioning.doctor import judge
     from tci.commissioning.streams import observe
-    from tci.drivers.registry import JOIN, connect, load_driver
+    from tci.drivers.combined_server import JOIN
+    from tci.drivers.registry import connect, load_driver
 
     name, _, address = via.split(JOIN)[0].partition(":")
     try:

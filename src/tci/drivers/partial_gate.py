@@ -49,8 +49,8 @@ class PartialGate(Gate):
         return super().step(kept, joints, now, refused=why)
 
     def _refusal(self, order: PlatformOrder) -> Reason | None:
-        for servo in order.servos.ravel().tolist():
-            if servo in self._unreached:
-                name = self.robot.servos[servo].name
-                return Reason(Code.ROBOT_REFUSES, f"{name} can't be moved: {self._unreached[servo]}")
+        """Returns the reason to refuse an order; None also for a malformed one, which any gate refuses."""
+        for servo, why in self._unreached.items():
+            if servo in order.servos:
+                return Reason(Code.ROBOT_REFUSES, f"{self.robot.servos[servo].name} can't be moved: {why}")
         return None

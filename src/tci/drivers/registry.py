@@ -10,6 +10,7 @@ from typing import Any
 
 from tci.capabilities.orders import named
 from tci.drivers.combined import CombinedDriver
+from tci.drivers.combined_server import JOIN, CombinedServer
 from tci.drivers.driver import Driver
 from tci.drivers.server import Server
 from tci.errors import DriverError, TciError, UnknownNameError
@@ -18,8 +19,6 @@ from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 
 DRIVERS = "tci.drivers"
-JOIN = " + "
-"""Separator between drivers that are combined into one."""
 SERVERS = "tci.servers"
 HARMLESS = ("sim", "replay")
 """Drivers that move no hardware. They are armed by default."""
@@ -115,16 +114,25 @@ def _open(robot: Robot, via: str, **options: Any) -> Driver:
 
 
 def open_server(driver: Driver, via: str, **options: Any) -> Server:
-    """Opens a server of the robot of `driver` for other programs. `via` is "NAME" or "NAME:ADDRESS";
-    `tci.runtime.serve` runs the server.
+    """Opens a server of the robot of `driver` for other programs. `via` is "NAME" or "NAME:ADDRESS", or
+    several with " + " between them; `tci.runtime.serve` runs the server. `options` go to the first.
 
     Raises UnknownNameError for a server that is not installed or an option that it does not have,
     MissingExtraError when its library is not installed, DriverError when it can't listen at the address.
     """
-    name, _, address = via.partition(":")
-    factory = load_server(name)
-    _check(options, factory, f"option of the server {name!r}")
-    return factory(driver, address, **options)
+    opened: list[Server] = []
+    try:
+        for one in via.split(JOIN):
+            name, _, address = one.partition(":")
+            factory = load_server(name)
+            _check(options, factory, f"option of the server {name!r}")
+            opened.append(factory(driver, address, **options))
+            options = {}
+    except BaseException:
+        for server in opened:
+            server.close()
+        raise
+    return opened[0] if len(opened) == 1 else CombinedServer(opened)
 
 
 def _check(options: Iterable[str], factory: Any, what: str) -> None:

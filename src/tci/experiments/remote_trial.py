@@ -15,6 +15,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from tci.capabilities.capability import Capability
+from tci.drivers.combined_server import JOIN
 from tci.drivers.driver import Driver
 from tci.drivers.registry import connect, open_server
 from tci.drivers.simulated import SimulatedDriver
@@ -69,7 +70,8 @@ class RemoteTrial:
         Raises UnknownNameError for a robot that this middleware can't carry.
         """
         self.robot, self.via = robot, via
-        robot.binding(via.partition(":")[0])
+        for one in via.split(JOIN):
+            robot.binding(one.partition(":")[0])
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=answer, args=(robot, reflex, theirs), daemon=True)

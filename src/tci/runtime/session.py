@@ -13,10 +13,10 @@ from typing import Any
 from tci.body.places import find_place
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import default_fields
+from tci.drivers.combined_server import JOIN
 from tci.drivers.driver import Driver
 from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
 from tci.drivers.faults.injectors import INJECTORS, THREAD
-from tci.drivers.registry import JOIN
 from tci.drivers.replay import ReplayDriver
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError

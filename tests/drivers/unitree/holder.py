@@ -1,5 +1,5 @@
-"""Program that holds the motors of the robot at `python holder.py DOMAIN` until it is killed. It prints
-`holding` once its targets are followed."""
+"""Program that holds the motors of a robot until it is killed: `python holder.py DOMAIN PERIOD`. It prints
+`asked` once it has asked for them, and `holding` once its targets are followed."""
 
 from __future__ import annotations
 
@@ -25,14 +25,16 @@ def held_motors(place: str, period: float) -> HeldMotors:
 
 
 def main() -> None:
-    held = held_motors(f"lo/{sys.argv[1]}", 0.004)
+    period = float(sys.argv[2])
+    held = held_motors(f"lo/{sys.argv[1]}", period)
+    print("asked", flush=True)
     held.wait()
     targets = np.full((ROWS, MOTORS), 0.1)
     targets[Q], targets[KP:] = 0.3, ARM_GAINS
     for count in range(100_000):
         held.follow(np.ones(MOTORS, dtype=bool), targets)
         held.poll()
-        time.sleep(0.004)
+        time.sleep(period)
         if count == 5:
             print("holding", flush=True)
 

@@ -92,10 +92,10 @@ def test_motors_are_taken_and_handed_back_slowly(domain: int, puppet: Puppet) ->
 
 
 def test_a_behaviour_that_is_killed_leaves_a_completed_fade(domain: int, puppet: Puppet) -> None:
-    command = [sys.executable, str(Path(__file__).with_name("holder.py")), str(domain)]
+    command = [sys.executable, str(Path(__file__).with_name("holder.py")), str(domain), "0.004"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as holder:
         assert holder.stdout is not None
-        assert holder.stdout.readline() == "holding\n"
+        assert [holder.stdout.readline() for _ in range(2)] == ["asked\n", "holding\n"]
         holder.kill()
     killed = time.monotonic()
     puppet.wait(lambda robot: robot.weights[-1] == 0.0)

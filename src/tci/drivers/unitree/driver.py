@@ -25,18 +25,19 @@ from tci.drivers.partial_gate import PartialGate
 from tci.drivers.remote.source_clock import SourceClock
 from tci.drivers.unitree import messages
 from tci.drivers.unitree.address import parse_unitree
-from tci.drivers.unitree.handover import DQ, KP, ROWS, TAU, Phase, Q
+from tci.drivers.unitree.handover import Phase
 from tci.drivers.unitree.hands import HandSkin, patches_of
 from tci.drivers.unitree.health import Health
 from tci.drivers.unitree.held_motors import HeldMotors, Status
-from tci.drivers.unitree.motors import MOTORS, NAMES, VARIANTS, absent, commanded, gains
+from tci.drivers.unitree.motors import MOTORS, NAMES, VARIANTS, absent, commanded
 from tci.drivers.unitree.node import MOST, UnitreeNode, latest
+from tci.drivers.unitree.set_points import SetPoints
 from tci.drivers.unitree.switcher import Switcher
 from tci.drivers.unitree.wire import decode_state
 from tci.errors import DriverError, FrameError
 from tci.frames import read_only
 from tci.gate.safe_command import SafeCommand
-from tci.messages import JointReading, Mode, Reading
+from tci.messages import JointReading, Reading
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
@@ -72,8 +73,7 @@ class UnitreeDriver(Driver):
         self._source = SourceClock()
         self._joints: JointReading | None = None
         self._phase = Phase.WAITING
-        self._share = np.ones((2, MOTORS))
-        self._gains = gains(whole=self.where.whole)
+        self._set_points = SetPoints(self._slots, whole=self.where.whole)
         self._held: HeldMotors | None = None
         self._node = UnitreeNode(self.where.interface, self.where.domain)
         try:
@@ -136,29 +136,15 @@ class UnitreeDriver(Driver):
 
     def _send(self, safe: SafeCommand) -> None:
         assert self._held is not None  # armed drivers hold motors
-        slots = self._slots[safe.servos]
         if self._phase is Phase.WAITING and not self._held.status.lasting:
             self._held.take()
             return
-        for row, shares in enumerate((safe.stiffness, safe.damping)):
-            for servo, share in shares.items():
-                self._share[row, self._slots[servo]] = share
-        chosen, targets = np.zeros(MOTORS, dtype=bool), np.zeros((ROWS, MOTORS))
-        chosen[slots] = True
-        targets[Q, slots], targets[DQ, slots], targets[TAU, slots] = (
-            safe.position, safe.velocity, safe.torque
-        )  # fmt: skip
-        targets[KP:, slots] = (self._gains * self._share)[:, slots]
-        loose = slots[[mode is Mode.TORQUE for mode in safe.modes]]
-        targets[KP:, loose] = 0.0
-        self._held.follow(chosen, targets)
+        self._held.follow(*self._set_points.of(safe))
 
     def _halt(self) -> None:
         assert self._held is not None  # armed drivers hold motors
         self._hear()
-        targets = np.zeros((ROWS, MOTORS))
-        targets[Q], targets[KP:] = self._health.posture, self._gains
-        self._held.follow(np.ones(MOTORS, dtype=bool), targets)
+        self._held.follow(*self._set_points.here(self._health.posture))
 
     def _close(self) -> None:
         if self._held is not None:

@@ -37,6 +37,11 @@ WARM, SUPPLY = 30, 50.0
 """Temperature [C] and voltage [V] that motors report. Assumed: a robot at rest."""
 
 
+ELSEWHERE = 2e-3
+"""Distance [rad] of a set-point from the robot's own one that is a command. Assumed: programs hold the joints
+that they do not move where they measured them, to noise and sag."""
+
+
 class UnitreeServer(Server):
     """Serves a robot as a Unitree G1."""
 
@@ -55,6 +60,8 @@ class UnitreeServer(Server):
         motors["temperature"][self._slots] = WARM
         self._due = Every(1.0 / RATE)
         self._own: Any = None
+        self._first = np.full(len(driver.robot.servos), np.nan)
+        self._moved = np.zeros(len(driver.robot.servos), dtype=bool)
         self._silent: float | None = None
         self._node = UnitreeNode(self._where.interface, self._where.domain)
         self._arms = self._node.reader("rt/arm_sdk", messages.COMMAND)
@@ -136,6 +143,13 @@ class UnitreeServer(Server):
             return None
         wanted = motors["q"][self._slots[servos]].astype(float)
         mixed = weight * wanted + (1.0 - weight) * self._own[servos]
+        if weight == 0.0:
+            self._first[:] = np.nan
+        first = self._first[servos] = np.where(np.isnan(self._first[servos]), wanted, self._first[servos])
+        self._moved[servos] |= (wanted != first) | (np.abs(mixed - self._own[servos]) > ELSEWHERE)
         if weight >= 1.0:
             self._own[servos] = mixed
+        servos, mixed = servos[self._moved[servos]], mixed[self._moved[servos]]
+        if not servos.size:
+            return None
         return movable(position_order(servos, mixed), self.driver.robot)

@@ -108,7 +108,7 @@ class YarpServer(Server):
 
     def reach(self) -> str:
         host, port = self.network.address
-        return f"yarp:{host}:{port}{',bindings' if self._bindings else ''}"
+        return f"yarp:{host}:{port},{'bindings' if self._bindings else f'dialect={self.dialect.name}'}"
 
     def orders(self) -> Sequence[Order]:
         if not self._shown:

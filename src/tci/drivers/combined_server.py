@@ -1,0 +1,53 @@
+"""Several servers of one robot: a G1's joints over Unitree's topics, its skin over YARP."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tci.drivers.server import Server
+from tci.gate.safe_command import SafeCommand
+from tci.messages import Order, Perception, Reading
+from tci.reasons import Reason
+
+JOIN = " + "
+"""Text between the addresses of drivers or servers that are combined."""
+
+
+class CombinedServer(Server):
+    """One robot on several middlewares, each of which it shows and obeys as if it were the only one."""
+
+    def __init__(self, servers: Sequence[Server]) -> None:
+        """Takes servers of one driver; they are closed with this one."""
+        super().__init__(servers[0].driver, JOIN.join(server.address for server in servers))
+        self.servers = tuple(servers)
+        self._senders: dict[int, Server] = {}
+
+    def where(self) -> str:
+        return JOIN.join(server.where() for server in self.servers)
+
+    def reach(self) -> str:
+        return JOIN.join(server.reach() for server in self.servers)
+
+    def orders(self) -> Sequence[Order]:
+        found = [(order, server) for server in self.servers for order in server.orders()]
+        self._senders = {id(order): server for order, server in found}
+        return [order for order, _ in found]
+
+    def show(self, reading: Reading) -> None:
+        for server in self.servers:
+            server.show(reading)
+
+    def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
+        for server in self.servers:
+            server.publish(reading, perception, sent)
+
+    def refuse(self, order: Order, reason: Reason) -> None:
+        self._senders[id(order)].refuse(order, reason)
+
+    def fault(self) -> Reason | None:
+        faults = [server.fault() for server in self.servers]
+        return next((fault for fault in faults if fault is not None), None)
+
+    def close(self) -> None:
+        for server in self.servers:
+            server.close()

@@ -1,0 +1,43 @@
+"""Set-points of motors from the gate's commands."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.drivers.unitree.handover import DQ, KP, ROWS, TAU, Q
+from tci.drivers.unitree.motors import MOTORS, gains
+from tci.frames import Array
+from tci.gate.safe_command import SafeCommand
+from tci.messages import Mode
+
+
+class SetPoints:
+    """Converts commands for servos to targets of motors. Holds the shares of stiffness and damping."""
+
+    def __init__(self, slots: NDArray[np.intp], *, whole: bool) -> None:
+        """Takes the slot (n_servos,) of each servo's motor; `whole` for the gains of rt/lowcmd."""
+        self._slots, self._gains = slots, gains(whole=whole)
+        self._share = np.ones((2, MOTORS))
+
+    def of(self, safe: SafeCommand) -> tuple[NDArray[np.bool_], Array]:
+        """Returns the motors under command (29,), and targets (5, 29)."""
+        slots = self._slots[safe.servos]
+        for row, shares in enumerate((safe.stiffness, safe.damping)):
+            for servo, share in shares.items():
+                self._share[row, self._slots[servo]] = share
+        chosen, targets = np.zeros(MOTORS, dtype=bool), np.zeros((ROWS, MOTORS))
+        chosen[slots] = True
+        targets[Q, slots], targets[DQ, slots], targets[TAU, slots] = (
+            safe.position, safe.velocity, safe.torque
+        )  # fmt: skip
+        targets[KP:, slots] = (self._gains * self._share)[:, slots]
+        loose = slots[[mode is Mode.TORQUE for mode in safe.modes]]
+        targets[KP:, loose] = 0.0
+        return chosen, targets
+
+    def here(self, posture: Array) -> tuple[NDArray[np.bool_], Array]:
+        """Returns all motors, and targets (5, 29) that hold a `posture` (29,) [rad]."""
+        targets = np.zeros((ROWS, MOTORS))
+        targets[Q], targets[KP:] = posture, self._gains
+        return np.ones(MOTORS, dtype=bool), targets

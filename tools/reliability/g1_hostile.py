@@ -1,0 +1,186 @@
+"""Hostile commands to a G1, judged by the bytes that the robot would receive."""
+
+from __future__ import annotations
+
+import socket
+import struct
+from typing import Any
+
+import numpy as np
+from pool import Job, Result, gather
+from row import Row
+
+from gate.hostile import Attack
+from tci.drivers.partial_gate import PartialGate
+from tci.drivers.unitree.driver import slots_of
+from tci.drivers.unitree.handover import TAKE, Phase
+from tci.drivers.unitree.keeper import DISCOVERY, FOLLOW, FOLLOWS, Keeper, Orders
+from tci.drivers.unitree.keeper import TAKE as ASK
+from tci.drivers.unitree.set_points import SetPoints
+from tci.drivers.unitree.wire import STATE, WEIGHT, encode_state
+from tci.frames import Array
+from tci.messages import CONTROL_MODES
+from tci.robot.catalogue import load_robot
+
+PERIOD = 0.004
+CHUNK = 10_000
+"""Number of commands of one attack."""
+GAINS = 60.0, 1.5
+"""Largest stiffness and damping over rt/arm_sdk: the vendor's example."""
+ROUNDING = 1e-6
+"""Relative error of 32-bit numbers on the wire, with a margin."""
+
+
+def unitree_hostile(full: bool) -> Row:
+    """Hostile commands, in every mode, as bytes of rt/arm_sdk that a robot would receive."""
+    done = gather("unitree_hostile", _attack, _jobs(100 if full else 1), full=full)
+    heard, commands, refused = (sum(one[key] for one in done) for key in ("heard", "commands", "refused"))
+    faults = [fault for one in done for fault in one["faults"]]
+    return Row(
+        "hostile commands to a G1, as its own end receives them", commands, 1e6, "commands",
+        f"{refused} refused; {len(faults)} of {heard} messages outside {' '.join(faults[:1])}".strip(),
+        "0 outside position, speed, torque, gains, weight", bool(heard) and not faults,
+    )  # fmt: skip
+
+
+def _jobs(count: int) -> list[Job]:
+    return [(seed,) for seed in range(count)]
+
+
+class _Wire:
+    """Stands for the node of the keeper: a state that is always fresh, and the bytes that are sent."""
+
+    def __init__(self) -> None:
+        self.sent: list[bytes] = []
+        self.state = b""
+
+    def reader(self, topic: str, kind: Any, **options: Any) -> Any:
+        wire = self
+
+        class Reader:
+            def take(self, most: int) -> list[Any]:
+                if topic != "rt/lowstate":
+                    return []
+                sample = kind.__new__(kind)
+                sample.raw = wire.state
+                return [sample]
+
+        return Reader()
+
+    def out(self, topic: str, kind: Any) -> Any:
+        return self.sent.append
+
+    def other_writers(self, topic: str) -> int:
+        return 0
+
+
+class Robot:
+    """The robot's own check of bytes, which shares no code with the driver.
+
+    Positions lie inside the limits, or no farther outside than the joint was ever measured. From one message
+    to the next a set-point moves no faster than the joint may, or lies where the joint is measured.
+    """
+
+    MOTORS = struct.Struct("<" + "B3x5fI" * 35)
+
+    def __init__(self, slots: list[int], limits: list[Any]) -> None:
+        self.slots = [slot for slot in slots if slot >= 12]
+        mine = [limit for slot, limit in zip(slots, limits, strict=True) if slot >= 12]
+        self.lower, self.upper, self.speed, self.torque = (
+            np.array([getattr(limit, name) for limit in mine], dtype=float)
+            for name in ("lower", "upper", "velocity", "torque")
+        )
+        self.beyond = np.zeros(len(mine))
+        self.before: Array | None = None
+        self.faults: list[str] = []
+
+    def see(self, data: bytes, measured: Array) -> None:
+        """Checks one message; `measured` (k,) [rad] are the joints in the state before it."""
+        motors = np.array(self.MOTORS.unpack_from(data, 4)).reshape(35, 7)[:, :6]
+        motors[0, 0] = data[6]  # the first motor shares its first bytes with the message's own
+        mode, q, dq, tau, kp, kd = motors[self.slots].T
+        outside = np.maximum(measured - self.upper, self.lower - measured)
+        self.beyond = np.maximum(self.beyond, outside)
+        close = ROUNDING * (1.0 + np.abs(q))
+        moved = np.abs(q - (q if self.before is None else self.before))
+        near = np.minimum(moved, np.abs(q - measured))
+        loose = kp == 0.0
+        checks = {
+            "not finite": ~np.isfinite(motors[self.slots]).all(axis=1),
+            "not enabled": mode != 1,
+            "position": np.maximum(q - self.upper, self.lower - q) > self.beyond + close,
+            "jump": (near > self.speed * PERIOD * (1.0 + ROUNDING) + close) & ~loose,
+            "speed": np.abs(dq) > self.speed * (1.0 + ROUNDING),
+            "torque": np.abs(tau) > self.torque * (1.0 + ROUNDING),
+            "torque beside stiffness": (tau != 0.0) & ~loose,
+            "gains": ~((kp >= 0.0) & (kp <= GAINS[0]) & (kd >= 0.0) & (kd <= GAINS[1])),
+        }
+        self.faults += [
+            f"{name} of {self.slots[int(np.argmax(bad))]}" for name, bad in checks.items() if bad.any()
+        ]
+        if not 0.0 <= motors[WEIGHT, 1] <= 1.0:
+            self.faults.append(f"weight {motors[WEIGHT, 1]}")
+        if motors[:12, 0].any():
+            self.faults.append("a leg is enabled")
+        self.before = q
+
+
+class _Attack(Attack):
+    """An attack on the gate of a G1's driver, whose output goes on to the bytes for the robot."""
+
+    eager = 0.7
+
+    def __init__(self, seed: int) -> None:
+        robot = load_robot("g1")
+        servos = tuple(s.model_copy(update={"modes": CONTROL_MODES}) for s in robot.servos)
+        robot = robot.model_copy(update={"servos": servos})
+        super().__init__(robot, seed, period=PERIOD, body=False)
+        self.slots = slots_of(robot)
+        self.servos = np.flatnonzero(self.slots >= 12)
+        self.movable = [*self.servos.tolist(), int(np.argmin(self.slots))]  # one that is refused
+        legs = {servo: "a leg" for servo, slot in enumerate(self.slots.tolist()) if slot < 12}
+        self.gate = PartialGate(robot, legs, period=PERIOD, stale_after=0.1)
+        self.wire, self.set_points = _Wire(), SetPoints(self.slots, whole=False)
+        self.socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        theirs.setblocking(False)
+        orders = Orders("lo", 0, "rt/arm_sdk", whole=False, simulation=False, period=PERIOD, socket=0)
+        self.keeper = Keeper(orders, self.wire, theirs)  # type: ignore[arg-type]
+        self.end = Robot(self.slots.tolist(), [servo.limits for servo in robot.servos])
+        self.messages, self.refused, self.time = 0, 0, 0.0
+        self.socket.send(ASK)
+        while self.keeper.handover.phase is not Phase.LEADING:
+            self._tell(self.angles)
+            assert self.time < 2.0 * (DISCOVERY + TAKE)
+
+    def _pass(self, orders: Any, malformed: int, when: float, *, moved: bool = True) -> Any:
+        seen = self.angles.copy()
+        safe = super()._pass(orders, malformed, when, moved=moved)
+        self.refused += len(safe.refusals)
+        chosen, targets = self.set_points.of(safe)
+        self.socket.send(FOLLOWS.pack(FOLLOW, *chosen.tolist(), *targets.ravel().tolist()))
+        self._tell(seen)
+        return safe
+
+    def _tell(self, seen: Array) -> None:
+        """Lets the keeper work for a period, and the robot, `seen` (n,) [rad] before, check what it sends."""
+        self.time += PERIOD
+        state: Any = np.zeros((), STATE)
+        state["mode_machine"], state["quaternion"][0] = 5, 1.0
+        state["motor"]["q"][self.slots] = self.angles
+        self.wire.state = encode_state(state)
+        self.keeper.step(self.time)
+        measured = seen[self.servos]
+        for data in self.wire.sent:
+            self.messages += 1
+            self.end.see(data, measured)
+        self.wire.sent.clear()
+
+
+def _attack(seed: int) -> Result:
+    attack = _Attack(seed)
+    while attack.counts.commands < CHUNK:
+        attack.step()
+    return {
+        "heard": attack.messages, "commands": attack.counts.commands, "refused": attack.refused,
+        "faults": attack.end.faults + attack.judge.faults,
+    }  # fmt: skip

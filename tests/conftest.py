@@ -4,6 +4,7 @@ them."""
 from __future__ import annotations
 
 import gc
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -64,6 +65,19 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items.sort(key=lambda item: "viewer" not in item.path.parts)
     if config.getoption("--data") is None:
         items[:] = [item for item in items if "genuine_data" not in getattr(item, "fixturenames", ())]
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Removes the group from a test's name where reports are collected: --last-failed knows only the name."""
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        report.nodeid = without_group(report.nodeid)
+
+
+def without_group(name: str) -> str:
+    """Returns the name of a test without the group that pytest-xdist appends to it."""
+    plain, _, group = name.rpartition("@")
+    return plain if plain and "]" not in group else name
 
 
 LEFT_OPEN = 100

@@ -78,3 +78,15 @@ def test_a_folder_without_a_repository_is_tested_as_it_is_but_for_what_was_built
 def test_genuine_data_is_found_from_where_ci_was_started(checkout: Path) -> None:
     told = said(checkout, DATA="skins")
     assert told == [CLEAN, f"make test-real DATA={checkout.parent / 'skins'}{CLEAN[len('make test ') :]}"]
+
+
+@pytest.mark.xdist_group("together")
+def test_a_group_of_tests_runs_in_one_process_and_is_found_again(request: pytest.FixtureRequest) -> None:
+    """Versions of pytest and pytest-xdist that do not fit each other ignore the groups silently. With groups
+    in the reports, live tests that failed would not run once more, and would not count."""
+    config = request.config
+    if hasattr(config, "workerinput") and config.getoption("loadgroup", default=False):
+        assert request.node.nodeid.endswith("@together")
+    conftest = config.pluginmanager.get_plugin(str(Path(__file__).with_name("conftest.py")))
+    for name in ("a.py::b", "a.py::b[c@d]"):
+        assert conftest.without_group(name) == conftest.without_group(f"{name}@together") == name

@@ -94,33 +94,43 @@ def half(x):
     return 0.5 * x
 """
 USE = """
-from tci.loops import half, twice
+from tci.{}.loops import half, twice
 print(*(sum(one.stats.cache_hits.values()) for one in (half, twice)))
 """
 
 
 def test_the_first_process_compiles_side_by_side_and_says_so(tmp_path: Path) -> None:
+    """Another one that starts meanwhile waits for it, though it needs the loops of another package."""
     package = tmp_path / "tci"
-    (package / "robot").mkdir(parents=True)
+    for folder in ("robot", "one", "other"):
+        (package / folder).mkdir(parents=True)
     for file in ("compiled.py", "compile_ahead.py", "robot/limb.py"):
         (package / file).write_bytes((compiled.HERE / file).read_bytes())
-    (package / "__init__.py").touch()
-    (package / "loops.py").write_text(LOOPS)
+    for file in ("__init__.py", "one/__init__.py", "other/__init__.py"):
+        (package / file).touch()
+    for folder in ("one", "other"):
+        (package / folder / "loops.py").write_text(LOOPS)
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
-    first, second = (
-        subprocess.run(
-            [sys.executable, "-c", USE], env=environment, capture_output=True, text=True, check=True
-        )
-        for _ in range(2)
-    )
-    assert first.stdout.split() == second.stdout.split() == ["1", "1"]
-    assert "compiling its loops for this processor, once after installing it: done in" in first.stderr
-    assert second.stderr == ""
-    package.joinpath("loops.py").write_text(LOOPS.replace("2.0", "3.0"))
-    third = subprocess.run(
-        [sys.executable, "-c", USE], env=environment, capture_output=True, text=True, check=True
-    )
-    assert "compiling" in third.stderr
+
+    def use(*folders: str) -> list[str]:
+        """Returns all that processes wrote to stderr that used the loops of one folder each at once."""
+        made = [
+            subprocess.Popen(
+                [sys.executable, "-c", USE.format(folder)],
+                env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            )
+            for folder in folders
+        ]  # fmt: skip
+        found = [process.communicate() for process in made]
+        assert [answer.split() for answer, _ in found] == [["1", "1"]] * len(folders)
+        return [said for _, said in found]
+
+    silent, told = sorted(use("one", "other"))
+    assert silent == ""
+    assert "compiling its loops for this processor, once after installing it: done in" in told
+    assert use("one") == [""]
+    package.joinpath("one", "loops.py").write_text(LOOPS.replace("2.0", "3.0"))
+    assert "compiling" in use("one")[0]
 
 
 @pytest.mark.parametrize("name", modules_with_loops())

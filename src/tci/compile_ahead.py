@@ -38,17 +38,17 @@ def is_worker() -> bool:
     return CLAIMS in os.environ
 
 
-def compile_ahead(cache: Path, is_missing: Callable[[], bool]) -> None:
+def compile_ahead(is_missing: Callable[[], bool]) -> None:
     """Compiles all loops into the cache, unless this process has tried before or `is_missing()` is False.
 
-    Other processes that start meanwhile wait at the folder `cache` instead of compiling the same loops. Loops
-    that the workers could not compile are left to the caller.
+    Other processes that start meanwhile wait at this folder instead of compiling the same loops, whichever
+    loop they import first. Loops that the workers could not compile are left to the caller.
     """
     global _tried
     if _tried or not is_missing():
         return
     _tried = True
-    place = os.open(cache, os.O_RDONLY)
+    place = os.open(HERE, os.O_RDONLY)
     try:
         fcntl.flock(place, fcntl.LOCK_EX)
         if is_missing():

@@ -47,9 +47,7 @@ def compiled(*signatures: Any, allocates: bool = False) -> Callable[[Callable[..
                 waiting.append((function, signatures))
                 return function
             if loop.__module__.startswith("tci."):
-                compile_ahead(
-                    Path(function._cache.cache_path), lambda: not function._cache._cache_file._load_index()
-                )
+                compile_ahead(lambda: not function._cache._cache_file._load_index())
         for signature in signatures:
             function.compile(signature)
         function.disable_compile()

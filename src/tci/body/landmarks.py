@@ -53,6 +53,7 @@ class Landmarks:
     def __init__(self, skin: Skin) -> None:
         self._skin = skin
         self._found: dict[tuple[str, Landmark], _Reach | None] = {}
+        self._latest: tuple[Contact, tuple[NDArray[np.intp], Array]] | None = None
 
     def place(self, part: str, landmark: Landmark) -> Place:
         """Returns a landmark of a part's skin. Raises TciError if it has none, UnknownNameError for an
@@ -75,12 +76,13 @@ class Landmarks:
         reach = self._reach(contact.part, landmark)
         if reach is None or reach.place.patch != contact.patch:
             return np.inf
-        surface = self._skin.surfaces[contact.patch]
-        point, normal = contact.p_L, contact.n_L
-        place = reach.place
+        place, point, normal = reach.place, contact.p_L, contact.n_L
         if _is_near(place.p_L, place.n_L, point, normal):
             return float(_lengths(place.p_L, place.n_L, point, normal))
-        around, lengths = _around(surface, point, normal)
+        # All fields ask about one contact before they ask about the next one.
+        if self._latest is None or self._latest[0] is not contact:
+            self._latest = contact, _around(self._skin.surfaces[contact.patch], point, normal)
+        around, lengths = self._latest[1]
         return float((reach.distances[around] + lengths).min())
 
     def _reach(self, part: str, landmark: Landmark) -> _Reach | None:

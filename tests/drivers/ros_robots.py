@@ -9,7 +9,7 @@ import signal
 import socket
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
 from typing import Any
 
@@ -165,7 +165,7 @@ def anywhere() -> str:
     return f"/n{secrets.token_hex(4)}"
 
 
-def garbage_on(node: RosNode, namespace: str, messages: list[bytes]) -> None:
+def garbage_on(node: RosNode, namespace: str, messages: Iterable[bytes]) -> None:
     """Sends bytes as states and frames of a TCI process, and joints of wrong lengths."""
     topics = [f"{namespace}/tci/state", f"{namespace}/tci/frames/left_forearm"]
     senders = [node.advertise(topic, BYTES) for topic in topics]

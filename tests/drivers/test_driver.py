@@ -59,9 +59,29 @@ def peer(request: pytest.FixtureRequest) -> Iterator[Peer]:
         made.stop()
 
 
-@pytest.fixture
-def open_driver(peer: Peer) -> Iterator[Callable[..., Driver]]:
+@pytest.fixture(scope="module")
+def shared(peer: Peer) -> Iterator[list[Driver]]:
+    """Yields the driver that tests share, once one of them has opened it."""
     opened: list[Driver] = []
+    yield opened
+    for driver in opened:
+        driver.close()
+
+
+@pytest.fixture
+def driver(peer: Peer, shared: list[Driver]) -> Driver:
+    """An armed driver, for tests that neither close it nor open another one. They come first."""
+    if not shared:
+        shared.append(peer.open(arm=True))
+    return shared[0]
+
+
+@pytest.fixture
+def open_driver(peer: Peer, shared: list[Driver]) -> Iterator[Callable[..., Driver]]:
+    opened = [*shared]
+    for driver in opened:
+        driver.close()
+    shared.clear()
 
     def make(*, arm: bool = True) -> Driver:
         opened.append(peer.open(arm=arm))
@@ -92,7 +112,7 @@ def drive_until(driver: Driver, arrived: Callable[[], bool], *orders: PlatformOr
     """Returns True if the robot arrives. In a simulation it does so at once; on a busy machine the gate may
     stop it on the way, and the order is repeated."""
     for _ in range(PATIENCE):
-        drive(driver, *orders)
+        drive(driver, *orders, until=lambda sent: arrived())
         if arrived():
             return True
         if driver.gate.state is GateState.STOP:
@@ -100,8 +120,27 @@ def drive_until(driver: Driver, arrived: Callable[[], bool], *orders: PlatformOr
     return False
 
 
-def test_readings_are_complete_fresh_and_in_order(open_driver: Callable[..., Driver]) -> None:
-    driver = open_driver()
+def judged(driver: Driver, values: dict[str, float]) -> SafeCommand:
+    """Returns the gate's decision on a command, as soon as a busy machine lets it run."""
+    end = time.monotonic() + 30.0
+    while True:
+        joints = driver.read().joints
+        safe = driver.gate.step([driver.native("LArm").command(values)], joints, driver.clock.now())
+        if safe.state is GateState.RUN:
+            return safe
+        assert time.monotonic() < end
+        time.sleep(driver.period)
+
+
+def elbow(driver: Driver) -> float:
+    return driver.native("LArm").positions(driver.read().joints)["LElbowRoll"]
+
+
+def bend(driver: Driver, angle: float, speed: float = np.inf) -> PlatformOrder:
+    return driver.native("LArm").command({"LElbowRoll": angle}, speed=speed)
+
+
+def test_readings_are_complete_fresh_and_in_order(driver: Driver) -> None:
     sequences, ages = [], []
     for now in driver.ticks(duration=0.1):
         reading = driver.read()
@@ -117,19 +156,16 @@ def test_readings_are_complete_fresh_and_in_order(open_driver: Callable[..., Dri
     assert min(np.abs(ages)) <= driver.gate.stale_after
 
 
-def test_write_returns_what_was_sent_and_the_robot_goes_there(open_driver: Callable[..., Driver]) -> None:
-    driver = open_driver()
-    arm = driver.native("LArm")
-    command = arm.command({"LElbowRoll": -1.2})
-    safe = driver.gate.step([command], driver.read().joints, driver.clock.now())
+def test_write_returns_what_was_sent_and_the_robot_goes_there(driver: Driver) -> None:
+    safe = judged(driver, {"LElbowRoll": -1.2})
     assert driver.write(safe) is safe
-    assert drive_until(driver, lambda: abs(arm.positions(driver.read().joints)["LElbowRoll"] + 1.2) < 0.01)
+    assert drive_until(driver, lambda: abs(elbow(driver) + 1.2) < 0.01)
 
 
-def test_home_is_commands_like_any_other(open_driver: Callable[..., Driver]) -> None:
-    driver = open_driver()
-    part = driver.robot.part("right_arm")
-    drive(driver, driver.native("RArm").command({"RElbowRoll": 0.3}))
+def test_home_is_commands_like_any_other(driver: Driver) -> None:
+    part, arm = driver.robot.part("right_arm"), driver.native("RArm")
+    away = arm.command({"RElbowRoll": 0.3})
+    drive_until(driver, lambda: abs(arm.positions(driver.read().joints)["RElbowRoll"] - 0.3) < 0.01, away)
     servos = [servo.servo for servo in part.servos]
     wanted = initial_position(driver.robot)[servos]
     orders = [to_platform(driver.robot, command) for command in home(part)]
@@ -138,31 +174,14 @@ def test_home_is_commands_like_any_other(open_driver: Callable[..., Driver]) -> 
     )
 
 
-def test_an_unarmed_driver_reads_and_refuses_to_write(open_driver: Callable[..., Driver]) -> None:
-    driver = open_driver(arm=False)
-    joints = driver.read().joints
-    with pytest.raises(DriverError, match="arm=True"):
-        driver.write(driver.gate.step([], joints, driver.clock.now()))
-
-
-def test_only_this_drivers_gate_can_write(open_driver: Callable[..., Driver]) -> None:
-    driver = open_driver()
+def test_only_this_drivers_gate_can_write(driver: Driver) -> None:
     other = Gate(driver.robot, period=driver.period, stale_after=1.0)
     safe = other.step([], driver.read().joints, driver.clock.now())
     with pytest.raises(DriverError, match="gate"):
         driver.write(safe)
 
 
-def test_a_closed_driver_says_so_and_closes_twice(open_driver: Callable[..., Driver]) -> None:
-    with open_driver() as driver:
-        pass
-    driver.close()
-    with pytest.raises(DriverError, match="closed"):
-        driver.read()
-
-
-def test_native_names_are_checked(open_driver: Callable[..., Driver]) -> None:
-    driver = open_driver()
+def test_native_names_are_checked(driver: Driver) -> None:
     with pytest.raises(UnknownNameError, match="LArm"):
         driver.native("Tail")
     with pytest.raises(UnknownNameError, match="LWristYaw"):
@@ -171,30 +190,9 @@ def test_native_names_are_checked(open_driver: Callable[..., Driver]) -> None:
         driver.native("LArm").command({})
 
 
-def judged(driver: Driver, values: dict[str, float]) -> SafeCommand:
-    """Returns the gate's decision on a command, as soon as a busy machine lets it run."""
-    end = time.monotonic() + 30.0
-    while True:
-        joints = driver.read().joints
-        safe = driver.gate.step([driver.native("LArm").command(values)], joints, driver.clock.now())
-        if safe.state is GateState.RUN:
-            return safe
-        assert time.monotonic() < end
-        time.sleep(driver.period)
-
-
-def test_a_native_command_obeys_the_same_limits(open_driver: Callable[..., Driver]) -> None:
-    driver = open_driver()
+def test_a_native_command_obeys_the_same_limits(driver: Driver) -> None:
     assert "LHand is nan" in judged(driver, {"LElbowRoll": 2.0, "LHand": np.nan}).refusals[0].text
     assert judged(driver, {"LElbowRoll": 2.0}).clamped[0].names == ("LElbowRoll",)
-
-
-def elbow(driver: Driver) -> float:
-    return driver.native("LArm").positions(driver.read().joints)["LElbowRoll"]
-
-
-def bend(driver: Driver, angle: float) -> PlatformOrder:
-    return driver.native("LArm").command({"LElbowRoll": angle}, speed=0.3)
 
 
 class Once(Capability[bool]):
@@ -212,17 +210,20 @@ class Once(Capability[bool]):
         return () if memory else (self.order,), True
 
 
-def test_a_run_after_one_that_ended_in_motion_is_obeyed(open_driver: Callable[..., Driver]) -> None:
+def test_a_run_after_one_that_ended_in_motion_is_obeyed(driver: Driver) -> None:
     """A hold at the end of the first run no longer applies, here and in the process that owns the robot."""
-    driver, refused, undisturbed = open_driver(), [], 0
+    refused: list[str] = []
+    undisturbed = 0
     for _ in range(2 * PATIENCE):
         away = -1.0 if elbow(driver) < -0.8 else 1.0  # from the middle, then back: no limit is in the way
-        first = run(driver, Once(bend(driver, np.clip(elbow(driver) + 0.5 * away, -1.5, -0.1))), duration=0.4)
+        first = run(
+            driver, Once(bend(driver, np.clip(elbow(driver) + 0.5 * away, -1.5, -0.1), 0.3)), duration=0.4
+        )
         goal = elbow(driver) - 0.3 * away
         refused.clear()
         second = run(
             driver,
-            Once(bend(driver, goal)),
+            Once(bend(driver, goal, 0.3)),
             duration=2.0,
             observe=lambda tick: refused.extend(map(str, tick.sent.refusals)),
         )
@@ -236,14 +237,97 @@ def test_a_run_after_one_that_ended_in_motion_is_obeyed(open_driver: Callable[..
     raise AssertionError(f"this machine is too busy: {refused}")
 
 
-def test_32_a_reader_that_was_away_gets_the_latest_and_no_backlog(open_driver: Callable[..., Driver]) -> None:
-    driver = open_driver()
+def test_32_a_reader_that_was_away_gets_the_latest_and_no_backlog(driver: Driver) -> None:
     before = driver.read().joints.sequence
     driver.clock.sleep_until(driver.clock.now() + 1.5)
     reading, now = driver.read(), driver.clock.now()
     assert abs(now - reading.joints.stamp) <= driver.gate.stale_after
     assert reading.joints.sequence > before + 10
     assert driver.read().joints.sequence - reading.joints.sequence <= 100
+
+
+@elsewhere
+def test_28_34_a_peer_that_falls_silent_means_hold_and_comes_back_without_replay(
+    peer: Peer, driver: Driver
+) -> None:
+    assert drive_until(driver, lambda: abs(elbow(driver) + 0.3) < 0.01, bend(driver, -0.3))
+    away = bend(driver, -1.4, 0.1)
+    last = drive(driver, away, duration=5.0, until=lambda sent: elbow(driver) < -0.4)
+    led = dict(zip(last.servos.tolist(), last.position.tolist(), strict=True))[away.servos[0]]
+    peer.freeze()
+    try:
+        held = drive(driver, duration=5.0, until=lambda sent: sent.state is GateState.HOLD)
+        assert held.state is GateState.HOLD
+        assert re.search("joint data is .* old|no new joint data", str(held.reason))
+        refused = driver.gate.step([bend(driver, -1.0)], driver.read().joints, driver.clock.now())
+        assert "hold" in refused.refusals[0].text
+        driver.write(refused)
+        drive(driver, duration=0.5)  # the robot's process was frozen for longer than any data may be old
+        frozen = elbow(driver)
+    finally:
+        peer.thaw()
+    passed: list[float] = []
+
+    def seen(sent: SafeCommand) -> bool:
+        passed.append(elbow(driver))
+        return sent.state is GateState.RUN
+
+    assert drive(driver, duration=10.0, until=seen).state is GateState.RUN
+    # The robot was moving to where it was commanded before it was frozen (a busy machine lags), and holds
+    # from its first period on: it stops between the two. Commands sent from then until the hold here,
+    # 0.05 rad more, are not executed.
+    for _ in range(2):
+        drive(driver, duration=1.0)
+        passed.append(elbow(driver))
+    assert min(passed) > min(frozen, led) - AFTER_THAW
+    assert max(passed) < max(frozen, led) + AFTER_THAW
+    assert drive_until(driver, lambda: abs(elbow(driver) + 0.3) < 0.03, bend(driver, -0.3))
+
+
+@elsewhere
+def test_33_garbage_floods_and_wrong_types_change_nothing(peer: Peer, driver: Driver) -> None:
+    garbage = [bytes(random.Random(n).randbytes(n % 700)) for n in range(200)]
+    ended = threading.Event()
+
+    def flood() -> Iterator[bytes]:
+        for turn in range(20):
+            if turn and ended.is_set():
+                return
+            yield from garbage
+
+    driver.read()
+    sender = threading.Thread(target=peer.disturb, args=(flood(),))
+    memory = psutil.Process().memory_info().rss
+    sender.start()
+    sent = drive(driver, bend(driver, -0.3), duration=2.0)
+    ended.set()
+    sender.join()
+    for _ in driver.ticks(duration=40.0):  # the transport may lag behind the flood
+        reading, now = driver.read(), driver.clock.now()
+        if abs(now - reading.joints.stamp) <= driver.gate.stale_after:
+            break
+    assert abs(now - reading.joints.stamp) <= driver.gate.stale_after
+    assert sent.state is not GateState.STOP
+    assert reading.joints.position.shape == (len(driver.robot.servos),)
+    assert np.isfinite(reading.joints.position).all()
+    for frame in reading.skin:
+        assert frame.values.shape == (driver.robot.patch(frame.patch).channels,)
+    assert psutil.Process().memory_info().rss - memory < 50e6
+
+
+def test_an_unarmed_driver_reads_and_refuses_to_write(open_driver: Callable[..., Driver]) -> None:
+    driver = open_driver(arm=False)
+    joints = driver.read().joints
+    with pytest.raises(DriverError, match="arm=True"):
+        driver.write(driver.gate.step([], joints, driver.clock.now()))
+
+
+def test_a_closed_driver_says_so_and_closes_twice(open_driver: Callable[..., Driver]) -> None:
+    with open_driver() as driver:
+        pass
+    driver.close()
+    with pytest.raises(DriverError, match="closed"):
+        driver.read()
 
 
 def test_closing_leaves_nothing_behind(open_driver: Callable[..., Driver]) -> None:
@@ -256,68 +340,10 @@ def test_closing_leaves_nothing_behind(open_driver: Callable[..., Driver]) -> No
 
 
 @elsewhere
-def test_28_34_a_peer_that_falls_silent_means_hold_and_comes_back_without_replay(peer: Peer) -> None:
-    with peer.open(arm=True) as driver:
-        assert drive_until(driver, lambda: abs(elbow(driver) + 0.3) < 0.01, bend(driver, -0.3))
-        away = driver.native("LArm").command({"LElbowRoll": -1.4}, speed=0.1)
-        last = drive(driver, away, duration=5.0, until=lambda sent: elbow(driver) < -0.4)
-        led = dict(zip(last.servos.tolist(), last.position.tolist(), strict=True))[away.servos[0]]
-        peer.freeze()
-        try:
-            held = drive(driver, duration=5.0, until=lambda sent: sent.state is GateState.HOLD)
-            assert held.state is GateState.HOLD
-            assert re.search("joint data is .* old|no new joint data", str(held.reason))
-            refused = driver.gate.step([bend(driver, -1.0)], driver.read().joints, driver.clock.now())
-            assert "hold" in refused.refusals[0].text
-            driver.write(refused)
-            drive(driver, duration=0.5)  # the robot's process was frozen for longer than any data may be old
-            frozen = elbow(driver)
-        finally:
-            peer.thaw()
-        passed: list[float] = []
-
-        def seen(sent: SafeCommand) -> bool:
-            passed.append(elbow(driver))
-            return sent.state is GateState.RUN
-
-        assert drive(driver, duration=10.0, until=seen).state is GateState.RUN
-        # The robot was moving to where it was commanded before it was frozen (a busy machine lags), and holds
-        # from its first period on: it stops between the two. Commands sent from then until the hold here,
-        # 0.05 rad more, are not executed.
-        for _ in range(2):
-            drive(driver, duration=1.0)
-            passed.append(elbow(driver))
-        assert min(passed) > min(frozen, led) - AFTER_THAW
-        assert max(passed) < max(frozen, led) + AFTER_THAW
-        assert drive_until(driver, lambda: abs(elbow(driver) + 0.3) < 0.03, bend(driver, -0.3))
-
-
-@elsewhere
-def test_33_garbage_floods_and_wrong_types_change_nothing(peer: Peer) -> None:
-    with peer.open(arm=True) as driver:
-        garbage = [bytes(random.Random(n).randbytes(n % 700)) for n in range(200)]
-        driver.read()
-        sender = threading.Thread(target=peer.disturb, args=(garbage * 20,))
-        memory = psutil.Process().memory_info().rss
-        sender.start()
-        sent = drive(driver, bend(driver, -0.3), duration=2.0)
-        sender.join()
-        for _ in driver.ticks(duration=40.0):  # the transport may lag behind the flood
-            reading, now = driver.read(), driver.clock.now()
-            if abs(now - reading.joints.stamp) <= driver.gate.stale_after:
-                break
-        assert abs(now - reading.joints.stamp) <= driver.gate.stale_after
-        assert sent.state is not GateState.STOP
-        assert reading.joints.position.shape == (len(driver.robot.servos),)
-        assert np.isfinite(reading.joints.position).all()
-        for frame in reading.skin:
-            assert frame.values.shape == (driver.robot.patch(frame.patch).channels,)
-        assert psutil.Process().memory_info().rss - memory < 50e6
-
-
-@elsewhere
-def test_43_a_commander_that_is_killed_leaves_a_robot_at_rest(peer: Peer) -> None:
-    with peer.open(arm=True) as driver:
+def test_43_a_commander_that_is_killed_leaves_a_robot_at_rest(
+    peer: Peer, open_driver: Callable[..., Driver]
+) -> None:
+    with open_driver() as driver:
         assert drive_until(driver, lambda: abs(elbow(driver) + 1.2) < 0.03, bend(driver, -1.2))
     commander = peer.commander()
     try:
@@ -326,7 +352,7 @@ def test_43_a_commander_that_is_killed_leaves_a_robot_at_rest(peer: Peer) -> Non
     finally:
         commander.kill()
         commander.communicate()
-    with peer.open(arm=False) as driver:
+    with open_driver(arm=False) as driver:
         driver.clock.sleep_until(driver.clock.now() + 2.0)
         there = elbow(driver)
         assert there < -0.5  # on its way, which takes 11 s
@@ -335,9 +361,11 @@ def test_43_a_commander_that_is_killed_leaves_a_robot_at_rest(peer: Peer) -> Non
 
 
 @elsewhere
-def test_a_peer_that_is_killed_means_hold_and_closing_works(peer: Peer) -> None:
+def test_a_peer_that_is_killed_means_hold_and_closing_works(
+    peer: Peer, open_driver: Callable[..., Driver]
+) -> None:
     """Must be the last test of each driver: the others need its peer."""
-    with peer.open(arm=True) as driver:
+    with open_driver() as driver:
         drive(driver, bend(driver, -0.3), duration=0.3)
         peer.kill()
         held = drive(driver, duration=10.0, until=lambda sent: sent.state is not GateState.RUN)

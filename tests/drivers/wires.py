@@ -7,7 +7,7 @@ import socket
 import subprocess
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import cache
 from pathlib import Path
@@ -73,7 +73,7 @@ class Peer(ABC):
         """Starts another process that moves the robot and prints `moving`."""
         raise NotImplementedError
 
-    def disturb(self, messages: list[bytes]) -> None:
+    def disturb(self, messages: Iterable[bytes]) -> None:
         """Sends bytes to wherever the driver listens."""
         raise NotImplementedError
 
@@ -156,13 +156,14 @@ class Zenoh(Process):
     def __init__(self) -> None:
         super().__init__(lambda: f"zenoh:tcp/127.0.0.1:{free_port()}")
 
-    def disturb(self, messages: list[bytes]) -> None:
+    def disturb(self, messages: Iterable[bytes]) -> None:
         session = open_session(parse_address(self.via.removeprefix("zenoh:"), "nao"), "connect")
-        for key in ("state", "skin/left_forearm"):
-            publisher = session.declare_publisher(
-                f"tci/nao/{key}", congestion_control=zenoh.CongestionControl.BLOCK
-            )
-            for message in messages:
+        publishers = [
+            session.declare_publisher(f"tci/nao/{key}", congestion_control=zenoh.CongestionControl.BLOCK)
+            for key in ("state", "skin/left_forearm")
+        ]
+        for message in messages:
+            for publisher in publishers:
                 publisher.put(message)
         close_session(session)
 
@@ -173,7 +174,7 @@ class Lcm(Process):
     def __init__(self, ttl: int = 0) -> None:
         super().__init__(lambda: f"lcm:{lcm_url(ttl)}")
 
-    def disturb(self, messages: list[bytes]) -> None:
+    def disturb(self, messages: Iterable[bytes]) -> None:
         stranger = Transmitter(self.via.removeprefix("lcm:"))
         for message in messages:
             stranger.send_raw(message)
@@ -195,7 +196,7 @@ class Naoqi(Process):
         super().start()
         self.driver_via = self.via.replace("naoqi:", "naoqi://")
 
-    def disturb(self, messages: list[bytes]) -> None:
+    def disturb(self, messages: Iterable[bytes]) -> None:
         for message in messages:
             with socket.socket() as stranger:
                 stranger.connect(("127.0.0.1", int(self.via.rpartition(":")[2])))
@@ -214,7 +215,7 @@ class Yarp(Process):
         super().start()
         self.driver_via = self.via.partition(",")[0]
 
-    def disturb(self, messages: list[bytes]) -> None:
+    def disturb(self, messages: Iterable[bytes]) -> None:
         names = Names(parse_names(self.via.removeprefix("yarp:").partition(",")[0]))
         ports = [contact for contact in names.list() if contact.name.startswith("/tci/")]
         for number, message in enumerate(messages):
@@ -257,7 +258,7 @@ class Player(Process):
     def __init__(self) -> None:
         super().__init__(lambda: f"player:127.0.0.1:{free_port()}")
 
-    def disturb(self, messages: list[bytes]) -> None:
+    def disturb(self, messages: Iterable[bytes]) -> None:
         for message in messages:
             with socket.socket() as stranger:
                 stranger.connect(("127.0.0.1", int(self.via.rpartition(":")[2])))
@@ -273,7 +274,7 @@ class Ros2(Process):
     def prepare(self) -> None:
         here_only()
 
-    def disturb(self, messages: list[bytes]) -> None:
+    def disturb(self, messages: Iterable[bytes]) -> None:
         garbage_on(DdsNode("stranger"), self.via.removeprefix("ros2:"), messages)
 
 
@@ -286,7 +287,7 @@ class Ros1(Process):
     def prepare(self) -> None:
         roscore()
 
-    def disturb(self, messages: list[bytes]) -> None:
+    def disturb(self, messages: Iterable[bytes]) -> None:
         garbage_on(Ros1Node("stranger"), self.via.removeprefix("ros1:"), messages)
 
 
@@ -306,7 +307,7 @@ class Rosbridge(Process):
         assert self.relay.stdout is not None
         self.port = int(self.relay.stdout.readline())
 
-    def disturb(self, messages: list[bytes]) -> None:
+    def disturb(self, messages: Iterable[bytes]) -> None:
         host, port, namespace = parse(self.via.removeprefix("rosbridge:"))
         garbage_on(RosbridgeNode(host, port), namespace, messages)
 
@@ -325,7 +326,7 @@ class Unitree(Process):
     def __init__(self) -> None:
         super().__init__(lambda: f"unitree:lo/{100 + free_port() % 100}")
 
-    def disturb(self, messages: list[bytes]) -> None:
+    def disturb(self, messages: Iterable[bytes]) -> None:
         stranger = UnitreeNode("lo", int(self.via.rpartition("/")[2]))
         send, size = stranger.out("rt/lowstate", STATE), STATE_RECORD.itemsize - 4
         for message in messages:

@@ -77,6 +77,7 @@ RECORD = "record one.mcap nao --duration 0.1"
 SERVE = "serve nao --via lcm --duration 0.1"
 """A command that needs no extra: TCI implements LCM itself."""
 DOCTOR = "doctor --json"
+pytestmark = pytest.mark.xdist_group("bare")  # of which the fixture runs once
 GESTURE = f"time_s,{','.join(f'left_arm.{joint}_deg' for joint in JOINTS)}\n0,0,0,0,10,0\n1,0,0,0,20,0\n"
 URDF = (
     '<robot name="arm"><link name="a"><visual><geometry><mesh filename="a.dae"/></geometry></visual></link>'

@@ -25,8 +25,9 @@ PUSH = 3.0
 class Sway(tci.Capability[None]):
     """Swings both arms all the time."""
 
-    def __init__(self, mode: Mode = Mode.POSITION) -> None:
-        self.mode = mode
+    def __init__(self, mode: Mode = Mode.POSITION, *, rate: float = 6.0) -> None:
+        """Takes the angular frequency [rad/s]."""
+        self.mode, self.rate = mode, rate
 
     def init(self, body: GenericBody) -> None:
         return None
@@ -38,7 +39,7 @@ class Sway(tci.Capability[None]):
     def step(
         self, memory: None, perception: Perception, body: GenericBody
     ) -> tuple[tuple[GenericCommand, ...], None]:
-        swing = math.sin(6.0 * perception.stamp)
+        swing = math.sin(self.rate * perception.stamp)
         commands = []
         for part in ARMS:
             values = np.zeros(len(self.home[part])) if self.mode is Mode.TORQUE else self.home[part].copy()

@@ -15,6 +15,7 @@ import pytest
 
 import tci
 from tci.errors import DriverError
+from tci.frames import Array
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.runtime.lease import lease
 from tci.runtime.watchdogs import (
@@ -76,6 +77,31 @@ def test_a_patch_that_the_robot_lacks_is_nobodys_silence() -> None:
     silence = SkinWatchdog(NAO, stale_after=0.05)
     assert not silence.fault(reading(tail=1), 0.0)
     assert not silence.fault(reading(tail=1), 1e6)
+
+
+@pytest.mark.parametrize("how", ["none", "nan", "frozen"])
+def test_torques_that_vanish_silence_what_is_felt_through_joints(how: str) -> None:
+    robot = tci.load_robot("g1-bare")
+    silence, count = SkinWatchdog(robot, stale_after=0.05), len(robot.servos)
+
+    def told(now: float, *, torque: Array | None, moving: bool = True) -> str:
+        position = np.full(count, now if moving else 0.0)
+        joints = JointReading(now, 0, position, np.zeros(count), torque)
+        return str(silence.fault(Reading(joints, ()), now) or "")
+
+    assert not told(-1.0, torque=None), "a robot that never reported torques feels nothing, and may move"
+    for k in range(10):
+        assert not told(0.8 + 0.02 * k, torque=np.full(count, 0.1 * k))
+    still = np.full(count, 1.3)
+    for k in range(100):
+        assert not told(1.0 + 0.02 * k, torque=still, moving=False), "at rest they may stay"
+    last, gone = 1.0 + 0.02 * 99, {"none": None, "nan": np.full(count, np.nan), "frozen": still}[how]
+    assert not told(last + LEAST_SILENCE, torque=gone)
+    said = told(last + LEAST_SILENCE + 0.02, torque=gone)
+    assert "joints of left_arm have reported no new torques for 2" in said
+    assert "left_forearm" in said
+    assert "feel nothing" in said
+    assert not told(last + LEAST_SILENCE + 0.03, torque=np.ones(count)), "they are back"
 
 
 @pytest.mark.parametrize(("stale_after", "longest"), [(0.05, STOOD), (0.5, 0.5)])

@@ -22,6 +22,7 @@ from death import heartbeat
 from dropped import dropped
 from explore import loop
 from exposure import exposure
+from g1_faults import unitree_faults
 from g1_hostile import unitree_hostile
 from g1_kills import unitree_kills
 from kills import yarp_kills
@@ -44,7 +45,7 @@ ROWS: dict[str, Callable[[bool], Row]] = {
         limits, plant, bodies, moves_away, whole_arm, non_finite, heartbeat, one_kilohertz, loop,
         false_reflexes, descriptions, guided, heartbeats, wires, dropped, killed, minute, yarp_skin,
         yarp_kills, mutation, branches, exposure, felt_places, felt_nothing, felt_reflex,
-        unitree_kills, unitree_hostile,
+        unitree_kills, unitree_hostile, unitree_faults,
     )
 }  # fmt: skip
 

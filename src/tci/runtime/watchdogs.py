@@ -13,7 +13,8 @@ from types import FrameType
 import numpy as np
 
 from tci.clock import Clock
-from tci.messages import Reading
+from tci.frames import Array
+from tci.messages import JointReading, Reading
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
@@ -58,10 +59,11 @@ class SkinWatchdog:
         self._last_frames: dict[str, tuple[int, float]] = {}
         self._skin: object = None
         self._soonest, self._quiet = np.inf, ""
+        self._torques = TorqueWatchdog(robot, stale_after=stale_after)
 
     def fault(self, reading: Reading, now: float) -> Reason | None:
-        """Returns a reason to hold that names the patch without a new frame for too long at `now` [s], or
-        None."""
+        """Returns a reason to hold that names the patch without a new frame, or torques, for too long at
+        `now` [s]; or None."""
         if reading.skin is not self._skin:
             self._skin = reading.skin
             for frame in reading.skin:
@@ -76,9 +78,49 @@ class SkinWatchdog:
                 default=(np.inf, ""),
             )
         if now <= self._soonest:
-            return None
+            return self._torques.fault(reading.joints, now)
         silent = (now - self._last_frames[self._quiet][1]) * 1e3
         return Reason(Code.SKIN_SILENT, f"the skin of {self._quiet} has sent nothing for {silent:.0f} ms")
+
+
+class TorqueWatchdog:
+    """Detects joints that reported torques and do so no more, where a robot feels touches through them.
+
+    Torques that stay bit-identical while the joints move are not new either.
+    """
+
+    def __init__(self, robot: Robot, *, stale_after: float) -> None:
+        """Takes `stale_after` [s], the age from which joint data is too old."""
+        self._longest = max(stale_after, LEAST_SILENCE)
+        felt = [patch for patch in robot.patches if patch.through_joints]
+        self._patches = {part: [p.name for p in felt if p.part == part] for part in {p.part: 0 for p in felt}}
+        self._servos = {
+            part: np.array([one.servo for one in robot.part(part).servos if one.servo is not None], np.intp)
+            for part in self._patches
+        }
+        self._seen: dict[str, tuple[Array, Array, float]] = {}
+        self._stamp = -np.inf
+
+    def fault(self, joints: JointReading, now: float) -> Reason | None:
+        """Returns a reason to hold that names the part without new torques for too long at `now` [s], or
+        None."""
+        if joints.stamp != self._stamp and joints.torque is not None:
+            for part, servos in self._servos.items():
+                torque, position = joints.torque[servos], joints.position[servos]
+                before = self._seen.get(part)
+                frozen = (
+                    before is not None
+                    and np.array_equal(torque, before[0])
+                    and not np.array_equal(position, before[1])
+                )
+                if np.isfinite(torque).any() and not frozen:
+                    self._seen[part] = torque, position, now
+        self._stamp = joints.stamp
+        for part, (_, _, latest) in self._seen.items():
+            if (silent := now - latest) > self._longest:
+                words = f"the joints of {part} have reported no new torques for {silent * 1e3:.0f} ms"
+                return Reason(Code.SKIN_SILENT, f"{words}: {', '.join(self._patches[part])} feel nothing")
+        return None
 
 
 class StallDetector:

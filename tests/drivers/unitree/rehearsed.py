@@ -1,0 +1,74 @@
+"""Faults over a G1's topics: a served robot sways, an injector changes its data, gate and loop react."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from drivers.wires import Unitree
+from faults.rehearsal import Sway
+from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
+from tci.errors import DriverError
+from tci.gate.gate import GateState
+from tci.runtime.loop import Tick, run
+
+AT, LONG = 0.6, 1.2
+"""Times [s] of the fault, and that the run lasts from there."""
+SHORT = {"nan-angle": 0.2, "dropped-frames": 0.4, "out-of-order": 0.3, "duplicates": 0.3, "clock-jump": 0.3}
+"""Durations [s] of faults that pass; all others last."""
+EXPECTED = {
+    "nan-angle": {GateState.RUN, GateState.HOLD},
+    "dropped-frames": {GateState.RUN, GateState.HOLD},
+    "out-of-order": {GateState.RUN},
+    "duplicates": {GateState.RUN},
+    "clock-jump": {GateState.RUN},
+    "overrun": {GateState.RUN, GateState.HOLD},
+    "frozen-source": {GateState.STOP},
+    "wrong-type": {GateState.STOP},
+    "wrong-direction": {GateState.STOP},
+    "stale-encoder": {GateState.STOP},
+    "stall": {GateState.STOP},
+    "servo-off": {GateState.STOP},
+    "mode-mismatch": {GateState.STOP},
+    "encoder-step": {GateState.STOP},
+    "link-lost": {GateState.STOP},
+}
+"""States after the fault has begun, as in the rehearsals without a wire; a robot that is to stop may hold
+before."""
+RATE = 2.0
+"""Angular frequency [rad/s] of the arms. Assumed: a busy machine follows it."""
+STILL = 0.05
+"""Largest speed [rad/s] of a robot at rest."""
+
+
+def rehearse(peer: Unitree, name: str) -> str:
+    """Returns the difference from what is expected of one fault; empty without one."""
+    expected = EXPECTED[name]
+    with peer.open(arm=True) as driver:
+        faulty = FaultInjector(driver, [FaultPlan(name, AT, SHORT.get(name, math.inf))])
+        ticks: list[Tick] = []
+        lost = ""
+        try:
+            run(faulty, Sway(rate=RATE), duration=AT + LONG, observe=ticks.append)
+        except DriverError as error:
+            lost = str(error)
+        begin = ticks[0].now + AT
+        before = {tick.sent.state for tick in ticks if tick.now < begin - 0.01}
+        after = {tick.sent.state for tick in ticks if tick.now > begin + 0.02} | {driver.gate.state}
+        if GateState.STOP in before:
+            return f"it stopped before the fault: {driver.gate.reason}"
+        if bool(lost) is not (name == "link-lost"):
+            return f"the run ended with {lost or 'nothing'}"
+        if expected == {GateState.STOP}:
+            if driver.gate.state is not GateState.STOP:
+                return f"it is in {driver.gate.state.value} at the end"
+            if name != "link-lost" and np.abs(ticks[-1].sent.velocity).max() > 1e-9:
+                return "its references still move at the end"
+        elif GateState.STOP in after or (GateState.HOLD in expected and GateState.HOLD not in after):
+            return f"{sorted(state.value for state in after)}: {driver.gate.reason}"
+        for _ in driver.ticks(duration=0.3):
+            joints = driver.read().joints
+    if expected == {GateState.STOP} and np.abs(joints.velocity).max() > STILL:
+        return f"the robot still moves at {np.abs(joints.velocity).max():.2f} rad/s"
+    return ""

@@ -77,6 +77,9 @@ class JointReading:
     """Control mode (n,) that each servo reports; None if the robot does not report them."""
     powered: NDArray[np.bool_] | None = None
     """True (n,) for each servo that is on; None if the robot does not report it."""
+    gravity: Array | None = None
+    """Gravity minus acceleration (3,) [m/s2] of the root link of the robot's model, seen from that link: an
+    accelerometer there measures its opposite. None if the robot does not report it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,9 +25,8 @@ PUSH = 3.0
 class Sway(tci.Capability[None]):
     """Swings both arms all the time."""
 
-    def __init__(self, mode: Mode = Mode.POSITION, *, rate: float = 6.0) -> None:
-        """Takes the angular frequency [rad/s]."""
-        self.mode, self.rate = mode, rate
+    def __init__(self, mode: Mode = Mode.POSITION) -> None:
+        self.mode = mode
 
     def init(self, body: GenericBody) -> None:
         return None
@@ -39,7 +38,7 @@ class Sway(tci.Capability[None]):
     def step(
         self, memory: None, perception: Perception, body: GenericBody
     ) -> tuple[tuple[GenericCommand, ...], None]:
-        swing = math.sin(self.rate * perception.stamp)
+        swing = math.sin(6.0 * perception.stamp)
         commands = []
         for part in ARMS:
             values = np.zeros(len(self.home[part])) if self.mode is Mode.TORQUE else self.home[part].copy()

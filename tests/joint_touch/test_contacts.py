@@ -10,14 +10,17 @@ import pytest
 
 import tci
 from joint_touch.bare import FOREARM, UPPER_ARM, bare_body, without_skin
-from joint_touch.plant import ARM, PERIOD, Plant, Push
+from joint_touch.plant import ARM, PERIOD, Plant, Push, calibration
 from joint_touch.trials import NEWTON, Felt, pushed, untouched
 from tci.body.generic_body import BodySettings, GenericBody
 from tci.body.perceiver import Perceiver
 from tci.errors import TciError
 from tci.joint_touch.contacts import JointTouchSettings
-from tci.messages import Perception, Reading, SkinFrame
+from tci.messages import JointReading, Perception, Reading, SkinFrame
 from tci.robot.description import Robot
+from tci.robot.dynamics import Dynamics
+from tci.robot.gravity import STANDARD_GRAVITY
+from tci.robot.joint_map import initial_position
 
 
 @pytest.fixture(scope="module")
@@ -99,6 +102,21 @@ def test_a_reading_that_repeats_changes_nothing() -> None:
         b = twice.step(Reading(joints, ()), joints.stamp + 0.5 * PERIOD)
         assert [c.force for c in a.contacts] == [c.force for c in b.contacts]
     assert a.contacts
+
+
+def test_a_robot_that_leans_feels_no_touch_if_it_reports_its_gravity() -> None:
+    """Without, its own weight is a push on its arm."""
+    body, count = bare_body(), len(bare_body().robot.servos)
+    here = np.array(initial_position(body.robot))
+    leaning = STANDARD_GRAVITY * np.array([np.sin(0.5), 0.0, -np.cos(0.5)])
+    held = Dynamics(body.robot, calibration(body.robot)).at(here, np.zeros(count), leaning)[1]
+    felt = {}
+    for gravity in (None, leaning):
+        perceiver = Perceiver(body)
+        for k in range(100):
+            joints = JointReading(0.002 * k, k, here, np.zeros(count), held, gravity=gravity)
+            felt[gravity is None] = len(perceiver.step(Reading(joints, ()), joints.stamp).contacts)
+    assert felt == {True: 1, False: 0}
 
 
 def test_without_torques_nothing_is_felt() -> None:

@@ -37,6 +37,17 @@ def test_all_that_passed_through_the_loop_is_read_back_bit_for_bit(robot: str, t
     assert recording.about["robot"] == robot
 
 
+def test_gravity_is_read_back_and_its_end_too(tmp_path: Path) -> None:
+    robot, given = load_robot("nao"), [None, [0.1, -0.2, -9.7], [0.0, 0.0, -9.8], None]
+    angles = np.zeros(len(robot.servos))
+    with Recorder(tmp_path / "a.mcap", robot) as recorder:
+        for k, gravity in enumerate(given):
+            value = None if gravity is None else np.array(gravity)
+            recorder.tick(0.1 * k, Reading(JointReading(0.1 * k, k, angles, angles, gravity=value), ()))
+    found = [tick.reading.joints.gravity for tick in Recording(tmp_path / "a.mcap").ticks()]
+    assert [None if gravity is None else gravity.tolist() for gravity in found] == given
+
+
 @pytest.mark.parametrize("values", [["touch", "none"], [b"touch"], [True, False], [1.5]])
 def test_a_frame_that_no_robot_should_send_is_read_back_too(values: list[object], tmp_path: Path) -> None:
     """The gate refuses frames of text (fault 35); the recording must show them."""

@@ -10,7 +10,7 @@ from drivers.wires import Unitree
 
 
 def unitree_faults(full: bool) -> Row:
-    """Rehearses each fault on a served robot whose arms sway."""
+    """Rehearses each fault on a served robot whose arms move."""
     names = [*EXPECTED] if full else ["dropped-frames", "stall"]
     peer = Unitree()
     peer.start()

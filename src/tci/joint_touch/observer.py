@@ -14,7 +14,7 @@ from tci.errors import TciError
 from tci.frames import Array
 from tci.messages import JointReading
 from tci.robot.description import Robot
-from tci.robot.dynamics import UPRIGHT, Dynamics
+from tci.robot.dynamics import Dynamics
 from tci.robot.joint_calibration import JointCalibration
 
 MOST = 0.2
@@ -86,17 +86,17 @@ class MomentumObserver:
         self._stamp = -np.inf
         self._inertia = self._integral = self._start = self._residual = np.zeros(0)
 
-    def step(self, joints: JointReading, gravity: Array = UPRIGHT) -> Residual | None:
+    def step(self, joints: JointReading) -> Residual | None:
         """Takes a reading; returns the residual, or None for the first after a gap, and without torques.
 
-        `gravity` (3,) [m/s2] is gravity minus the acceleration of the torso, seen from the torso.
+        A robot that does not report its gravity counts as upright and still.
         """
         period, self._stamp = joints.stamp - self._stamp, joints.stamp
         if joints.torque is None:
             self._stamp = -np.inf
             return None
         position, velocity = joints.position, joints.velocity
-        inertia, bias = self._dynamics.at(position, velocity, gravity)
+        inertia, bias = self._dynamics.at(position, velocity, joints.gravity)
         momentum = inertia @ velocity
         if not 0.0 < period <= GAP:
             self._start, self._inertia = momentum, inertia

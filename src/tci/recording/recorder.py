@@ -29,11 +29,13 @@ from tci.recording.schemas import (
     COMMAND,
     DECISION,
     FORMAT,
+    IMU,
     JOINTS,
     SKIN,
     TICK,
     command_bytes,
     decision_bytes,
+    imu_bytes,
     joints_bytes,
     skin_bytes,
     tick_bytes,
@@ -104,6 +106,8 @@ class Recorder:
             stamp = to_nanoseconds(now)
             if self._joints is None or not _same_joints(self._joints, reading.joints):
                 self._topics.put("/joint_states", JOINTS, stamp, joints_bytes(self._names, reading.joints))
+                if reading.joints.gravity is not None or (self._joints and self._joints.gravity is not None):
+                    self._topics.put("/imu", IMU, stamp, imu_bytes(reading.joints))
             self._joints = reading.joints
             for frame in reading.skin:
                 self._skin(frame, stamp)
@@ -208,12 +212,17 @@ class _Out:
 
 
 def _same_joints(a: JointReading, b: JointReading) -> bool:
-    """True if the JointState messages of `a` and `b` are equal; other fields are in every Tick."""
+    """True if the JointState and Imu messages of `a` and `b` are equal; other fields are in every Tick."""
     if a is b:
         return True
     return a.stamp == b.stamp and all(
         (x is None) == (y is None) and (x is None or y is None or x.tobytes() == y.tobytes())
-        for x, y in ((a.position, b.position), (a.velocity, b.velocity), (a.torque, b.torque))
+        for x, y in (
+            (a.position, b.position),
+            (a.velocity, b.velocity),
+            (a.torque, b.torque),
+            (a.gravity, b.gravity),
+        )
     )
 
 

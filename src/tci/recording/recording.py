@@ -20,16 +20,19 @@ from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, 
 from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
 
 from tci.errors import RecordingError
+from tci.frames import Array
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.recording.schemas import (
     COMMAND,
     DECISION,
     DECISION_1,
     FORMAT,
+    IMU,
     JOINTS,
     SKIN,
     TICK,
     to_frame,
+    to_gravity,
     to_joints,
 )
 from tci.rosmsg.cdr import MessageType, decode
@@ -62,6 +65,7 @@ class _State:
     """Latest joints and frames at one place of the file."""
 
     joints: dict[str, Any] | None = None
+    gravity: Array | None = None
     frames: dict[int, SkinFrame] = field(default_factory=dict)
     reading: JointReading | None = None
 
@@ -88,7 +92,7 @@ class Recording:
             raise RecordingError(
                 f"{self.path} has format {form[:20]!r}; this version of TCI reads {', '.join(_DECISIONS)}"
             )
-        kinds = (JOINTS, SKIN, TICK, COMMAND, _DECISIONS[form])
+        kinds = (JOINTS, IMU, SKIN, TICK, COMMAND, _DECISIONS[form])
         self._kinds = {kind.name: kind for kind in kinds}
 
     @property
@@ -130,7 +134,7 @@ class Recording:
         commands: list[dict[str, Any]] = []
         decision: dict[str, Any] | None = None
         for _, kind, _, data in self.messages():
-            if waiting is not None and kind in (JOINTS, SKIN, TICK):
+            if waiting is not None and kind in (JOINTS, IMU, SKIN, TICK):
                 yield RecordedTick(*waiting, tuple(commands), decision)
                 waiting, commands, decision = None, [], None
             fields = decode(kind, data)
@@ -138,6 +142,8 @@ class Recording:
                 decision = fields
             elif kind is JOINTS:
                 state.joints = fields
+            elif kind is IMU:
+                state.gravity = to_gravity(fields)
             elif kind is SKIN:
                 state.frames[fields["number"]] = to_frame(fields)
             elif kind is COMMAND:
@@ -175,7 +181,7 @@ class Recording:
             skin = tuple(state.frames[number] for number in tick["skin"].tolist())
         except KeyError as error:
             raise RecordingError(f"{self.path}: a period names patch {error}, which was never sent") from None
-        return Reading(to_joints(state.joints, tick), skin)
+        return Reading(to_joints(state.joints, tick, state.gravity), skin)
 
     def _records(self) -> Iterator[Any]:
         """Yields every record outside and inside chunks, up to where the file ends or was cut off."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import RecordingError
-from tci.frames import read_only
+from tci.frames import Array, read_only
 from tci.gate.safe_command import SafeCommand
 from tci.messages import (
     CartesianCommand,
@@ -37,6 +37,18 @@ JOINTS = MessageType(
     "sensor_msgs/msg/JointState",
     (("string[]", "name"), ("float64[]", "position"), ("float64[]", "velocity"), ("float64[]", "effort")),
 )
+IMU = MessageType(
+    "sensor_msgs/msg/Imu",
+    (
+        ("Quaternion", "orientation"), ("float64[9]", "orientation_covariance"),
+        ("Vector3", "angular_velocity"), ("float64[9]", "angular_velocity_covariance"),
+        ("Vector3", "linear_acceleration"), ("float64[9]", "linear_acceleration_covariance"),
+    ),
+    needs=(
+        ("geometry_msgs/Quaternion", tuple(("float64", axis) for axis in "xyzw")),
+        ("geometry_msgs/Vector3", tuple(("float64", axis) for axis in "xyz")),
+    ),
+)  # fmt: skip
 SKIN = MessageType(
     "tci_msgs/msg/SkinFrame",
     (
@@ -118,6 +130,21 @@ def joints_values(names: Sequence[str], joints: JointReading, stamp: float) -> t
 def joints_bytes(names: list[str], joints: JointReading) -> bytes:
     """Encodes a JointState. Raises ValueError for values that are not a vector of floats."""
     return encode(JOINTS, joints_values(names, joints, joints.stamp))
+
+
+def imu_bytes(joints: JointReading) -> bytes:
+    """Encodes the acceleration of the robot's root link in an Imu, which says that it knows nothing else; NaN
+    if the robot no longer reports it."""
+    unknown = [-1.0, *[0.0] * 8]  # as the ROS message defines it
+    force = np.full(3, np.nan) if joints.gravity is None else -joints.gravity
+    values = ((0.0, 0.0, 0.0, 0.0), unknown, (0.0, 0.0, 0.0), unknown, tuple(force.tolist()), [0.0] * 9)
+    return encode(IMU, (*header(joints.stamp), *values))
+
+
+def to_gravity(imu: Mapping[str, Any]) -> Array | None:
+    """Returns gravity minus acceleration (3,) [m/s2] in an Imu; None if it has none."""
+    gravity = -np.array([imu["linear_acceleration"][axis] for axis in "xyz"])
+    return read_only(gravity) if np.isfinite(gravity).all() else None
 
 
 def skin_values(frame: SkinFrame, number: int, stamp: float) -> tuple[Any, ...]:
@@ -213,7 +240,9 @@ def to_frame(fields: Mapping[str, Any]) -> SkinFrame:
     return SkinFrame(fields["patch"], fields["stamp"], fields["sequence"], values)
 
 
-def to_joints(state: Mapping[str, Any], tick: Mapping[str, Any]) -> JointReading:
+def to_joints(
+    state: Mapping[str, Any], tick: Mapping[str, Any], gravity: Array | None = None
+) -> JointReading:
     """Returns the joint reading in a JointState and its Tick. Raises RecordingError."""
     try:
         modes = tuple(None if number == UNKNOWN else MODES[number] for number in tick["modes"])
@@ -227,6 +256,7 @@ def to_joints(state: Mapping[str, Any], tick: Mapping[str, Any]) -> JointReading
         torque=read_only(state["effort"]) if len(state["effort"]) else None,
         modes=modes if tick["has_modes"] else None,
         powered=read_only(tick["powered"], np.bool_) if tick["has_powered"] else None,
+        gravity=gravity,
     )
 
 

@@ -50,18 +50,19 @@ class Dynamics:
     def __reduce__(self) -> tuple[type[Dynamics], tuple[Robot, JointCalibration]]:
         return type(self), self._made_of  # copies share no memory
 
-    def at(self, position: Array, velocity: Array, gravity: Array = UPRIGHT) -> tuple[Array, Array]:
+    def at(self, position: Array, velocity: Array, gravity: Array | None = None) -> tuple[Array, Array]:
         """Returns inertia M (n, n) [kg m2] and bias C v + g (n,) [N m] of all servos.
 
         `position` and `velocity` (n,) are in the order of `Robot.servos`; `gravity` (3,) [m/s2] is gravity
-        minus the acceleration of the torso, seen from the torso.
+        minus the acceleration of the model's root link, seen from that link, by default as for a torso that
+        stands upright and still.
         """
         model, data = self._model, self._data
         data.qpos[self._addresses] = position[self._servos]
         data.qvel[self._columns] = velocity[self._servos]
         mujoco.mj_kinematics(model, data)
         R_WT = data.xmat[self._torso].reshape(3, 3) @ self._T_LT[:3, :3]
-        model.opt.gravity[:] = R_WT @ gravity
+        model.opt.gravity[:] = R_WT @ UPRIGHT if gravity is None else gravity
         mujoco.mj_comPos(model, data)
         mujoco.mj_crb(model, data)
         mujoco.mj_fullM(model, data, self._full)

@@ -1,4 +1,4 @@
-"""Faults over a G1's topics: a served robot sways, an injector changes its data, gate and loop react."""
+"""Faults over a G1's topics: a served robot moves, an injector changes its data, gate and loop react."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ import math
 import numpy as np
 
 from drivers.wires import Unitree
-from faults.rehearsal import Sway
+from faults.rehearsal import ARMS, Sway
+from tci.body.generic_body import GenericBody
 from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
 from tci.errors import DriverError
 from tci.gate.gate import GateState
+from tci.messages import GenericCommand, Mode, Perception
 from tci.runtime.loop import Tick, run
 
 AT, LONG = 0.6, 1.2
@@ -25,7 +27,6 @@ EXPECTED = {
     "clock-jump": {GateState.RUN},
     "overrun": {GateState.RUN, GateState.HOLD},
     "frozen-source": {GateState.STOP},
-    "wrong-type": {GateState.STOP},
     "wrong-direction": {GateState.STOP},
     "stale-encoder": {GateState.STOP},
     "stall": {GateState.STOP},
@@ -36,10 +37,23 @@ EXPECTED = {
 }
 """States after the fault has begun, as in the rehearsals without a wire; a robot that is to stop may hold
 before."""
-RATE = 2.0
-"""Angular frequency [rad/s] of the arms. Assumed: a busy machine follows it."""
+SPEED = 0.3
+"""Speed [rad/s] of the arms, in one direction: at a turn, a busy machine's delay would oppose the command."""
 STILL = 0.05
 """Largest speed [rad/s] of a robot at rest."""
+
+
+class Raise(Sway):
+    """Raises both arms all the time."""
+
+    def step(
+        self, memory: None, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[GenericCommand, ...], None]:
+        self.since = getattr(self, "since", perception.stamp)
+        raised = [self.home[part].copy() for part in ARMS]
+        for angles in raised:
+            angles[0] += SPEED * (perception.stamp - self.since)
+        return tuple(map(GenericCommand, ARMS, (Mode.POSITION,) * 2, raised)), None
 
 
 def rehearse(peer: Unitree, name: str) -> str:
@@ -50,7 +64,7 @@ def rehearse(peer: Unitree, name: str) -> str:
         ticks: list[Tick] = []
         lost = ""
         try:
-            run(faulty, Sway(rate=RATE), duration=AT + LONG, observe=ticks.append)
+            run(faulty, Raise(), duration=AT + LONG, observe=ticks.append)
         except DriverError as error:
             lost = str(error)
         begin = ticks[0].now + AT

@@ -136,8 +136,11 @@ def test_a_keeper_that_is_killed_is_noticed_and_the_behaviour_completes_its_fade
 
 
 def test_legs_are_refused_by_name_and_the_rest_goes_on(domain: int, puppet: Puppet) -> None:
-    del puppet
+    puppet.state["accelerometer"] = 1.0, 0.0, 9.0
     with tci.connect("g1", f"unitree:lo/{domain}") as driver:
+        gravity = driver.read().joints.gravity
+        assert gravity is not None
+        assert gravity.tolist() == [-1.0, 0.0, -9.0]
         legs = driver.robot.servos_of("left_leg")
         knee = PlatformCommand(Mode.POSITION, np.array([legs[3].index]), np.array([0.3]), np.array([0.5]))
         elbow = driver.native("left_arm").command({"left_elbow_joint": 0.3}, speed=0.5)

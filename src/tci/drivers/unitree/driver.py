@@ -43,6 +43,9 @@ from tci.robot.description import Robot
 
 WAIT = 5.0
 """Time [s] that a driver waits for the first state when it opens. Assumed: discovery takes a second."""
+LEAST_FORCE = 1.0
+"""Specific force [m/s2] of the pelvis below which its accelerometer counts as absent. Assumed: simulations
+send zeros, and a robot does not fall freely."""
 
 
 class UnitreeDriver(Driver):
@@ -170,7 +173,10 @@ class UnitreeDriver(Driver):
         motors = state["motor"][self._slots]
         sequence = 0 if self._joints is None else self._joints.sequence + 1
         position, velocity, torque = (read_only(motors[name], float) for name in ("q", "dq", "tau_est"))
-        return JointReading(stamp, sequence, position, velocity, torque)
+        force = state["accelerometer"].astype(float)
+        measured = np.linalg.norm(force) >= LEAST_FORCE
+        gravity = read_only(-force) if measured else None
+        return JointReading(stamp, sequence, position, velocity, torque, gravity=gravity)
 
     def _wait(self, seconds: float) -> None:
         """Waits for the first state. Raises DriverError."""

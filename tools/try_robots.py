@@ -1,36 +1,175 @@
-"""Tries `tci new-robot` and `tci check` on model files, and prints a table of what came out.
+"""Tries `tci new-robot`, `tci check --simulate` and `tci demo` on models that nobody prepared, one after the
+other, and writes docs/tables/robots-tried.md.
 
-Run:  python tools/try_robots.py FILE... [--without-meshes]
+    python tools/try_robots.py [FILE]... [--package NAME]... [--export STEM]... [--limit SECONDS] [--table]
+
+A model that new-robot refuses for missing meshes is tried once more without meshes. --export also tries
+MuJoCo's own export, as MJCF, of the package's URDFs of these names. "Right" is the verdict of
+`judge_proposal`, which shares no code with the proposal. Results stay in OUT/robots-tried; --table makes the
+table of all of them.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import distribution
 from pathlib import Path
+from typing import Any
 
-from tci.authoring.proposal import propose
-from tci.commissioning.plausibility import doubts
+import mujoco
+from judge_proposal import complaints, two_arms
+from lxml import etree
+from report import TABLES, commit, markdown, out
+
 from tci.errors import TciError
-from tci.robot.description import Robot
+from tci.robot.description import Model, Robot
+from tci.robot.model_file import load_spec
+from tci.robot.xml import read_robot
 
-HEAD = ("robot", "model", "arm joints", "hands", "head", "torso", "leg joints", "doubts", "or why refused")
+TABLE = TABLES / "robots-tried.md"
+HEAD = ("robot", "model", "arms", "hands", "head", "torso", "legs", "proposed", "edits",
+        "check --simulate", "demo: pokes answered")  # fmt: skip
+TCI = (sys.executable, "-c", "from tci.cli.main import main; main()")
+NO_MESHES = "--without-meshes"
 
 
-def row(path: Path, *, meshes: str | None) -> tuple[str, ...]:
-    """Returns the row of one file."""
-    start = path.stem, path.suffix.lower().lstrip(".")
+@dataclass(frozen=True)
+class Candidate:
+    """A model to try."""
+
+    name: str
+    file: Path
+    package: str | None = None
+
+
+@dataclass
+class Tried:
+    """Results of one robot."""
+
+    name: str
+    model: str
+    source: str
+    joints: list[str] = field(default_factory=list)
+    """Number of joints of arms, hands, head, torso and legs."""
+    edits: list[str] = field(default_factory=list)
+    """Options of new-robot beyond the file."""
+    refused: str = ""
+    wrong: list[str] = field(default_factory=list)
+    """Complaints of the judge."""
+    doubts: list[str] = field(default_factory=list)
+    faults: list[str] = field(default_factory=list)
+    """Faults of check --simulate."""
+    proved: bool = False
+    answered: int = 0
+    pokes: int = 0
+    failed: str = ""
+    """Command that failed or took longer than the limit."""
+    seconds: float = 0.0
+    commit: str = ""
+    two_arms: bool = True
+
+    def row(self) -> tuple[str, ...]:
+        """Returns the row of the table."""
+        start = self.name, self.model
+        if self.refused:
+            return (*start, *[""] * 5, f"refused: {self.refused}", *[""] * 3)
+        proposed = "right" if not self.wrong else f"**wrong**: {'; '.join(self.wrong)}"
+        check = "proved" if self.proved else f"{len(self.faults)} faults: {_short(self.faults)}"
+        demo = f"{self.answered} of {self.pokes}"
+        if self.failed:
+            check, demo = (self.failed, "") if self.failed.startswith("check") else (check, self.failed)
+        return (*start, *self.joints, proposed, " ".join(self.edits) or "none", check, demo)
+
+
+def _short(faults: Sequence[str]) -> str:
+    return "; ".join(dict.fromkeys(fault.split(";")[0] for fault in faults[:3])) if faults else ""
+
+
+def of_package(package: str) -> Iterator[Candidate]:
+    """Yields all URDFs and MJCFs of an installed package."""
+    for entry in distribution(package).files or ():
+        if entry.suffix.lower() in (".urdf", ".xml") and "package.xml" not in entry.name:
+            yield Candidate(entry.stem, Path(str(entry.locate())).resolve(), package)
+
+
+def exported(candidate: Candidate, folder: Path) -> Candidate:
+    """Writes MuJoCo's own export of a URDF as MJCF. Raises TciError if MuJoCo can't read its meshes."""
+    spec = load_spec(Model(format="urdf", path=str(candidate.file), torso_link="?"))
+    missing = [mesh.file for mesh in spec.meshes if mesh.file and not Path(mesh.file).is_file()]
+    if missing:
+        raise TciError(f"{candidate.name}: MuJoCo can't read {len(missing)} of its meshes")
+    spec.compile()
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{candidate.name}.xml"
+    path.write_text(spec.to_xml())
+    return Candidate(f"{candidate.name}-mjcf", path)
+
+
+def attempt(candidate: Candidate, folder: Path, limit: float) -> Tried:
+    """Runs the three commands on one model."""
+    begin = time.perf_counter()
+    path = candidate.file
+    kind = "MJCF" if path.suffix.lower() == ".xml" else "URDF"
+    tried = Tried(candidate.name, kind, candidate.package or path.name, commit=commit())
+    folder.mkdir(parents=True, exist_ok=True)
+    # A description finds its model beside it or in an installed package.
+    target = folder / "robot.xml" if candidate.package else path.parent / f"{candidate.name}.robot.xml"
+    new = ["new-robot", str(path), "--name", candidate.name, "--out", str(target), "--force"]
+    new += ["--package", candidate.package] if candidate.package else []
+    told, error = _tci(new, limit)
+    if told is None and NO_MESHES in error:
+        tried.edits = [NO_MESHES]
+        told, error = _tci([*new, NO_MESHES], limit)
+    if told is None:
+        tried.refused = " ".join(error.split())
+        tried.two_arms = two_arms(_names(path))
+        return tried
+    robot = read_robot(target)
+    tried.joints = [_mapped(robot, kind) for kind in ("arm", "hand", "head", "torso", "leg")]
+    tried.wrong = complaints(robot, [*told["found"], *told["remarks"]])
+    checked, error = _tci(["check", "--simulate", str(target)], limit)
+    if checked is None:
+        tried.failed = f"check: {error}"
+    else:
+        tried.doubts, tried.faults = checked["doubts"], checked["simulated"]["faults"]
+        tried.proved = not tried.faults
+    shown, error = _tci(["demo", str(target), "--headless", "--out", str(folder)], limit)
+    if shown is None:
+        tried.failed = tried.failed or f"demo: {error}"
+    else:
+        tried.answered = sum(trial["responded"] for trial in shown["trials"])
+        tried.pokes = len(shown["trials"])
+    tried.seconds = round(time.perf_counter() - begin, 1)
+    if candidate.package is None:
+        target.unlink()
+    return tried
+
+
+def _tci(arguments: Sequence[str], limit: float) -> tuple[Any, str]:
+    """Returns what a command prints as JSON, or None with the end of its errors."""
+    command = [*TCI, *arguments, "--json"]
     try:
-        robot = propose(path, name="tried", meshes=meshes)
-    except TciError as error:
-        faults = getattr(error, "faults", (error,))
-        return (
-            *start,
-            *[""] * 6,
-            f"{faults[0]}" + (f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""),
-        )
-    robot = robot.model_copy(update={"digest": str(path)})
-    kinds = [_mapped(robot, kind) for kind in ("arm", "hand", "head", "torso", "leg")]
-    return *start, *kinds, str(len(doubts(robot))), ""
+        done = subprocess.run(command, capture_output=True, text=True, timeout=limit, check=False)
+    except subprocess.TimeoutExpired:
+        return None, f"took longer than {limit:g} s"
+    try:
+        return json.loads(done.stdout), ""
+    except json.JSONDecodeError:
+        words = [line for line in done.stderr.splitlines() if line.strip() and "WARNING" not in line]
+        return None, " ".join(words)[-600:] or f"exit status {done.returncode}"
+
+
+def _names(path: Path) -> list[str]:
+    """Returns the names of a model's joints that turn."""
+    root = etree.parse(str(path)).getroot()
+    still = ("fixed", "floating", "free", "prismatic", "slide", "planar")
+    return [str(one.get("name")) for one in root.iter("joint") if one.get("type", "hinge") not in still]
 
 
 def _mapped(robot: Robot, kind: str) -> str:
@@ -39,16 +178,46 @@ def _mapped(robot: Robot, kind: str) -> str:
     return " + ".join(str(count) for count in counts) or "0"
 
 
+def write_table(results: Sequence[Tried]) -> None:
+    """Writes the table of all results."""
+    humanoid = [one for one in results if one.two_arms]
+    proposed = [one for one in humanoid if not one.refused]
+    right = sum(not one.wrong for one in proposed) + sum("valid:" in one.refused for one in humanoid)
+    proved = sum(one.proved for one in proposed)
+    answered, pokes = sum(one.answered for one in proposed), sum(one.pokes for one in proposed)
+    others = sorted(one.name for one in results if not one.two_arms)
+    commits = ", ".join(sorted({one.commit for one in results}))
+    TABLE.write_text(
+        f"{len(humanoid)} models with two arms: {right} proposed right, or refused with what to do; "
+        f"{proved} of {len(proposed)} proved in simulation; {answered} of {pokes} pokes of the demo "
+        "answered.\n\n"
+        + markdown(HEAD, [one.row() for one in sorted(humanoid, key=lambda one: one.name.lower())])
+        + (f"\nRefused, as they have no two arms: {', '.join(others)}.\n" if others else "")
+        + f"\nMade by `python tools/try_robots.py` at {commits} with MuJoCo {mujoco.__version__}.\n"
+    )
+
+
 def main() -> None:
-    """Prints the table in Markdown."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("files", nargs="+", type=Path)
-    parser.add_argument("--without-meshes", action="store_true")
+    """Tries the models, or makes the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("files", nargs="*", type=Path, help="URDF or MJCF files")
+    parser.add_argument("--package", action="append", default=[], help="installed package: all its models")
+    parser.add_argument("--only", action="append", default=[], help="only models of this name")
+    parser.add_argument("--export", action="append", default=[], help="name of a URDF to export as MJCF")
+    parser.add_argument("--limit", type=float, default=300.0, help="seconds for each command")
+    parser.add_argument("--table", action="store_true", help="write the table of all results")
     options = parser.parse_args()
-    meshes = "none" if options.without_meshes else None
-    print(f"| {' | '.join(HEAD)} |", f"|{'---|' * len(HEAD)}", sep="\n")
-    for path in options.files:
-        print(f"| {' | '.join(row(path, meshes=meshes))} |")
+    results = out() / "robots-tried"
+    candidates = [Candidate(file.stem, file.resolve()) for file in options.files]
+    packaged = [one for package in options.package for one in of_package(package)]
+    candidates += [exported(one, results / one.name) for one in packaged if one.name in options.export]
+    candidates += [one for one in packaged if not options.only or one.name in options.only]
+    for candidate in candidates:
+        tried = attempt(candidate, results / candidate.name, options.limit)
+        (results / f"{candidate.name}.json").write_text(json.dumps(asdict(tried), indent=2) + "\n")
+        print(" | ".join(tried.row()), f"({tried.seconds:g} s)", flush=True)
+    if options.table:
+        write_table([Tried(**json.loads(file.read_text())) for file in sorted(results.glob("*.json"))])
 
 
 if __name__ == "__main__":

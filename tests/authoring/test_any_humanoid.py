@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from made_humanoid import ARM, MadeHumanoid
+from tci.authoring.left_out import left_out
 from tci.authoring.proposal import propose
 from tci.errors import DescriptionError
 from tci.experiments.proof import compare_axes
@@ -62,6 +64,7 @@ def test_speeds_are_written_as_a_person_reads_them(tmp_path: Path) -> None:
     text = write_robot(robot, file="made.urdf")
     assert "359.82" in text, "6.28 rad/s"
     assert "359.8174" not in text
+    assert not re.search(r"\.\d{7}|[ \"]-0[ \"]", text), "at most six places, and no negative zero"
 
 
 def test_a_file_that_is_no_model_is_named(tmp_path: Path) -> None:
@@ -170,6 +173,25 @@ def test_legs_with_slanted_hips_are_found(slant: float, tmp_path: Path) -> None:
     robot = propose(MadeHumanoid(slant=slant).urdf(tmp_path), name="made")
     for side in ("left", "right"):
         assert set(joints_of(robot, f"{side}_leg").values()) == {f"{side}_{name}" for name in LEG}
+
+
+@pytest.mark.parametrize("from_torso", [False, True])
+def test_legs_that_are_left_out_are_told_with_the_reason(from_torso: bool, tmp_path: Path) -> None:
+    steep = propose(MadeHumanoid(slant=0.8, from_torso=from_torso).urdf(tmp_path), name="steep")
+    assert not [part for part in steep.parts if part.kind == "leg"]
+    words = "no legs: left_hip_pitch and right_hip_pitch are slanted by 53 degrees"
+    assert [note for note in left_out(steep) if words in note]
+    assert left_out(propose(MadeHumanoid(from_torso=from_torso).urdf(tmp_path), name="made")) == []
+
+
+def test_joints_of_a_neck_that_are_left_out_are_told(tmp_path: Path) -> None:
+    path = MadeHumanoid(head=("yaw",)).urdf(tmp_path)
+    text = path.read_text()
+    start = text.index("<joint name='head_0_yaw'")
+    path.write_text(text[:start] + text[start:].replace("0 0 1", "0 0.6 0.8", 1))
+    robot = propose(path, name="made")
+    assert joints_of(robot, "head") == {}
+    assert [note for note in left_out(robot) if note.startswith("no head: head_0_yaw turn about no axis")]
 
 
 def test_placeholders_far_away_do_not_matter(tmp_path: Path) -> None:

@@ -34,9 +34,11 @@ class Leg:
     """Joint of ankle pitch."""
 
 
-def find_legs(joints: Sequence[Joint], taken: set[int], extent: float) -> dict[Side, Leg]:
+def find_legs(
+    joints: Sequence[Joint], taken: set[int], extent: float, *, slanted: float = SLANTED
+) -> dict[Side, Leg]:
     """Finds both legs, by side, among joints that are not `taken` and have the `extent` [m]; empty for a
-    robot without just two."""
+    robot without just two. `slanted` is the least cosine between the axis of hip pitch and the y axis."""
     parents = {joint.parent for joint in joints}
     heights = [float(joint.anchor[2]) for joint in joints]
     found: dict[Side, Leg] = {}
@@ -47,7 +49,7 @@ def find_legs(joints: Sequence[Joint], taken: set[int], extent: float) -> dict[S
             continue
         chain = [one for one in ancestors(joints, leaf)[::-1] if one not in taken]
         side: Side = "left" if joints[leaf].anchor[1] > 0.0 else "right"
-        leg = _leg(joints, chain, side)
+        leg = _leg(joints, chain, side, slanted)
         if leg is None:
             continue
         drop = heights[leg.hip] - heights[leg.ankle]
@@ -59,11 +61,11 @@ def find_legs(joints: Sequence[Joint], taken: set[int], extent: float) -> dict[S
     return dict(sorted(found.items())) if all(len(own) == 1 for own in roots.values()) else {}
 
 
-def _leg(joints: Sequence[Joint], chain: Sequence[int], side: Side) -> Leg | None:
+def _leg(joints: Sequence[Joint], chain: Sequence[int], side: Side, slanted: float) -> Leg | None:
     """Returns the leg in a chain from the root to a leaf; None if it holds none."""
     sign = 1.0 if side == "left" else -1.0
     down = [one for one in chain if abs(joints[one].axis[1]) > ALIKE]
-    hips = [one for one in chain if abs(joints[one].axis[1]) > SLANTED]
+    hips = [one for one in chain if abs(joints[one].axis[1]) > slanted]
     height = {one: float(joints[one].anchor[2]) for one in chain}
     for hip in hips:
         lowest = min(height[one] for one in chain)

@@ -84,14 +84,14 @@ def find_limbs(model: Model, points: LinkPoints, *, arms: tuple[str, str] | None
     lines = [ancestors(joints, limb.ball[0])[1:] for limb in found.values()]
     trunk = tuple(joint for joint in lines[0] if joint in lines[1])
     own = {joint for limb in found.values() for joint in _own_line(joints, limb, trunk)}
-    legs = find_legs(joints, {*trunk, *own}, _extent(joints))
+    legs = find_legs(joints, {*trunk, *own}, extent_of(joints))
     links = [compiled.body(joints[limb.ball[0]].link).id for limb in found.values()]
     torso = _shared_link(compiled, links, model.path)
     pose = np.eye(4)
     pose[:3, :3] = data.xmat[compiled.body(torso).id].reshape(3, 3).T @ R_RH
     used = {*own, *(joint for leg in legs.values() for joint in carried(joints, leg.chain[0]))}
     shoulder = min(float(limb.centre[2]) for limb in found.values())
-    head = _median_chain(joints, trunk, used, above=shoulder - 0.1 * _extent(joints))
+    head = _median_chain(joints, trunk, used, above=shoulder - 0.1 * extent_of(joints))
     below = False
     if not trunk and legs:
         lines = [ancestors(joints, leg.chain[0])[1:] for leg in legs.values()]
@@ -177,7 +177,7 @@ def _all_limbs(joints: Sequence[Joint]) -> list[Limb]:
     return [limb for limb in found if not bends & set(ancestors(joints, limb.bend)[1:])]
 
 
-def _extent(joints: Sequence[Joint]) -> float:
+def extent_of(joints: Sequence[Joint]) -> float:
     """Returns the largest extent [m] of all joints that are in a chain; some models keep placeholders far
     away."""
     parents = {joint.parent for joint in joints}
@@ -189,12 +189,14 @@ def _carries_both_sides(joints: Sequence[Joint], index: int) -> bool:
     """True if a joint carries joints of both sides, so that it belongs to the trunk."""
     sideways = [joints[other].anchor[1] for other in carried(joints, index)]
     left, right = max(sideways), -min(sideways)
-    return bool(min(left, right) > MIRRORED * _extent(joints) and abs(left - right) < 0.2 * max(left, right))
+    return bool(
+        min(left, right) > MIRRORED * extent_of(joints) and abs(left - right) < 0.2 * max(left, right)
+    )
 
 
 def _mirrored(joints: Sequence[Joint], limbs: list[Limb]) -> list[Mapping[str, Limb]]:
     """Returns pairs of a left and a right limb."""
-    mirror, tolerance = np.array([1.0, -1.0, 1.0]), MIRRORED * _extent(joints)
+    mirror, tolerance = np.array([1.0, -1.0, 1.0]), MIRRORED * extent_of(joints)
     pairs: list[Mapping[str, Limb]] = []
     for left in limbs:
         if not left.centre[1] > tolerance:
@@ -233,7 +235,7 @@ def _median_chain(
 ) -> tuple[int, ...]:
     """Returns the longest chain of joints in the median plane that the torso carries and that ends `above` a
     height [m]."""
-    root, tolerance = trunk[0] if trunk else -1, MIRRORED * _extent(joints)
+    root, tolerance = trunk[0] if trunk else -1, MIRRORED * extent_of(joints)
     best: tuple[int, ...] = ()
     for index, joint in enumerate(joints):
         chain = ancestors(joints, index)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,8 @@ ACCELERATION = np.deg2rad((400.0, 2400.0))
 torque."""
 MOST_TORQUE = 0.35
 """Largest fraction of the torque for that, where the least acceleration takes more than a quarter."""
+LOST = 0.5
+"""Largest fraction of the torque that friction and damping of the joint may take at full speed."""
 JERK = 100.0
 """Ratio of the limits of jerk and acceleration [1/s]."""
 TORQUE, STRONGEST = 40.0, 1e4
@@ -51,11 +53,22 @@ class JointFacts:
     """Its angle [rad] while that joint is at 0."""
     stuck: bool = False
     """True for a joint whose range is a single angle."""
+    friction: float = 0.0
+    """Torque [N m] of dry friction."""
+    damping: float = 0.0
+    """Torque [N m s/rad] that resists motion, per speed."""
 
 
 def read_facts(model: Model, compiled: mujoco.MjModel) -> dict[str, JointFacts]:
     """Returns what a file gives of each of its joints, by name."""
-    return _from_mjcf(compiled) if model.format == "mjcf" else _from_urdf(model)
+    given = _from_mjcf(compiled) if model.format == "mjcf" else _from_urdf(model)
+    found = {}
+    for name, facts in given.items():
+        joint = mujoco.mj_name2id(compiled, mujoco.mjtObj.mjOBJ_JOINT, name)
+        dof = int(compiled.jnt_dofadr[joint]) if joint >= 0 else 0
+        losses = (float(compiled.dof_frictionloss[dof]), float(compiled.dof_damping[dof]))
+        found[name] = replace(facts, friction=losses[0], damping=losses[1]) if joint >= 0 else facts
+    return found
 
 
 def driven(joints: Sequence[Joint], facts: Mapping[str, JointFacts], needed: set[int]) -> set[int]:
@@ -88,16 +101,19 @@ def proposed_limits(given: JointFacts, inertia: float) -> Limits:
     if not 0.0 < velocity < FASTEST:
         velocity = SPEED
         assumed.append("velocity")
-    velocity = float(np.deg2rad(round(np.rad2deg(velocity), 2)))  # as a person reads it
     if not 0.0 < torque < STRONGEST:
         torque = TORQUE
         assumed.append("torque")
+    if given.damping * velocity > (left := LOST * (torque - given.friction)) > 0.0:
+        velocity = left / given.damping
+        assumed.append("velocity")
+    velocity = float(np.deg2rad(round(np.rad2deg(velocity), 2)))  # as a person reads it
     able = torque / max(inertia, 1e-6)
     acceleration = float(np.clip(0.25 * able, min(ACCELERATION[0], MOST_TORQUE * able), ACCELERATION[1]))
     acceleration = float(np.deg2rad(10.0 * np.floor(np.rad2deg(acceleration) / 10.0 + 1e-9)))
     return Limits(
         lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, jerk=JERK * acceleration,
-        torque=torque, assumed=tuple(assumed),
+        torque=torque, assumed=tuple(dict.fromkeys(assumed)),
     )  # fmt: skip
 
 

@@ -21,6 +21,8 @@ asymmetry of a torso that ends at its shoulders, below the distance of real shou
 _NAMES = {
     "arm": re.compile(r"(?i)shoulder|(?<![a-z])sho(?![a-z])|arm|elbow|wrist|hand(?!le)|gripper"),
     "leg": re.compile(r"(?i)hip|(?<![a-z])leg|knee|ank(le|el)?(?![a-z])|foot|thigh|shank|calf"),
+    "head": re.compile(r"(?i)head|neck"),
+    "torso": re.compile(r"(?i)torso|waist|spine|trunk|lumbar"),
 }
 
 
@@ -56,10 +58,15 @@ def named_as(joints: Sequence[Joint], pair: Pair) -> Vote:
         for index in {*limb.ball, *carried(joints, limb.ball[0])}
         for name in (joints[index].name, joints[index].link)
     ]
-    counts = {kind: sum(bool(words.search(name)) for name in names) for kind, words in _NAMES.items()}
+    counts = {kind: sum(is_named_as(kind, name) for name in names) for kind in ("arm", "leg")}
     if counts["arm"] == counts["leg"]:
         return None
     return "arm" if counts["arm"] > counts["leg"] else "leg"
+
+
+def is_named_as(kind: str, name: str) -> bool:
+    """True if a name tells a kind of part: arm, leg, head or torso."""
+    return bool(_NAMES[kind].search(name))
 
 
 def listed(joints: Sequence[Joint], pairs: Iterable[Pair]) -> str:

@@ -83,6 +83,7 @@ def new_robot(
 
     Example:  tci new-robot my_robot.urdf
     """
+    from tci.authoring.left_out import left_out
     from tci.authoring.proposal import propose
     from tci.cli.check import remarks
     from tci.robot.mesh_files import NO_MESHES
@@ -116,14 +117,14 @@ def new_robot(
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_text(text, encoding="utf-8")
     robot = read_robot(target)
-    found = _found(robot)
+    found, notes = _found(robot), [*left_out(robot), *remarks(robot)]
     if as_json:
-        print_json({"robot": name, "file": str(target), "found": found, "remarks": remarks(robot)})
+        print_json({"robot": name, "file": str(target), "found": found, "remarks": notes})
         return
     console.print(f"wrote {target}", style="green", highlight=False, markup=False)
     for line in found:
         console.print(f"  {line}", highlight=False, markup=False)
-    for note in remarks(robot):
+    for note in notes:
         console.print(f"  note: {note}", style="yellow", highlight=False, markup=False)
     console.print(
         f"next: review the file, then [bold]tci check --simulate {escape(str(target))}[/]", highlight=False

@@ -228,22 +228,33 @@ def _apart(left: Array, right: Array) -> float:
 
 
 def _torques(robot: Robot) -> Iterator[str]:
-    """Compares torque limits with the weight of the arms, stretched out forward."""
-    gravity = Gravity(robot)
+    """Compares torque limits with the weight of the arms, stretched out forward, and with the friction and
+    damping of joints at their speed limits."""
+    assert robot.model is not None
+    gravity, model = Gravity(robot), bare_model(robot.model)
     position = np.array(initial_position(robot))
     for part in _arms(robot):
         joints = joint_map(robot, part.name)
         position[joints.servos] = joints.to_robot(FORWARD, position)
     needed = np.abs(gravity.torques(position))
-    for part in _arms(robot):
-        for generic in part.servos:
-            if generic.servo is None:
-                continue
-            servo, torque = robot.servos[generic.servo], float(needed[generic.servo])
-            if servo.limits.torque is not None and torque > servo.limits.torque:
+    mapped = {one.servo: part.kind for part in robot.parts for one in part.servos}
+    for servo in robot.servos:
+        torque, kind = servo.limits.torque, mapped.get(servo.index)
+        if torque is None or kind is None:
+            continue
+        weight = float(needed[servo.index]) if kind == "arm" else 0.0
+        if weight > torque:
+            yield (
+                f"{servo.name}: torque limit of {torque:.3g} N m; the weight of the arm, stretched out, "
+                f"takes {weight:.3g} N m"
+            )
+        elif servo.joint is not None and servo.limits.velocity is not None:
+            dof = int(model.joint(servo.joint).dofadr[0])
+            lost = float(model.dof_frictionloss[dof] + model.dof_damping[dof] * servo.limits.velocity)
+            if lost > torque:
                 yield (
-                    f"{servo.name}: torque limit of {servo.limits.torque:.3g} N m; the weight of the arm, "
-                    f"stretched out, takes {torque:.3g} N m"
+                    f"{servo.name}: torque limit of {torque:.3g} N m; the model's friction and damping take "
+                    f"{lost:.3g} N m at the speed limit of {np.rad2deg(servo.limits.velocity):.4g} degrees/s"
                 )
 
 

@@ -1,7 +1,8 @@
 """Selection of the bodies of a robot that collide: its arms with its trunk, and with each other.
 
 Links next to a joint overlap by construction. Therefore links of one arm do not collide with each other, and
-the first link of an arm does not collide at all.
+the first link of an arm does not collide at all. Neither do links that overlap in the initial posture, nor
+those near each other whatever the posture: a second link of a shoulder that turns in its bay in the torso.
 """
 
 from __future__ import annotations
@@ -22,6 +23,12 @@ the ground."""
 
 HIDDEN = 3
 """Number of the geom group that pictures leave out."""
+
+NEAR = 0.01
+"""Distance [m] within which links count as near each other. Assumed: twice what the gate keeps."""
+POSTURES, MOST = 32, 0.9
+"""Number of random postures in which near links are compared, and the fraction in which they are near by
+construction: neither apart nor deep in each other. Assumed: links that meet by moving are near in few."""
 
 NO_MODEL = "no <model>: simulation and self-collision need a URDF or MJCF file"
 
@@ -73,7 +80,8 @@ def _set_self_collisions(spec: mujoco.MjSpec, robot: Robot) -> None:
 
 
 def exclude_overlaps(spec: mujoco.MjSpec, robot: Robot, posture: Array) -> mujoco.MjModel:
-    """Compiles the model after excluding pairs of bodies that overlap at `posture` (n_servos,) [rad].
+    """Compiles the model after excluding pairs of bodies that overlap at `posture` (n_servos,) [rad], or that
+    are near each other there and in most other postures.
 
     Raises DescriptionError for a mesh that MuJoCo can't read, or when the model lacks a joint.
     """
@@ -89,13 +97,38 @@ def exclude_overlaps(spec: mujoco.MjSpec, robot: Robot, posture: Array) -> mujoc
 
 
 def _overlapping(model: mujoco.MjModel, robot: Robot, posture: Array) -> list[tuple[int, int]]:
-    """Returns the pairs of bodies, by MuJoCo's number, that are in contact at `posture`."""
+    """Returns the pairs of bodies, by MuJoCo's number, that are in contact at `posture`, or near each other
+    by construction."""
     data = mujoco.MjData(model)
     servos, addresses, _ = joints_of(robot, model)
-    data.qpos[addresses] = posture[servos]
-    mujoco.mj_forward(model, data)
-    touching = model.geom_bodyid[data.contact.geom[: data.ncon]]
-    return sorted({(int(low), int(high)) for low, high in np.sort(touching, axis=1)})
+
+    def touching(angles: Array) -> dict[tuple[int, int], float]:
+        data.qpos[addresses] = angles[servos]
+        mujoco.mj_fwdPosition(model, data)
+        bodies = np.sort(model.geom_bodyid[data.contact.geom[: data.ncon]], axis=1)
+        found: dict[tuple[int, int], float] = {}
+        for (low, high), distance in zip(
+            bodies.tolist(), data.contact.dist[: data.ncon].tolist(), strict=True
+        ):
+            found[low, high] = min(distance, found.get((low, high), np.inf))
+        return found
+
+    overlapping = set(touching(posture))
+    margin = model.geom_margin.copy()
+    model.geom_margin[:] = NEAR
+    if near := touching(posture).keys() - overlapping:
+        ends = np.array([posture, posture])
+        for servo in robot.servos:
+            if servo.limits.lower is not None and servo.limits.upper is not None:
+                ends[:, servo.index] = servo.limits.lower, servo.limits.upper
+        others = np.random.default_rng(0).uniform(ends[0], ends[1], (POSTURES, len(posture)))
+        seen = [touching(angles) for angles in others]
+        for pair in near:
+            beside = sum(abs(distances.get(pair, np.inf)) < NEAR for distances in seen)
+            if beside >= MOST * POSTURES:
+                overlapping.add(pair)
+    model.geom_margin[:] = margin
+    return sorted(overlapping)
 
 
 def _arms(spec: mujoco.MjSpec, robot: Robot) -> dict[str, tuple[int, int]]:

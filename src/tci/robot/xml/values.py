@@ -170,7 +170,7 @@ class Number(Value):
         return value
 
     def write(self, value: float) -> str:
-        return f"{round(value, PLACES):.10g}"
+        return f"{round(value, PLACES) + 0.0:.10g}"  # no -0
 
     @property
     def says(self) -> str:
@@ -226,7 +226,7 @@ class Angle(Value):
         return value
 
     def write(self, value: float) -> str:
-        return f"{round(math.degrees(value), PLACES):.10g}"
+        return f"{round(math.degrees(value), PLACES) + 0.0:.10g}"
 
     @property
     def says(self) -> str:

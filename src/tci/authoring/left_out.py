@@ -1,0 +1,53 @@
+"""Notes on heads, torsos and legs that a model has and a description lacks, each with the reason."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tci.authoring.find_legs import ALIKE, SLANTED, find_legs
+from tci.authoring.find_limbs import extent_of
+from tci.authoring.joint_tree import read_joints
+from tci.authoring.limb_kind import is_named_as
+from tci.engine import mujoco
+from tci.robot.description import Robot
+from tci.robot.kinematics import bare_model
+
+STEEPEST = 0.26
+"""Least cosine between the axis of hip pitch and the y axis with which joints still count as a leg that is
+left out. Assumed: 75 degrees; a steeper axis is that of another joint."""
+
+
+def left_out(robot: Robot) -> list[str]:
+    """Returns a note for each kind of part whose joints a proposal leaves out, although their places or names
+    tell it."""
+    if robot.model is None:
+        return []
+    model = bare_model(robot.model)
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0.0
+    mujoco.mj_kinematics(model, data)
+    R_RT = data.xmat[model.body(robot.model.torso_link).id].reshape(3, 3) @ robot.model.T_LT[:3, :3]
+    joints = read_joints(model, data, R_RT)
+    servos = [one.servo for part in robot.parts for one in part.servos if one.servo is not None]
+    mapped = {robot.servos[servo].joint for servo in servos}
+    taken = {place for place, joint in enumerate(joints) if joint.name in mapped}
+    kinds = {part.kind for part in robot.parts if any(one.servo is not None for one in part.servos)}
+    notes: list[str] = []
+    if "leg" not in kinds and (legs := find_legs(joints, taken, extent_of(joints), slanted=STEEPEST)):
+        hips = [joints[leg.hip] for leg in legs.values()]
+        slants = [np.rad2deg(np.arccos(min(1.0, abs(float(hip.axis[1]))))) for hip in hips]
+        return [
+            f"no legs: {' and '.join(hip.name for hip in hips)} are slanted by {max(slants):.0f} degrees "
+            f"against the left-right axis; valid: at most {np.rad2deg(np.arccos(SLANTED)):.0f}"
+        ]
+    angle = np.rad2deg(np.arccos(ALIKE))
+    reasons = {
+        "leg": "form no pair of legs that bend at hip, knee and ankle",
+        "head": f"turn about no axis of the torso, to {angle:.0f} degrees, in one chain above the shoulders",
+        "torso": f"turn about no axis of the torso, to {angle:.0f} degrees, between the base and both arms",
+    }
+    for kind, reason in reasons.items():
+        own = [joint.name for joint in joints if kind not in kinds and is_named_as(kind, joint.name)]
+        if own:
+            notes.append(f"no {kind}: {', '.join(own)} {reason}")
+    return notes

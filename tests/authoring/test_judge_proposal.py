@@ -1,0 +1,93 @@
+"""The judge of proposals, which shares no code with them, takes right ones and refuses wrong ones."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from made_humanoid import MadeHumanoid
+from tci.authoring.proposal import propose
+from tci.robot.description import GenericPart, Robot
+
+TOOL = Path(__file__).parents[2] / "tools" / "judge_proposal.py"
+
+
+@pytest.fixture(scope="module")
+def judge() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("judge_proposal", TOOL)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["judge_proposal"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def proposed(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    return propose(MadeHumanoid().urdf(tmp_path_factory.mktemp("made")), name="made")
+
+
+def changed(robot: Robot, name: str, joint: str, **changes: object) -> Robot:
+    """Returns the robot with another generic joint."""
+    part = robot.part(name)
+    servos = tuple(one.model_copy(update=changes) if one.name == joint else one for one in part.servos)
+    return with_part(robot, part.model_copy(update={"servos": servos}), f"{name} {joint} {changes}")
+
+
+def with_part(robot: Robot, part: GenericPart, digest: str) -> Robot:
+    parts = tuple(part if one.name == part.name else one for one in robot.parts)
+    return robot.model_copy(update={"parts": parts, "digest": digest})
+
+
+def test_right_proposals_are_right(proposed: Robot, judge: ModuleType, tmp_path: Path) -> None:
+    assert judge.complaints(proposed) == []
+    below = propose(MadeHumanoid(from_torso=True, slant=0.5).urdf(tmp_path), name="below")
+    assert judge.complaints(below) == []
+
+
+@pytest.mark.parametrize(
+    ("part", "joint"),
+    [("left_arm", "elbow_yaw"), ("right_hand", "deviation"), ("head", "yaw"), ("head", "pitch"),
+     ("torso", "yaw"), ("left_leg", "hip_pitch"), ("left_leg", "knee_pitch"), ("right_leg", "ankle_roll"),
+     ("right_leg", "hip_yaw")],
+)  # fmt: skip
+def test_a_wrong_sign_is_wrong(part: str, joint: str, proposed: Robot, judge: ModuleType) -> None:
+    scale = next(one.scale for one in proposed.part(part).servos if one.name == joint)
+    found = judge.complaints(changed(proposed, part, joint, scale=-scale))
+    assert len(found) == 1
+    assert found[0].startswith(f"{part} {joint}: ")
+
+
+@pytest.mark.parametrize("limits", [(-2.2, 0.1), (-2.2, 2.2)])
+def test_an_elbow_that_bends_backward_is_wrong(
+    limits: tuple[float, float], judge: ModuleType, tmp_path: Path
+) -> None:
+    wrong = propose(MadeHumanoid(elbow=limits).urdf(tmp_path), name="wrong", elbow=1)
+    assert [one for one in judge.complaints(wrong) if one.startswith("left_arm: the initial posture")]
+
+
+def test_legs_as_arms_and_exchanged_sides_are_wrong(proposed: Robot, judge: ModuleType) -> None:
+    left, right = proposed.part("left_arm"), proposed.part("right_arm")
+    servos = [
+        one.model_copy(update={"servo": other.servo})
+        for one, other in zip(left.servos, right.servos, strict=True)
+    ]
+    swapped = with_part(proposed, left.model_copy(update={"servos": tuple(servos)}), "other side")
+    assert any("other side" in one for one in judge.complaints(swapped))
+    knee = proposed.part("left_leg").servos[3].servo
+    legs = judge.complaints(changed(proposed, "head", "yaw", servo=knee))
+    assert any("left_knee is named as a joint of leg" in one for one in legs)
+
+
+def test_a_part_that_is_left_out_is_wrong_unless_a_note_says_so(proposed: Robot, judge: ModuleType) -> None:
+    parts = tuple(part for part in proposed.parts if part.kind != "leg")
+    without = proposed.model_copy(update={"parts": parts, "digest": "no legs"})
+    (found,) = judge.complaints(without)
+    assert found.startswith("no leg, although the model has left_hip_pitch")
+    joints = [servo.name for servo in proposed.servos]
+    assert judge.complaints(without, [f"no legs: {', '.join(joints)}"]) == []

@@ -1,0 +1,55 @@
+"""Links that stay near each other whatever the posture are so by construction; links that meet are not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from made_humanoid import MadeHumanoid
+from tci.authoring.proposal import propose
+from tci.robot.clearance import Clearance
+from tci.robot.collisions import NEAR
+from tci.robot.joint_map import initial_position
+
+
+def shoulders(folder: Path, *, above: float, aside: float) -> tuple[set[tuple[str, str]], float]:
+    """Returns the pairs that are checked, and the least distance [m] at the start, of a humanoid whose
+    shoulders' second links are balls, `aside` [m] from their joints, with a torso's ball `above` [m] each."""
+    path = MadeHumanoid(legs=False).urdf(folder)
+    text = path.read_text()
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        start = text.index("<collision>", text.index(f"<link name='{side}_shoulder_roll_link'>"))
+        end = text.index("</link>", start)
+        text = text[:start] + ball(f"{aside} 0 0") + text[end:]
+        end = text.index("</link>", text.index("<link name='torso'>"))
+        text = text[:end] + ball(f"{aside} {0.17 * sign} {0.3 + 2.0 * RADIUS + above}") + text[end:]
+    path.write_text(text)
+    robot = propose(path, name="made")
+    clearance = Clearance(robot)
+    near = clearance.gap(np.array(initial_position(robot)), within=1.0).distance
+    return {clearance.names(pair) for pair in range(len(clearance.pairs))}, near
+
+
+RADIUS = 0.02
+
+
+def ball(place: str) -> str:
+    """Returns a shape of a link."""
+    shape = f"<geometry><sphere radius='{RADIUS}'/></geometry>"
+    return f"<collision><origin xyz='{place}'/>{shape}</collision>"
+
+
+def test_links_that_are_near_whatever_the_posture_do_not_collide(tmp_path: Path) -> None:
+    """The second link of a shoulder turns about its own middle, 4 mm below a ball of the torso."""
+    pairs, near = shoulders(tmp_path, above=0.004, aside=0.0)
+    assert ("torso", "left_shoulder_roll_link") not in pairs
+    assert ("torso", "left_shoulder_yaw_link") in pairs
+    assert near > 0.005
+
+
+def test_links_that_meet_by_moving_do(tmp_path: Path) -> None:
+    """The ball of the shoulder's second link is carried around, past that of the torso."""
+    pairs, near = shoulders(tmp_path, above=-0.012, aside=-0.05)
+    assert ("torso", "left_shoulder_roll_link") in pairs
+    assert 0.0 < near < NEAR

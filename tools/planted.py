@@ -38,7 +38,8 @@ def mistakes(robot: Robot) -> dict[str, list[Mistake]]:
     """Returns every mistake that can be planted, by kind."""
     found: dict[str, list[Mistake]] = {}
     for kind, place, changes in (
-        *_of_limits(robot), *_of_patches(robot), *_of_signs(robot), *_of_links(robot), *_of_segments(robot),
+        *_of_limits(robot), *_of_patches(robot), *_of_pairs(robot), *_of_signs(robot), *_of_links(robot),
+        *_of_segments(robot),
     ):  # fmt: skip
         wrong = robot.model_copy(update=changes | {"digest": f"{robot.name} {kind} {place} {len(found)}"})
         found.setdefault(kind, []).append(Mistake(kind, place, wrong))
@@ -118,6 +119,20 @@ def _of_patches(robot: Robot) -> Iterator[Change]:
             links = {segment.link for segment in own.segments} - {patch.link}
             for link in sorted(links & set(chain.links)):
                 yield "patch on another link", patch.name, _patch(robot, patch, link=link)
+
+
+def _of_pairs(robot: Robot) -> Iterator[Change]:
+    """Yields equal mistakes on both sides, which their comparison can't find."""
+    named = {patch.name: patch for patch in robot.patches}
+    for left in robot.patches:
+        right = named.get(left.name.replace("left", "right", 1))
+        if right is None or right is left or not hasattr(left.surface, "r1"):
+            continue
+        patches = robot.patches
+        for one in (left, right):
+            wide = one.surface.model_copy(update={"r1": 2.0 * one.surface.r1, "r2": 2.0 * one.surface.r2})
+            patches = _swap(patches, one, one.model_copy(update={"surface": wide}))
+        yield "cones twice as wide on both sides", left.name.removeprefix("left_"), {"patches": patches}
 
 
 def _of_signs(robot: Robot) -> Iterator[Change]:

@@ -159,7 +159,8 @@ def _tci(arguments: Sequence[str], limit: float) -> tuple[Any, str]:
     except subprocess.TimeoutExpired:
         return None, f"took longer than {limit:g} s"
     try:
-        return json.loads(done.stdout), ""
+        told = json.loads(done.stdout)
+        return (None, told["error"]) if "error" in told else (told, "")
     except json.JSONDecodeError:
         words = [line for line in done.stderr.splitlines() if line.strip() and "WARNING" not in line]
         return None, " ".join(words)[-600:] or f"exit status {done.returncode}"

@@ -13,7 +13,9 @@ from tci.authoring.left_out import left_out
 from tci.authoring.proposal import propose
 from tci.errors import DescriptionError
 from tci.experiments.proof import compare_axes
+from tci.robot.clearance import Clearance
 from tci.robot.description import Robot
+from tci.robot.joint_map import initial_position
 from tci.robot.xml import read_robot
 from tci.robot.xml.writer import write_robot
 
@@ -228,3 +230,34 @@ def test_a_shape_of_size_zero_names_its_link(tmp_path: Path) -> None:
     path = MadeHumanoid().urdf(tmp_path)
     path.write_text(path.read_text().replace("radius='0.1'", "radius='0'"))
     assert "the shape of pelvis" in faults(path)
+
+
+def test_shapes_beside_their_limb_are_refused(tmp_path: Path) -> None:
+    """The meshes of one published iCub lie 7 to 9 cm beside the axes of its arms."""
+    path = MadeHumanoid().urdf(tmp_path)
+    text = path.read_text()
+    for side in ("left", "right"):
+        for name in ("elbow", "wrist_roll"):
+            start = text.index("<collision>", text.index(f"<link name='{side}_{name}_link'>"))
+            text = text[:start] + text[start:].replace("0 0 -0.08", "0.08 0 -0.08", 1)
+    path.write_text(text)
+    words = faults(path)
+    assert "lie 80 mm beside the axis of left_arm's forearm" in words
+    assert "--without-meshes" in words
+    bare = propose(path, name="made", meshes="none")
+    assert len(bare.patches) == 4
+
+
+def test_the_initial_posture_is_clear_of_the_body(tmp_path: Path) -> None:
+    """A torso as wide as Baxter's: links that touched it in the usual posture could not move."""
+    path = MadeHumanoid(legs=False).urdf(tmp_path)
+    usual = propose(path, name="made").part("left_arm").initial_posture
+    text = path.read_text()
+    end = text.index("</link>", text.index("<link name='torso'>"))
+    shape = "<geometry><box size='0.2 0.46 0.1'/></geometry>"
+    path.write_text(f"{text[:end]}<collision><origin xyz='0 0 0.1'/>{shape}</collision>{text[end:]}")
+    robot = propose(path, name="wide")
+    part = robot.part("left_arm")
+    assert part.initial_posture[1] > usual[1], "farther from the body"
+    gap = Clearance(robot).gap(np.array(initial_position(robot)), within=1.0)
+    assert gap.distance > 0.01, gap

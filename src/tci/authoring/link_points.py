@@ -30,6 +30,8 @@ class LinkPoints:
     def __init__(self, model: Model) -> None:
         """Raises what `load_spec` raises, and DescriptionError for a mesh that MuJoCo can't read."""
         self._model = self.compiled = compiled(load_spec(model), model)
+        self.source = model.path
+        """File of the model."""
         self.shapeless = model.meshes == NO_MESHES
         """True if the model is read without its meshes."""
         self._data = mujoco.MjData(self._model)
@@ -42,6 +44,16 @@ class LinkPoints:
         geoms = [geom for geom in range(self._model.ngeom) if int(self._model.geom_bodyid[geom]) in bodies]
         found = [self._on_geom(geom) for geom in geoms]
         return np.concatenate([np.zeros((0, 3)), *found])
+
+    def around(self, link: str) -> Array:
+        """Returns points (n, 3) [m] on a link and on those that are joined to it, in the link's frame."""
+        own = self._with_fixed([self._model.body(link).id])
+        parents = self._model.body_parentid
+        joined = {body for body in range(1, self._model.nbody) if int(parents[body]) in own}
+        joined |= own | {int(parents[body]) for body in own} - {0}
+        R_RL, p_RL = self.link_pose(link)
+        points: Array = (self.of(str(self._model.body(body).name) for body in sorted(joined)) - p_RL) @ R_RL
+        return points
 
     def far_end(self, link: str, start: Array) -> Array | None:
         """Returns the end (3,) [m] of a limb's last segment, which begins at `start` (3,) [m] on a link, in

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from tci.authoring.find_limbs import FoundLimbs, find_limbs
+from tci.authoring.initial_posture import clear_of_body
 from tci.authoring.joint_facts import JointFacts, driven, proposed_limits, read_facts
 from tci.authoring.link_points import LinkPoints
 from tci.authoring.proposed_arm import Sign, arm, elbow_senses
@@ -19,7 +20,7 @@ from tci.authoring.sleeves import sleeves
 from tci.errors import DescriptionError, Fault
 from tci.frames import rpy_of
 from tci.messages import Mode
-from tci.robot.description import Model, Robot, Servo
+from tci.robot.description import GenericPart, Model, Patch, Robot, Servo
 from tci.robot.generic_arm import Side
 from tci.robot.model_format import model_format
 
@@ -64,11 +65,13 @@ def propose(
         servos=servos, parts=(),
     )  # fmt: skip
     senses = elbow_senses(draft, body, points, index, left=elbow)
-    parts, patches = [], []
+    parts: list[GenericPart] = []
+    patches: list[Patch] = []
     for side, limb in body.arms.items():
         made = arm(draft, body, _side(side), points, index, sense=senses[side], mount=mount)
         parts.append(made)
         patches += sleeves(body, limb, made, points)
+    parts = clear_of_body(draft, parts)
     parts += [
         middle(body, "head", body.head, index),
         middle(body, "torso", body.trunk, index, sense=-1.0 if body.trunk_below else 1.0),

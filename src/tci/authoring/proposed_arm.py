@@ -8,12 +8,13 @@ from typing import Literal
 import numpy as np
 
 from tci.authoring.find_limbs import FoundLimbs
+from tci.authoring.initial_posture import POSTURES, with_initial
 from tci.authoring.limb import Limb
 from tci.authoring.link_points import LinkPoints
 from tci.authoring.proposed_parts import find_mount, generic_joint, segment
 from tci.authoring.sleeves import axes_of, ends_of
 from tci.errors import DescriptionError, Fault
-from tci.frames import Array, rotation_rpy
+from tci.frames import rotation_rpy
 from tci.robot.description import GenericPart, GenericServo, Robot, Segment
 from tci.robot.generic_arm import JOINTS, Side, side_sign
 from tci.robot.joint_map import joint_map
@@ -22,11 +23,6 @@ from tci.robot.shoulder import Shoulder, angle_about
 Sign = Literal[1, -1]
 """Direction in which a joint turns."""
 
-POSTURES = np.deg2rad([[25, 25, 0, 60, 0], [25, 25, 0, 75, 0], [35, 30, 0, 60, 0], [20, 40, 0, 60, 0],
-                       [40, 20, 10, 70, 0], [25, 15, -15, 50, 0], [15, 15, 0, 45, 0]])  # fmt: skip
-"""Candidates for the initial posture [rad]; the first that fits is taken. All values here are assumed."""
-ROOM = 0.1
-"""Distance [rad] of the initial posture from limits that suffices."""
 LINEAR = 1e-6
 """Error [rad] up to which a shoulder counts as linear (eq. 1)."""
 FARTHER = np.deg2rad(25.0)
@@ -138,7 +134,7 @@ def arm(
         segments=_segments(body, limb, points),
     )
     part = _linear_where_exact(draft, part, mount=mount)
-    return _with_initial(draft, part)
+    return with_initial(draft, part)
 
 
 def _segments(body: FoundLimbs, limb: Limb, points: LinkPoints) -> tuple[Segment, ...]:
@@ -172,28 +168,3 @@ def _linear_where_exact(draft: Robot, part: GenericPart, *, mount: bool) -> Gene
             ]
             return part.model_copy(update={"servos": (*servos, *part.servos[3:]), "mount": rpy})
     return part
-
-
-def _with_initial(draft: Robot, part: GenericPart) -> GenericPart:
-    """Returns the part with the first of POSTURES that keeps its servos away from their limits."""
-    digest = f"{part.name} {part.servos[3].scale}"
-    joints = joint_map(draft.model_copy(update={"parts": (part,), "digest": digest}), part.name)
-    limits = [draft.servos[servo].limits for servo in joints.servos]
-    lower, upper = np.array([[limit.lower, limit.upper] for limit in limits], dtype=float).T
-    start = np.zeros(len(draft.servos))
-
-    def room(posture: Array) -> float:
-        angles = joints.to_robot(posture, start)
-        there = np.array(start)
-        there[joints.servos] = angles
-        missed = np.abs(joints.to_generic(there) - posture)[joints.ids].max()
-        return float(np.minimum(angles - lower, upper - angles).min() - 10.0 * missed)
-
-    rooms = [room(posture) for posture in POSTURES]
-    best = POSTURES[int(np.argmax(np.minimum(rooms, ROOM)))]
-    if max(rooms) < 0.0:
-        inside = np.array(start)
-        inside[joints.servos] = np.clip(joints.to_robot(best, start), lower, upper)
-        best = joints.to_generic(inside)
-    servos = [j.model_copy(update={"initial": float(a)}) for j, a in zip(part.servos, best, strict=True)]
-    return part.model_copy(update={"servos": tuple(servos)})

@@ -7,6 +7,7 @@ import numpy as np
 from tci.authoring.find_limbs import FoundLimbs
 from tci.authoring.limb import Limb
 from tci.authoring.link_points import THINNEST, LinkPoints, cone_around
+from tci.errors import DescriptionError, Fault
 from tci.exports.cone import ConeFit
 from tci.frames import Array, rpy_of
 from tci.robot.description import GenericPart, Patch, Sensor, TruncatedCone, Vector
@@ -42,7 +43,10 @@ def ends_of(body: FoundLimbs, limb: Limb) -> dict[str, tuple[Array, Array]]:
 
 
 def sleeves(body: FoundLimbs, limb: Limb, part: GenericPart, points: LinkPoints) -> list[Patch]:
-    """Returns a cone of skin around each segment; a segment without shapes has none."""
+    """Returns a cone of skin around each segment; a segment without shapes has none.
+
+    Raises DescriptionError for shapes that lie beside their segment.
+    """
     upper, forearm = axes_of(body, limb)
     bend = body.joints[limb.bend].axis * float(np.sign(part.servos[3].scale))
     turn = [] if limb.turn is None else [body.joints[limb.turn].link]
@@ -65,6 +69,15 @@ def sleeves(body: FoundLimbs, limb: Limb, part: GenericPart, points: LinkPoints)
             fit = cone_around(shape, begin, axis, *cover)
         if fit is None:
             continue
+        off = fit.origin - begin
+        aside = float(np.linalg.norm(off - axis * float(axis @ off)))
+        if aside > max(fit.r1, fit.r2):
+            message = (
+                f"the shapes of {', '.join(links[segment])} lie {1e3 * aside:.0f} mm beside the axis of "
+                f"{part.name}'s {segment}, so skin around them would not cover it; valid: --without-meshes, "
+                "or a model whose shapes are around its joints"
+            )
+            raise DescriptionError(points.source, [Fault(0, message)])
         link = part.segment(segment).link
         R_RL, p_RL = points.link_pose(link)
         z, y = -fit.axis, -bend

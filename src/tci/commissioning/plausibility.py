@@ -4,16 +4,20 @@ that are valid but wrong, such as a sign, a limit, a link or a unit."""
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 
 import numpy as np
+from scipy.spatial import KDTree
 
+from tci.authoring.link_points import LinkPoints
 from tci.authoring.proposed_parts import HAND, LEG
 from tci.errors import TciError
 from tci.frames import Array, apply
-from tci.robot.description import GenericPart, Patch, Robot
+from tci.robot.description import GenericPart, Model, Patch, Robot
 from tci.robot.gravity import Gravity
 from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.kinematics import KinematicChain, bare_model
+from tci.robot.mesh_files import NO_MESHES
 from tci.skin.surfaces import build_surface
 
 MIDDLE = {"pitch": (0.0, 1.0, 0.0), "roll": (1.0, 0.0, 0.0), "yaw": (0.0, 0.0, 1.0)}
@@ -33,6 +37,9 @@ asymmetry of real arms, below any offset that matters."""
 WIDER = 1.25
 """Largest ratio of the extents of a patch and its mirror image. Assumed: real patches of a pair differ by a
 few percent."""
+SHARE, AWAY = 0.25, 0.03
+"""Fraction of a patch's taxels that must be within a distance [m] of the shapes of its link and those joined
+to it. Assumed: models leave out covers (soles of NAO: 21 mm) and pieces of forearms (alex: 27 mm)."""
 PRESSURE = (3e3, 1e7)
 """Least and largest pressure [Pa] that a sensor's full range may mean. Assumed: a light touch is 3 kPa, and
 10 MPa breaks a skin."""
@@ -55,6 +62,8 @@ def doubts(robot: Robot) -> list[str]:
     wrong = {sentence.split()[0] for sentence in signs}  # their zero is wrong too
     found += _segments(robot, chain, postures, without=wrong)
     found += _patches(robot, chain, postures)
+    blamed = {sentence.split(":")[0] for sentence in found}
+    found += _distances(robot, chain, without=blamed)
     found += _torques(robot)
     return found
 
@@ -214,6 +223,30 @@ def _patches(robot: Robot, chain: KinematicChain, postures: list[Array]) -> Iter
                 f"{left.name} and {right.name}: centres {1e3 * apart:.0f} mm apart when mirrored, taxels "
                 f"{1e3 * spreads[0]:.0f} and {1e3 * spreads[1]:.0f} mm around them; valid: mirror images"
             )
+
+
+def _distances(robot: Robot, chain: KinematicChain, *, without: set[str]) -> Iterator[str]:
+    """Compares the places of taxels with the shapes of their links, of patches that no other doubt names."""
+    assert robot.model is not None
+    if robot.model.meshes == NO_MESHES or not robot.patches:
+        return
+    points = _points(robot.model.model_copy(update={"torso_link": "", "torso_rpy": (0.0, 0.0, 0.0)}))
+    for patch in robot.patches:
+        surface = build_surface(robot, patch, chain)
+        shapes = points.around(surface.link)
+        if any(patch.name in words.split() for words in without) or not len(shapes):
+            continue
+        away = float(np.quantile(KDTree(shapes).query(surface.positions)[0], SHARE))
+        if away > AWAY:
+            yield (
+                f"{patch.name}: the nearest quarter of its taxels is up to {1e3 * away:.0f} mm from the "
+                f"shapes of {surface.link}; valid: at most {1e3 * AWAY:.0f} mm"
+            )
+
+
+@lru_cache(maxsize=4)
+def _points(model: Model) -> LinkPoints:
+    return LinkPoints(model)
 
 
 def _cloud(robot: Robot, patch: Patch, chain: KinematicChain, position: Array) -> Array:

@@ -96,38 +96,43 @@ def exclude_overlaps(spec: mujoco.MjSpec, robot: Robot, posture: Array) -> mujoc
     return compiled(spec, robot.model)
 
 
+def nearby(
+    model: mujoco.MjModel, robot: Robot, posture: Array, *, within: float | None = None
+) -> dict[tuple[int, int], float]:
+    """Returns the least distance [m] of each pair of bodies, by MuJoCo's number, that are `within` a distance
+    [m] at `posture` (n_servos,) [rad]; None for the margins of the model's geoms."""
+    data = mujoco.MjData(model)
+    servos, addresses, _ = joints_of(robot, model)
+    data.qpos[addresses] = posture[servos]
+    margin = model.geom_margin.copy()
+    if within is not None:
+        model.geom_margin[:] = within
+    mujoco.mj_fwdPosition(model, data)
+    model.geom_margin[:] = margin
+    contacts = data.contact
+    bodies = np.sort(model.geom_bodyid[contacts.geom[: data.ncon]], axis=1).tolist()
+    found: dict[tuple[int, int], float] = {}
+    for (low, high), distance in zip(bodies, contacts.dist[: data.ncon].tolist(), strict=True):
+        if within is None or distance < within:
+            found[low, high] = min(distance, found.get((low, high), np.inf))
+    return found
+
+
 def _overlapping(model: mujoco.MjModel, robot: Robot, posture: Array) -> list[tuple[int, int]]:
     """Returns the pairs of bodies, by MuJoCo's number, that are in contact at `posture`, or near each other
     by construction."""
-    data = mujoco.MjData(model)
-    servos, addresses, _ = joints_of(robot, model)
-
-    def touching(angles: Array) -> dict[tuple[int, int], float]:
-        data.qpos[addresses] = angles[servos]
-        mujoco.mj_fwdPosition(model, data)
-        bodies = np.sort(model.geom_bodyid[data.contact.geom[: data.ncon]], axis=1)
-        found: dict[tuple[int, int], float] = {}
-        for (low, high), distance in zip(
-            bodies.tolist(), data.contact.dist[: data.ncon].tolist(), strict=True
-        ):
-            found[low, high] = min(distance, found.get((low, high), np.inf))
-        return found
-
-    overlapping = set(touching(posture))
-    margin = model.geom_margin.copy()
-    model.geom_margin[:] = NEAR
-    if near := touching(posture).keys() - overlapping:
+    overlapping = set(nearby(model, robot, posture))
+    if near := nearby(model, robot, posture, within=NEAR).keys() - overlapping:
         ends = np.array([posture, posture])
         for servo in robot.servos:
             if servo.limits.lower is not None and servo.limits.upper is not None:
                 ends[:, servo.index] = servo.limits.lower, servo.limits.upper
         others = np.random.default_rng(0).uniform(ends[0], ends[1], (POSTURES, len(posture)))
-        seen = [touching(angles) for angles in others]
+        seen = [nearby(model, robot, angles, within=NEAR) for angles in others]
         for pair in near:
             beside = sum(abs(distances.get(pair, np.inf)) < NEAR for distances in seen)
             if beside >= MOST * POSTURES:
                 overlapping.add(pair)
-    model.geom_margin[:] = margin
     return sorted(overlapping)
 
 

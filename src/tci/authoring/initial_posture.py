@@ -1,0 +1,78 @@
+"""Proposes the initial posture of both arms: away from limits, and clear of the body."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tci.frames import Array
+from tci.robot.collisions import NEAR, nearby, solid_spec
+from tci.robot.description import GenericPart, Robot
+from tci.robot.joint_map import JointMap, initial_position, joint_map
+from tci.robot.model_file import compiled
+
+POSTURES = np.deg2rad([[25, 25, 0, 60, 0], [25, 25, 0, 75, 0], [35, 30, 0, 60, 0], [20, 40, 0, 60, 0],
+                       [40, 20, 10, 70, 0], [25, 15, -15, 50, 0], [15, 15, 0, 45, 0], [30, 45, 0, 75, 0],
+                       [45, 45, 0, 60, 0], [30, 60, 0, 90, 0]])  # fmt: skip
+"""Candidates for the initial posture [rad]; the first that fits is taken. All values here are assumed."""
+ROOM = 0.1
+"""Distance [rad] of the initial posture from limits that suffices."""
+
+
+def with_initial(draft: Robot, part: GenericPart) -> GenericPart:
+    """Returns an arm with the first of POSTURES that keeps its servos away from their limits."""
+    robot = draft.model_copy(update={"parts": (part,), "digest": f"{part.name} {part.servos[3].scale}"})
+    joints = joint_map(robot, part.name)
+    start, (lower, upper) = np.zeros(len(draft.servos)), _limits(draft, joints)
+    rooms = [_room(draft, joints, posture) for posture in POSTURES]
+    best = POSTURES[int(np.argmax(np.minimum(rooms, ROOM)))]
+    if max(rooms) < 0.0:
+        inside = np.array(start)
+        inside[joints.servos] = np.clip(joints.to_robot(best, start), lower, upper)
+        best = joints.to_generic(inside)
+    return _placed(part, best)
+
+
+def clear_of_body(draft: Robot, arms: Sequence[GenericPart]) -> list[GenericPart]:
+    """Returns both arms in the one of POSTURES, with as much room, in which fewest links are near others; as
+    they are if none is."""
+    robot = draft.model_copy(update={"parts": tuple(arms), "digest": "clear of body"})
+    assert robot.model is not None
+    model = compiled(solid_spec(robot, mimics=False), robot.model)
+
+    def nearness(posed: Sequence[GenericPart]) -> float:
+        parts = {"parts": tuple(posed), "digest": f"{posed[0].initial_posture}"}
+        position = initial_position(robot.model_copy(update=parts))
+        return sum(NEAR - distance for distance in nearby(model, robot, position, within=NEAR).values())
+
+    best, least = list(arms), nearness(arms)
+    for posture in POSTURES if least else ():
+        joints = [joint_map(robot, part.name) for part in arms]
+        if min(_room(draft, one, posture) for one in joints) < ROOM:
+            continue
+        posed = [_placed(part, posture) for part in arms]
+        if (found := nearness(posed)) < least:
+            best, least = posed, found
+    return best
+
+
+def _room(draft: Robot, joints: JointMap, posture: Array) -> float:
+    """Returns the least distance [rad] of an arm's servos from their limits; less if they miss a posture."""
+    start, (lower, upper) = np.zeros(len(draft.servos)), _limits(draft, joints)
+    angles = joints.to_robot(posture, start)
+    there = np.array(start)
+    there[joints.servos] = angles
+    missed = np.abs(joints.to_generic(there) - posture)[joints.ids].max()
+    return float(np.minimum(angles - lower, upper - angles).min() - 10.0 * missed)
+
+
+def _limits(draft: Robot, joints: JointMap) -> Array:
+    """Returns the lower and upper limits (2, k) [rad] of an arm's servos."""
+    limits = [draft.servos[servo].limits for servo in joints.servos]
+    return np.array([[limit.lower, limit.upper] for limit in limits], dtype=float).T
+
+
+def _placed(part: GenericPart, posture: Array) -> GenericPart:
+    servos = [j.model_copy(update={"initial": float(a)}) for j, a in zip(part.servos, posture, strict=True)]
+    return part.model_copy(update={"servos": tuple(servos)})

@@ -17,6 +17,7 @@ from tci.robot.clearance import Clearance
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 from tci.robot.xml import read_robot
+from tci.robot.xml.values import Angle, Number
 from tci.robot.xml.writer import write_robot
 
 LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
@@ -67,6 +68,7 @@ def test_speeds_are_written_as_a_person_reads_them(tmp_path: Path) -> None:
     assert "359.82" in text, "6.28 rad/s"
     assert "359.8174" not in text
     assert not re.search(r"\.\d{7}|[ \"]-0[ \"]", text), "at most six places, and no negative zero"
+    assert (Number().write(-1e-9), Angle().write(-1e-9)) == ("0", "0")
 
 
 def test_a_file_that_is_no_model_is_named(tmp_path: Path) -> None:

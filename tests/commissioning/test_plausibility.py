@@ -79,7 +79,7 @@ def test_a_speed_that_damping_makes_impossible_is_lowered_and_doubted(tmp_path: 
     slow = propose(damped(heavy, 10.0), name="heavy")
     for servo in slow.servos:
         assert "velocity" in servo.limits.assumed
-        assert servo.limits.velocity == pytest.approx(0.5 * (30.0 - 1.0) / 10.0, rel=1e-3)
+        assert servo.limits.velocity == pytest.approx((30.0 - 1.0) / 3.0 / 10.0, rel=1e-3)
     assert doubts(slow) == []
     wrong = slow.model_copy(update={"servos": free.servos, "digest": "as fast as without damping"})
     assert len(doubts(wrong)) == sum(one.servo is not None for part in slow.parts for one in part.servos)

@@ -26,8 +26,8 @@ ACCELERATION = np.deg2rad((400.0, 2400.0))
 torque."""
 MOST_TORQUE = 0.35
 """Largest fraction of the torque for that, where the least acceleration takes more than a quarter."""
-LOST = 0.5
-"""Largest fraction of the torque that friction and damping of the joint may take at full speed."""
+LOST = 1.0 / 3.0
+"""Largest fraction of the torque that damping may take at full speed; weight and acceleration need the rest."""
 JERK = 100.0
 """Ratio of the limits of jerk and acceleration [1/s]."""
 TORQUE, STRONGEST = 40.0, 1e4

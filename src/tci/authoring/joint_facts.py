@@ -27,7 +27,7 @@ torque."""
 MOST_TORQUE = 0.35
 """Largest fraction of the torque for that, where the least acceleration takes more than a quarter."""
 LOST = 1.0 / 3.0
-"""Largest fraction of the torque that damping may take at full speed; weight and acceleration need the rest."""
+"""Largest fraction of the torque that damping may take at full speed; the rest is for motion and weight."""
 JERK = 100.0
 """Ratio of the limits of jerk and acceleration [1/s]."""
 TORQUE, STRONGEST = 40.0, 1e4

@@ -228,10 +228,10 @@ def _patches(robot: Robot, chain: KinematicChain, postures: list[Array]) -> Iter
 def _distances(robot: Robot, chain: KinematicChain, *, without: set[str]) -> Iterator[str]:
     """Compares the places of taxels with the shapes of their links, of patches that no other doubt names."""
     assert robot.model is not None
-    if robot.model.meshes == NO_MESHES or not robot.patches:
+    if robot.model.meshes == NO_MESHES or not robot.skin:
         return
     points = _points(robot.model.model_copy(update={"torso_link": "", "torso_rpy": (0.0, 0.0, 0.0)}))
-    for patch in robot.patches:
+    for patch in robot.skin:
         surface = build_surface(robot, patch, chain)
         shapes = points.around(surface.link)
         if any(patch.name in words.split() for words in without) or not len(shapes):

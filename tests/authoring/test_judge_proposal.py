@@ -84,6 +84,14 @@ def test_legs_as_arms_and_exchanged_sides_are_wrong(proposed: Robot, judge: Modu
     assert any("left_knee is named as a joint of leg" in one for one in legs)
 
 
+def test_a_model_has_two_arms_if_its_joints_are_named_so(judge: ModuleType) -> None:
+    joints = ("shoulder_pitch", "ShoulderRoll", "arm_3", "elbow")
+    assert judge.two_arms([f"{side}_{joint}" for side in ("left", "right") for joint in joints])
+    assert judge.two_arms([f"{side}{joint}" for side in ("L", "R") for joint in ("Elbow",) * 4])
+    assert not judge.two_arms([f"left_{joint}" for joint in joints])
+    assert not judge.two_arms([f"{side}_hip_{axis}" for side in ("left", "right") for axis in "xyzabc"])
+
+
 def test_a_part_that_is_left_out_is_wrong_unless_a_note_says_so(proposed: Robot, judge: ModuleType) -> None:
     parts = tuple(part for part in proposed.parts if part.kind != "leg")
     without = proposed.model_copy(update={"parts": parts, "digest": "no legs"})

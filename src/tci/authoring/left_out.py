@@ -47,7 +47,8 @@ def left_out(robot: Robot) -> list[str]:
         "torso": f"turn about no axis of the torso, to {angle:.0f} degrees, between the base and both arms",
     }
     for kind, reason in reasons.items():
-        own = [joint.name for joint in joints if kind not in kinds and is_named_as(kind, joint.name)]
+        free = [joint.name for place, joint in enumerate(joints) if place not in taken]
+        own = [name for name in free if kind not in kinds and is_named_as(kind, name)]
         if own:
-            notes.append(f"no {kind}: {', '.join(own)} {reason}")
+            notes.append(f"no {kind}: {', '.join(own)}; they {reason}")
     return notes

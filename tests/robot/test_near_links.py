@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from made_humanoid import MadeHumanoid
+from tci.authoring.initial_posture import with_initial
 from tci.authoring.proposal import propose
 from tci.robot.clearance import Clearance
 from tci.robot.collisions import NEAR
@@ -25,7 +26,9 @@ def shoulders(folder: Path, *, above: float, aside: float) -> tuple[set[tuple[st
         end = text.index("</link>", text.index("<link name='torso'>"))
         text = text[:end] + ball(f"{aside} {0.17 * sign} {0.3 + 2.0 * RADIUS + above}") + text[end:]
     path.write_text(text)
-    robot = propose(path, name="made")
+    proposed = propose(path, name="made")
+    parts = [with_initial(proposed, one) if one.kind == "arm" else one for one in proposed.parts]
+    robot = proposed.model_copy(update={"parts": tuple(parts), "digest": "not clear of the body"})
     clearance = Clearance(robot)
     near = clearance.gap(np.array(initial_position(robot)), within=1.0).distance
     return {clearance.names(pair) for pair in range(len(clearance.pairs))}, near

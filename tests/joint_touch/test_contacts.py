@@ -21,6 +21,7 @@ from tci.robot.description import Robot
 from tci.robot.dynamics import Dynamics
 from tci.robot.gravity import STANDARD_GRAVITY
 from tci.robot.joint_map import initial_position
+from tci.runtime.session import poke_forearm
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +42,23 @@ def test_an_upper_arm_is_told_as_less_certain(forearm: list[Felt]) -> None:
 
 def test_motion_is_no_touch() -> None:
     assert untouched(1, 5.0)[0] == 0
+
+
+def test_an_arm_that_withdraws_from_a_poke_is_not_felt_to_be_touched_by_its_own_motion() -> None:
+    forces: list[tuple[float, float]] = []
+    with tci.connect("g1-bare", "sim") as driver:
+        poke_forearm(driver)
+
+        def observe(tick: tci.Tick) -> None:
+            real = driver.world.contact_truth("left_forearm").force
+            forces.append((real, sum(one.force for one in tick.perception.contacts)))
+
+        assert tci.run(driver, tci.WithdrawalReflex(), duration=0.8, observe=observe)
+    real, felt = np.array(forces).T
+    lost = int(np.flatnonzero(real)[-1])
+    assert real.max() > 10.0
+    assert felt.max() == pytest.approx(real.max(), rel=0.25)
+    assert not felt[lost + 25 :].any()  # 50 ms later
 
 
 def in_motion(robot_body: GenericBody, push: Push, until: float, seed: int = 4) -> list[Perception]:

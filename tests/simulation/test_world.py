@@ -70,14 +70,31 @@ def test_frames_of_skin_change_nothing_that_moves_even_where_joints_are_moved_fr
     assert ends[0] == ends[1]
 
 
+def test_torques_that_are_read_are_those_that_move_the_joints() -> None:
+    """At a constant speed nothing accelerates, whether a frame of skin or a picture was taken or not."""
+    world = World(load_robot("nao"), period=0.002)
+    servos = arm_servos(world, "left_arm")[:1]
+    home = world.joints().position[servos]
+    for tick in range(1, 101):
+        world.set_position_targets(servos, home + 0.002 * tick)
+        world.advance(0.002 * tick)
+        if tick % 2:
+            world.refresh()
+        if tick > 60:
+            joints = world.joints()
+            assert joints.velocity[servos] == pytest.approx(1.0, abs=0.02)
+            assert abs(joints.torque[servos]) < 0.05 * 1.6
+
+
 def test_the_loop_takes_the_steps_that_mujoco_takes() -> None:
     world = World(load_robot("nao"))
     world.finger.poke("left_forearm", 100, depth=0.006)
+    world.advance(0.001)
     data = mujoco.MjData(world.model)
     mujoco.mj_copyData(data, world.model, world.data)
-    for tick in range(1, 61):
+    for tick in range(2, 62):
+        data.ctrl[:] = world.data.ctrl  # of the next step
         world.advance(0.001 * tick)
-        data.ctrl[:] = world.data.ctrl
         mujoco.mj_step(world.model, data)
         assert data.qpos.tobytes() == world.data.qpos.tobytes(), tick
     assert world.finger.touching

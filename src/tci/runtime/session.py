@@ -188,8 +188,9 @@ def poke_forearm(driver: Driver) -> None:
     joints = driver.read().joints
     place = find_place(Skin(driver.robot), "left_arm", site.segment, site.u, site.theta, joints)
     speed = 0.25
+    depth = 0.02 if driver.robot.patch(place.patch).through_joints else 0.01  # 16 and 8 N
     driver.world.finger.poke(
-        place.patch, place.p_L, place.n_L, speed=speed, depth=0.01, gap=speed * POKE_DELAY
+        place.patch, place.p_L, place.n_L, speed=speed, depth=depth, gap=speed * POKE_DELAY
     )
 
 

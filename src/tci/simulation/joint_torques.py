@@ -26,13 +26,31 @@ class JointTorques:
         servos, _, columns = joints_of(robot, physics.model)
         self._servos, self._columns = np.array(servos), np.array(columns)
         self._moving = np.zeros(physics.model.nv)
+        self._inertia, self._damping = np.zeros((2, physics.model.nv, physics.model.nv))
+        self._rows = np.repeat(np.arange(physics.model.nv), physics.model.D_rownnz)
 
     def measured(self, position: Array) -> Array:
         """Returns the torques (n_servos,) [N m] of the latest step, at the angles `position` (n_servos,)
         [rad]."""
         model, data = self._physics.model, self._physics.data
+        shown = data.qacc.copy()
+        data.qacc[:] = self._acceleration()
         mujoco.mj_rne(model, data, 1, self._moving)
+        data.qacc[:] = shown
         output = self._moving - data.qfrc_constraint - data.qfrc_passive
         torques = np.zeros(len(position)) if self._gravity is None else self._gravity.torques(position)
         torques[self._servos] += output[self._columns]
         return read_only(torques)
+
+    def _acceleration(self) -> Array:
+        """Returns the acceleration (nv,) that the implicit integrator gives the joints.
+
+        MuJoCo's `qacc` is explicit: it leaves out that the damping of stiff servos changes within the step.
+        """
+        model, data = self._physics.model, self._physics.data
+        mujoco.mj_fullM(model, data, self._inertia)
+        self._damping[self._rows, model.D_colind] = data.qDeriv
+        result: Array = np.linalg.solve(
+            self._inertia - self._physics.step * self._damping, self._inertia @ data.qacc
+        )
+        return result

@@ -54,7 +54,7 @@ class Servos:
         self._ramp_steps = max(1, round(period / physics.step))
         limits = [robot.servos[index].limits for index in self.moving]
         speed = np.array([np.inf if limit.velocity is None else limit.velocity for limit in limits])
-        self.state = np.zeros((6, len(moving)))
+        self.state = np.zeros((7, len(moving)))
         """Control state of the moving joints; rows as in `stepping`."""
         self.state[at.RATIO] = [one.multiplier for _, one in driven]
         self.state[at.SHIFT] = [one.offset for _, one in driven]
@@ -95,6 +95,7 @@ class Servos:
         self._targets[:] = self._home
         self._setpoint[:] = self.home
         self._stride[:] = 0.0
+        self.state[at.ADVANCE] = 0.0
         self._torques[:] = 0.0
         self.modes = (Mode.POSITION,) * len(self._home)
         """Control mode of each servo (n,); the same object until a mode changes."""

@@ -17,10 +17,10 @@ from tci.engine import mujoco
 from tci.frames import Array
 from tci.simulation.sampling import DUE, SKIN, SLOTS, Arrays, sample
 
-SETPOINT, STRIDE, LAG, LEAD, RATIO, SHIFT = range(6)
-"""Rows of the state of moving joints (6, k): set-point [rad], its change per step, limit of the error [rad]
-that they act on, number of steps by which damping looks ahead; angle of the joint per angle of its servo, and
-at its servo's zero [rad]."""
+SETPOINT, STRIDE, LAG, LEAD, RATIO, SHIFT, ADVANCE = range(7)
+"""Rows of the state of moving joints (7, k): set-point [rad], its largest change per step, limit of the error
+[rad] that they act on, number of steps by which damping looks ahead; angle of the joint per angle of its
+servo, and at its servo's zero [rad]; change [rad] of the set-point in the latest step."""
 SERVO, ADDRESS, DOF, ACTUATOR, LOOSE, YIELDING = range(6)
 """Rows of their indices (6, k): servo, place in `qpos`, `qvel` and `ctrl`; 1 in torque mode; 1 in impedance
 mode."""
@@ -77,16 +77,21 @@ _check, _integrate = _bring("mj_checkAcc"), _bring("mj_implicit")
 
 
 @inlined
-def _drive(qpos: Array, ctrl: Array, servos: Array, places: Array, asked: Array) -> None:
+def _follow(servos: Array, places: Array, asked: Array) -> None:
     """Moves the servos' set-points by one step."""
     for i in range(servos.shape[1]):
-        setpoint, stride, lag = servos[SETPOINT, i], servos[STRIDE, i], servos[LAG, i]
-        left = asked[TARGET, places[SERVO, i]] * servos[RATIO, i] + servos[SHIFT, i] - setpoint
-        advance = min(max(left, -stride), stride)
-        setpoint += advance
-        servos[SETPOINT, i] = setpoint
+        left = asked[TARGET, places[SERVO, i]] * servos[RATIO, i] + servos[SHIFT, i] - servos[SETPOINT, i]
+        servos[ADVANCE, i] = min(max(left, -servos[STRIDE, i]), servos[STRIDE, i])
+        servos[SETPOINT, i] += servos[ADVANCE, i]
+
+
+@inlined
+def _drive(qpos: Array, ctrl: Array, servos: Array, places: Array, asked: Array, ahead: float) -> None:
+    """Writes the inputs of the servos, for set-points that go on for `ahead` steps at their present speed."""
+    for i in range(servos.shape[1]):
+        lag, advance = servos[LAG, i], servos[ADVANCE, i]
         here = qpos[places[ADDRESS, i]]
-        error = setpoint - here
+        error = servos[SETPOINT, i] + ahead * advance - here
         if places[LOOSE, i]:
             ctrl[places[ACTUATOR, i]] = asked[TORQUE, places[SERVO, i]] * servos[RATIO, i]
         else:
@@ -206,12 +211,20 @@ def march(
     due = begin
     for number in range(begin, end):
         time = number * step
-        _drive(qpos, ctrl, states, places, asked)
+        _follow(states, places, asked)
+        _drive(qpos, ctrl, states, places, asked, 0.0)
         if tool[ACTIVE]:
             _push(time, ctrl, tool, whole)
         _take_step(model, data, number, moved, here, whole)
         if tool[ACTIVE]:
             _note(time, sensors, tool, whole, trace)
+        if number + 1 < min(due, end):
+            continue
+        # Torques and forces on the skin depend on the servos' inputs. Those of the step before would brake a
+        # stiff servo in motion, so they are read with the inputs with which it goes on.
+        _drive(qpos, ctrl, states, places, asked, 1.0)
+        if tool[ACTIVE]:
+            _push((number + 1) * step, ctrl, tool, whole)
         if number + 1 < due:
             continue
         due, full = end + 1, False

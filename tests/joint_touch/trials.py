@@ -70,7 +70,7 @@ def pushed(patch: str, seed: int) -> Felt:
 def untouched(seed: int, seconds: float) -> tuple[int, float]:
     """Moves an arm that nobody touches.
 
-    Returns the number of contacts, and the time [s] within which 99 % of the perceptions were made.
+    Returns the number of contacts, and the processor time [s] within which 99 % of the perceptions were made.
     """
     body = bare_body()
     random = np.random.default_rng([seed, 2])
@@ -78,9 +78,9 @@ def untouched(seed: int, seconds: float) -> tuple[int, float]:
     perceiver, seen, took = Perceiver(body), set[int](), []
     for _ in range(round(seconds / PERIOD)):
         joints = plant.step()
-        begin = time.perf_counter()
+        begin = time.thread_time()
         perception = perceiver.step(Reading(joints, ()), joints.stamp)
-        took.append(time.perf_counter() - begin)
+        took.append(time.thread_time() - begin)
         seen |= set(perception.contacts.identity.tolist())
     return len(seen), float(np.percentile(took, 99.0))
 

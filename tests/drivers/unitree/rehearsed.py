@@ -17,7 +17,7 @@ from tci.runtime.loop import Tick, run
 
 AT, LONG = 0.6, 1.2
 """Times [s] of the fault, and that the run lasts from there."""
-SHORT = {"nan-angle": 0.2, "dropped-frames": 0.4, "out-of-order": 0.3, "duplicates": 0.3, "clock-jump": 0.3}
+SHORT = {"nan-angle": 0.2, "dropped-frames": 0.9, "out-of-order": 0.3, "duplicates": 0.3, "clock-jump": 0.3}
 """Durations [s] of faults that pass; all others last."""
 EXPECTED = {
     "nan-angle": {GateState.RUN, GateState.HOLD},
@@ -39,12 +39,14 @@ EXPECTED = {
 before."""
 SPEED = 0.3
 """Speed [rad/s] of the arms, in one direction: at a turn, a busy machine's delay would oppose the command."""
+HALF = 1.5
+"""Flexion [rad] of a shoulder from which an arm is lowered: each rehearsal begins where the last ended."""
 STILL = 0.05
 """Largest speed [rad/s] of a robot at rest."""
 
 
 class Raise(Sway):
-    """Raises both arms all the time."""
+    """Raises both arms all the time, or lowers those that are raised."""
 
     def step(
         self, memory: None, perception: Perception, body: GenericBody
@@ -52,7 +54,7 @@ class Raise(Sway):
         self.since = getattr(self, "since", perception.stamp)
         raised = [self.home[part].copy() for part in ARMS]
         for angles in raised:
-            angles[0] += SPEED * (perception.stamp - self.since)
+            angles[0] += np.sign(HALF - angles[0]) * SPEED * (perception.stamp - self.since)
         return tuple(map(GenericCommand, ARMS, (Mode.POSITION,) * 2, raised)), None
 
 

@@ -1,0 +1,115 @@
+"""Checksums at 500 Hz between TCI and the vendor's own SDKs, and the cost of a message."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from report import ROOT
+from row import Row
+
+from peers import peer_python
+from tci.drivers.unitree import messages
+from tci.drivers.unitree.node import MOST, UnitreeNode, latest
+from tci.drivers.unitree.wire import COMMAND, STATE, WEIGHT, decode_state, encode_command, encode_state
+
+COUNT, RATE = 10_000, 500.0
+"""Number of messages each way, and their rate [Hz]."""
+DOMAIN = 117
+"""Domain of the SDK in Python; that in C++ knows domain 0 only."""
+MORE = 1.2
+"""Number of commands sent for one that is to be heard: the SDK keeps the newest only."""
+PATIENCE = 30.0
+"""Longest time [s] beyond that of the messages."""
+PEER = ROOT / "tests" / "drivers" / "unitree" / "sdk_peer.py"
+
+
+def unitree_messages(full: bool) -> Row:
+    """Sends commands to a robot of the SDK in Python, which checks them, and hears states of one in C++."""
+    count = COUNT if full else COUNT // 20
+    heard, bad = _commands(count)
+    states, wrong = _states(count)
+    encode, decode = _costs()
+    return Row(
+        "messages of a G1 at 500 Hz, with the vendor's SDKs", min(heard, states), COUNT, "each way",
+        f"{bad} of {heard} commands and {wrong} of {states} states with a wrong checksum; "
+        f"encoded in {encode * 1e6:.1f}, decoded in {decode * 1e6:.1f} us (p50)",
+        "0 wrong, 20 us", bool(heard and states) and not bad and not wrong and max(encode, decode) <= 20e-6,
+    )  # fmt: skip
+
+
+def _commands(count: int) -> tuple[int, int]:
+    """Returns the numbers of commands that the SDK in Python heard, and of wrong ones."""
+    with _peer("py_robot", DOMAIN) as process:
+        node = UnitreeNode("lo", DOMAIN)
+        send = node.out("rt/arm_sdk", messages.COMMAND)
+        states = node.reader("rt/lowstate", messages.STATE, keep=MOST)
+        command: Any = np.zeros((), COMMAND)
+        command["mode_machine"] = 5
+        end = time.monotonic() + PATIENCE
+        while not latest(states) and time.monotonic() < end:  # until they know each other
+            time.sleep(0.01)
+        due = time.monotonic()
+        for left in reversed(range(round(MORE * count))):
+            command["motor"]["q"][18] = 1e-4 * left
+            command["motor"]["q"][WEIGHT] = float(left > 0)
+            send(encode_command(command))
+            due += 1.0 / RATE
+            time.sleep(max(0.0, due - time.monotonic()))
+        found = _told(process)
+        node.close()
+    return int(found["commands"]), int(found["wrong"])
+
+
+def _states(count: int) -> tuple[int, int]:
+    """Returns the numbers of states that TCI heard from the SDK in C++, and of wrong ones."""
+    heard = wrong = 0
+    with _peer("cpp_robot", 0) as process:
+        node = UnitreeNode("lo", 0)
+        states = node.reader("rt/lowstate", messages.STATE, keep=MOST)
+        end = time.monotonic() + count / RATE + PATIENCE
+        while heard < count and time.monotonic() < end:
+            for sample in latest(states):
+                heard += 1
+                wrong += not decode_state(sample.raw)[1]
+            time.sleep(0.002)
+        _told(process)
+        node.close()
+    return heard, wrong
+
+
+def _costs() -> tuple[float, float]:
+    """Returns the medians [s] for a command to bytes, and for bytes to a state."""
+    command: Any = np.zeros((), COMMAND)
+    state = encode_state(np.zeros((), STATE))
+    return _median(lambda: encode_command(command)), _median(lambda: decode_state(state))
+
+
+def _median(work: Callable[[], object]) -> float:
+    took = []
+    for _ in range(5000):
+        begin = time.perf_counter()
+        work()
+        took.append(time.perf_counter() - begin)
+    return float(np.median(took))
+
+
+def _peer(role: str, domain: int) -> subprocess.Popen[str]:
+    """Starts a program of the vendor's SDKs; returns it when it is ready."""
+    command = [peer_python("unitree"), str(PEER), role, str(domain)]
+    process = subprocess.Popen(command, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    while "ready" not in (line := process.stdout.readline()):
+        assert line, f"{role} does not start"
+    return process
+
+
+def _told(process: subprocess.Popen[str]) -> dict[str, Any]:
+    """Ends a robot and returns what it tells."""
+    said, _ = process.communicate(timeout=PATIENCE)
+    found: dict[str, Any] = json.JSONDecoder().raw_decode(said, said.index('{"'))[0]
+    return found

@@ -228,14 +228,16 @@ class GenericCommand:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CartesianCommand:
-    """Target position of a point of an arm, in position mode (§3.1: a transformation in Cartesian space)."""
+    """Target position of a Cartesian actuator, in position mode (§3.1: a transformation in Cartesian
+    space)."""
 
     part: str
-    """Name of the generic part, an arm."""
+    """Name of the generic part."""
     target: Array
-    """Position (3,) [arm lengths] relative to the shoulder, in the arm's mount frame."""
+    """Position (3,) in the actuator's frame: [arm lengths] relative to the shoulder in the arm's mount frame,
+    or [m] in the torso frame."""
     point: str = "hand"
-    """`hand`, the forearm's distal end, or `elbow`."""
+    """Name of the actuator: `hand` or `elbow` of an arm, or another one of the description."""
     nearest: bool = False
     """True to go to the nearest reachable place if the target is out of reach; otherwise it is refused."""
 

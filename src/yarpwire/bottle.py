@@ -161,9 +161,11 @@ def _value(source: Source, tag: int, dialect: Dialect, deepest: int) -> Value:
     return Dict(items) if tag & DICT else items
 
 
-def _body(items: Sequence[Any], dialect: Dialect) -> tuple[int, bytes]:
+def _body(items: Sequence[Any] | NDArray[Any], dialect: Dialect) -> tuple[int, bytes]:
     """Returns the tag that all items share, or 0, and count and items as bytes."""
     if isinstance(items, np.ndarray):
+        if items.dtype == DOUBLE and items.size:
+            return dialect.float64, WORD.pack(len(items)) + items.tobytes()
         items = items.tolist()
     if items and not isinstance(items, Loose) and all(type(item) is float for item in items):
         return dialect.float64, struct.pack(f"<i{len(items)}d", len(items), *items)
@@ -202,9 +204,7 @@ def _pack(item: Any, dialect: Dialect) -> tuple[int, bytes]:
     if isinstance(item, str | bytes):
         data = item.encode("utf-8", errors="surrogateescape") if isinstance(item, str) else item
         return STRING if isinstance(item, str) else BLOB, WORD.pack(len(data)) + data
-    if isinstance(item, np.ndarray):
-        item = item.tolist()
-    if isinstance(item, list | tuple):
+    if isinstance(item, list | tuple | np.ndarray):
         sub, body = _body(item, dialect)
         return LIST | (DICT if isinstance(item, Dict) else 0) | sub, body
     raise WireError(f"a Bottle of YARP {dialect.name} can't hold {item!r}")

@@ -21,6 +21,21 @@ MOST_NAMES = 10_000
 """Largest number of names that it keeps. Assumed: bounds memory."""
 
 
+USAGE = (
+    "Here are some ways to use the name server:",
+    "+ help",
+    "+ list",
+    "+ register $portname",
+    "+ register $portname $carrier $ipAddress $portNumber",
+    "+ unregister $portname",
+    "+ query $portname",
+    "+ set $portname $property $value",
+    "+ get $portname $property",
+    "+ check $portname $property $value",
+)
+"""Answer to `yarp name help`."""
+
+
 class NameServer:
     """Answers `NAME_SERVER ...` lines over TCP."""
 
@@ -75,6 +90,8 @@ class NameServer:
     def _lines(self, verb: str, words: list[str], peer: str) -> list[str]:
         name = words[0] if words else ""
         match verb:
+            case "help":
+                return list(USAGE)
             case "register" if words:
                 return [self._register(name, [*words[1:], "...", "...", "..."], peer).line()]
             case "query":

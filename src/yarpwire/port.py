@@ -20,10 +20,22 @@ from yarpwire.listener import Listener, error_text
 from yarpwire.message import Stamp
 from yarpwire.names import Contact, Names
 from yarpwire.outgoing import Outgoing
-from yarpwire.values import Array, Vocab
+from yarpwire.values import Array, Dict, Vocab
 
 SPOKEN = "tcp fast_tcp udp text text_ack"
 """Carriers that the ports offer and accept."""
+ORDERS = (
+    "[help]                  # give this help",
+    "[ver]                   # report protocol version information",
+    "[add] $portname         # add an output connection",
+    "[add] $carrier:/$portname  # add an output connection with a given protocol",
+    "[del] $portname         # remove an output connection",
+    "[list] [in]             # list input connections",
+    "[list] [out]            # list output connections",
+    "[list] [out] $portname  # give details for output",
+    "[prop] [get] $cur_port  # get the directions of this port",
+)
+"""Orders to a port itself, as `yarp admin rpc PORT` sends them."""
 
 
 class Port:
@@ -225,7 +237,20 @@ class Port:
             if inward or output is None:
                 return []
             return [["from", self.name], ["to", target], ["carrier", output.carrier.name]]
-        return [Vocab("fail"), "valid: [ver], [add] CARRIER://PORT, [del] PORT, [list] [out] or [in]"]
+        if verb == Vocab("help"):
+            return [Vocab("many"), *ORDERS]
+        if verb == Vocab("prop") and items[1:2] == [Vocab("get")]:
+            return self._properties(target)
+        return [Vocab("fail"), "send [help] for list of valid commands"]
+
+    def _properties(self, name: str) -> Answer:
+        """Returns the directions of this port if it has that `name`; it has no other properties."""
+        if name != self.name:
+            return (
+                [Vocab("fail"), f"cannot find any connection to/from {name}"] if name.startswith("/") else []
+            )
+        directions = [["is_input", self._receive is not None], ["is_output", True], ["is_rpc", False]]
+        return [["port", Dict(directions)]]
 
     def _answer_add(self, name: str, carrier: str) -> Answer:
         name = name if name.startswith("/") else f"/{name}"

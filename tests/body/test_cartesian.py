@@ -1,4 +1,4 @@
-"""Cartesian actuators: hands and elbows reach their commanded positions on both robots."""
+"""Cartesian actuators: hands, elbows and points of the description reach their commanded positions."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from tci.body.generic_body import GenericBody, order_to_platform
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, UnknownNameError
 from tci.experiments.same_stimulus import initial_joints
+from tci.exports.facts import query, read_facts
 from tci.frames import Array, apply, invert, transform
 from tci.messages import CartesianCommand, JointReading, PlatformCommand
 from tci.reasons import Code
@@ -157,8 +158,14 @@ def test_out_of_reach_is_one_clear_error_or_the_nearest_place(name: str) -> None
 @pytest.mark.parametrize(
     ("command", "words"),
     [
-        (CartesianCommand("head", np.zeros(3)), "the hand of head; valid: an arm with upper_arm and forearm"),
-        (CartesianCommand("left_arm", np.zeros(3), "nose"), "point 'nose' of left_arm; valid: hand, elbow"),
+        (
+            CartesianCommand("head", np.zeros(3)),
+            "point 'hand' of head; valid: (none: its description has no cartesian_actuator)",
+        ),
+        (
+            CartesianCommand("left_arm", np.zeros(3), "nose"),
+            "point 'nose' of left_arm; valid: palm, hand, elbow",
+        ),
         (CartesianCommand("left_arm", np.zeros(2)), "valid: 3 finite numbers"),
         (CartesianCommand("left_arm", np.array([np.nan, 0, 0])), "valid: 3 finite numbers"),
     ],
@@ -181,3 +188,65 @@ def test_an_arm_without_all_its_joints_is_refused() -> None:
     robot = nao.model_copy(update={"parts": (short,), "patches": (), "digest": "without an elbow"})
     with pytest.raises(CommandError, match="left_arm has no shoulder of the generic arm: it needs"):
         order_to_platform(robot, CartesianCommand("left_arm", np.zeros(3)), initial_position(robot))
+
+
+LINKS = {"nao": ("LHand", [0.05775, 0.0, -0.01231]), "icub": ("l_hand", [0.0, 0.0, 0.0])}
+"""Link and point [m] of the `palm` that each description declares."""
+
+
+@pytest.mark.parametrize("name", ["nao", "icub"])
+def test_a_point_of_the_description_goes_there_in_metres_and_no_faster_than_it_says(name: str) -> None:
+    """The judge differentiates the place that the model's frames give, not the Jacobian."""
+    world = World(ROBOTS[name], skin=False)
+    driver, body = SimulatedDriver(world.robot, world=world), BODIES[name]
+    link, point = LINKS[name]
+
+    def palm() -> Array:
+        position = driver.read().joints.position
+        return apply(KINEMATICS[name].poses(position, [link])[link], np.array(point))
+
+    start = palm()
+    far = ROBOTS[name].part("left_arm").initial_posture + np.deg2rad([50.0, 10.0, -10.0, 20.0, 10.0])
+    there = initial_position(ROBOTS[name]).copy()
+    joints = joint_map(ROBOTS[name], "left_arm")
+    there[joints.servos] = joints.to_robot(far, there)
+    target = apply(KINEMATICS[name].poses(there, [link])[link], np.array(point))
+    assert np.linalg.norm(target - start) > 0.1
+    limit = body.reach("left_arm", "palm").actuator.speed
+    assert limit == 0.5
+
+    def fastest(body: GenericBody) -> float:
+        world.reset()
+        places = []
+        driver = SimulatedDriver(world.robot, world=world)
+        for now in driver.ticks(duration=2.5):
+            joints = driver.read().joints
+            first = [CartesianCommand("left_arm", target, "palm")] if not places else []
+            orders, refused = body.to_platform(first, joints)
+            assert not refused
+            driver.write(driver.gate.step(orders, joints, now))
+            places.append(apply(KINEMATICS[name].poses(joints.position, [link])[link], np.array(point)))
+        assert np.linalg.norm(places[-1] - target) <= 2e-3
+        return float(np.linalg.norm(np.diff(places, axis=0), axis=1).max() / driver.period)
+
+    kept = fastest(body)
+    arms = [
+        part.model_copy(
+            update={"cartesian": tuple(a.model_copy(update={"speed": None}) for a in part.cartesian)}
+        )
+        for part in ROBOTS[name].parts
+    ]
+    free = fastest(GenericBody(ROBOTS[name].model_copy(update={"parts": tuple(arms), "digest": "free"})))
+    print(f"{name}: {kept:.3f} m/s kept, {free:.3f} m/s without a limit")
+    assert 0.5 * limit < kept <= 1.02 * limit
+    assert free > 1.1 * limit
+
+
+def test_the_query_gives_all_actuators_with_frame_and_speed() -> None:
+    for name, robot in ROBOTS.items():
+        facts = read_facts(query(robot).model_dump_json())
+        arm = next(part for part in facts.parts if part.name == "left_arm")
+        assert [one.name for one in arm.cartesian] == ["palm", "hand", "elbow"]
+        palm = arm.cartesian[0]
+        assert (palm.link, list(palm.xyz)) == LINKS[name]
+        assert (palm.frame, palm.speed, palm.tolerance) == ("torso", 0.5, 1e-3)

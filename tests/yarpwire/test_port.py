@@ -268,3 +268,23 @@ def test_what_the_receiver_raises_ends_the_connection_only(make: Callable[..., P
         rpc.call("no numbers")
     assert port.wrong == 1
     assert _answers(port)
+
+
+def test_what_a_person_types_first_is_answered(make: Callable[..., Port], names: Names) -> None:
+    """The orders of `yarp admin rpc PORT` and `yarp name help`."""
+    port = make("/asked", receive=lambda delivery: None)
+
+    def order(*items: object) -> str:
+        return outgoing.order(port.contact, [Vocab(str(items[0])), *items[1:]], None)
+
+    assert order("ver") == "[ver] 1 2 3"
+    listed = order("help")
+    assert listed.startswith("[many]")
+    assert all(f"[{verb}]" in listed for verb in ("help", "ver", "add", "del", "list", "prop"))
+    assert order("nonsense") == '[fail] "send [help] for list of valid commands"'
+    assert order("prop", Vocab("get"), "/asked") == "(port ((is_input 1) (is_output 1) (is_rpc 0)))"
+    assert "cannot find" in order("prop", Vocab("get"), "/elsewhere")
+    assert order("prop", Vocab("get"), "colour") == ""
+    said = names.request("help")
+    assert any("query" in line for line in said)
+    assert any("register" in line for line in said)

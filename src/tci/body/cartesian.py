@@ -1,7 +1,6 @@
-"""Cartesian actuators (§3.1): commands for the position of a generic arm's hand or elbow.
+"""Cartesian actuators (§3.1): commands for the position of a point of a part, such as an arm's hand.
 
-Positions are relative to the shoulder's centre, in the arm's mount frame, in arm lengths (upper arm plus
-forearm), so that equal numbers mean equal reach on every robot.
+The description says which points these are, and in which frame their targets count.
 """
 
 from __future__ import annotations
@@ -10,9 +9,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from tci.body.posture import speed_limits
 from tci.errors import CommandError, DescriptionError
 from tci.frames import Array, apply, invert, read_only
+from tci.gate.acceptance import SLOWEST
 from tci.messages import CartesianCommand, Mode, PlatformCommand
 from tci.reasons import Code
 from tci.robot.description import Robot
@@ -23,75 +22,100 @@ from tci.robot.kinematics import KinematicChain
 from tci.robot.shoulder import shoulder_of
 from tci.skin.skin import segment_pose
 
-POINTS = ("hand", "elbow")
-"""Points that can be commanded: the forearm's distal end (hand) and its proximal end (elbow)."""
-TOLERANCE = 1e-3
-"""Distance [m] within which a target counts as reached. Assumed; servos are hardly more accurate."""
 SETTINGS = InverseSettings(starts=6)
 """Settings of the inverse kinematics: fewer starts than in motion planning, so that an unreachable target is
 found out sooner."""
+WAYPOINTS = 9
+"""Number of postures on the way of the joints at which the speed of the point is bounded. Assumed: a joint
+turns by a few degrees between two of them, so its lever changes by a few percent."""
 
 
 class Reach:
-    """Kinematics of one point of one arm. Uses work space of its own: one per thread."""
+    """Kinematics of one Cartesian actuator. Uses work space of its own: one per thread."""
 
     def __init__(self, robot: Robot, part: str, point: str) -> None:
-        """Builds the kinematics of a point of an arm.
+        """Builds the kinematics of the actuator `point` of a part.
 
-        Raises CommandError for an unknown point or a part that is no arm with a shoulder and an elbow,
+        Raises CommandError for an actuator that the part does not have or that lacks its shoulder,
         UnknownNameError for an unknown part, and the errors of KinematicChain.
         """
         words = robot.part(part)
-        if words.kind != "arm" or {segment.name for segment in words.segments} != set(SEGMENTS):
-            raise CommandError(f"the {point} of {part}; valid: an arm with {' and '.join(SEGMENTS)}")
-        if point not in POINTS:
-            raise CommandError(f"point {point!r} of {part}; valid: {', '.join(POINTS)}")
+        actuators = {actuator.name: actuator for actuator in words.cartesian}
+        if point not in actuators:
+            valid = ", ".join(actuators) or "(none: its description has no cartesian_actuator)"
+            raise CommandError(f"point {point!r} of {part}; valid: {valid}")
         self.robot, self.part = robot, words
+        self.actuator = actuators[point]
+        """Its description."""
+        self.length = 1.0
+        """Length [m] of the unit of its targets: the arm's (upper arm plus forearm), or 1 m."""
+        self.unit = "m"
+        """Name of that unit."""
+        self._origin, self._rotation = np.zeros(3), np.eye(3)
+        if self.actuator.frame == "shoulder":
+            self.length, self.unit = sum(words.segment(name).length for name in SEGMENTS), "arm lengths"
+            self._rotation = words.R_TM
+            try:
+                self._origin = shoulder_of(robot, part).centre
+            except DescriptionError as error:
+                raise CommandError(f"no {point} to bring anywhere: {error.faults[0].message}") from error
         self._kinematics = KinematicChain(robot)
-        upper_arm, forearm = words.segment("upper_arm"), words.segment("forearm")
-        self.length = upper_arm.length + forearm.length
-        """Arm length [m]: upper arm plus forearm."""
-        self._forearm = forearm
-        try:
-            self._shoulder = shoulder_of(robot, part).centre
-        except DescriptionError as error:
-            raise CommandError(f"no {point} to bring anywhere: {error.faults[0].message}") from error
-        tip = np.array(forearm.origin) if point == "elbow" else self._hand()
-        self._tip = tip
-        joints = joint_map(robot, part)
-        chain = self._kinematics.chain(forearm.link)
-        servos = [servo for servo in joints.servos.tolist() if servo in chain]
+        self._link, self._tip = self._place_in_link()
+        self._joints = joint_map(robot, part)
+        chain = self._kinematics.chain(self._link)
+        servos = [servo for servo in self._joints.servos.tolist() if servo in chain]
         self._inverse = InverseKinematics(
-            robot, self._kinematics, forearm.link, point=tip, servos=servos, settings=SETTINGS
+            robot, self._kinematics, self._link, point=self._tip, servos=servos, settings=SETTINGS
         )
 
     def place(self, position: Array) -> Array:
-        """Returns the point's position (3,) [arm lengths] with all servos at `position` (n_servos,) [rad]."""
-        T_TL = self._kinematics.poses(position, [self._forearm.link])[self._forearm.link]
-        p_T = apply(T_TL, self._tip) - self._shoulder
-        return read_only(self.part.R_TM.T @ p_T / self.length)
+        """Returns the point's position (3,) [`unit`] with all servos at `position` (n_servos,) [rad]."""
+        T_TL = self._kinematics.poses(position, [self._link])[self._link]
+        return read_only(self._rotation.T @ (apply(T_TL, self._tip) - self._origin) / self.length)
 
     def solve(self, target: Array, position: Array) -> tuple[Array, float]:
-        """Returns servo angles (n_servos,) [rad] that bring the point closest to `target` (3,) [arm lengths],
-        and the remaining distance [m].
+        """Returns servo angles (n_servos,) [rad] that bring the point closest to `target` (3,) [`unit`], and
+        the remaining distance [m].
 
         The angles are within limits and couplings and near `position` (n_servos,) [rad]. Raises CommandError
         for a target of another shape or one that is not finite.
         """
         if np.shape(target) != (3,) or not np.isfinite(target).all():
-            raise CommandError(f"place {target} of {self.part.name}; valid: 3 finite numbers [arm lengths]")
-        p_T = self._shoulder + self.part.R_TM @ target * self.length
+            raise CommandError(f"place {target} of {self.part.name}; valid: 3 finite numbers [{self.unit}]")
+        p_T = self._origin + self._rotation @ target * self.length
         answer = self._inverse.solve(p_T, position)
         return answer.position, answer.error
 
-    def _hand(self) -> Array:
-        """Returns the forearm's distal end (3,) [m] in its link. It lies on the axis, so no axial rotation
-        moves it."""
+    def speeds(self, start: Array, end: Array) -> Array:
+        """Returns the speed limits (k,) [rad/s] of the part's servos on the way from `start` to `end`, each
+        (n_servos,) [rad].
+
+        Those of the generic joints; and, if the actuator has a speed, so low that the joints together, on the
+        straight way between the postures, move the point no faster.
+        """
+        limits = self._joints.speeds(start)
+        if self.actuator.speed is None:
+            return limits
+        way = np.abs(end - start)
+        ways = [start + share * (end - start) for share in np.linspace(0.0, 1.0, WAYPOINTS)]
+        columns = [self._kinematics.jacobian(here, self._link, point=self._tip)[:3] for here in ways]
+        moved = max(float(np.linalg.norm(J, axis=0) @ way) for J in columns)
+        if moved == 0.0:
+            return limits
+        slowed = way[self._joints.servos] * self.actuator.speed / moved
+        return read_only(np.minimum(limits, np.maximum(slowed, SLOWEST)))
+
+    def _place_in_link(self) -> tuple[str, Array]:
+        """Returns the link that carries the point, and the point (3,) [m] in it. A point on the axis of a
+        segment is not moved by an axial rotation."""
+        if self.actuator.link is not None:
+            return self.actuator.link, np.array(self.actuator.xyz)
+        segment = self.part.segment(self.actuator.segment or "")
         home = initial_position(self.robot)
-        T_TL = self._kinematics.poses(home, [self._forearm.link])[self._forearm.link]
-        posture = joint_map(self.robot, self.part.name).to_generic(home)
-        T_TS = segment_pose(self.part, self._forearm, T_TL, posture)
-        return apply(invert(T_TL) @ T_TS, np.array([0.0, 0.0, -self._forearm.length]))
+        T_TL = self._kinematics.poses(home, [segment.link])[segment.link]
+        T_TS = segment_pose(self.part, segment, T_TL, joint_map(self.robot, self.part.name).to_generic(home))
+        on_axis = np.array([0.0, 0.0, -self.actuator.u * segment.length])
+        return segment.link, apply(invert(T_TL) @ T_TS, on_axis)
 
 
 def cartesian_to_platform(robot: Robot, command: CartesianCommand, position: Array) -> PlatformCommand:
@@ -103,10 +127,10 @@ def cartesian_to_platform(robot: Robot, command: CartesianCommand, position: Arr
     reach = reach_of(robot, command.part, command.point)
     target = np.asarray(command.target, dtype=np.float64)
     found, error = reach.solve(target, position)
-    if error > TOLERANCE and not command.nearest:
+    if error > reach.actuator.tolerance and not command.nearest:
         asked, there = (np.round(place, 3).tolist() for place in (target, reach.place(found)))
         raise CommandError(
-            f"{command.point} of {command.part} to {asked} arm lengths: out of reach by "
+            f"{command.point} of {command.part} to {asked} {reach.unit}: out of reach by "
             f"{1e3 * error:.0f} mm; the nearest place is {there}",
             code=Code.OUT_OF_REACH,
         )
@@ -115,12 +139,12 @@ def cartesian_to_platform(robot: Robot, command: CartesianCommand, position: Arr
         Mode.POSITION,
         read_only(joints.servos, np.intp),
         read_only(found[joints.servos]),
-        speed_limits(robot, command.part, position),
+        reach.speeds(position, found),
     )
 
 
 @lru_cache(maxsize=64)
 def reach_of(robot: Robot, part: str, point: str) -> Reach:
-    """Returns the Reach of a point of an arm. The first call takes a while, to read the model. Raises the
+    """Returns the Reach of a Cartesian actuator. The first call takes a while, to read the model. Raises the
     errors of Reach."""
     return Reach(robot, part, point)

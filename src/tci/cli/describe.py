@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from tci.exports.facts import DHTable, PatchFacts
     from tci.exports.tree import Matrix
-    from tci.robot.description import GenericPart, Robot
+    from tci.robot.description import CartesianActuator, GenericPart, Robot
 
 
 FORMATS = ("table", "json", "dh", "urdf", "kdl")
@@ -73,6 +73,8 @@ def _print_tables(robot: Robot) -> None:
     console.print(words, style="dim", highlight=False, markup=False)
     for part in robot.parts:
         console.print(_part_table(robot, part))
+        for point in part.cartesian:
+            console.print(_cartesian(point), highlight=False, markup=False)
     for coupling in robot.couplings:
         terms = " ".join(
             f"{c:+g} {robot.servos[s].name}"
@@ -87,6 +89,13 @@ def _print_tables(robot: Robot) -> None:
             f"driver [bold]{binding.middleware}[/]: {binding.rate:g} commands/s; the robot holds when joint "
             f"data is older than {binding.stale_after * 1000:g} ms"
         )
+
+
+def _cartesian(point: CartesianActuator) -> str:
+    """Returns the line about a Cartesian actuator."""
+    place = f"{point.link} {point.xyz} m" if point.link else f"{point.segment}, u = {point.u:g}"
+    speed = f", at most {point.speed:g} m/s" if point.speed is not None else ""
+    return f"Cartesian actuator {point.name}: {place}; targets from the {point.frame}{speed}"
 
 
 def _table(title: str, caption: str, *columns: str) -> Table:

@@ -14,6 +14,8 @@ from tci.drivers.yarp import address as addresses
 from tci.drivers.yarp.address import board_ports, patch_port
 from tci.drivers.yarp.axes import Axes, find_axes
 from tci.drivers.yarp.board_driver import BoardDriver
+from tci.drivers.yarp.skin_layout import SkinLayout, check_order
+from tci.drivers.yarp.skin_ports import skin_port
 from tci.errors import DriverError, MissingExtraError, TciError, UnknownNameError
 from tci.robot.description import Robot, wire_name
 from yarpwire.bindings.module import importable
@@ -49,7 +51,7 @@ def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
     found = [_library(network)]
     found += [Finding(Level.OK, "name server", f"{host}:{port} has {len(there)} ports")]
     prefix = options.robot or wire_name(robot.name)
-    dialect = options.dialect or network.dialect
+    dialect = spoken = options.dialect or network.dialect
     for part, where in board_ports(robot, prefix).items():
         try:
             with closing(
@@ -63,13 +65,20 @@ def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
         except DriverError as error:
             found.append(Finding(Level.FAULT, part, str(error)))
             continue
+        spoken = board.dialect
         text = f"a control board of YARP {board.dialect.name}, {len(axes.names)} axes"
         found += [Finding(Level.OK, part, text), *_absent(part, axes)]
     for patch in patches:
         name = patch_port(robot, prefix, patch.name)
-        if name not in there:
-            advice = f"leave it out: --via yarp:...,without={patch.name}"
-            found.append(Finding(Level.FAULT, patch.name, f"no port {name}", advice))
+        read = skin_port(name, spoken, there, compensated=options.skin == "comp")
+        advice = f"leave it out: --via yarp:...,without={patch.name}"
+        if read not in there:
+            found.append(Finding(Level.FAULT, patch.name, f"no port {read}", advice))
+            continue
+        try:
+            check_order(SkinLayout.of(robot, patch), patch, prefix, there)
+        except DriverError as error:
+            found.append(Finding(Level.FAULT, patch.name, str(error), advice))
     return tuple(found)
 
 

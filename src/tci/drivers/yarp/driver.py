@@ -20,23 +20,23 @@ from tci.drivers.info import DriverInfo
 from tci.drivers.remote.hosts import numeric
 from tci.drivers.remote.source_clock import SourceClock
 from tci.drivers.yarp import address as addresses
-from tci.drivers.yarp.address import board_ports, patch_port
+from tci.drivers.yarp.address import board_ports
 from tci.drivers.yarp.axes import without_motion
 from tci.drivers.yarp.board_driver import AHEAD, BoardDriver
 from tci.drivers.yarp.diagnose import examine, probe
 from tci.drivers.yarp.driver_errors import raises_driver_errors
 from tci.drivers.yarp.skin_events import SkinEvent, decode_events
+from tci.drivers.yarp.skin_ports import read_skin
 from tci.errors import DriverError
 from tci.frames import read_only
 from tci.gate.gate import SafeCommand
 from tci.messages import JointReading, Mode, Reading, SkinFrame
 from tci.reasons import Code, Reason
-from tci.robot.description import Patch, Robot, wire_name
+from tci.robot.description import Robot, wire_name
 from tci.robot.joint_map import initial_position
 from yarpwire.dialect import Dialect
-from yarpwire.errors import UnknownNameError, WireError, YarpError
+from yarpwire.errors import UnknownNameError, YarpError
 from yarpwire.feed import Feed
-from yarpwire.incoming import Delivery
 from yarpwire.network import Network
 
 FIRST = 3.0
@@ -92,7 +92,6 @@ class YarpDriver(Driver):
         self._events: Feed[tuple[SkinEvent, ...]] | None = None
         self._own, self._carrier = own, options.carrier
         self._dialect = dialect = options.dialect or self.network.dialect
-        self._compensated = options.skin == "comp"
         self._joints: JointReading | None = None
         self._home = initial_position(robot)
         self._away: set[str] = set()
@@ -107,8 +106,12 @@ class YarpDriver(Driver):
                 raise DriverError(
                     f"skin alone over yarp:{address} needs dialect=3 or dialect=4 in its address"
                 )
+            there = {contact.name for contact in self.network.list()}
             for patch in options.patches(robot) if skin else ():
-                self._open_skin(patch)
+                self.skin[patch.name] = read_skin(
+                    robot, patch, self.prefix, self.network, self.dialect,
+                    there=there, own=own, carrier=options.carrier, compensated=options.skin == "comp",
+                )  # fmt: skip
             self._wait_for_all()
         except UnknownNameError as error:
             self._close()
@@ -259,29 +262,6 @@ class YarpDriver(Driver):
                 without_motion(self.robot, absent), "yarp",
                 clock=info.clock, armed=info.armed, lease_name=info.lease_name,
             )  # fmt: skip
-
-    def _open_skin(self, patch: Patch) -> None:
-        source = patch_port(self.robot, self.prefix, patch.name) + ("_comp" if self._compensated else "")
-
-        def decode(delivery: Delivery) -> NDArray[np.float64]:
-            values = delivery.vector(self.dialect)
-            if len(values) != patch.channels:
-                raise WireError(
-                    f"{source} sends {len(values)} values; valid: {patch.channels} by the description"
-                )
-            if self._compensated:
-                values = patch.sensor.rest + np.copysign(values, patch.sensor.pascal_per_count)
-            return read_only(values)
-
-        self.skin[patch.name] = Feed(
-            source,
-            self.network,
-            self.dialect,
-            decode,
-            own=f"{self._own}/skin/{wire_name(patch.name)}:i",
-            carrier=self._carrier,
-            clock=SourceClock(),
-        )
 
     def _wait_for_all(self) -> None:
         until = time.monotonic() + FIRST

@@ -18,15 +18,16 @@ import numpy as np
 from tci.drivers.driver import Driver
 from tci.drivers.server import Server
 from tci.drivers.yarp import address as addresses
-from tci.drivers.yarp.address import YarpAddress, board_ports, patch_port
+from tci.drivers.yarp.address import YarpAddress, board_ports
 from tci.drivers.yarp.driver_errors import raises_driver_errors
 from tci.drivers.yarp.facts import FactsService, facts_port
 from tci.drivers.yarp.served_board import ServedBoard
 from tci.drivers.yarp.skin_events import encode_events
+from tci.drivers.yarp.skin_ports import SkinPorts
 from tci.errors import DriverError
 from tci.frames import Array
 from tci.gate.safe_command import SafeCommand
-from tci.messages import Order, Perception, Reading, SkinFrame
+from tci.messages import Order, Perception, Reading
 from tci.reasons import Code, Reason
 from tci.robot.description import wire_name
 from yarpwire.calls_v3 import answer_v3
@@ -80,6 +81,7 @@ class YarpServer(Server):
         self.refused = 0
         """Number of refused commands."""
         self._ports: dict[str, NamedPort] = {}
+        self._skin: dict[str, SkinPorts] = {}
         self._sequences: dict[str, int] = {}
         self._stamps: dict[str, int] = {}
         self._due = 0.0
@@ -90,9 +92,7 @@ class YarpServer(Server):
             for part in self.boards:
                 self.open_board(part)
             for patch in driver.robot.skin:
-                name = patch_port(driver.robot, self.prefix, patch.name)
-                self._open(name)
-                self._open(f"{name}_comp")
+                self._skin[patch.name] = SkinPorts(driver.robot, patch, self.prefix, self.dialect, self._open)
             self._events = self._open("/skinManager/skin_events:o")
             self._open_facts()
         except (DriverError, YarpError):
@@ -127,7 +127,7 @@ class YarpServer(Server):
             if self._sequences.get(frame.patch) != frame.sequence:
                 self._sequences[frame.patch] = frame.sequence
                 self._skin_time = time.monotonic()
-                self._publish_skin(frame, offset)
+                self._skin[frame.patch].publish(frame, self._stamp(frame.patch, frame.stamp + offset))
 
     @raises_driver_errors
     def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
@@ -228,18 +228,6 @@ class YarpServer(Server):
     def _open(self, name: str, receive: Callable[[Delivery], Answer] | None = None) -> NamedPort:
         port = self._ports[name] = self.network.port(name, self.dialect, receive)
         return port
-
-    def _publish_skin(self, frame: SkinFrame, offset: float) -> None:
-        name = patch_port(self.driver.robot, self.prefix, frame.patch)
-        raw, compensated = self._ports[name], self._ports[f"{name}_comp"]
-        stamp = self._stamp(frame.patch, frame.stamp + offset)
-        if raw.outputs:
-            raw.write(np.asarray(frame.values, dtype=float), stamp)
-        if compensated.outputs:
-            sensor = self.driver.robot.patch(frame.patch).sensor
-            sign = 1.0 if sensor.pascal_per_count > 0 else -1.0
-            away = np.clip(sign * (np.asarray(frame.values, dtype=float) - sensor.rest), 0.0, 255.0)
-            compensated.write(away)
 
     def _stamp(self, what: str, stamp: float) -> Stamp:
         count = self._stamps[what] = self._stamps.get(what, -1) + 1

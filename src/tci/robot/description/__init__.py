@@ -6,7 +6,15 @@ joint of a generic part (GS), `scale` is gamma and `offset` sigma.
 
 from tci.robot.description.base import Description, Vector
 from tci.robot.description.binding import Address, Binding, wire_name
-from tci.robot.description.part import GenericPart, GenericServo, Kind, Segment, Term
+from tci.robot.description.part import (
+    USUAL_ACTUATORS,
+    CartesianActuator,
+    GenericPart,
+    GenericServo,
+    Kind,
+    Segment,
+    Term,
+)
 from tci.robot.description.patch import SOLE, Patch, Table, TriangularModules, TruncatedCone
 from tci.robot.description.robot import Attachment, Model, Robot
 from tci.robot.description.sensor import THROUGH_JOINTS, Sensor
@@ -15,9 +23,11 @@ from tci.robot.description.servo import Coupling, Limits, Mimic, Servo
 __all__ = [
     "SOLE",
     "THROUGH_JOINTS",
+    "USUAL_ACTUATORS",
     "Address",
     "Attachment",
     "Binding",
+    "CartesianActuator",
     "Coupling",
     "Description",
     "GenericPart",

@@ -15,6 +15,11 @@ class Address(Description):
     """Name of a patch, of a robot part or of a servo."""
     to: str
     """Port, topic, key or name in the middleware."""
+    channels: int | None = None
+    """Number of values that a patch has there, if it is more than its channels (YARP)."""
+    modules: tuple[int, ...] = ()
+    """Modules among these values whose taxels are the patch's channels, in order: each twelve values are one
+    module, of ten taxels."""
 
 
 class Binding(Description):
@@ -32,7 +37,12 @@ class Binding(Description):
     def address(self, of: str, usual: str) -> str:
         """Returns the address of the patch, robot part or servo named `of`, or `usual` if the file gives
         none."""
-        return next((address.to for address in self.addresses if address.of == of), usual)
+        entry = self.entry(of)
+        return usual if entry is None else entry.to
+
+    def entry(self, of: str) -> Address | None:
+        """Returns what the file says about the patch, robot part or servo named `of`; None if nothing."""
+        return next((address for address in self.addresses if address.of == of), None)
 
 
 USUAL: Mapping[str, Binding] = {

@@ -82,6 +82,36 @@ class Segment(Description):
     """Length [m] of the segment; u = 1 at its distal end."""
 
 
+class CartesianActuator(Description):
+    """A point of a part that commands bring to a place (§3.1: a transformation in Cartesian space)."""
+
+    name: str
+    """Name that a `CartesianCommand` gives as its `point`: `hand`, `elbow`, ..."""
+    link: str | None = None
+    """Link of the kinematic model that carries the point; an arm's actuator may give a `segment` instead."""
+    xyz: Vector = (0.0, 0.0, 0.0)
+    """The point [m] in `link`."""
+    segment: str | None = None
+    """Segment of the arm on whose axis the point lies."""
+    u: float = 1.0
+    """Place on that axis: 0 at the proximal end, 1 at the distal one."""
+    frame: Literal["shoulder", "torso"] = "shoulder"
+    """Frame of targets. `shoulder`: from the shoulder's centre, in the arm's mount frame, in arm lengths
+    (upper arm plus forearm), so that equal numbers mean equal reach on every robot. `torso`: the torso frame,
+    in m."""
+    speed: float | None = None
+    """Largest speed [m/s] of the point; None: as fast as the joints may be."""
+    tolerance: float = 1e-3
+    """Distance [m] within which a target counts as reached. Assumed: servos are hardly more accurate."""
+
+
+USUAL_ACTUATORS = (
+    CartesianActuator(name="hand", segment="forearm", u=1.0),
+    CartesianActuator(name="elbow", segment="forearm", u=0.0),
+)
+"""Cartesian actuators of each arm with both segments, unless its description has others of these names."""
+
+
 class GenericPart(Description):
     """A part that every humanoid has (eq. 2)."""
 
@@ -94,6 +124,8 @@ class GenericPart(Description):
     mount: Vector = (0.0, 0.0, 0.0)
     """Roll, pitch, yaw [rad] of the mount frame in the torso frame: `R_TM`."""
     segments: tuple[Segment, ...] = ()
+    cartesian: tuple[CartesianActuator, ...] = ()
+    """Points that Cartesian commands bring to a place."""
 
     @cached_property
     def R_TM(self) -> Array:

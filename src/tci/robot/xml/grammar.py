@@ -15,6 +15,7 @@ from tci.robot.description import (
     Address,
     Attachment,
     Binding,
+    CartesianActuator,
     Coupling,
     Description,
     GenericPart,
@@ -39,6 +40,7 @@ from tci.robot.xml.values import (
     Factor,
     Flag,
     Integer,
+    Integers,
     Name,
     Number,
     RelativePath,
@@ -176,6 +178,18 @@ GENERIC_SERVO = Element(
     },
 )  # fmt: skip
 
+CARTESIAN_ACTUATOR = Element(
+    "A point of the part that a [CartesianCommand](kinematics.md) brings to a place: on the axis of a "
+    "`segment` of an arm, or of any part at `xyz` of a `link`. An arm with both segments has `hand` and "
+    "`elbow` anyway.",
+    needs={"name": NAME},
+    may={
+        "link": NAME, "xyz": POINT, "segment": NAME, "u": SHARE, "frame": _choice(CartesianActuator, "frame"),
+        "speed": Number(most=10.0, positive=True, unit="m/s"), "tolerance": LENGTH,
+    },
+    describes=CartesianActuator,
+)  # fmt: skip
+
 GENERIC_ROBOT_PART = Element(
     "A generic part. An arm has five generic servos, fingers have ten. `robot_part` has its servos; one can "
     "say otherwise.",
@@ -204,7 +218,8 @@ GENERIC_ROBOT_PART = Element(
             "fingers may have `palm` and, for their tips, `thumb`, `index`, `middle`, `ring`, `little`; "
             "other parts name theirs freely (`thigh`, `shank`, `foot`).",
             needs={"name": NAME, "link": NAME, "length": LENGTH}, may={"origin": POINT}, describes=Segment,
-        )
+        ),
+        "cartesian_actuator": CARTESIAN_ACTUATOR,
     },
     describes=GenericPart,
 )  # fmt: skip
@@ -314,7 +329,8 @@ BINDING = Element(
         "address": Element(
             "Place of a patch, a robot part or a servo (`of`) in this middleware, unless under its usual "
             "name: a port, a topic, a key.",
-            needs={"of": NAME, "to": ADDRESS}, describes=Address,
+            needs={"of": NAME, "to": ADDRESS},
+            may={"channels": Integer(1, 100_000), "modules": Integers(ID)}, describes=Address,
         )
     },
     describes=Binding,

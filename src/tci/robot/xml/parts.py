@@ -9,7 +9,14 @@ import numpy as np
 
 from tci.frames import rotation_rpy
 from tci.robot import generic_fingers
-from tci.robot.description import GenericPart, GenericServo, Segment, Servo
+from tci.robot.description import (
+    USUAL_ACTUATORS,
+    CartesianActuator,
+    GenericPart,
+    GenericServo,
+    Segment,
+    Servo,
+)
 from tci.robot.generic_arm import JOINTS, SEGMENTS
 from tci.robot.xml.document import Faults
 from tci.robot.xml.grammar import MAX_MOUNT
@@ -54,10 +61,11 @@ def _part(node: Node, servos: Servos, faults: Faults) -> GenericPart:
     angles = (0.0, 0.0, 0.0) if mount is None else tuple(mount.get(a, 0.0) for a in ("roll", "pitch", "yaw"))
     if mount is not None and mount.ok:
         _check_mount(mount, angles, faults)
+    segments = _segments(node, kind, faults)
     return GenericPart.model_validate(
         {
             "name": name, "kind": kind, "side": side, "servos": tuple(generic), "mount": angles,
-            "segments": _segments(node, kind, faults),
+            "segments": segments, "cartesian": _actuators(node, kind, segments, faults),
         }
     )  # fmt: skip
 
@@ -204,3 +212,33 @@ def _segments(node: Node, kind: str, faults: Faults) -> tuple[Segment, ...]:
         elif child.ok:
             segments.append(Segment(**child.fields))
     return tuple(segments)
+
+
+def _actuators(
+    node: Node, kind: str, segments: tuple[Segment, ...], faults: Faults
+) -> tuple[CartesianActuator, ...]:
+    """Returns the Cartesian actuators of a part: those of the file, and the usual ones of an arm."""
+    name = node.get("name", "?")
+    nodes = once_only(node.all("cartesian_actuator"), "name", f"cartesian_actuator of {name!r} with", faults)
+    pieces = [segment.name for segment in segments] if kind == "arm" else []
+    whole = {*pieces} == {*SEGMENTS}
+    found = {}
+    for child in nodes:
+        if not child.ok:
+            continue
+        actuator = CartesianActuator(**child.fields)
+        found[actuator.name] = actuator
+        what = f"the cartesian_actuator {actuator.name!r} of {name!r}"
+        if (actuator.link is None) == (actuator.segment is None):
+            faults.add(
+                child.line, f"{what} is on one link, or on the axis of one segment; valid: one of both"
+            )
+        elif actuator.segment is not None and actuator.segment not in pieces:
+            faults.add(
+                child.line, f"{what}: no segment {actuator.segment!r} of an arm; valid: {listed(pieces)}"
+            )
+        elif actuator.frame == "shoulder" and not whole:
+            valid = f'frame="torso", or an arm with {listed(SEGMENTS)}'
+            faults.add(child.line, f"{what} counts from a shoulder, which {name!r} lacks; valid: {valid}")
+    usual = USUAL_ACTUATORS if whole else ()
+    return (*found.values(), *(actuator for actuator in usual if actuator.name not in found))

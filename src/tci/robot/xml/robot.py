@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 from tci.errors import MissingExtraError
@@ -39,7 +40,9 @@ def read_robot(path: str | os.PathLike[str]) -> Robot:
     couplings = read_couplings(root, servos, initial_angles(parts), faults)
     model, missing = read_model(root, file, faults)
     patches = read_skin(root, file, faults)
-    bindings = _bindings(root, _addressable(root, servos), faults)
+    bindings = _bindings(
+        root, _addressable(root, servos), {patch.name: patch.channels for patch in patches}, faults
+    )
     faults.check()
     name = root.get("name") or file.stem
     if missing is not None:
@@ -63,6 +66,10 @@ def read_robot(path: str | os.PathLike[str]) -> Robot:
     return robot
 
 
+VALUES, TAXELS = 12, 10
+"""Number of values and of taxels of a module of skin."""
+
+
 def schema_path() -> Path:
     """Returns the path of the dialect's XSD schema, for editors. `read_robot` checks more than a schema can
     express."""
@@ -77,7 +84,9 @@ def _addressable(root: Node, servos: Servos) -> set[str]:
     return names | {patch.get("name") for patch in patches if patch.get("name")}
 
 
-def _bindings(root: Node, known: set[str], faults: Faults) -> tuple[Binding, ...]:
+def _bindings(
+    root: Node, known: set[str], channels: Mapping[str, int], faults: Faults
+) -> tuple[Binding, ...]:
     bindings = []
     for node in once_only(root.all("binding"), "middleware", "binding with", faults):
         if not node.ok:
@@ -98,5 +107,20 @@ def _bindings(root: Node, known: set[str], faults: Faults) -> tuple[Binding, ...
                 )
                 continue
             addresses.append(Address(**place.fields))
+            _check_modules(place, addresses[-1], channels, faults)
         bindings.append(Binding(**node.fields, addresses=tuple(addresses)))
     return tuple(bindings)
+
+
+def _check_modules(node: Node, address: Address, channels: Mapping[str, int], faults: Faults) -> None:
+    """Checks that the modules of an address hold the channels of its patch."""
+    if address.channels is None and not address.modules:
+        return
+    own, wide = channels.get(address.of, 0), address.channels or 0
+    taxels = TAXELS * len(address.modules)
+    if taxels != own or any(VALUES * (module + 1) > wide for module in address.modules):
+        faults.add(
+            node.line,
+            f"address of {address.of!r}: {len(address.modules)} modules of {TAXELS} in {wide} channels; "
+            f"valid: for a patch, as many taxels as its {own} channels; modules 0 to {wide // VALUES - 1}",
+        )

@@ -27,6 +27,7 @@ from tci.robot.xml.values import (
     Choices,
     Flag,
     Integer,
+    Integers,
     Name,
     Number,
     RelativePath,
@@ -147,6 +148,9 @@ def _restriction(value: Value) -> etree._Element:
         case Integer(least, most, str(word)):
             both = Integer(least, most), Choice((word,))
             return _XS.union(*(_XS.simpleType(_restriction(one)) for one in both))
+        case Integers(of):
+            numbers = _XS.list(_XS.simpleType(_restriction(of)))
+            return _XS.restriction(_XS.simpleType(numbers), _XS.minLength(value="1"))
         case Three(of):
             numbers = _XS.list(_XS.simpleType(_restriction(of)))
             return _XS.restriction(_XS.simpleType(numbers), _XS.length(value="3"))

@@ -150,6 +150,26 @@ class Integer(Value):
 
 
 @dataclass(frozen=True)
+class Integers(Value):
+    """One or more different whole numbers, separated by spaces."""
+
+    of: Integer = Integer()
+
+    def read(self, text: str, unit: Unit) -> tuple[int, ...]:
+        found = tuple(int(self.of.read(word, unit)) for word in text.split(" ") if word)
+        if not found or len({*found}) != len(found):
+            raise InvalidValueError("one or more whole numbers, each once, with spaces between")
+        return found
+
+    def write(self, value: Iterable[int]) -> str:
+        return " ".join(map(str, value))
+
+    @property
+    def says(self) -> str:
+        return "numbers"
+
+
+@dataclass(frozen=True)
 class Number(Value):
     """A number within bounds."""
 

@@ -8,7 +8,15 @@ from typing import Any
 from lxml import etree
 
 from tci.errors import TciError
-from tci.robot.description import GenericPart, GenericServo, Patch, Robot, Servo, TruncatedCone
+from tci.robot.description import (
+    USUAL_ACTUATORS,
+    GenericPart,
+    GenericServo,
+    Patch,
+    Robot,
+    Servo,
+    TruncatedCone,
+)
 from tci.robot.xml.element import Element
 from tci.robot.xml.grammar import GENERIC_ROBOT, LIMITS, ROOT
 
@@ -101,6 +109,9 @@ def _part(root: _Written, robot: Robot, part: GenericPart) -> None:
             initial.add("servo", destination_servo_id=servo.id, pos=servo.initial)
     for segment in part.segments:
         written.add("segment", segment)
+    for actuator in part.cartesian:
+        if actuator not in USUAL_ACTUATORS:
+            written.add("cartesian_actuator", actuator)
 
 
 def _generic_servo(part: _Written, robot: Robot, home: str, servo: GenericServo) -> None:

@@ -1,0 +1,69 @@
+"""Order of a patch's channels in the values of its port.
+
+A port may have more values than the patch has channels: iCub's upper arm has 35 modules of ten taxels in a
+port of 768 values, of which each twelve are one module.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.drivers.yarp.facts import facts_port
+from tci.errors import DriverError
+from tci.frames import Array
+from tci.robot.description import Patch, Robot
+from yarpwire.errors import WireError
+
+MODULE, PADS = 12, (6, 10)
+"""Number of values of a module of skin, and the places of its thermal pads among them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SkinLayout:
+    """Places of the channels of one patch among the values of its port."""
+
+    count: int
+    """Number of values of the port."""
+    places: NDArray[np.intp] | None = None
+    """Value (channels,) of each channel; None if all are in order."""
+
+    @classmethod
+    def of(cls, robot: Robot, patch: Patch) -> SkinLayout:
+        """Returns the layout by the robot's binding to YARP."""
+        address = robot.binding("yarp").entry(patch.name)
+        if address is None or address.channels is None:
+            return cls(patch.channels)
+        taxels = [place for place in range(MODULE) if place not in PADS]
+        places = [MODULE * module + place for module in address.modules for place in taxels]
+        return cls(address.channels, np.array(places, dtype=np.intp))
+
+    def to_port(self, values: Array, rest: float) -> Array:
+        """Returns the values of the port; those of no taxel are at `rest`."""
+        if self.places is None:
+            return values
+        wide = np.full(self.count, rest)
+        wide[self.places] = values
+        return wide
+
+    def from_port(self, values: Array, source: str) -> Array:
+        """Returns the values of the patch's channels. Raises WireError, which names `source`, for another
+        number of values."""
+        if len(values) != self.count:
+            raise WireError(f"{source} sends {len(values)} values; valid: {self.count} by the description")
+        return values if self.places is None else values[self.places]
+
+
+def check_order(layout: SkinLayout, patch: Patch, prefix: str, there: Collection[str]) -> None:
+    """Raises DriverError if the order of a patch's taxels is not that of the robot whose ports are `there`.
+
+    The places of modules that a binding lists are assumed, so they are right only on a robot that TCI serves.
+    """
+    if layout.places is not None and facts_port(prefix) not in there:
+        raise DriverError(
+            f"the places of the {layout.count} values of {patch.name} are only in the robot's own skin file; "
+            f"valid: a description with that file (docs/add-a-skin.md), or yarp:...,without={patch.name}"
+        )

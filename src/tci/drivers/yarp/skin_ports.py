@@ -1,0 +1,98 @@
+"""Skin over YARP: the ports of a patch on a served robot, and the reader of those of any robot.
+
+A patch is a Vector at `/ROBOT/skin/PATCH`, compensated at `..._comp`. In YARP 4 it is also a device with one
+`ISkinPatches` sensor, at `/ROBOT/skin/PATCH/measures:o` and `.../rpc:o`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.drivers.remote.source_clock import SourceClock
+from tci.drivers.yarp.address import patch_port
+from tci.drivers.yarp.skin_layout import SkinLayout, check_order
+from tci.frames import Array, read_only
+from tci.messages import SkinFrame
+from tci.robot.description import Patch, Robot, wire_name
+from yarpwire.dialect import V4, Dialect
+from yarpwire.feed import Feed
+from yarpwire.incoming import Answer, Delivery
+from yarpwire.message import CALL, Stamp
+from yarpwire.network import NamedPort, Network
+from yarpwire.sensors import MEASURES, METADATA, Measure, answer_metadata, decode_measures, encode_measures
+
+Open = Callable[[str, Callable[[Delivery], Answer] | None], NamedPort]
+
+
+class SkinPorts:
+    """The ports of one patch of a served robot."""
+
+    def __init__(self, robot: Robot, patch: Patch, prefix: str, dialect: Dialect, open_port: Open) -> None:
+        """Opens all ports by `open_port`, whose errors it raises."""
+        name = patch_port(robot, prefix, patch.name)
+        self._layout, self._sensor = SkinLayout.of(robot, patch), patch.sensor
+        self._raw, self._compensated = open_port(name, None), open_port(f"{name}_comp", None)
+        self._measures: NamedPort | None = None
+        if dialect is V4:
+
+            def call(delivery: Delivery) -> Answer:
+                wanted = delivery.command.kind == CALL
+                return answer_metadata(delivery.items(dialect), [wire_name(patch.name)]) if wanted else None
+
+            self._measures = open_port(f"{name}{MEASURES}", None)
+            open_port(f"{name}{METADATA}", call)
+
+    def publish(self, frame: SkinFrame, stamp: Stamp) -> None:
+        """Sends a frame to all that listen."""
+        sensor = self._sensor
+        values = self._layout.to_port(np.asarray(frame.values, dtype=float), sensor.rest)
+        if self._raw.outputs:
+            self._raw.write(values, stamp)
+        if self._measures is not None and self._measures.outputs:
+            self._measures.write(encode_measures([Measure(values, stamp.time)]), stamp)
+        if self._compensated.outputs:
+            sign = 1.0 if sensor.pascal_per_count > 0 else -1.0
+            self._compensated.write(np.clip(sign * (values - sensor.rest), 0.0, 255.0))
+
+
+def read_skin(
+    robot: Robot, patch: Patch, prefix: str, network: Network, dialect: Dialect,
+    *, there: Collection[str], own: str, carrier: str, compensated: bool,
+) -> Feed[NDArray[np.float64]]:  # fmt: skip
+    """Returns the frames of one patch of a robot whose ports are `there`: by YARP 4's measures if there are.
+
+    Several sensors of one device are the patch in their order. Assumed: iCub's devices did so before YARP 4.
+    Raises DriverError if the order of its values is not known, and the errors of Feed.
+    """
+    name, layout, sensor = patch_port(robot, prefix, patch.name), SkinLayout.of(robot, patch), patch.sensor
+    check_order(layout, patch, prefix, there)
+    source = skin_port(name, dialect, there, compensated=compensated)
+    measured = source.endswith(MEASURES)
+
+    def decode(delivery: Delivery) -> Array:
+        if measured:
+            found = [one.values for one in decode_measures(delivery.items(dialect))]
+            values = np.concatenate(found) if found else np.empty(0)
+        else:
+            values = delivery.vector(dialect)
+        values = layout.from_port(values, source)
+        if compensated:
+            values = sensor.rest + np.copysign(values, sensor.pascal_per_count)
+        return read_only(values)
+
+    return Feed(
+        source, network, dialect, decode, own=f"{own}/skin/{wire_name(patch.name)}:i", carrier=carrier,
+        clock=SourceClock(),
+    )  # fmt: skip
+
+
+def skin_port(name: str, dialect: Dialect | None, there: Collection[str], *, compensated: bool) -> str:
+    """Returns the name of the port to read of a patch whose Vector is at `name`, on a robot whose ports are
+    `there`."""
+    if compensated:
+        return f"{name}_comp"
+    measures = f"{name}{MEASURES}"
+    return measures if dialect is V4 and measures in there else name

@@ -1,0 +1,79 @@
+"""Messages of YARP 4's devices with several sensors, `MultipleAnalogSensors`: skin patches among them.
+
+`/PREFIX/measures:o` streams a list for each kind of sensor, with `((values) time)` for each sensor of that
+kind; `/PREFIX/rpc:o` answers `getMetadata` with `(name frame more)` for each, in the order of the measures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from yarpwire.calls_v4 import PROTOCOL
+from yarpwire.errors import WireError
+from yarpwire.values import Array, Loose, Vocab
+
+KINDS = (
+    "ThreeAxisGyroscopes", "ThreeAxisLinearAccelerometers", "ThreeAxisMagnetometers", "OrientationSensors",
+    "TemperatureSensors", "SixAxisForceTorqueSensors", "ContactLoadCellArrays", "EncoderArrays",
+    "SkinPatches", "PositionSensors", "LinearVelocitySensors", "ThreeAxisAngularAccelerometers",
+)  # fmt: skip
+"""Kinds of sensors, in the order of a message."""
+SKIN = KINDS.index("SkinPatches")
+MEASURES, METADATA = "/measures:o", "/rpc:o"
+"""Ends of the names of the two ports of a device."""
+MOST = 1000
+"""Largest number of sensors of a kind in one message. Assumed: bounds memory; an iCub has a few."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measure:
+    """Values of one sensor."""
+
+    values: Array
+    """Values (n,)."""
+    time: float
+    """Time [s] of measurement on the sender's clock."""
+
+
+def encode_measures(measures: Sequence[Measure], kind: int = SKIN) -> list[Any]:
+    """Returns the message with the measures of a device that has sensors of one kind."""
+    message: list[Any] = [[] for _ in KINDS]
+    message[kind] = [[one.values, float(one.time)] for one in measures]
+    return message
+
+
+def decode_measures(message: Sequence[Any], kind: int = SKIN) -> tuple[Measure, ...]:
+    """Returns the measures of one kind in a message. Raises WireError for an invalid one."""
+    if len(message) != len(KINDS) or not all(isinstance(part, list) for part in message):
+        raise WireError(
+            f"{len(message)} parts of measures; valid: {len(KINDS)} lists, one for each kind of sensor"
+        )
+    if len(message[kind]) > MOST:
+        raise WireError(f"{len(message[kind])} {KINDS[kind]} in one message; valid: up to {MOST}")
+    return tuple(_measure(one, KINDS[kind]) for one in message[kind])
+
+
+def _measure(one: Any, kind: str) -> Measure:
+    match one:
+        case [[*values], float(time)] if all(isinstance(value, float) for value in values):
+            return Measure(np.array(values, dtype=np.float64), time)
+    raise WireError(f"{str(one)[:60]} in {kind}; valid: a list of numbers, and a time")
+
+
+def answer_metadata(items: Sequence[Any], names: Sequence[str], kind: int = SKIN) -> list[Any] | bytes:
+    """Returns the answer to a call of a device's rpc port, with the `names` of its sensors."""
+    first = items[0] if items else ""
+    word = first.word if isinstance(first, Vocab) else str(first)
+    if word == "getRemoteProtocolVersion":
+        return PROTOCOL
+    if word == "getMetadata":
+        return Loose(
+            [[Loose([name, "", ""]) for name in names] if at == kind else [] for at in range(len(KINDS))]
+        )
+    if word == "help":
+        return [Vocab("many"), "getMetadata: names of all sensors", "help: this list"]
+    return [Vocab("fail")]

@@ -1,0 +1,166 @@
+"""Skin over YARP: Vectors of iCub's widths, and YARP 4's skin patches, from served port to driver."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+import tci
+from drivers.yarp.show import until
+from tci.drivers.yarp import diagnose
+from tci.drivers.yarp.address import patch_port
+from tci.drivers.yarp.driver import YarpDriver
+from tci.drivers.yarp.facts import facts_port
+from tci.drivers.yarp.skin_layout import SkinLayout
+from tci.drivers.yarp.skin_ports import SkinPorts, read_skin
+from tci.errors import DriverError
+from tci.frames import Array
+from tci.messages import SkinFrame
+from tci.robot.description import Patch, Robot
+from yarpwire.dialect import DIALECTS, V3, V4, Dialect
+from yarpwire.feed import Feed
+from yarpwire.incoming import Answer, Delivery
+from yarpwire.message import Stamp
+from yarpwire.name_server import NameServer
+from yarpwire.network import NamedPort
+from yarpwire.sensors import Measure, encode_measures
+from yarpwire.wire import Wire
+
+ICUB = tci.load_robot("icub")
+UPPER_ARM, FOREARM = ICUB.patch("left_upper_arm"), ICUB.patch("left_forearm")
+WIDTHS = {"left_upper_arm": 768, "left_forearm": 384, "right_upper_arm": 768, "right_forearm": 384}
+"""Numbers of values that skinGui's position files of an iCub index."""
+
+
+class Ports:
+    """A name server, and the ports that a test opens at it."""
+
+    def __init__(self, dialect: Dialect) -> None:
+        self.dialect = dialect
+        self.server = NameServer("127.0.0.1", 0)
+        self.network = Wire(self.server.address)
+        self.opened: dict[str, NamedPort] = {}
+        self.feeds: list[Feed[Array]] = []
+
+    def open(self, name: str, receive: Callable[[Delivery], Answer] | None = None) -> NamedPort:
+        found = self.opened[name] = self.network.port(name, self.dialect, receive)
+        return found
+
+    def serve(self, robot: Robot, patch: Patch) -> SkinPorts:
+        if facts_port("icub") not in self.opened:
+            self.open(facts_port("icub"))
+        return SkinPorts(robot, patch, "icub", self.dialect, self.open)
+
+    def read(self, robot: Robot, patch: Patch, *, compensated: bool = False) -> Feed[Array]:
+        feed = read_skin(
+            robot, patch, "icub", self.network, self.dialect,
+            there={*self.opened}, own="/test", carrier="fast_tcp", compensated=compensated,
+        )  # fmt: skip
+        self.feeds.append(feed)
+        return feed
+
+    def close(self) -> None:
+        for one in (*self.feeds, *self.opened.values(), self.server):
+            one.close()
+
+
+@pytest.fixture(params=["3", "4"])
+def ports(request: pytest.FixtureRequest) -> Iterator[Ports]:
+    found = Ports(DIALECTS[request.param])
+    yield found
+    found.close()
+
+
+def frame(patch: Patch) -> SkinFrame:
+    values = np.arange(patch.channels, dtype=float) % 200.0
+    return SkinFrame(patch.name, 1.0, 1, values)
+
+
+@pytest.mark.parametrize("patch", [UPPER_ARM, FOREARM], ids=lambda patch: patch.name)
+def test_a_frame_arrives_as_it_was_sent_in_a_port_of_the_width_of_an_icub(ports: Ports, patch: Patch) -> None:
+    served = ports.serve(ICUB, patch)
+    name = patch_port(ICUB, "icub", patch.name)
+    seen: list[Array] = []
+    listener = ports.network.port("/listener", ports.dialect, lambda d: seen.append(d.vector(ports.dialect)))
+    listener.listen_to(name)
+    feed, sent = ports.read(ICUB, patch), frame(patch)
+    assert feed.source == (f"{name}/measures:o" if ports.dialect is V4 else name)
+    assert until(lambda: (served.publish(sent, Stamp(1, 5.0)), feed.latest is not None and bool(seen))[1])
+    assert feed.latest is not None
+    np.testing.assert_array_equal(feed.latest.value, sent.values)
+    assert len(seen[0]) == WIDTHS[patch.name]
+    assert np.count_nonzero(seen[0] != patch.sensor.rest) >= patch.channels - 2
+    listener.close()
+
+
+def test_the_values_of_an_upper_arm_are_those_that_skin_gui_indexes() -> None:
+    """Rows of icub-main's left_arm.txt and right_arm.txt that have a taxel: a module is whole or absent."""
+    for side, first, count in (("left", 2, 35), ("right", 2, 35)):
+        layout = SkinLayout.of(ICUB, ICUB.patch(f"{side}_upper_arm"))
+        assert layout.places is not None
+        modules, places = layout.places // 12, layout.places % 12
+        assert (modules.min(), modules.max(), len({*modules.tolist()})) == (first, 63, count)
+        assert {*places.tolist()} == {*range(12)} - {6, 10}
+    left, right = (SkinLayout.of(ICUB, ICUB.patch(f"{side}_upper_arm")).places for side in ("left", "right"))
+    assert left is not None
+    assert right is not None
+    assert len({*left.tolist()} & {*right.tolist()}) == 250
+
+
+def test_compensated_values_become_counts_around_rest(ports: Ports) -> None:
+    served = ports.serve(ICUB, UPPER_ARM)
+    feed, values = ports.read(ICUB, UPPER_ARM, compensated=True), np.full(UPPER_ARM.channels, 240.0)
+    values[7] = 200.0
+    sent = SkinFrame(UPPER_ARM.name, 1.0, 1, values)
+    assert until(lambda: (served.publish(sent, Stamp(1, 5.0)), feed.latest is not None)[1])
+    assert feed.latest is not None
+    np.testing.assert_array_equal(feed.latest.value, values)
+
+
+def test_the_upper_arm_of_a_real_icub_needs_its_own_skin_file(
+    ports: Ports, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No port answers the run-time query, so the robot is none of TCI's, and the places are not known."""
+    for patch in ICUB.patches:
+        ports.open(patch_port(ICUB, "icub", patch.name))
+    with pytest.raises(DriverError, match=r"left_upper_arm are only in the robot's own skin file.*without="):
+        ports.read(ICUB, UPPER_ARM)
+    assert ports.read(ICUB, FOREARM).source == "/icub/skin/left_forearm"
+    where = "{}:{}".format(*ports.server.address)
+    monkeypatch.setattr(diagnose, "board_ports", lambda robot, prefix: {})
+    faults = {finding.subject for finding in YarpDriver.probe(ICUB, where)[2:]}
+    assert faults == {"left_upper_arm", "right_upper_arm"}
+    assert len(YarpDriver.probe(ICUB, f"{where},without=left_upper_arm+right_upper_arm")) == 2
+
+
+def test_several_sensors_of_one_device_are_one_patch_and_a_wrong_number_of_values_is_told() -> None:
+    ports = Ports(V4)
+    try:
+        port = ports.open("/icub/skin/left_forearm/measures:o")
+        feed = ports.read(ICUB, FOREARM)
+
+        def send(*sizes: int) -> None:
+            measures = [Measure(np.full(size, float(number)), 5.0) for number, size in enumerate(sizes)]
+            port.write(encode_measures(measures), Stamp(1, 5.0))
+
+        assert until(lambda: (send(192, 192), feed.latest is not None)[1])
+        assert feed.latest is not None
+        assert feed.latest.value.tolist() == [0.0] * 192 + [1.0] * 192
+        assert until(lambda: (send(192), "sends 192 values; valid: 384" in str(feed.last_error))[1])
+        assert until(lambda: (send(), "sends 0 values" in str(feed.last_error))[1])
+    finally:
+        ports.close()
+
+
+def test_the_names_of_the_sensors_are_answered_in_yarp_4_only(ports: Ports) -> None:
+    ports.serve(ICUB, FOREARM)
+    name = "/icub/skin/left_forearm/rpc:o"
+    assert (name in ports.opened) is (ports.dialect is V4)
+    if ports.dialect is V3:
+        return
+    caller = ports.network.caller(ports.network.query(name), "/asks", V4)
+    answer = caller.call("getMetadata")
+    caller.close()
+    assert [[one[0] for one in kind] for kind in answer if kind] == [["left_forearm"]]

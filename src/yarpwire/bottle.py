@@ -59,7 +59,7 @@ def _formats(dialect: Dialect) -> dict[int, tuple[str, int, type]]:
 FORMATS = {name: _formats(dialect) for name, dialect in DIALECTS.items()}
 
 
-def encode_bottle(items: Sequence[Any], dialect: Dialect) -> bytes:
+def encode_bottle(items: Sequence[Any] | NDArray[Any], dialect: Dialect) -> bytes:
     """Returns a Bottle as bytes. Raises WireError for values that a Bottle can't hold."""
     sub, body = _body(items, dialect)
     return WORD.pack(LIST | sub) + body
@@ -164,7 +164,7 @@ def _value(source: Source, tag: int, dialect: Dialect, deepest: int) -> Value:
 def _body(items: Sequence[Any] | NDArray[Any], dialect: Dialect) -> tuple[int, bytes]:
     """Returns the tag that all items share, or 0, and count and items as bytes."""
     if isinstance(items, np.ndarray):
-        if items.dtype == DOUBLE and items.size:
+        if items.dtype == DOUBLE and items.ndim == 1 and items.size:
             return dialect.float64, WORD.pack(len(items)) + items.tobytes()
         items = items.tolist()
     if items and not isinstance(items, Loose) and all(type(item) is float for item in items):

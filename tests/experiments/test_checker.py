@@ -31,6 +31,7 @@ def test_what_keeps_the_limits_is_not_accused() -> None:
     [
         ({"upper": 3.0}, None),
         ({"velocity": 6.0}, "velocity"),
+        ({"velocity": 1.005 * (LIMITS.velocity or 0.0)}, "velocity"),
         ({"acceleration": 90.0}, "acceleration"),
         ({"jerk": 9000.0}, "jerk"),
     ],
@@ -70,3 +71,14 @@ def test_the_physics_is_watched_too() -> None:
     assert any("joint3" in fault for fault in physics_violations(robot, out, still))
     assert any("joint4" in fault for fault in physics_violations(robot, still, fast))
     assert physics_violations(robot, np.full((1, 6), np.nan), still[:1])
+
+
+def test_a_push_may_make_a_joint_a_little_faster() -> None:
+    """A command may not, however little: see `test_each_limit_is_watched`."""
+    robot = make_robot()
+    top = robot.servos[4].limits.velocity
+    assert top is not None
+    still, pushed, wild = np.zeros((3, 6)), np.zeros((3, 6)), np.zeros((3, 6))
+    pushed[1, 4], wild[1, 4] = 1.005 * top, 1.02 * top
+    assert physics_violations(robot, still, pushed) == []
+    assert any("joint4" in fault for fault in physics_violations(robot, still, wild))

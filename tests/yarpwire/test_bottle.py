@@ -162,3 +162,10 @@ def test_mutated_messages_are_read_or_refused_and_nothing_else() -> None:
     tracemalloc.stop()
     assert refused > rounds / 2
     assert foreign > rounds / 100
+
+
+@pytest.mark.parametrize("array", [np.arange(3.0), np.eye(2), np.arange(3), np.empty(0), np.arange(6.0)[::2]])
+def test_an_array_is_encoded_as_the_list_of_its_numbers(array: np.ndarray[Any, Any]) -> None:
+    for dialect in (V3, V4):
+        assert encode_bottle([array, "x"], dialect) == encode_bottle([array.tolist(), "x"], dialect)
+        assert encode_bottle(array, dialect) == encode_bottle(array.tolist(), dialect)

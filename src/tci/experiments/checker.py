@@ -20,6 +20,10 @@ HELD = 1e-9
 """Change [rad] of a position that is only rounding error."""
 STOP_TOLERANCE = float(np.deg2rad(0.1))
 """Angle [rad] by which a simulated joint may exceed its end stop, since MuJoCo's stops are soft."""
+PUSHED = 0.01
+"""Fraction by which a simulated joint may exceed its speed limit; a command may not. A servo that fell behind
+catches up at the limit itself, and the finger that still presses pushes it on: the torso of a whole iCub was
+0.1 % too fast, at 0.83 of the limit in its commands. Assumed: ten times as much."""
 
 
 def command_violations(
@@ -113,7 +117,7 @@ def physics_violations(robot: Robot, positions: Array, velocities: Array) -> lis
             outside = np.maximum(angles - limits.upper, limits.lower - angles).max()
             if not outside <= STOP_TOLERANCE:
                 faults.append(f"{servo.name}: moved {np.rad2deg(outside):.2f} degrees beyond its limits")
-        if limits.velocity is not None and not speeds.max() <= limits.velocity:
+        if limits.velocity is not None and not speeds.max() <= limits.velocity * (1.0 + PUSHED):
             faults.append(
                 f"{servo.name}: moved at {speeds.max():.3f} rad/s; valid: at most {limits.velocity:.3f}"
             )

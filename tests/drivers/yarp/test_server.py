@@ -308,6 +308,7 @@ def test_the_run_time_query_gives_dh_limits_and_skin_to_a_person_and_to_a_progra
     limits = {name: numbers for name, *numbers in rpc.call("limits")}
     assert limits.keys() == {servo.name for servo in robot.servos}
     assert [row[0] for row in rpc.call("skins")] == [patch.name for patch in robot.patches]
+    assert rpc.call("points")[0] == ["left_arm", "palm", "torso", 0.5]
     assert len(rpc.call("taxels", "left_forearm")) == len(facts.patches[0].taxels)
     assert rpc.call("help")[0] == Vocab("many")
     for wrong in (("dh", "tail"), ("dh",), ("taxels", "tail"), ("colour",)):

@@ -29,6 +29,7 @@ USAGE = {
     "dh PART [classic|modified]": "(servo a alpha d theta) of each joint from the torso",
     "skins": "(patch part segment link channels area) of each patch",
     "taxels PATCH": "(channel x y z nx ny nz area) of each taxel, in the patch's link",
+    "points": "(part point frame speed) of each Cartesian actuator; nan for no limit of speed",
 }
 FAIL, NAN = Vocab("fail"), float("nan")
 
@@ -51,6 +52,7 @@ class FactsService:
             "help": lambda: [Vocab("many"), *(f"{call}: {what}" for call, what in USAGE.items())],
             "json": lambda: [self._facts.model_dump_json()],
             "limits": self._limits, "dh": self._dh, "skins": self._skins, "taxels": self._taxels,
+            "points": self._points,
         }  # fmt: skip
         try:
             with self._lock:
@@ -77,6 +79,10 @@ class FactsService:
 
     def _skins(self) -> list[Any]:
         return [[p.name, p.part, p.segment, p.link, p.channels, p.area] for p in self._facts.patches]
+
+    def _points(self) -> list[Any]:
+        found = [(part.name, one) for part in self._facts.parts for one in part.cartesian]
+        return [[part, x.name, x.frame, NAN if x.speed is None else x.speed] for part, x in found]
 
     def _taxels(self, patch: str) -> list[Any]:
         for one in self._facts.patches:

@@ -19,13 +19,13 @@ from tci.gate.gate import GateState
 from tci.messages import GenericCommand, Mode
 from tci.reasons import Code
 from tci.robot.description import Robot, Servo
-from yarpwire.dialect import DIALECTS
+from yarpwire.dialect import V3
 
 AXES = {"left_arm": 7, "right_arm": 7, "head": 3, "torso": 3}
 
 
-@pytest.fixture(scope="module", params=["3", "4"])
-def show(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Show]:
+@pytest.fixture(scope="module")
+def show(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Show]:
     """Yields a served iCub whose boards have the axes of the iCub in Gazebo."""
 
     def board(part: str, servos: Sequence[Servo]) -> ServedBoard:
@@ -34,7 +34,7 @@ def show(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("YARP_CONFIG_HOME", str(tmp_path_factory.mktemp("yarp")))
         patch.setattr(server, "ServedBoard", board)
-        running = Show(DIALECTS[request.param], "icub")
+        running = Show(V3, "icub")
         yield running
         running.close()
 

@@ -12,6 +12,7 @@ port, rpc, feed                  named ports, calls, and the latest messages of 
 network, wire, bindings          one interface to ports and calls, by this package or by YARP's own bindings
 board, state                     a client of iCub's control boards
 board_service, calls_v3, calls_v4, streams    a control board that this process offers
+sensors                          skin patches and other sensors of one device, in YARP 4
 """
 
 from yarpwire.dialect import V3, V4, Dialect

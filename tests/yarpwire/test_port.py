@@ -281,8 +281,8 @@ def test_what_a_person_types_first_is_answered(make: Callable[..., Port], names:
     listed = order("help")
     assert listed.startswith("[many]")
     assert all(f"[{verb}]" in listed for verb in ("help", "ver", "add", "del", "list", "prop"))
-    assert order("nonsense") == '[fail] "send [help] for list of valid commands"'
-    assert order("prop", Vocab("get"), "/asked") == "(port ((is_input 1) (is_output 1) (is_rpc 0)))"
+    assert order("abc") == '[fail] "send [help] for list of valid commands"'
+    assert order("prop", Vocab("get"), "/asked") == "(port ((is_input true) (is_output true) (is_rpc false)))"
     assert "cannot find" in order("prop", Vocab("get"), "/elsewhere")
     assert order("prop", Vocab("get"), "colour") == ""
     said = names.request("help")

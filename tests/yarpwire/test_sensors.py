@@ -44,7 +44,8 @@ def test_the_genuine_answer_with_all_names_is_given_to_the_byte() -> None:
 
 
 def test_measures_of_other_sensors_are_no_skin() -> None:
-    gyro = encode_measures([Measure(np.array([0.1, 0.2, 0.3]), 1.5)], kind=0)
+    message = encode_measures([Measure(np.array([0.1, 0.2, 0.3]), 1.5)], kind=0)
+    gyro = decode_bottle(encode_bottle(message, V4), V4)
     assert decode_measures(gyro) == ()
     assert decode_measures(gyro, 0)[0].values.tolist() == [0.1, 0.2, 0.3]
 

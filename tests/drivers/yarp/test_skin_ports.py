@@ -109,6 +109,12 @@ def test_the_values_of_an_upper_arm_are_those_that_skin_gui_indexes() -> None:
     assert len({*left.tolist()} & {*right.tolist()}) == 250
 
 
+def test_modules_that_do_not_hold_the_channels_are_an_error() -> None:
+    longer = UPPER_ARM.model_copy(update={"channels": UPPER_ARM.channels + 10})
+    with pytest.raises(DriverError, match="modules of 350 taxels for left_upper_arm; valid: 360"):
+        SkinLayout.of(ICUB, longer)
+
+
 def test_compensated_values_become_counts_around_rest(ports: Ports) -> None:
     served = ports.serve(ICUB, UPPER_ARM)
     feed, values = ports.read(ICUB, UPPER_ARM, compensated=True), np.full(UPPER_ARM.channels, 240.0)

@@ -292,9 +292,11 @@ def test_swapped_names_are_followed_by_name(show: Show) -> None:
 
 def test_a_patch_of_another_length_is_refused_at_once_and_can_be_left_out(show: Show) -> None:
     robot = patient(show.driver.robot.name)
-    patch = robot.patches[0]
+    patch = next(patch for patch in robot.patches if patch.name == "left_forearm")
     longer = patch.model_copy(update={"channels": patch.channels + 12})
-    robot = robot.model_copy(update={"patches": (longer, *robot.patches[1:])})
+    robot = robot.model_copy(
+        update={"patches": tuple(longer if one is patch else one for one in robot.patches)}
+    )
     with pytest.raises(DriverError, match=rf"{patch.channels} values.*without="):
         driver_to(show, robot)
     with driver_to(show, robot, f",without={patch.name}") as driver:

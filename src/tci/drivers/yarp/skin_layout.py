@@ -33,12 +33,17 @@ class SkinLayout:
 
     @classmethod
     def of(cls, robot: Robot, patch: Patch) -> SkinLayout:
-        """Returns the layout by the robot's binding to YARP."""
+        """Returns the layout by the robot's binding to YARP.
+
+        Raises DriverError if its modules do not hold the patch's channels.
+        """
         address = robot.binding("yarp").entry(patch.name)
         if address is None or address.channels is None:
             return cls(patch.channels)
         taxels = [place for place in range(MODULE) if place not in PADS]
         places = [MODULE * module + place for module in address.modules for place in taxels]
+        if len(places) != patch.channels:
+            raise DriverError(f"modules of {len(places)} taxels for {patch.name}; valid: {patch.channels}")
         return cls(address.channels, np.array(places, dtype=np.intp))
 
     def to_port(self, values: Array, rest: float) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import runpy
+import shlex
 import subprocess
 import sys
 from importlib import import_module
@@ -109,7 +110,7 @@ def test_commands_of_a_page_have_the_options_that_it_gives_them(page: Path) -> N
     text = re.sub(r"\\\n *", "", page.read_text())
     for used in USED.findall(text):
         command: Any = typer.main.get_command(app)
-        words = used.split("  ")[0].split()[1:]  # two spaces separate the command from its description
+        words = shlex.split(used.split("  ")[0])[1:]  # two spaces separate the command from its description
         while words and (inner := getattr(command, "commands", {}).get(words[0])):
             command, words = inner, words[1:]
         assert not hasattr(command, "commands") or not words, f"{page.name}: {used}"

@@ -102,7 +102,7 @@ def wanted(robot: Robot, names: Sequence[str]) -> tuple[list[Servo], list[Patch]
 
 
 def _servos_of(robot: Robot, part: str) -> list[str]:
-    return [robot.servos[s.servo].name for s in robot.part(part).servos if s.servo is not None]
+    return [robot.servos[moved].name for joint in robot.part(part).servos for moved in joint.moved]
 
 
 def _left_out(servo: Servo) -> Finding:

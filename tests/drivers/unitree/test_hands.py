@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,11 +13,12 @@ import pytest
 import tci
 from drivers.unitree.test_keeper import DOMAINS
 from tci.drivers.unitree import messages
-from tci.drivers.unitree.hands import HandSkin, patches_of
-from tci.drivers.unitree.node import UnitreeNode
-from tci.drivers.unitree.wire import MOTOR_STATE, PRESS, encode_hand
+from tci.drivers.unitree.finger_motors import FingerMotors
+from tci.drivers.unitree.hands import Hand, patches_of
+from tci.drivers.unitree.node import UnitreeNode, latest
+from tci.drivers.unitree.wire import MOTOR_STATE, PRESS, decode_hand_command, encode_hand
 from tci.errors import DriverError
-from tci.messages import SkinFrame
+from tci.messages import Mode, SkinFrame
 from tci.robot.description import Address, Binding, Robot
 
 PADS = 26
@@ -31,28 +34,32 @@ def handed(side: str = "left") -> Robot:
     return robot.model_copy(update={"bindings": (own,)})
 
 
-class Hand:
+class Sender:
     """A hand and its reader."""
 
     def __init__(self) -> None:
         domain = next(DOMAINS)
         self.node, self.robot = UnitreeNode("lo", domain), UnitreeNode("lo", domain)
-        self.skin = HandSkin(handed(), self.node)
+        self.hand = Hand(handed(), "left", self.node)
         self.out = self.robot.out("rt/dex3/left/state", messages.HAND_STATE)
         self.pads: Any = np.zeros(PADS, PRESS)
         self.pads["pressure"] = 100_000.0 + np.arange(12 * PADS).reshape(PADS, 12)
 
     def send(self, data: bytes | None = None) -> SkinFrame:
         """Returns the frame after the next message."""
-        before = self.skin.frames(time.monotonic())
+        before = self.frames()
         end = time.monotonic() + 10.0
         while time.monotonic() < end:
             self.out(data or encode_hand(np.zeros(7, MOTOR_STATE), self.pads))
             time.sleep(0.02)
-            frames = self.skin.frames(time.monotonic())
+            frames = self.frames()
             if frames and (not before or frames[0].sequence > before[0].sequence):
                 return frames[0]
         raise AssertionError("no frame")
+
+    def frames(self) -> tuple[SkinFrame, ...]:
+        self.hand.poll(time.monotonic())
+        return self.hand.frames
 
     def close(self) -> None:
         self.node.close()
@@ -61,12 +68,12 @@ class Hand:
 
 @pytest.fixture
 def hand() -> Any:
-    made = Hand()
+    made = Sender()
     yield made
     made.close()
 
 
-def test_a_hands_sensors_are_a_patch(hand: Hand) -> None:
+def test_a_hands_sensors_are_a_patch(hand: Sender) -> None:
     frame = hand.send()
     assert frame.patch == "left_forearm"
     assert frame.values.tolist() == (100_000.0 + np.arange(12 * PADS)).tolist()
@@ -74,20 +81,20 @@ def test_a_hands_sensors_are_a_patch(hand: Hand) -> None:
     assert hand.send().sequence > frame.sequence
 
 
-def test_places_without_a_sensor_and_lost_data_have_no_value(hand: Hand) -> None:
+def test_places_without_a_sensor_and_lost_data_have_no_value(hand: Sender) -> None:
     hand.pads["pressure"][3, 5] = 30_000.0
     assert np.flatnonzero(np.isnan(hand.send().values)).tolist() == [3 * 12 + 5]
     hand.pads["lost"][7] = 2
-    before = hand.skin.frames(time.monotonic())[0].sequence
+    before = hand.frames()[0].sequence
     hand.out(encode_hand(np.zeros(7, MOTOR_STATE), hand.pads))
-    while (frame := hand.skin.frames(time.monotonic())[0]).sequence == before:
+    while (frame := hand.frames()[0]).sequence == before:
         time.sleep(0.002)
     assert np.isnan(frame.values.reshape(PADS, 12)[7]).all()
     assert np.isnan(frame.values).sum() == 13
     assert np.isnan(hand.send().values).sum() == 1  # nothing more was lost
 
 
-def test_a_message_with_another_number_of_sensors_is_refused(hand: Hand) -> None:
+def test_a_message_with_another_number_of_sensors_is_refused(hand: Sender) -> None:
     hand.pads = np.zeros(9, PRESS)
     with pytest.raises(DriverError, match="9 press sensors of 12 values, left_forearm has 312 channels"):
         hand.send()
@@ -103,7 +110,54 @@ def test_a_robot_keeps_what_it_sends_and_what_its_joints_feel() -> None:
 def test_a_hand_has_a_side() -> None:
     node = UnitreeNode("lo", next(DOMAINS))
     try:
-        with pytest.raises(DriverError, match="left_forearm is on the hand 'middle'; valid: left, right"):
-            HandSkin(handed("middle"), node)
+        for wrong in ("middle", "left:7", "left:3-1"):
+            with pytest.raises(DriverError, match=f"left_forearm is on the hand '{wrong}'; valid: left"):
+                Hand(handed(wrong), "left", node)
     finally:
+        node.close()
+
+
+def test_a_hand_is_led_by_the_vendors_names_or_by_addresses_and_holds_until_it_is_released() -> None:
+    """One motor is asked for; the others hold the posture in which they are, with the bit that stops them."""
+    robot = tci.load_robot("g1")
+    servos = tuple(
+        servo.model_copy(update={"name": {0: "left_hand_index_0_joint"}.get(servo.index, servo.name)})
+        for servo in robot.servos
+    )
+    nodes = [UnitreeNode("lo", domain) for domain in [next(DOMAINS)] * 2]
+    heard = nodes[0].reader("rt/dex3/left/cmd", messages.HAND_COMMAND)
+    hand = Hand(robot.model_copy(update={"servos": servos}), "left", nodes[1])
+    assert (hand.servos.tolist(), hand.motors.tolist()) == ([0], [5])
+    hand.state = np.zeros(7, MOTOR_STATE)
+    hand.state["q"] = 0.1 * np.arange(7)
+    fingers = FingerMotors(nodes[1], hand)
+
+    def received(send: Callable[[], None]) -> Any:
+        end = time.monotonic() + 10.0
+        while not (found := latest(heard)):
+            send()
+            assert time.monotonic() < end
+            time.sleep(0.005)
+        return decode_hand_command(found[-1].raw)
+
+    fingers.repeat(time.monotonic())
+    one = np.ones(1)
+    fingers.obey(
+        SimpleNamespace(  # type: ignore[arg-type] # only a gate makes a SafeCommand
+            servos=np.array([0]), modes=(Mode.POSITION,), position=-0.9 * one, velocity=0.2 * one,
+            torque=0.0 * one, stiffness={0: 0.5}, damping={},
+        )
+    )  # fmt: skip
+    command = received(lambda: fingers.repeat(time.monotonic()))
+    assert command["mode"].tolist() == [0x90 | number for number in range(7)]
+    np.testing.assert_allclose(command["q"], [0.0, 0.1, 0.2, 0.3, 0.4, -0.9, 0.6], rtol=1e-6)
+    np.testing.assert_allclose(command["dq"], [0.0] * 5 + [0.2, 0.0], rtol=1e-6)
+    np.testing.assert_allclose(command["kp"], [1.5] * 5 + [0.75, 1.5])
+    time.sleep(0.05)
+    latest(heard)
+    fingers.release()
+    command = received(lambda: None)
+    assert command["mode"].tolist() == [0x80 | number for number in range(7)]
+    assert not command["kp"].any()
+    for node in nodes:
         node.close()

@@ -25,11 +25,12 @@ from tci.drivers.partial_gate import PartialGate
 from tci.drivers.remote.source_clock import SourceClock
 from tci.drivers.unitree import messages
 from tci.drivers.unitree.address import parse_unitree
+from tci.drivers.unitree.finger_motors import FingerMotors
 from tci.drivers.unitree.handover import Phase
-from tci.drivers.unitree.hands import HandSkin, patches_of
+from tci.drivers.unitree.hands import Hand, patches_of
 from tci.drivers.unitree.health import Health
 from tci.drivers.unitree.held_motors import HeldMotors, Status
-from tci.drivers.unitree.motors import MOTORS, NAMES, VARIANTS, absent, commanded
+from tci.drivers.unitree.motors import MOTORS, NAMES, SIDES, VARIANTS, absent, commanded, hand_motor
 from tci.drivers.unitree.node import MOST, UnitreeNode, latest
 from tci.drivers.unitree.set_points import SetPoints
 from tci.drivers.unitree.switcher import Switcher
@@ -77,11 +78,13 @@ class UnitreeDriver(Driver):
         self._joints: JointReading | None = None
         self._phase = Phase.WAITING
         self._set_points = SetPoints(self._slots, whole=self.where.whole)
+        self._fingers: list[FingerMotors] = []
         self._held: HeldMotors | None = None
         self._node = UnitreeNode(self.where.interface, self.where.domain)
         try:
             self._states = self._node.reader("rt/lowstate", messages.STATE, keep=MOST)
-            self._skin = HandSkin(robot, self._node) if skin else None
+            found = [Hand(robot, side, self._node, skin=skin) for side in SIDES]
+            self._hands = [hand for hand in found if hand.there]
             self._wait(wait)
             unreached = self._unreached()
             gate = PartialGate(robot, unreached, period=self.period, stale_after=self.gate.stale_after)
@@ -134,8 +137,10 @@ class UnitreeDriver(Driver):
         self._hear()
         if self._held is not None:
             self._follow(self._held.poll())
+            for fingers in self._fingers:
+                fingers.repeat(self.clock.now())
         assert self._joints is not None  # the constructor waits for them
-        return Reading(self._joints, () if self._skin is None else self._skin.frames(self.clock.now()))
+        return Reading(self._joints, tuple(frame for hand in self._hands for frame in hand.frames))
 
     def _send(self, safe: SafeCommand) -> None:
         assert self._held is not None  # armed drivers hold motors
@@ -143,20 +148,28 @@ class UnitreeDriver(Driver):
             self._held.take()
             return
         self._held.follow(*self._set_points.of(safe))
+        for fingers in self._fingers:
+            fingers.obey(safe)
 
     def _halt(self) -> None:
         assert self._held is not None  # armed drivers hold motors
         self._hear()
         self._held.follow(*self._set_points.here(self._health.posture))
+        for fingers in self._fingers:
+            fingers.hold()
 
     def _close(self) -> None:
+        for fingers in self._fingers:
+            fingers.release()
         if self._held is not None:
             self._held.close()
         self._node.close()
 
     def _hear(self) -> None:
-        """Reads the latest state."""
+        """Reads the latest states. Joints count as read once all hands with fingers have sent theirs."""
         now = self.clock.now()
+        for hand in self._hands:
+            hand.poll(now)
         for sample in latest(self._states):
             try:
                 state, right = decode_state(sample.raw)
@@ -166,13 +179,18 @@ class UnitreeDriver(Driver):
             if not self._health.see(state, right, now):
                 continue
             stamp = self._source.place(sample.sample_info.source_timestamp * 1e-9, now)
-            if stamp is not None:
-                self._joints = self._reading(state, min(stamp, now))
+            fingers = [hand for hand in self._hands if len(hand.servos)]
+            if stamp is not None and all(hand.state is not None for hand in fingers):
+                self._joints = self._reading(state, min(stamp, now, *(hand.stamp for hand in fingers)))
 
     def _reading(self, state: Any, stamp: float) -> JointReading:
         motors = state["motor"][self._slots]
         sequence = 0 if self._joints is None else self._joints.sequence + 1
-        position, velocity, torque = (read_only(motors[name], float) for name in ("q", "dq", "tau_est"))
+        values = [motors[name].astype(float) for name in ("q", "dq", "tau_est")]
+        for hand in self._hands:
+            if len(hand.servos):
+                hand.fill(*values)
+        position, velocity, torque = (read_only(value) for value in values)
         force = state["accelerometer"].astype(float)
         measured = np.linalg.norm(force) >= LEAST_FORCE
         gravity = read_only(-force) if measured else None
@@ -184,8 +202,11 @@ class UnitreeDriver(Driver):
         while self._joints is None:
             self._hear()
             if time.monotonic() > end:
-                why = self._health.passing(self.clock.now())
-                raise DriverError(f"{why} within {seconds:g} s on {self.where}, topic rt/lowstate")
+                why, topic = self._health.passing(self.clock.now()), "rt/lowstate"
+                if not why:
+                    side = next(hand.side for hand in self._hands if hand.state is None)
+                    why, topic = f"no state of the {side} hand", f"rt/dex3/{side}/state"
+                raise DriverError(f"{why} within {seconds:g} s on {self.where}, topic {topic}")
             time.sleep(0.002)
 
     def _unreached(self) -> dict[int, str]:
@@ -195,6 +216,8 @@ class UnitreeDriver(Driver):
         count = VARIANTS.get(variant, (MOTORS, ()))[0]
         found = {}
         for servo, slot in enumerate(self._slots.tolist()):
+            if slot < 0:
+                continue
             if slot in gone:
                 found[servo] = f"this robot has {count} motors, and not this one"
             elif slot not in commanded(whole=self.where.whole):
@@ -205,6 +228,7 @@ class UnitreeDriver(Driver):
         """Takes the motors. Raises DriverError with the reason if the robot is not ready."""
         if self._health.lasting:
             raise DriverError(f"the robot can't be armed: {self._health.lasting}")
+        self._fingers = [FingerMotors(self._node, hand) for hand in self._hands if len(hand.servos)]
         if self.where.whole:
             Switcher(self._node).release()
         self._held = HeldMotors(self.where, self.period, self._node, self._health)
@@ -219,6 +243,8 @@ class UnitreeDriver(Driver):
         before, self._phase = self._phase, status.phase
         if status.lasting:
             self.gate.stop(Reason(Code.ROBOT_REFUSES, f"the motors are handed back: {status.reason}"))
+            for fingers in self._fingers:
+                fingers.release()
         elif status.phase is Phase.LEADING:
             if before is not Phase.LEADING:
                 self.gate.drop()  # the robot's posture may have changed
@@ -229,21 +255,27 @@ class UnitreeDriver(Driver):
 
 
 def slots_of(robot: Robot) -> NDArray[np.intp]:
-    """Returns the slot (n_servos,) of each servo's motor, by its name or by the address in the binding.
+    """Returns the slot (n_servos,) of each servo's motor, by its name or by the address in the binding; -1
+    for one of a finger.
 
     Raises DriverError for a servo without a motor, and for a motor with two servos.
     """
     binding = robot.binding("unitree")
-    slots: dict[int, str] = {}
+    owners: dict[str, str] = {}
+    slots = []
     for servo in robot.servos:
+        finger = hand_motor(robot, servo.name)
         usual = str(NAMES.index(servo.name)) if servo.name in NAMES else ""
         to = binding.address(servo.name, usual)
-        if not (to.isascii() and to.isdigit() and int(to) < MOTORS):
+        if finger is not None:
+            to = f"{finger[0]}:{finger[1]}"
+        elif not (to.isascii() and to.isdigit() and int(to) < MOTORS):
             raise DriverError(
                 f"{servo.name} has the motor {to!r}; valid: 0 to {MOTORS - 1}, as the `to` of an address in "
-                "the binding to unitree"
+                "the binding to unitree, or left:0 to right:6 for a finger"
             )
-        if int(to) in slots:
-            raise DriverError(f"{servo.name} and {slots[int(to)]} have the motor {to}; valid: one each")
-        slots[int(to)] = servo.name
-    return np.array([*slots], dtype=np.intp)
+        if to in owners:
+            raise DriverError(f"{servo.name} and {owners[to]} have the motor {to}; valid: one each")
+        owners[to] = servo.name
+        slots.append(-1 if finger is not None else int(to))
+    return np.array(slots, dtype=np.intp)

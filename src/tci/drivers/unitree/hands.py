@@ -1,12 +1,14 @@
-"""Press sensors of Dex3 hands as patches of skin.
+"""Dex3 hands: their press sensors as patches of skin, their motors as servos.
 
-The binding of the description says which patch is on which hand: `<address of="PATCH" to="left"/>`. Its
-channels are the 12 values of each sensor, one sensor after the other; the message tells how many there are.
+The binding of the description says which sensors of which hand are a patch:
+`<address of="PATCH" to="left:0-1"/>`, or `to="left"` for all. A patch's channels are the 12 values of each
+sensor, one sensor after the other. Servos have the names of the motors, or the address `left:MOTOR`.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -14,14 +16,14 @@ from numpy.typing import NDArray
 
 from tci.drivers.remote.source_clock import SourceClock
 from tci.drivers.unitree import messages
+from tci.drivers.unitree.motors import FINGER_MOTORS, SIDES, hand_motor
 from tci.drivers.unitree.node import UnitreeNode, latest
 from tci.drivers.unitree.wire import TAXELS, decode_hand
 from tci.errors import DriverError, FrameError
-from tci.frames import read_only
+from tci.frames import Array, read_only
 from tci.messages import SkinFrame
 from tci.robot.description import Patch, Robot
 
-SIDES = ("left", "right")
 NO_VALUE = 30_000.0
 """Reading of a place without a sensor (the vendor's)."""
 
@@ -33,57 +35,97 @@ def patches_of(robot: Robot) -> tuple[Patch, ...]:
     return tuple(patch for patch in robot.patches if patch.through_joints or patch.name in named)
 
 
-class HandSkin:
-    """Frames of the patches on both hands."""
-
-    def __init__(self, robot: Robot, node: UnitreeNode) -> None:
-        """Opens a reader for each patch that the binding puts on a hand. Raises DriverError for another
-        address."""
-        binding = robot.binding("unitree")
-        self._hands: list[_Hand] = []
-        for patch in patches_of(robot):
-            if patch.through_joints:
-                continue
-            side = binding.address(patch.name, "")
-            if side not in SIDES:
-                raise DriverError(f"{patch.name} is on the hand {side!r}; valid: {', '.join(SIDES)}")
-            self._hands.append(_Hand(patch, side, node))
-
-    def frames(self, now: float) -> tuple[SkinFrame, ...]:
-        """Returns the latest frame of each patch that has sent one, at `now` [s]. Raises DriverError for a
-        hand with another number of sensors."""
-        found = [hand.read(now) for hand in self._hands]
-        return tuple(frame for frame in found if frame is not None)
+def pads_of(robot: Robot, side: str) -> dict[str, slice]:
+    """Returns the press sensors of each patch on one hand. Raises DriverError for another address."""
+    binding, found = robot.binding("unitree"), {}
+    for patch in patches_of(robot):
+        if patch.through_joints:
+            continue
+        to = binding.address(patch.name, "")
+        place = re.fullmatch(r"(left|right)(?::(\d{1,2})-(\d{1,2}))?", to)
+        if place is None or (place[2] and int(place[3]) < int(place[2])):
+            raise DriverError(
+                f"{patch.name} is on the hand {to!r}; valid: {', '.join(SIDES)}, or press sensors of one, "
+                "such as left:0-1"
+            )
+        if place[1] == side:
+            found[patch.name] = slice(int(place[2]), int(place[3]) + 1) if place[2] else slice(None)
+    return found
 
 
-class _Hand:
-    """One hand."""
+def fingers_of(robot: Robot, side: str) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Returns the servos (k,) of one hand's fingers, and the motor (k,) of each."""
+    found = [
+        (servo.index, motor[1])
+        for servo in robot.servos
+        if (motor := hand_motor(robot, servo.name)) is not None and motor[0] == side
+    ]
+    servos, motors = np.array(found, dtype=np.intp).reshape(-1, 2).T
+    return servos, motors
 
-    def __init__(self, patch: Patch, side: str, node: UnitreeNode) -> None:
-        self._patch, self._topic = patch, f"rt/dex3/{side}/state"
-        self._states = node.reader(self._topic, messages.HAND_STATE)
+
+class Hand:
+    """One hand, as its states tell."""
+
+    def __init__(self, robot: Robot, side: str, node: UnitreeNode, *, skin: bool = True) -> None:
+        """Opens a reader if the robot has fingers or, with `skin`, patches there. Raises DriverError for a
+        wrong address."""
+        self.side = side
+        self.servos, self.motors = fingers_of(robot, side)
+        """Servos (k,) of the fingers, and the motor (k,) of each."""
+        pads = pads_of(robot, side) if skin else {}
+        self._pads = {patch: pads[patch.name] for patch in robot.patches if patch.name in pads}
+        self._topic = f"rt/dex3/{side}/state"
+        self.there = bool(len(self.servos) or self._pads)
+        """True if the description has this hand."""
+        self._states = node.reader(self._topic, messages.HAND_STATE) if self.there else None
         self._source = SourceClock()
         self._lost: NDArray[np.uint32] | None = None
-        self._frame: SkinFrame | None = None
+        self.frames: tuple[SkinFrame, ...] = ()
+        """Latest frame of each patch; empty before the first."""
+        self.state: Any = None
+        """Latest records (m,) of MOTOR_STATE; None before the first."""
+        self.stamp = -np.inf
+        """Time [s] of the latest state."""
+        self._count = 0
 
-    def read(self, now: float) -> SkinFrame | None:
-        """Returns the latest frame; None before the first."""
-        for sample in latest(self._states):
+    def poll(self, now: float) -> None:
+        """Reads the latest state, at `now` [s]. Raises DriverError for a hand with another number of sensors
+        or too few motors."""
+        for sample in latest(self._states) if self._states is not None else ():
             try:
-                pads = decode_hand(sample.raw).pads
+                motors, pads = decode_hand(sample.raw)
             except FrameError:
                 continue
-            if TAXELS * len(pads) != self._patch.channels:
-                raise DriverError(
-                    f"{self._topic} has {len(pads)} press sensors of {TAXELS} values, {self._patch.name} has "
-                    f"{self._patch.channels} channels; valid: as many as values"
-                )
             stamp = self._source.place(sample.sample_info.source_timestamp * 1e-9, now)
-            if stamp is not None:
-                sequence = 0 if self._frame is None else self._frame.sequence + 1
-                values = read_only(self._values(pads).ravel(), np.float32)
-                self._frame = SkinFrame(self._patch.name, min(stamp, now), sequence, values)
-        return self._frame
+            if stamp is None:
+                continue
+            if len(self.servos) and len(motors) < len(FINGER_MOTORS):
+                raise DriverError(
+                    f"{self._topic} has {len(motors)} motors; valid: {len(FINGER_MOTORS)}, those of a Dex3"
+                )
+            self.state, self.stamp = motors, min(stamp, now)
+            if self._pads:
+                self.frames = self._frames(pads)
+
+    def fill(self, position: Array, velocity: Array, torque: Array) -> None:
+        """Sets angles, speeds and torques (n_servos,) of the fingers."""
+        for name, values in (("q", position), ("dq", velocity), ("tau_est", torque)):
+            values[self.servos] = self.state[name][self.motors]
+
+    def _frames(self, pads: Any) -> tuple[SkinFrame, ...]:
+        values = self._values(pads)
+        self._count += 1
+        made = []
+        for patch, chosen in self._pads.items():
+            own = values[chosen].ravel()
+            if len(own) != patch.channels or (chosen.stop or 0) > len(values):
+                raise DriverError(
+                    f"{self._topic} has {len(pads)} press sensors of {TAXELS} values, {patch.name} has "
+                    f"{patch.channels} channels; valid: as many as values"
+                )
+            made.append(SkinFrame(patch.name, self.stamp, self._count, read_only(own, np.float32)))
+        return tuple(made)
 
     def _values(self, pads: Any) -> NDArray[np.float32]:
         """Returns the readings (p, 12); NaN without a value, and of sensors that have just lost data."""

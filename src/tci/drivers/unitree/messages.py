@@ -62,6 +62,7 @@ STATE = carry_raw(_hg(
     motor_state=_many(_MOTOR_STATE, 35), wireless_remote=_many(byte, 40), reserve=_many(uint32, 4),
     crc=uint32,
 ))  # fmt: skip
+HAND_COMMAND = carry_raw(_hg("HandCmd_", motor_cmd=_any(_MOTOR_COMMAND), reserve=_many(uint32, 4)))
 HAND_STATE = carry_raw(_hg(
     "HandState_", motor_state=_any(_MOTOR_STATE), press_sensor_state=_any(_PRESS), imu_state=_IMU,
     power_v=float32, power_a=float32, system_v=float32, device_v=float32, error=_many(uint32, 2),

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import DriverError
 from tci.frames import Array
+from tci.robot.description import Robot
 
 _LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
 _ARM = (
@@ -19,6 +22,13 @@ NAMES = (
 )
 """Usual name of the joint of each motor, by its slot."""
 MOTORS = len(NAMES)
+SIDES = ("left", "right")
+FINGER_MOTORS = tuple(f"{finger}_{joint}" for finger, joints in (("thumb", 3), ("middle", 2), ("index", 2))
+                      for joint in range(joints))  # fmt: skip
+"""Motors of a Dex3, by number: the vendor's order for both hands. Others have the index finger before the
+middle one on the right hand, so the first minutes with a robot ask a person."""
+FINGER_GAINS = np.array([1.5, 0.1])
+"""Gains (2,) [N m/rad], [N m s/rad] of full stiffness and damping of fingers: the vendor's example."""
 UPPER = range(12, MOTORS)
 """Slots of waist and arms, which rt/arm_sdk moves."""
 VARIANTS: dict[int, tuple[int, tuple[int, ...]]] = {
@@ -34,6 +44,15 @@ ALL_GAINS = np.array([
 """Gains (2, 29) [N m/rad], [N m s/rad] of full stiffness and damping over rt/lowcmd: the vendor's example."""
 ARM_GAINS = np.repeat(np.array([[60.0], [1.5]]), MOTORS, axis=1)
 """Gains (2, 29) of full stiffness and damping over rt/arm_sdk: the vendor's example."""
+
+
+def hand_motor(robot: Robot, servo: str) -> tuple[str, int] | None:
+    """Returns hand and number of a servo's motor, by its name or by the address in the binding; None for one
+    that is no finger's."""
+    found = re.fullmatch(r"(left|right)_hand_(\w+)_joint", servo)
+    usual = f"{found[1]}:{FINGER_MOTORS.index(found[2])}" if found and found[2] in FINGER_MOTORS else ""
+    to = re.fullmatch(r"(left|right):([0-6])", robot.binding("unitree").address(servo, usual))
+    return None if to is None else (to[1], int(to[2]))
 
 
 def gains(*, whole: bool) -> Array:

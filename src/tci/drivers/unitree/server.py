@@ -19,9 +19,10 @@ from tci.drivers.server import Server
 from tci.drivers.unitree import messages
 from tci.drivers.unitree.address import parse_unitree
 from tci.drivers.unitree.driver import slots_of
-from tci.drivers.unitree.motors import commanded
+from tci.drivers.unitree.motors import SIDES, commanded
 from tci.drivers.unitree.network import is_loopback
 from tci.drivers.unitree.node import UnitreeNode, latest
+from tci.drivers.unitree.served_hands import ServedHand
 from tci.drivers.unitree.switcher import SwitcherServer
 from tci.drivers.unitree.wire import STATE, WEIGHT, decode_command, encode_state
 from tci.errors import FrameError
@@ -49,7 +50,9 @@ class UnitreeServer(Server):
         """Opens the topics at INTERFACE[/DOMAIN], by default on this machine only. Raises DriverError."""
         super().__init__(driver, address)
         self._where = parse_unitree(address, usual="lo")
-        self._slots = slots_of(driver.robot)
+        slots = slots_of(driver.robot)
+        self._body = np.flatnonzero(slots >= 0)
+        self._slots = slots[self._body]
         self.rejected: Counter[str] = Counter()
         """Number of commands that were not used, by reason."""
         self._state: Any = np.zeros((), STATE)
@@ -68,6 +71,8 @@ class UnitreeServer(Server):
         self._all = self._node.reader("rt/lowcmd", messages.COMMAND)
         self._states = self._node.out("rt/lowstate", messages.STATE)
         self.switcher = SwitcherServer(self._node)
+        hands = [ServedHand(driver.robot, side, self._node) for side in SIDES]
+        self._hands = [hand for hand in hands if hand.there]
 
     def where(self) -> str:
         everybody = "" if is_loopback(self._where.interface) else ", read and commanded by everybody there"
@@ -75,7 +80,8 @@ class UnitreeServer(Server):
 
     def orders(self) -> Sequence[Order]:
         self.switcher.poll()
-        now, found = self.driver.clock.now(), []
+        now = self.driver.clock.now()
+        found: list[Order] = []
         balanced = bool(self.switcher.name)
         for reader, arms in ((self._arms, True), (self._all, False)):
             for sample in latest(reader):
@@ -88,6 +94,10 @@ class UnitreeServer(Server):
                 self._silent = now if not arms or command["motor"]["q"][WEIGHT] > 0.0 else None
                 if (order := self._order(command["motor"], arms=arms)) is not None:
                     found.append(order)
+        for hand in self._hands:
+            orders, wrong = hand.orders()
+            found += orders
+            self.rejected["for a hand, with other motors or angles that are not finite"] += wrong
         return found
 
     def fault(self) -> Reason | None:
@@ -104,11 +114,14 @@ class UnitreeServer(Server):
         if not self._due.due(now):
             return
         motors = self._state["motor"]
-        motors["q"][self._slots], motors["dq"][self._slots] = joints.position, joints.velocity
+        body, slots = self._body, self._slots
+        motors["q"][slots], motors["dq"][slots] = joints.position[body], joints.velocity[body]
         if joints.torque is not None:
-            motors["tau_est"][self._slots] = joints.torque
+            motors["tau_est"][slots] = joints.torque[body]
         self._state["tick"] = int(now * 1e3) & 0xFFFFFFFF
         self._states(encode_state(self._state))
+        for hand in self._hands:
+            hand.publish(joints, reading.skin)
 
     def refuse(self, order: Order, reason: Reason) -> None:
         self.rejected[reason.text] += 1
@@ -138,10 +151,11 @@ class UnitreeServer(Server):
         weight = float(np.clip(motors["q"][WEIGHT], 0.0, 1.0)) if arms else 1.0
         slots = commanded(whole=not arms)
         enabled = slots[(motors["mode"][slots] == 1) & (motors["kp"][slots] > 0.0)]
-        servos = np.flatnonzero(np.isin(self._slots, enabled))
+        own = np.isin(self._slots, enabled)
+        servos = self._body[own]
         if not servos.size:
             return None
-        wanted = motors["q"][self._slots[servos]].astype(float)
+        wanted = motors["q"][self._slots[own]].astype(float)
         mixed = weight * wanted + (1.0 - weight) * self._own[servos]
         if weight == 0.0:
             self._first[:] = np.nan

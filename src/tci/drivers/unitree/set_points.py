@@ -16,23 +16,26 @@ class SetPoints:
     """Converts commands for servos to targets of motors. Holds the shares of stiffness and damping."""
 
     def __init__(self, slots: NDArray[np.intp], *, whole: bool) -> None:
-        """Takes the slot (n_servos,) of each servo's motor; `whole` for the gains of rt/lowcmd."""
+        """Takes the slot (n_servos,) of each servo's motor, -1 for fingers; `whole` for the gains of
+        rt/lowcmd."""
         self._slots, self._gains = slots, gains(whole=whole)
         self._share = np.ones((2, MOTORS))
 
     def of(self, safe: SafeCommand) -> tuple[NDArray[np.bool_], Array]:
         """Returns the motors under command (29,), and targets (5, 29)."""
-        slots = self._slots[safe.servos]
+        own = self._slots[safe.servos] >= 0
+        slots = self._slots[safe.servos[own]]
         for row, shares in enumerate((safe.stiffness, safe.damping)):
             for servo, share in shares.items():
-                self._share[row, self._slots[servo]] = share
+                if self._slots[servo] >= 0:
+                    self._share[row, self._slots[servo]] = share
         chosen, targets = np.zeros(MOTORS, dtype=bool), np.zeros((ROWS, MOTORS))
         chosen[slots] = True
         targets[Q, slots], targets[DQ, slots], targets[TAU, slots] = (
-            safe.position, safe.velocity, safe.torque
+            safe.position[own], safe.velocity[own], safe.torque[own]
         )  # fmt: skip
         targets[KP:, slots] = (self._gains * self._share)[:, slots]
-        loose = slots[[mode is Mode.TORQUE for mode in safe.modes]]
+        loose = slots[np.array([mode is Mode.TORQUE for mode in safe.modes], dtype=bool)[own]]
         targets[KP:, loose] = 0.0
         return chosen, targets
 

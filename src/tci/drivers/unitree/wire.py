@@ -140,5 +140,15 @@ def encode_hand(motors: NDArray[np.void], pads: NDArray[np.void]) -> bytes:
     return b"".join((*parts, bytes(HAND_REST)))
 
 
+def encode_hand_command(motors: NDArray[np.void]) -> bytes:
+    """Returns the bytes of a hand's command: records of MOTOR_COMMAND."""
+    return b"".join((HEAD, len(motors).to_bytes(4, "little"), motors.tobytes(), bytes(16)))
+
+
+def decode_hand_command(data: bytes) -> NDArray[np.void]:
+    """Returns the records (m,) of MOTOR_COMMAND of a hand's command. Raises FrameError."""
+    return _items(data, 4, MOTOR_COMMAND, "motors")[0]
+
+
 HAND_REST = 56 + 16 + 16
 """Bytes behind the press sensors: IMUState_ (54, padded), voltages and currents, errors and a reserve."""

@@ -1,0 +1,96 @@
+"""Commands to the motors of one Dex3 hand.
+
+Each command tells the motors to stop by themselves a second after the last one, so that no process has to
+outlive a behaviour for them.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.clock import Every
+from tci.drivers.unitree import messages
+from tci.drivers.unitree.hands import Hand
+from tci.drivers.unitree.motors import FINGER_GAINS, FINGER_MOTORS
+from tci.drivers.unitree.node import UnitreeNode
+from tci.drivers.unitree.wire import MOTOR_COMMAND, encode_hand_command
+from tci.errors import DriverError
+from tci.frames import Array
+from tci.gate.safe_command import SafeCommand
+from tci.messages import Mode
+
+FOLLOWS, TIMEOUT = 1 << 4, 1 << 7
+"""Bits of a motor's mode beside its number: it follows, and it stops a second after the last command."""
+RATE = 100.0
+"""Commands per second [Hz], as the vendor's programs for hands send them."""
+LAST = 5
+"""Number of times that the command to stop is sent. Assumed: four may be lost."""
+
+
+class FingerMotors:
+    """The motors of one hand, which keep their latest targets until `release`."""
+
+    def __init__(self, node: UnitreeNode, hand: Hand) -> None:
+        """Raises DriverError if another program commands this hand."""
+        self._hand = hand
+        topic = f"rt/dex3/{hand.side}/cmd"
+        if node.other_writers(topic):
+            raise DriverError(f"another program writes {topic}; valid: only one")
+        self._write = node.out(topic, messages.HAND_COMMAND)
+        self._command: Any = np.zeros(len(FINGER_MOTORS), MOTOR_COMMAND)
+        self._share = np.ones((2, len(FINGER_MOTORS)))
+        self._numbers = np.arange(len(FINGER_MOTORS))
+        self._led = False
+        self._due = Every(1.0 / RATE)
+
+    def obey(self, safe: SafeCommand) -> None:
+        """Takes the targets of a command for this hand's motors; the others keep theirs."""
+        hand = self._hand
+        place = dict(zip(hand.servos.tolist(), hand.motors.tolist(), strict=True))
+        for row, shares in enumerate((safe.stiffness, safe.damping)):
+            for servo, share in shares.items():
+                if servo in place:
+                    self._share[row, place[servo]] = share
+        own = np.isin(safe.servos, hand.servos)
+        if own.any():
+            motors = np.array([place[servo] for servo in safe.servos[own].tolist()])
+            stiff = np.array([mode is not Mode.TORQUE for mode in safe.modes])[own]
+            self._follow(motors, safe.position[own], safe.velocity[own], safe.torque[own], stiff)
+
+    def hold(self) -> None:
+        """Makes the fingers stay where they are."""
+        motors = self._hand.motors
+        none = np.zeros(len(motors))
+        self._follow(motors, self._hand.state["q"][motors], none, none, none == 0.0)
+
+    def _follow(
+        self, motors: NDArray[np.intp], q: Array, dq: Array, tau: Array, stiff: NDArray[np.bool_]
+    ) -> None:
+        """Takes angles, speeds and torques (k,) of some motors, which are `stiff` or under a torque alone. At
+        first the others hold where they are."""
+        command = self._command
+        if not self._led:
+            self._led = True
+            command["mode"] = self._numbers | FOLLOWS | TIMEOUT
+            command["q"], (command["kp"], command["kd"]) = self._hand.state["q"][: len(command)], FINGER_GAINS
+        command["dq"], command["tau"] = 0.0, 0.0
+        command["q"][motors], command["dq"][motors], command["tau"][motors] = q, dq, tau
+        kp, kd = FINGER_GAINS[:, None] * self._share[:, motors] * stiff
+        command["kp"][motors], command["kd"][motors] = kp, kd
+
+    def repeat(self, now: float) -> None:
+        """Sends the latest targets, if there are some and it is time, at `now` [s]."""
+        if self._led and self._due.due(now):
+            self._write(encode_hand_command(self._command))
+
+    def release(self) -> None:
+        """Switches the motors off."""
+        if self._led:
+            self._led = False
+            self._command[:] = np.zeros((), MOTOR_COMMAND)
+            self._command["mode"] = self._numbers | TIMEOUT
+            for _ in range(LAST):
+                self._write(encode_hand_command(self._command))

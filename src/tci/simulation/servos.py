@@ -80,7 +80,10 @@ class Servos:
         armature = np.maximum(np.maximum(own, inertia - own), _LEAST_ARMATURE)
         model.dof_armature[self._dofs] = armature
         total = inertia - own + armature
-        kp, kv = total / TIME_CONSTANT**2, 2.0 * total / TIME_CONSTANT
+        # A joint whose own damping is more than critical needs as much more stiffness, or it would lag behind.
+        damping = model.dof_damping[self._dofs]
+        kp = np.maximum(total / TIME_CONSTANT**2, damping / (2.0 * TIME_CONSTANT))
+        kv = np.maximum(2.0 * total / TIME_CONSTANT, damping)
         for index, actuator, load in zip(self.moving, self._actuators, total, strict=True):
             limits = robot.servos[index].limits
             torque = limits.torque if limits.torque is not None else _enough_torque(limits.acceleration, load)

@@ -1,0 +1,29 @@
+"""Servos of joints with much damping of their own follow as others do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from made_humanoid import MadeHumanoid
+from tci.authoring.proposal import propose
+from tci.simulation.world import World
+
+
+def test_a_servo_reaches_its_speed_against_the_damping_of_its_joint(tmp_path: Path) -> None:
+    """ergoCub's wrist, with 2 N m s/rad and almost no inertia, moved at half its speed and was stopped for it."""
+    path = MadeHumanoid(legs=False).urdf(tmp_path)
+    damped = "<dynamics damping='3' friction='0'/></joint>"
+    path.write_text(path.read_text().replace("</joint>", damped).replace("'.01'", "'.0001'"))
+    robot = propose(path, name="made")
+    wrist = next(servo for servo in robot.servos if servo.name == "left_wrist_pitch")
+    world = World(robot, skin=False)
+    here = world.joints().position[wrist.index]
+    world.set_position_targets([wrist.index], [here + 1.0])
+    fastest = 0.0
+    for _ in range(150):
+        world.advance(world.time + 0.002)
+        fastest = max(fastest, float(np.abs(world.joints().velocity[wrist.index])))
+    assert wrist.limits.velocity is not None
+    assert 0.95 * wrist.limits.velocity < fastest <= 1.01 * wrist.limits.velocity

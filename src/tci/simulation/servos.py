@@ -80,7 +80,7 @@ class Servos:
         armature = np.maximum(np.maximum(own, inertia - own), _LEAST_ARMATURE)
         model.dof_armature[self._dofs] = armature
         total = inertia - own + armature
-        # A joint whose own damping is more than critical needs as much more stiffness, or it would lag behind.
+        # A joint whose own damping is more than critical needs more stiffness too, or it would lag behind.
         damping = model.dof_damping[self._dofs]
         kp = np.maximum(total / TIME_CONSTANT**2, damping / (2.0 * TIME_CONSTANT))
         kv = np.maximum(2.0 * total / TIME_CONSTANT, damping)

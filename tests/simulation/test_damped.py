@@ -12,7 +12,7 @@ from tci.simulation.world import World
 
 
 def test_a_servo_reaches_its_speed_against_the_damping_of_its_joint(tmp_path: Path) -> None:
-    """ergoCub's wrist, with 2 N m s/rad and almost no inertia, moved at half its speed; the gate stopped it."""
+    """ergoCub's wrist, with 2 N m s/rad and almost no inertia, moved at half its speed and was stopped."""
     path = MadeHumanoid(legs=False).urdf(tmp_path)
     damped = "<dynamics damping='3' friction='0'/></joint>"
     path.write_text(path.read_text().replace("</joint>", damped).replace("'.01'", "'.0001'"))

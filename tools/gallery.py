@@ -11,13 +11,22 @@ from PIL import Image, ImageSequence
 
 import tci
 from tci.body.places import find_place
-from tci.pictures.camera import fit
+from tci.drivers.simulated import SimulatedDriver
+from tci.pictures.camera import fit, look_at
 from tci.pictures.film import LAST, SHOWN, Film
 from tci.pictures.paint import FULL_SCALE, field_looks
 from tci.pictures.portrait import Portrait, keep_moment
+from tci.robot.generic_fingers import FLEXIONS
+from tci.simulation.world import World
 from tci.skin.skin import Skin
 
 ROBOTS = ("nao", "nao-whole", "icub", "icub-whole", "g1", "talos", "alex")
+GRASPS = {
+    "nao-hands": (0.012, (60.0, 20.0, 20.0)),
+    "icub-hands": (0.018, (60.0, 70.0, 70.0)),
+}
+"""Radius [m] of a ball that fits each hand; opposition, flexion of the thumb and of the others [degrees] with
+which the hand starts."""
 SCALE = 0.8
 """Size of the films against those of `tci run --film`."""
 FACE = "head_skin"
@@ -108,6 +117,35 @@ def body(folder: Path, images: Path) -> None:
     save(
         film(folder, "icub-whole", tci.BodyWithdrawal(stance="supported"), touch_face, duration=0.7),
         images / "body-withdrawal.gif",
+    )
+
+
+def hands(_: Path, images: Path) -> None:
+    """A ball in the left hand of each robot with fingers, held with 1 N."""
+    shown = []
+    for name, (radius, angles) in GRASPS.items():
+        robot = tci.load_robot(name)
+        posture = np.array(robot.part("left_fingers").initial_posture)
+        posture[[0, *FLEXIONS]] = np.deg2rad([*angles[:2], *[angles[2]] * 4])
+        skin = [patch.name for patch in robot.patches if patch.part == "left_fingers"]
+        world = World(robot, skin=skin, tip=radius, posture={"left_fingers": posture})
+        world.finger.poke(
+            "left_palm", len(world.surfaces["left_palm"].positions) // 2, depth=0.004, speed=0.1
+        )
+        driver = SimulatedDriver(robot, world=world)
+        tci.run(driver, tci.LightGrasp(), duration=1.5)
+        moment = keep_moment(world, driver.read())
+        portrait = Portrait(world, (), full_scale=FULL_SCALE)
+        links = [segment.link for segment in robot.part("left_fingers").segments]
+        torso = portrait.torso(moment)
+        middle = np.mean([moment.data.body(link).xpos for link in links], axis=0)
+        camera = look_at(
+            (np.linalg.inv(torso) @ [*middle, 1.0])[:3], azimuth=-0.9, elevation=0.35,
+            distance=12 * radius + 0.15, width=300, height=300, frame=torso,
+        )  # fmt: skip
+        shown.append(Image.fromarray(portrait.draw(moment, camera)))
+    side_by_side([[picture] for picture in shown])[0].quantize(128).save(
+        images / "light-grasp.png", optimize=True
     )
 
 

@@ -162,6 +162,7 @@ MAKERS: dict[str, Callable[[Path], None]] = {
     "pokes": lambda folder: gallery.pokes(folder, IMAGES),
     "soft": lambda folder: gallery.soft(folder, IMAGES),
     "body": lambda folder: gallery.body(folder, IMAGES),
+    "hands": lambda folder: gallery.hands(folder, IMAGES),
     "robots": lambda folder: gallery.robots(folder, IMAGES),
     "touch": lambda folder: touch_to_motion.draw_path(IMAGES / "touch-to-motion.svg"),
     "bad_command": lambda folder: touch_to_motion.draw_bad_command(IMAGES / "bad-command.svg"),

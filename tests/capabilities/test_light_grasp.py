@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import tci
+from pressing import RISE, press
 from tci.capabilities.light_grasp import Grips, LightGrasp
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError
@@ -88,6 +89,16 @@ def test_a_pull_opens_and_the_next_touch_closes_again(name: str) -> None:
     felt.feel(10)
     felt.feel(2, "left_palm")
     assert felt.closed
+
+
+@pytest.mark.parametrize("name", HANDS)
+def test_a_hand_begins_to_close_without_pressing_on_what_touches_its_palm(name: str) -> None:
+    robot = tci.load_robot(name)
+    world = World(robot, skin=[patch.name for patch in robot.patches if patch.part == PART])
+    center = len(world.surfaces["left_palm"].positions) // 2
+    told = press(world, "left_palm", center, LightGrasp(), depth=0.004)
+    assert told.answered
+    assert told.rise <= RISE
 
 
 @pytest.mark.parametrize("name", HANDS)

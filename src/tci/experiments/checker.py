@@ -23,7 +23,7 @@ STOP_TOLERANCE = float(np.deg2rad(0.1))
 PUSHED = 0.01
 """Fraction by which a simulated joint may exceed its speed limit; a command may not. A servo that fell behind
 catches up at the limit itself, and the finger that still presses pushes it on: the torso of a whole iCub was
-0.1 % too fast, at 0.83 of the limit in its commands. Assumed: ten times as much."""
+0.1 % too fast, at 0.9 of the limit in its commands. Assumed: ten times as much."""
 
 
 def command_violations(

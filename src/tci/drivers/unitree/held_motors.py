@@ -146,13 +146,15 @@ class HeldMotors:
         goal = np.zeros((ROWS, MOTORS))
         goal[Q], goal[KP:] = self._health.posture, gains(whole=self._orders.whole)
         goal[:, self._told] = self._goal[:, self._told]
-        mine, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        theirs.close()
-        keeper = self._successor = Keeper(self._orders, self._node, mine)
-        keeper.succeed(self._health.state, goal, self.status.weight, time.monotonic())
+        state, weight = self._health.state, self.status.weight
 
         def fade() -> None:
+            mine, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+            theirs.close()
             with mine:
+                keeper = Keeper(self._orders, self._node, mine)
+                keeper.succeed(state, goal, weight, time.monotonic())
+                self._successor = keeper
                 keep(keeper, mine, self._orders.period)
 
         self._fade = threading.Thread(target=fade, name="unitree fade")  # it is waited for at exit

@@ -10,7 +10,7 @@ import numpy as np
 from pool import Job, Result, gather
 from row import Row
 
-from gate.hostile import Attack
+from gate.hostile import SAG, WIGGLE, Attack
 from tci.drivers.partial_gate import PartialGate
 from tci.drivers.unitree.driver import slots_of
 from tci.drivers.unitree.handover import TAKE, Phase
@@ -77,8 +77,8 @@ class _Wire:
 class Robot:
     """The robot's own check of bytes, which shares no code with the driver.
 
-    Positions lie inside the limits, or no farther outside than the joint was ever measured. From one message
-    to the next a set-point moves no faster than the joint may, or lies where the joint is measured.
+    Positions lie inside the limits, or no farther outside than a joint without stiffness was pushed. From one
+    message to the next a set-point moves no faster than the joint may, or lies where the joint is measured.
     """
 
     MOTORS = struct.Struct("<" + "B3x5fI" * 35)
@@ -99,16 +99,16 @@ class Robot:
         motors = np.array(self.MOTORS.unpack_from(data, 4)).reshape(35, 7)[:, :6]
         motors[0, 0] = data[6]  # the first motor shares its first bytes with the message's own
         mode, q, dq, tau, kp, kd = motors[self.slots].T
-        outside = np.maximum(measured - self.upper, self.lower - measured)
-        self.beyond = np.maximum(self.beyond, outside)
         close = ROUNDING * (1.0 + np.abs(q))
         moved = np.abs(q - (q if self.before is None else self.before))
         near = np.minimum(moved, np.abs(q - measured))
         loose = kp == 0.0
+        outside = np.maximum(measured - self.upper, self.lower - measured)
+        self.beyond = np.where(loose, np.maximum(self.beyond, outside), self.beyond)
         checks = {
             "not finite": ~np.isfinite(motors[self.slots]).all(axis=1),
             "not enabled": mode != 1,
-            "position": np.maximum(q - self.upper, self.lower - q) > self.beyond + close,
+            "position": np.maximum(q - self.upper, self.lower - q) > self.beyond + SAG + WIGGLE + close,
             "jump": (near > self.speed * PERIOD * (1.0 + ROUNDING) + close) & ~loose,
             "speed": np.abs(dq) > self.speed * (1.0 + ROUNDING),
             "torque": np.abs(tau) > self.torque * (1.0 + ROUNDING),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -36,25 +37,29 @@ def with_initial(draft: Robot, part: GenericPart) -> GenericPart:
 
 def clear_of_body(draft: Robot, arms: Sequence[GenericPart]) -> list[GenericPart]:
     """Returns both arms in the one of POSTURES, with as much room, in which fewest links are near others; as
-    they are if none is."""
+    they are if none is. Links that overlap in most postures do so by construction, and count only where they
+    are near each other without it."""
     robot = draft.model_copy(update={"parts": tuple(arms), "digest": "clear of body"})
     assert robot.model is not None
     model = compiled(solid_spec(robot, mimics=False), robot.model)
 
-    def nearness(posed: Sequence[GenericPart]) -> float:
+    def distances(posed: Sequence[GenericPart]) -> dict[tuple[int, int], float]:
         parts = {"parts": tuple(posed), "digest": f"{posed[0].initial_posture}"}
-        position = initial_position(robot.model_copy(update=parts))
-        return sum(NEAR - distance for distance in nearby(model, robot, position, within=NEAR).values())
+        return nearby(model, robot, initial_position(robot.model_copy(update=parts)), within=NEAR)
 
-    best, least = list(arms), nearness(arms)
-    for posture in POSTURES if least else ():
-        joints = [joint_map(robot, part.name) for part in arms]
-        if min(_room(draft, one, posture) for one in joints) < ROOM:
-            continue
-        posed = [_placed(part, posture) for part in arms]
-        if (found := nearness(posed)) < least:
-            best, least = posed, found
-    return best
+    found = [(list(arms), distances(arms))]
+    joints = [joint_map(robot, part.name) for part in arms]
+    for posture in POSTURES if found[0][1] else ():
+        if min(_room(draft, one, posture) for one in joints) >= ROOM:
+            posed = [_placed(part, posture) for part in arms]
+            found.append((posed, distances(posed)))
+    overlaps = Counter(pair for _, near in found for pair, distance in near.items() if distance <= 0.0)
+    built = {pair for pair, count in overlaps.items() if count > len(found) / 2.0}
+    costs = [
+        sum(NEAR - distance for pair, distance in near.items() if distance > 0.0 or pair not in built)
+        for _, near in found
+    ]
+    return found[int(np.argmin(costs))][0]
 
 
 def _room(draft: Robot, joints: JointMap, posture: Array) -> float:

@@ -160,7 +160,7 @@ def _tci(arguments: Sequence[str], limit: float) -> tuple[Any, str]:
         return None, f"took longer than {limit:g} s"
     try:
         told = json.loads(done.stdout)
-        return (None, told["error"]) if "error" in told else (told, "")
+        return (None, json.dumps(told)) if "error" in told else (told, "")
     except json.JSONDecodeError:
         words = [line for line in done.stderr.splitlines() if line.strip() and "WARNING" not in line]
         return None, " ".join(words)[-600:] or f"exit status {done.returncode}"

@@ -24,6 +24,7 @@ ROBOTS = ("nao", "nao-whole", "icub", "icub-whole", "g1", "talos", "alex")
 GRASPS = {
     "nao-hands": (0.012, (60.0, 20.0, 20.0)),
     "icub-hands": (0.018, (60.0, 70.0, 70.0)),
+    "g1-hands": (0.025, (90.0, 12.0, 58.0)),
 }
 """Radius [m] of a ball that fits each hand; opposition, flexion of the thumb and of the others [degrees] with
 which the hand starts."""

@@ -17,7 +17,7 @@ from tci.runtime.loop import Tick, run
 from tci.simulation.world import World
 from tci.testing import TouchedRobot
 
-HANDS = ("icub-hands", "nao-hands")
+HANDS = ("icub-hands", "nao-hands", "g1-hands")
 PART = "left_fingers"
 
 
@@ -62,6 +62,7 @@ def test_a_touched_palm_closes_all_fingers_of_that_hand_and_no_touch_none(name: 
         ("icub-hands", "index", (3,), (1, 5, 7, 9)),
         ("icub-hands", "little", (7, 9), (1, 3, 5)),  # with the ring finger, by one motor
         ("nao-hands", "thumb", (1, 3, 5), ()),
+        ("g1-hands", "index", (3,), (1, 5)),
     ],
 )
 def test_a_finger_that_presses_enough_waits_with_those_on_its_motor(
@@ -118,13 +119,17 @@ def test_settings_and_robots_that_do_not_fit_are_refused() -> None:
         LightGrasp().init(TouchedRobot("g1").body)
 
 
-@pytest.mark.parametrize(("name", "ball", "bent"), [("nao-hands", 0.012, 20.0), ("icub-hands", 0.018, 70.0)])
+@pytest.mark.parametrize(
+    ("name", "ball", "thumb", "bent"),
+    [("nao-hands", 0.012, (60.0, 20.0), 20.0), ("icub-hands", 0.018, (60.0, 70.0), 70.0),
+     ("g1-hands", 0.025, (90.0, 12.0), 58.0)],
+)  # fmt: skip
 def test_a_ball_in_the_palm_is_held_with_one_newton_and_let_go_on_a_pull(
-    name: str, ball: float, bent: float
+    name: str, ball: float, thumb: tuple[float, float], bent: float
 ) -> None:
     robot = tci.load_robot(name)
     start = np.array(robot.part(PART).initial_posture)
-    start[[0, *FLEXIONS]] = np.deg2rad([60.0, *[bent] * 5])
+    start[[0, *FLEXIONS]] = np.deg2rad([*thumb, *[bent] * 4])
     skin = [patch.name for patch in robot.patches if patch.part == PART]
     world = World(robot, skin=skin, tip=ball, posture={PART: start})
     driver = SimulatedDriver(robot, world=world)

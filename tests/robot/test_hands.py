@@ -17,7 +17,7 @@ from tci.robot.kinematics import KinematicChain
 from tci.robot.xml import read_robot
 from tci.simulation.world import World
 
-HANDS = ("icub-hands", "nao-hands")
+HANDS = ("icub-hands", "nao-hands", "g1-hands")
 
 
 def fist(robot: Robot, share: float) -> np.ndarray:

@@ -140,6 +140,57 @@ def py_robot() -> None:
     )  # fmt: skip
 
 
+def py_hands() -> None:
+    """A robot of Dex3 hands beside arms: its fingers are where the latest commands want them."""
+    channel = python()
+    from unitree_sdk2py.idl.default import unitree_hg_msg_dds__LowState_
+    from unitree_sdk2py.idl.unitree_hg.msg.dds_ import (
+        HandCmd_,
+        HandState_,
+        IMUState_,
+        LowCmd_,
+        LowState_,
+        MotorState_,
+        PressSensorState_,
+    )  # fmt: skip
+    from unitree_sdk2py.utils.crc import CRC
+
+    crc, state = CRC(), unitree_hg_msg_dds__LowState_()
+    state.mode_machine, state.imu_state.quaternion = 5, [1.0, 0.0, 0.0, 0.0]
+    imu = IMUState_([1.0, 0.0, 0.0, 0.0], [0.0] * 3, [0.0] * 3, [0.0] * 3, 30)
+    heard: dict[str, Any] = {"left": [], "right": []}
+    writers, q = {}, {"left": [-0.1] * 7, "right": [0.1] * 7}
+    for side, angles in q.items():
+
+        def hear(command: Any, angles: Any = angles, messages: Any = heard[side]) -> None:
+            messages.append([(motor.mode, motor.q, motor.kp) for motor in command.motor_cmd])
+            for motor in command.motor_cmd:
+                if motor.mode >> 4 & 7:
+                    angles[motor.mode & 0x0F] = motor.q
+
+        commands = channel.ChannelSubscriber(f"rt/dex3/{side}/cmd", HandCmd_)
+        commands.Init(hear, 0)
+        writers[side] = channel.ChannelPublisher(f"rt/dex3/{side}/state", HandState_)
+        writers[side].Init()
+    states = channel.ChannelPublisher("rt/lowstate", LowState_)
+    states.Init()
+    arms = channel.ChannelSubscriber("rt/arm_sdk", LowCmd_)
+    arms.Init(lambda command: None, 0)
+    pads = [
+        PressSensorState_([1e5 + 10.0 * pad + one for one in range(12)], [0.0] * 12, 0, 0) for pad in range(9)
+    ]
+    print("ready", flush=True)
+    for _ in times(125):
+        state.tick += 8
+        state.crc = crc.Crc(state)
+        states.Write(state)
+        for side, writer in writers.items() if state.tick % 3 == 0 else ():  # Python is late already
+            motors = [MotorState_(i, a, 0.0, 0.0, 0.0, [30, 30], 0.0, [0, 0], 0, [0] * 4)
+                      for i, a in enumerate(q[side])]  # fmt: skip
+            writer.Write(HandState_(motors, pads, imu, 0.0, 0.0, 0.0, 0.0, [0, 0], [0, 0]))
+    tell(left=q["left"], right=q["right"], first=heard["left"][:1], last=heard["left"][-1:])
+
+
 def py_client() -> None:
     """A program that asks the motion switcher and moves the left elbow by rt/arm_sdk."""
     channel = python()

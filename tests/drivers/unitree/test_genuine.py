@@ -60,16 +60,16 @@ def peer(role: str, domain: int) -> Any:
     return started(peer_python("unitree"), str(HERE / "sdk_peer.py"), role, str(domain))
 
 
-def bend(driver: Driver, by: float) -> None:
-    """Moves the left elbow; on a busy machine the gate may stop it on the way."""
+def bend(driver: Driver, by: float, joint: str = ELBOW) -> None:
+    """Moves a joint of the left arm; on a busy machine the gate may stop it on the way."""
     arm = driver.native("left_arm")
-    goal = arm.positions(driver.read().joints)[ELBOW] + by
+    goal = arm.positions(driver.read().joints)[joint] + by
     for _ in range(20):
-        orders = [arm.command({ELBOW: goal})]
+        orders = [arm.command({joint: goal})]
         for now in driver.ticks(duration=1.0):
             driver.write(driver.gate.step(orders, driver.read().joints, now))
             orders = []
-        if abs(arm.positions(driver.read().joints)[ELBOW] - goal) < 0.005:
+        if abs(arm.positions(driver.read().joints)[joint] - goal) < 0.005:
             return
         if driver.gate.state is GateState.STOP:
             driver.gate.reset()
@@ -98,6 +98,25 @@ def test_a_robot_of_the_vendors_cpp_is_taken_by_name_and_left_damped() -> None:
     assert found["largest"] == pytest.approx(0.35, abs=0.01)
     assert found["stiffest"] == 40.0
     assert (found["stiffness"], found["damping"]) == (0.0, 2.0)
+
+
+def test_fingers_of_the_vendors_python_bend_one_by_one_and_press_sensors_are_skin() -> None:
+    domain, finger = next(DOMAINS), "left_hand_index_0_joint"
+    with peer("py_hands", domain) as robot:
+        with tci.connect("g1-hands", f"unitree:lo/{domain}", arm=True) as driver:
+            hand = driver.native("left_arm")
+            reading = driver.read()
+            assert hand.positions(reading.joints)[finger] == pytest.approx(-0.1)
+            palm = next(frame.values for frame in reading.skin if frame.patch == "left_palm")
+            assert palm.tolist() == [1e5 + 10 * pad + one for pad in (6, 7, 8) for one in range(12)]
+            bend(driver, -0.3, finger)
+        found = robot.told(robot=True)
+    assert found["left"] == pytest.approx([-0.1] * 5 + [-0.4, -0.1], abs=0.01), "no other finger of this hand"
+    assert found["right"] == pytest.approx([0.1] * 7)
+    assert [mode for mode, _, _ in found["first"][0]] == [0x90 | motor for motor in range(7)]
+    assert found["first"][0][0][1] == pytest.approx(-0.1), "they start where they are"
+    assert [kp for _, _, kp in found["last"][0]] == [0.0] * 7
+    assert [mode for mode, _, _ in found["last"][0]] == [0x80 | motor for motor in range(7)]
 
 
 def test_programs_of_the_vendor_move_a_served_robot() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,11 +14,13 @@ import tci
 from drivers.unitree.test_keeper import DOMAINS
 from tci.drivers.unitree import messages
 from tci.drivers.unitree.finger_motors import FingerMotors
-from tci.drivers.unitree.hands import Hand, patches_of
+from tci.drivers.unitree.hands import Hand, pads_of, patches_of
 from tci.drivers.unitree.node import UnitreeNode, latest
+from tci.drivers.unitree.served_hands import ServedHand
 from tci.drivers.unitree.wire import MOTOR_STATE, PRESS, decode_hand_command, encode_hand
 from tci.errors import DriverError
-from tci.messages import Mode, SkinFrame
+from tci.frames import read_only
+from tci.messages import JointReading, Mode, SkinFrame
 from tci.robot.description import Address, Binding, Robot
 
 PADS = 26
@@ -161,3 +163,57 @@ def test_a_hand_is_led_by_the_vendors_names_or_by_addresses_and_holds_until_it_i
     assert not command["kp"].any()
     for node in nodes:
         node.close()
+
+
+@pytest.fixture(scope="module")
+def ends() -> Iterator[tuple[Robot, ServedHand, Hand]]:
+    """Both ends of the left hand of a G1 with Dex3 hands, without physics: a served one, and its driver."""
+    robot, domain = tci.load_robot("g1-hands"), next(DOMAINS)
+    nodes = [UnitreeNode("lo", domain) for _ in range(2)]
+    yield robot, ServedHand(robot, "left", nodes[0]), Hand(robot, "left", nodes[1])
+    for node in nodes:
+        node.close()
+
+
+def within(seconds: float, step: Callable[[], bool]) -> None:
+    """Repeats a step until it is done."""
+    end = time.monotonic() + seconds
+    while not step():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_each_press_sensor_belongs_to_one_patch() -> None:
+    robot = tci.load_robot("g1-hands")
+    for side in ("left", "right"):
+        pads = pads_of(robot, side)
+        found = sorted(pad for place in pads.values() for pad in range(place.start, place.stop))
+        assert found == list(range(9))
+        for name, place in pads.items():
+            assert 12 * (place.stop - place.start) == robot.patch(name).channels
+
+
+def test_a_served_hand_tells_its_fingers_and_its_sensors(ends: Any) -> None:
+    robot, served, hand = ends
+    values = {
+        p.name: 1e5 + 10.0 * number + np.arange(p.channels) for number, p in enumerate(patches_of(robot))
+    }
+    skin = tuple(SkinFrame(name, 0.0, 0, read_only(own, np.float32)) for name, own in values.items())
+    position = 0.01 * np.arange(len(robot.servos))
+    joints = JointReading(0.0, 0, position, -position, 2.0 * position)
+
+    def step() -> bool:
+        served.publish(joints, skin)
+        hand.poll(time.monotonic())
+        return hand.state is not None
+
+    within(10.0, step)
+    found = [np.zeros(len(robot.servos)) for _ in range(3)]
+    hand.fill(*found)
+    own = [servo.index for servo in robot.servos if servo.name.startswith("left_hand")]
+    for there, sent in zip(found, (joints.position, joints.velocity, joints.torque), strict=True):
+        np.testing.assert_allclose(there[own], np.asarray(sent)[own], rtol=1e-6)
+        assert not np.delete(there, own).any()
+    assert {frame.patch for frame in hand.frames} == {name for name in values if name.startswith("left")}
+    for frame in hand.frames:
+        np.testing.assert_allclose(frame.values, values[frame.patch])

@@ -1,14 +1,17 @@
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cli.test_cli import tci
 from skin_data import SkinData
-from tci.errors import RecordingError
+from tci.errors import RecordingError, TciError
 from tci.recording.recording import Recording
 from tci.recording.yarp_log import import_yarp_log
+from tci.robot.catalogue import load_robot
 
 
 @pytest.mark.parametrize("number", ["01", "08"])
@@ -36,3 +39,51 @@ def test_a_folder_of_the_dumper_and_a_log_that_is_no_skin(tmp_path: Path) -> Non
         with pytest.raises(RecordingError, match=match):
             import_yarp_log(tmp_path, tmp_path / "b.mcap", patch="p")
     assert [path.name for path in tmp_path.glob("*.mcap*")] == ["a.mcap"]
+
+
+@pytest.fixture
+def pressed(tmp_path: Path) -> Path:
+    """Log of a NAO's sleeve at 100 Hz: 1 s at rest with noise, then 3 s under a palm of 20 taxels."""
+    patch = load_robot("nao").patch("left_forearm")
+    random = np.random.default_rng(0)
+    lines = []
+    for k in range(400):
+        values = patch.sensor.rest - random.integers(0, 2, patch.channels)
+        values[40:60] -= 30 if k >= 100 else 0
+        lines.append(f"{k} {1e9 + 0.01 * k:.2f} {' '.join(f'{value:.1f}' for value in values)}")
+    path = tmp_path / "data.log"
+    path.write_text("\n".join(lines))
+    return path
+
+
+def test_a_raw_log_imported_with_a_robot_is_plotted_and_replayed(pressed: Path, tmp_path: Path) -> None:
+    recording = str(tmp_path / "palm.mcap")
+    told = tci("log", "import", str(pressed), recording, "nao", "--patch", "left_forearm", "--json")
+    assert json.loads(told)["frames"] == 400
+    plotted = json.loads(tci("plot", recording, "--json"))
+    (touch,) = plotted["touches"]
+    assert (touch["part"], touch["patch"]) == ("left_arm", "left_forearm")
+    assert touch["began_s"] == pytest.approx(1e9 + 1.0, abs=0.05)
+    # The recorded joints do not move, so that the gate stops the reflex that the palm has caused.
+    answered = json.loads(tci("run", "withdrawal", "nao", "--via", f"replay:{recording}", "--json", status=1))
+    assert list(answered["touched_N"]) == ["left_forearm"]
+    forces = tmp_path / "force.csv"
+    forces.write_text("time,force\n" + "\n".join(f"{1e9 + 0.01 * k},{8.0 * (k >= 100)}" for k in range(400)))
+    words = ["--patch", "left_forearm", "--via", f"replay:{recording}", "--force-log", str(forces)]
+    done = json.loads(
+        tci("skin", "calibrate", "nao", *words, "--out", str(tmp_path / "nao.skin.json"), "--json")
+    )
+    assert {round(row["after_N"], 1) for row in done["loads"]} == {8.0}
+
+
+def test_a_raw_log_of_another_skin_is_refused(pressed: Path, tmp_path: Path) -> None:
+    nao = load_robot("nao")
+    with pytest.raises(RecordingError, match=r"240 values .*valid: the \d+ channels of head of nao"):
+        import_yarp_log(pressed, tmp_path / "a.mcap", patch="head", robot=nao)
+    with pytest.raises(TciError, match="skin"):
+        import_yarp_log(pressed, tmp_path / "a.mcap", patch="skin", robot=nao)
+    lines = pressed.read_text().splitlines()
+    pressed.write_text("\n".join([lines[0], *lines]))
+    with pytest.raises(RecordingError, match="later than the one before"):
+        import_yarp_log(pressed, tmp_path / "a.mcap", patch="left_forearm", robot=nao)
+    assert not list(tmp_path.glob("*.mcap*"))

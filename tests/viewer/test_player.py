@@ -12,9 +12,9 @@ from recording.recorded import record_poke
 from skin_data import SkinData
 from tci.errors import CommandError, RecordingError
 from tci.gate.gate import GateState
+from tci.recording.contact_list import import_contact_list
 from tci.recording.perceived import recorded_robot
 from tci.recording.recording import Recording
-from tci.recording.yarp_log import import_skin_events
 from tci.runtime.loop import Tick
 from tci.viewer.player import Player
 
@@ -106,9 +106,10 @@ def test_what_is_too_long_is_told(poked: tuple[Path, list[Tick]], monkeypatch: p
 def test_touches_of_an_icubs_contact_list_play(tmp_path: Path, skin_data: SkinData) -> None:
     path = tmp_path / "touches.mcap"
     log = skin_data.file("recordings/icub_skin_events.log")
-    periods, left_out = import_skin_events(log, path, tci.load_robot("icub"))
+    done = import_contact_list(log, path, tci.load_robot("icub"))
+    periods = done.periods
     # The others are on parts and modules that the model lacks.
-    assert (periods, left_out) == skin_data.expect(made=(400, 380), genuine=(3479, 1024))
+    assert (periods, done.left_out) == skin_data.expect(made=(400, 380), genuine=(3479, 1024))
     recording = Recording(path)
     robot = recorded_robot(recording)
     assert robot is not None

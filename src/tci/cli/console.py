@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -27,3 +28,15 @@ def told_here() -> Iterator[None]:
         yield
     finally:
         log.removeHandler(quiet)
+
+
+def written(
+    out: Path, counts: Mapping[str, int], more: Mapping[str, Any] | None = None, *, as_json: bool
+) -> None:
+    """Prints the file that was written, its size and the number of its messages; `more` as JSON only."""
+    size = out.stat().st_size
+    if as_json:
+        print_json({"file": str(out), "bytes": size, **counts, **(more or {})})
+        return
+    words = "".join(f"{number} {what.replace('_', ' ')}, " for what, number in counts.items())
+    console.print(f"{out}: {words}{size / 1e6:.2f} MB", highlight=False, markup=False)

@@ -7,10 +7,11 @@ from typing import Annotated, Any
 
 import typer
 
-from tci.cli import completion
+from tci.cli.log_import import import_
 from tci.cli.options import AsJson, Begin, End, NewRecording, RecordedRobot, RecordingFile
 
 app = typer.Typer(help="Recordings: what is in them, cut, export, import.", no_args_is_help=True)
+app.command("import")(import_)
 
 
 @app.command()
@@ -69,6 +70,7 @@ def cut(
 
     Example:  tci log cut touch.mcap poke.mcap --from 0.2 --to 0.9
     """
+    from tci.cli.console import written
     from tci.errors import RecordingError
     from tci.recording.compact import compact
     from tci.recording.recording import Recording
@@ -92,7 +94,7 @@ def cut(
     if robot is not None and robot.digest != about.get("description_sha256"):
         robot = None
     compact(file, out, robot=robot, begin=begin, end=end, about={"cut_from": file.name})
-    _told(out, {}, as_json=as_json)
+    written(out, {}, as_json=as_json)
 
 
 @app.command()
@@ -136,57 +138,3 @@ def export(
         typer.secho(f"raw values only, without forces: {left_out}", fg="yellow", err=True)
     for path in files:
         console.print(str(path), highlight=False, markup=False)
-
-
-@app.command("import")
-def import_(
-    log: Annotated[
-        Path, typer.Argument(help="Log of yarpdatadumper (data.log, or its folder), or a ROS bag.")
-    ],
-    out: NewRecording,
-    robot: Annotated[
-        str | None,
-        typer.Argument(
-            help="Robot, by name or description file: needed for an iCub's contact list and for a ROS bag.",
-            autocompletion=completion.robots,
-        ),
-    ] = None,
-    patch: Annotated[str, typer.Option(help="Name to give the patch of skin.")] = "skin",
-    as_json: AsJson = False,
-) -> None:
-    """Convert a log of YARP's yarpdatadumper or a ROS bag (extra ros2) to a recording.
-
-    Example:  tci log import data.log foot.mcap --patch right_foot
-
-    Example:  tci log import skin_events/data.log touches.mcap icub
-
-    Example:  tci log import rosbag2_folder touches.mcap nao
-    """
-    from tci.errors import RecordingError
-    from tci.recording.ros_bag import import_ros_bag, is_bag
-    from tci.recording.yarp_log import import_skin_events, import_yarp_log
-    from tci.robot.catalogue import load_robot
-
-    if is_bag(log):
-        if robot is None:
-            raise RecordingError(
-                f"{log} is a ROS bag, which does not name its robot; valid: tci log import {log} {out} ROBOT"
-            )
-        _told(out, {"periods": import_ros_bag(log, out, load_robot(robot))}, as_json=as_json)
-    elif robot is not None:
-        periods, left_out = import_skin_events(log, out, load_robot(robot))
-        _told(out, {"periods": periods, "contacts_left_out": left_out}, as_json=as_json)
-    else:
-        _told(out, {"frames": import_yarp_log(log, out, patch=patch)}, as_json=as_json)
-
-
-def _told(out: Path, counts: dict[str, int], *, as_json: bool) -> None:
-    """Prints the file that was written, its size and the number of its messages."""
-    from tci.cli.console import console, print_json
-
-    size = out.stat().st_size
-    if as_json:
-        print_json({"file": str(out), "bytes": size, **counts})
-        return
-    words = "".join(f"{number} {what.replace('_', ' ')}, " for what, number in counts.items())
-    console.print(f"{out}: {words}{size / 1e6:.2f} MB", highlight=False, markup=False)

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from itertools import chain, islice
 from pathlib import Path
 
+import numpy as np
+
 from tci.errors import RecordingError
+from tci.messages import JointReading, Reading, SkinFrame
 from tci.recording.recorder import Recorder
 from tci.robot.description import Robot
+from tci.robot.joint_map import initial_position
+
+FIRST = 100
+"""Number of first readings whose median interval is the period of a recording. Assumed; fewer depend on
+single delays, more read further ahead."""
+LONGEST_LINE = 2**20
+"""Longest line [characters] that is read. Assumed: bounds the memory for a damaged or hostile file."""
 
 
 @contextmanager
@@ -28,3 +39,45 @@ def importing(
     except BaseException:
         out.unlink(missing_ok=True)
         raise
+
+
+def import_frames(
+    frames: Iterable[tuple[SkinFrame, ...]], out: Path, robot: Robot | None, *, middleware: str, source: str
+) -> int:
+    """Writes a recording of skin frames alone and returns the number of its periods, one for each item.
+
+    With a robot its joints rest at their initial posture, so that the recording can be replayed and drawn.
+    Raises RecordingError for no frames, a time that is not later than the one before, and frames that are not
+    of the robot's patches.
+    """
+    items = iter(frames)
+    first = list(islice(items, FIRST))
+    if not first:
+        raise RecordingError(f"{source} is empty; valid: at least one frame")
+    period = float(np.median(np.diff([item[0].stamp for item in first]))) if len(first) > 1 else 0.0
+    angles = np.empty(0) if robot is None else initial_position(robot)
+    still = np.zeros(len(angles))
+    if robot is not None:
+        source += ", joints at the initial posture"
+    last = -np.inf
+    with importing(out, robot, middleware=middleware, source=source, period=max(period, 0.0)) as recorder:
+        for number, item in enumerate(chain(first, items)):
+            stamp = item[0].stamp
+            if robot is not None:
+                _check(item, robot, last)
+            recorder.tick(stamp, Reading(JointReading(stamp, number, angles, still), item))
+            last = stamp
+    return recorder.ticks
+
+
+def _check(item: tuple[SkinFrame, ...], robot: Robot, last: float) -> None:
+    stamp = item[0].stamp
+    if not stamp > last:
+        raise RecordingError(f"a frame at {stamp} s after one at {last} s; valid: later than the one before")
+    for frame in item:
+        patch = robot.patch(frame.patch)
+        if len(frame.values) != patch.channels:
+            raise RecordingError(
+                f"{len(frame.values)} values at {stamp} s; "
+                f"valid: the {patch.channels} channels of {patch.name} of {robot.name}"
+            )

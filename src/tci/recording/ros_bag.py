@@ -16,15 +16,12 @@ from tci.errors import RecordingError
 from tci.frames import read_only
 from tci.installed import needs
 from tci.messages import JointReading, Reading, SkinFrame
-from tci.recording.importing import importing
+from tci.recording.importing import FIRST, importing
 from tci.recording.names import servo_names
 from tci.recording.schemas import JOINTS, SKIN, to_frame
 from tci.robot.description import Robot
 
 SUFFIXES = (".bag", ".db3", ".mcap")
-FIRST = 100
-"""Number of first readings whose median interval is the period of a recording. Assumed; fewer depend on
-single delays, more read further ahead."""
 JUMP = 1.0
 """Backward step [s] of a stamp from which on the clock was set back. Assumed: far above network delays."""
 

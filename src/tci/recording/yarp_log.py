@@ -7,20 +7,25 @@ from pathlib import Path
 
 import numpy as np
 
-from tci.errors import FrameError, RecordingError
+from tci.errors import RecordingError
 from tci.frames import read_only
-from tci.messages import JointReading, Reading, SkinFrame
-from tci.recording.importing import importing
-from tci.recording.skin_manager import SKIN_PARTS, read_skin_events
+from tci.messages import SkinFrame
+from tci.recording.importing import LONGEST_LINE, import_frames
 from tci.robot.description import Robot
-from tci.robot.joint_map import initial_position
-from tci.skin.skin import Skin
 
-LONGEST = 2**20
-"""Longest line [characters] that is read. Assumed: bounds the memory for a damaged or hostile file."""
 
-EVENTS_PERIOD = 0.02
-"""Time [s] between two contact lists: skinManager runs at 50 Hz."""
+def log_file(log: Path) -> Path:
+    """Returns the file of a log: `data.log` of a folder of the dumper, or the file itself."""
+    return log / "data.log" if log.is_dir() else log
+
+
+def is_contact_list(log: Path) -> bool:
+    """True if the first message with values is a list of lists: contacts of skinManager, not numbers."""
+    with log_file(log).open(encoding="utf-8", errors="replace") as file:
+        while line := file.readline(LONGEST_LINE):
+            if len(line.split(None, 2)) == 3:
+                return "(" in line
+    return True  # stamps alone: a contact list of a skin that nobody touched
 
 
 def read_yarp_log(log: Path, *, patch: str) -> Iterator[SkinFrame]:
@@ -28,13 +33,13 @@ def read_yarp_log(log: Path, *, patch: str) -> Iterator[SkinFrame]:
 
     Raises RecordingError with the line for anything else, such as a contact list.
     """
-    path = log / "data.log" if log.is_dir() else log
+    path = log_file(log)
     with path.open(encoding="utf-8", errors="replace") as file:
         number = 0
-        while line := file.readline(LONGEST + 1):
+        while line := file.readline(LONGEST_LINE + 1):
             number += 1
-            if len(line) > LONGEST:
-                raise RecordingError(f"{path}, line {number}: longer than {LONGEST} characters")
+            if len(line) > LONGEST_LINE:
+                raise RecordingError(f"{path}, line {number}: longer than {LONGEST_LINE} characters")
             if line.strip():
                 yield _frame(line.split(), patch, f"{path}, line {number}")
 
@@ -52,57 +57,11 @@ def _frame(words: list[str], patch: str, where: str) -> SkinFrame:
     return SkinFrame(patch, stamp, sequence, values)
 
 
-def import_yarp_log(log: Path, out: Path, *, patch: str) -> int:
+def import_yarp_log(log: Path, out: Path, *, patch: str, robot: Robot | None = None) -> int:
     """Converts such a log to a recording and returns the number of frames.
 
-    A recording without joints can't be replayed on a robot. Raises RecordingError for a log that can't be
-    read.
+    Without a robot the recording can be looked at and exported, but not replayed. Raises RecordingError for a
+    log that can't be read or is not of that patch.
     """
-    frames = read_yarp_log(log, patch=patch)
-    first = next(frames, None)
-    if first is None:
-        raise RecordingError(f"{log} is empty; valid: at least one line")
-    none = np.empty(0)
-    with importing(out, None, middleware="yarp", source=f"yarpdatadumper {log.name}") as recorder:
-        for frame in (first, *frames):
-            joints = JointReading(frame.stamp, frame.sequence, none, none)
-            recorder.tick(frame.stamp, Reading(joints, (frame,)))
-    return recorder.ticks
-
-
-def import_skin_events(log: Path, out: Path, robot: Robot) -> tuple[int, int]:
-    """Converts a log of iCub's contact lists to a recording for the `robot` with that skin.
-
-    A list gives the taxels of each contact and their mean value; each of these taxels gets the mean as its
-    raw value. It contains no joint angles: they are set to the robot's initial posture. Contacts on parts
-    without a patch of that name and size on the robot are left out. Returns the number of periods and of
-    contacts left out. Raises RecordingError.
-    """
-    path = log / "data.log" if log.is_dir() else log
-    patches = {patch.name: patch for patch in robot.patches if patch.surface.kind != "truncated_cone"}
-    skin = Skin(robot)
-    live = {name: set(skin.surfaces[name].channels.tolist()) for name in patches}
-    source = f"contact list of yarpdatadumper {log.name}: taxels have their contact's mean value, "
-    source += "joints are the initial posture"
-    still = read_only(np.zeros(len(robot.servos)))
-    left_out = number = 0
-    with importing(out, robot, middleware="yarp", source=source, period=EVENTS_PERIOD) as recorder:
-        try:
-            for stamp, contacts in read_skin_events(path):
-                values = {name: np.full(patch.channels, patch.sensor.rest) for name, patch in patches.items()}
-                for contact in contacts:
-                    patch = patches.get(SKIN_PARTS[contact.skin_part])
-                    if patch is None or not live[patch.name] & set(contact.taxels.tolist()):
-                        left_out += 1
-                        continue
-                    taxels = contact.taxels[contact.taxels < patch.channels]
-                    sign = np.sign(patch.sensor.pascal_per_count)
-                    raw = patch.sensor.rest + sign * contact.pressure
-                    values[patch.name][taxels] = np.clip(raw, patch.sensor.lowest, patch.sensor.highest)
-                frames = tuple(SkinFrame(name, stamp, number, read_only(raw)) for name, raw in values.items())
-                joints = JointReading(stamp, number, initial_position(robot), still)
-                recorder.tick(stamp, Reading(joints, frames))
-                number += 1
-        except FrameError as error:
-            raise RecordingError(str(error)) from error
-    return number, left_out
+    frames = ((frame,) for frame in read_yarp_log(log, patch=patch))
+    return import_frames(frames, out, robot, middleware="yarp", source=f"yarpdatadumper {log.name}")

@@ -1,0 +1,119 @@
+"""`tci log import`: converts files of other programs to recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from tci.cli import completion
+from tci.cli.options import AsJson, NewRecording
+
+if TYPE_CHECKING:
+    from tci.recording.contact_tables import TableFit
+    from tci.robot.description import Robot
+
+
+def import_(
+    log: Annotated[
+        Path,
+        typer.Argument(
+            help="Log of yarpdatadumper (data.log, or its folder), ROS bag, or arrays (.npz, .mat, .csv)."
+        ),
+    ],
+    out: NewRecording,
+    robot: Annotated[
+        str | None,
+        typer.Argument(
+            help="Robot, by name or description file: needed for an iCub's contact list, for a ROS bag, "
+            "and to replay, plot or calibrate with the recording.",
+            autocompletion=completion.robots,
+        ),
+    ] = None,
+    patch: Annotated[
+        str, typer.Option(help="For a log of raw values: patch of skin that they are of.")
+    ] = "skin",
+    mapping: Annotated[
+        Path | None,
+        typer.Option("--map", help="For arrays: names of times and values in the file (.toml)."),
+    ] = None,
+    tables: Annotated[
+        Path | None,
+        typer.Option(
+            help="For a contact list: folder of skin files; those that it was recorded with are named.",
+            exists=True, file_okay=False,
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:  # fmt: skip
+    """Convert a log of YARP's yarpdatadumper, a ROS bag (extra ros2) or arrays of taxels to a recording.
+
+    Example:  tci log import data.log foot.mcap icub-whole --patch right_foot
+
+    Example:  tci log import skin_events/data.log touches.mcap icub --tables conf/positions
+
+    Example:  tci log import rosbag2_folder touches.mcap nao
+
+    Example:  tci log import pressure.mat touches.mcap nao --map pressure.toml
+    """
+    from tci.cli.console import console, written
+    from tci.errors import RecordingError
+    from tci.recording.arrays import SUFFIXES, import_arrays
+    from tci.recording.contact_list import import_contact_list
+    from tci.recording.ros_bag import import_ros_bag, is_bag
+    from tci.recording.yarp_log import import_yarp_log, is_contact_list
+    from tci.robot.catalogue import load_robot
+
+    words: Robot | None = None if robot is None else load_robot(robot)
+    counts: dict[str, Any]
+    fits: tuple[TableFit, ...] = ()
+    if not log.exists():
+        raise RecordingError(f"{log} does not exist; valid: a log, a bag or arrays")
+    if is_bag(log):
+        if words is None:
+            raise RecordingError(
+                f"{log} is a ROS bag, which does not name its robot; valid: tci log import {log} {out} ROBOT"
+            )
+        counts = {"periods": import_ros_bag(log, out, words)}
+    elif log.suffix in SUFFIXES:
+        if mapping is None:
+            raise RecordingError(f"{log} holds arrays, whose meaning is unknown; valid: --map FILE.toml")
+        counts = {"frames": import_arrays(log, out, mapping, robot=words)}
+    elif is_contact_list(log):
+        if words is None:
+            raise RecordingError(
+                f"{log} is a contact list, which does not name its robot; "
+                f"valid: tci log import {log} {out} ROBOT"
+            )
+        done = import_contact_list(log, out, words, tables=tables)
+        fits = done.parts
+        counts = {"periods": done.periods, "contacts_left_out": done.left_out}
+    else:
+        counts = {"frames": import_yarp_log(log, out, patch=patch, robot=words)}
+    more = {"parts": [_facts(fit) for fit in fits]} if fits else {}
+    written(out, counts, more, as_json=as_json)
+    for fit in () if as_json else fits:
+        colour = {"fits": "green", "wrong": "red"}.get(fit.verdict, "yellow")
+        console.print(_sentence(fit), style=colour, highlight=False, markup=False)
+
+
+def _facts(fit: TableFit) -> dict[str, Any]:
+    off = 1e3 * fit.off if fit.off == fit.off else None
+    return {
+        "part": fit.part, "contacts": fit.contacts, "off_mm": off, "verdict": fit.verdict,
+        "tables": list(fit.tables),
+    }  # fmt: skip
+
+
+def _sentence(fit: TableFit) -> str:
+    """Returns the line that tells if a part's contacts are at their places, and the tables that fit."""
+    said = {
+        "fits": "the robot's taxels are where they were recorded",
+        "wrong": f"the robot's taxels are {1e3 * fit.off:.1f} mm from where they were recorded (median): "
+        "contacts are on the wrong places",
+        "unknown": "the robot has no taxels of these numbers",
+        "no patch": "the robot has no such patch of skin",
+    }[fit.verdict]
+    known = f"; recorded with {' or '.join(fit.tables)}" if fit.tables else ""
+    return f"{fit.part}: {fit.contacts} contacts, {said}{known}"

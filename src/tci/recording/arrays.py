@@ -1,0 +1,262 @@
+"""Imports frames of taxels from arrays of any program: NPZ, MATLAB files (.mat) and CSV, by a mapping file.
+
+The mapping (TOML) names the times and, for each patch, the values:
+
+    time = "t"                  # array or column of times; or rate = 100.0 [Hz]
+    seconds = 0.001             # length [s] of their unit; default 1
+
+    [skin.left_forearm]
+    values = "pressure"         # array (frames, ...); in a CSV file the first and the last column, "p0:p191"
+    axis = 0                    # axis of the frames; MATLAB's users often have them last, -1
+    channels = [0, 1, 2, 5]     # channel of each value; default: all in order
+"""
+
+from __future__ import annotations
+
+import csv
+import tomllib
+import zipfile
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError, model_validator
+
+from tci.errors import DescriptionError, Fault, RecordingError
+from tci.frames import Array, read_only
+from tci.messages import SkinFrame
+from tci.recording.importing import LONGEST_LINE, import_frames
+from tci.robot.description import Description, Patch, Robot
+
+SUFFIXES = (".npz", ".mat", ".csv")
+LARGEST = 2**30
+"""Largest size [bytes] of an array in memory. Assumed: 45 minutes of 500 taxels at 100 Hz."""
+LARGEST_MAPPING = 2**20
+"""Largest mapping [bytes] that is read. Assumed: 60 patches of 4000 listed channels."""
+
+Numbers = NDArray[np.number[Any]]
+
+
+class PatchValues(Description):
+    """Values of one patch."""
+
+    values: str
+    """Name of the array (frames, ...); in a CSV file of its first and last column, FIRST:LAST."""
+    axis: int = 0
+    """Axis of the frames. The others are flattened, the last one fastest."""
+    channels: tuple[int, ...] | None = Field(default=None, strict=False)
+    """Channel of each value; None: all in order. A channel without a value has the rest value of
+    the robot's patch, and 0 without a robot."""
+
+    @model_validator(mode="after")
+    def _once(self) -> PatchValues:
+        listed = self.channels or ()
+        if len(set(listed)) < len(listed) or min(listed, default=0) < 0 or max(listed, default=0) >= 10**6:
+            raise ValueError("channels: valid: numbers of 0 to 999999, each once")
+        return self
+
+
+class Mapping(Description):
+    """Names of times and values in a file."""
+
+    time: str | None = None
+    """Name of the array, or column, of the times (frames,)."""
+    rate: float | None = Field(default=None, gt=0.0)
+    """Rate [Hz] of the frames, instead of times."""
+    seconds: float = Field(default=1.0, gt=0.0)
+    """Length [s] of the unit of the times."""
+    skin: dict[str, PatchValues] = Field(min_length=1)
+    """Values of each patch, by the patch's name."""
+
+    @model_validator(mode="after")
+    def _timed(self) -> Mapping:
+        if (self.time is None) == (self.rate is None):
+            raise ValueError("valid: either time or rate")
+        return self
+
+
+def read_mapping(path: Path) -> Mapping:
+    """Reads a mapping. Raises DescriptionError with every fault of the file."""
+    try:
+        if path.stat().st_size > LARGEST_MAPPING:
+            raise DescriptionError(str(path), [Fault(0, f"larger than {LARGEST_MAPPING} bytes")])
+        return Mapping.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        faults = [f"can't be read: {error.strerror}"]
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        faults = [f"is not TOML in UTF-8: {error}"]
+    except ValidationError as error:
+        faults = [f"{'.'.join(map(str, one['loc'])) or 'mapping'}: {one['msg']}" for one in error.errors()]
+    raise DescriptionError(str(path), [Fault(0, fault) for fault in faults])
+
+
+def import_arrays(file: Path, out: Path, mapping: Path, *, robot: Robot | None = None) -> int:
+    """Converts such a file to a recording and returns the number of frames.
+
+    With a robot the patches are its own and its joints rest at the initial posture. Raises DescriptionError
+    for the mapping, RecordingError for a file that does not fit it.
+    """
+    names = read_mapping(mapping)
+    patches = {} if robot is None else {name: robot.patch(name) for name in names.skin}
+    rows = _csv_rows if file.suffix == ".csv" else _array_rows
+    try:
+        frames = _frames(rows(file, names), names, patches)
+        return import_frames(frames, out, robot, middleware="file", source=f"arrays of {file.name}")
+    except OSError as error:
+        raise RecordingError(f"{file} can't be read: {error.strerror or error}") from error
+
+
+def _frames(
+    rows: Iterator[tuple[float, list[Numbers]]], names: Mapping, patches: dict[str, Patch]
+) -> Iterator[tuple[SkinFrame, ...]]:
+    bases = {name: _base(one, patches.get(name)) for name, one in names.skin.items()}
+    for number, (time, values) in enumerate(rows):
+        stamp = time * names.seconds if names.rate is None else number / names.rate
+        if not np.isfinite(stamp):
+            raise RecordingError(f"frame {number}: the time {time}; valid: finite")
+        item = []
+        for (name, one), raw in zip(names.skin.items(), values, strict=True):
+            base = bases[name]
+            if one.channels is not None and base is not None:
+                if len(raw) != len(one.channels):
+                    raise RecordingError(
+                        f"{name}: {len(raw)} values in a frame; valid: {len(one.channels)}, one for each "
+                        "of its channels"
+                    )
+                frame = base.astype(np.result_type(base, raw))
+                frame[list(one.channels)] = raw
+                raw = frame
+            item.append(SkinFrame(name, stamp, number, read_only(raw, raw.dtype)))
+        yield tuple(item)
+
+
+def _base(one: PatchValues, patch: Patch | None) -> Numbers | None:
+    """Returns a frame (channels,) of a patch at rest; None if the values are all its channels, in order."""
+    if one.channels is None:
+        return None
+    needed = max(one.channels, default=-1) + 1
+    if patch is None:
+        return np.zeros(needed, np.int8)
+    if needed > patch.channels:
+        raise RecordingError(
+            f"skin.{patch.name}: channel {needed - 1}; valid: 0 to {patch.channels - 1} of {patch.name}"
+        )
+    return np.full(patch.channels, patch.sensor.rest, np.float32)
+
+
+def _array_rows(file: Path, names: Mapping) -> Iterator[tuple[float, list[Numbers]]]:
+    wanted = [one.values for one in names.skin.values()] + ([names.time] if names.time else [])
+    arrays = (_npz if file.suffix == ".npz" else _mat)(file, wanted)
+    blocks: list[Numbers] = []
+    for name, one in names.skin.items():
+        values = arrays[one.values]
+        if not -values.ndim <= one.axis < values.ndim:
+            raise RecordingError(
+                f"{file}: {one.values} has the shape {values.shape}, skin.{name} the axis {one.axis}; "
+                "valid: one of its axes"
+            )
+        values = np.moveaxis(values, one.axis, 0)
+        blocks.append(values.reshape(len(values), -1))
+    times: Numbers = np.zeros(len(blocks[0])) if names.time is None else arrays[names.time].ravel()
+    lengths = {len(times), *map(len, blocks)}
+    if len(lengths) > 1:
+        told = ", ".join(
+            f"{one.values} {len(block)}" for one, block in zip(names.skin.values(), blocks, strict=True)
+        )
+        raise RecordingError(
+            f"{file}: frames of {told}, times {len(times)}; valid: one number for all (see axis)"
+        )
+    for number, time in enumerate(times):
+        yield float(time), [block[number] for block in blocks]
+
+
+def _npz(file: Path, wanted: list[str]) -> dict[str, Numbers]:
+    try:
+        with zipfile.ZipFile(file) as members:
+            sizes = {member.filename.removesuffix(".npy"): member.file_size for member in members.infolist()}
+        _permit(file, sizes, wanted)
+        with np.load(file, allow_pickle=False) as arrays:
+            return {name: _numbers(file, name, arrays[name]) for name in wanted}
+    except (ValueError, OSError, EOFError, zlib.error, zipfile.BadZipFile, NotImplementedError) as error:
+        raise RecordingError(f"{file} is no NPZ file of numbers: {error}") from error
+
+
+def _mat(file: Path, wanted: list[str]) -> dict[str, Numbers]:
+    from scipy.io import loadmat, whosmat
+    from scipy.io.matlab import MatReadError
+
+    try:
+        sizes = {name: 16 * int(np.prod(shape, dtype=object)) for name, shape, _ in whosmat(file)}
+        _permit(file, sizes, wanted)
+        arrays = loadmat(file, variable_names=wanted)
+        return {name: _numbers(file, name, arrays[name]) for name in wanted}
+    except NotImplementedError:
+        raise RecordingError(f"{file} is a MATLAB file of version 7.3; valid: saved with -v7") from None
+    except (MatReadError, ValueError, TypeError, KeyError, OSError, MemoryError, zlib.error) as error:
+        raise RecordingError(f"{file} is no MATLAB file that can be read: {error}") from error
+
+
+def _permit(file: Path, sizes: dict[str, int], wanted: list[str]) -> None:
+    for name in wanted:
+        if name not in sizes:
+            raise RecordingError(f"{file} has no array {name!r}; valid: {', '.join(sorted(sizes)[:20])}")
+        if sizes[name] > LARGEST:
+            raise RecordingError(f"{file}: {name} takes {sizes[name]} bytes; valid: up to {LARGEST}")
+
+
+def _numbers(file: Path, name: str, array: Any) -> Numbers:
+    found = np.asarray(array)
+    if found.dtype.kind not in "iuf" or found.ndim == 0:
+        raise RecordingError(f"{file}: {name} is {found.dtype} {found.shape}; valid: an array of numbers")
+    return found
+
+
+def _csv_rows(file: Path, names: Mapping) -> Iterator[tuple[float, list[Numbers]]]:
+    with file.open(encoding="utf-8-sig", errors="replace", newline="") as lines:
+        rows = csv.reader(_bounded(lines, file))
+        try:
+            head = [cell.strip() for cell in next(rows, [])]
+            blocks = [_columns(file, head, one.values) for one in names.skin.values()]
+            time = None if names.time is None else _columns(file, head, names.time).start
+            for number, row in enumerate(rows, start=2):
+                if not row:
+                    continue
+                if len(row) != len(head):
+                    raise RecordingError(
+                        f"{file}, row {number}: {len(row)} cells; valid: {len(head)}, as in the header"
+                    )
+                try:
+                    stamp = 0.0 if time is None else float(row[time])
+                    values: list[Array] = [np.array(row[block], dtype=np.float64) for block in blocks]
+                except ValueError as error:
+                    raise RecordingError(f"{file}, row {number}: {error}; valid: numbers") from None
+                yield stamp, list(values)
+        except csv.Error as error:
+            raise RecordingError(f"{file}: {error}; valid: cells separated by commas") from None
+
+
+def _bounded(lines: IO[str], file: Path) -> Iterator[str]:
+    while line := lines.readline(LONGEST_LINE + 1):
+        if len(line) > LONGEST_LINE:
+            raise RecordingError(f"{file}: a line longer than {LONGEST_LINE} characters")
+        yield line
+
+
+def _columns(file: Path, head: list[str], words: str) -> slice:
+    """Returns the columns NAME or FIRST:LAST of a header."""
+    first, _, last = words.partition(":")
+    try:
+        begin, end = head.index(first), head.index(last or first)
+    except ValueError:
+        shown = ", ".join(head[:8])
+        raise RecordingError(
+            f"{file} has no columns {words!r}; valid: of {shown}, ... or FIRST:LAST"
+        ) from None
+    if end < begin:
+        raise RecordingError(
+            f"{file}: columns {words!r} end before they begin; valid: FIRST:LAST in this order"
+        )
+    return slice(begin, end + 1)

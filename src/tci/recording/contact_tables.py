@@ -1,0 +1,138 @@
+"""Tells the table of taxels that a contact list was recorded with, from the recorded geometric centres.
+
+A contact lists its taxels and the mean of their positions in the recording robot's table. Any other table
+gives other means for the same taxels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from tci.errors import DescriptionError
+from tci.frames import Array
+from tci.recording.skin_manager import SKIN_PARTS, SkinContact
+from tci.robot.description import Robot, Table
+from tci.robot.skin_files.reader import read_layout
+from tci.skin.surfaces import Surface
+
+NEAR = 1e-3
+"""Distance [m] of a recorded centre up to which a table agrees. Assumed: tables are rounded to 0.5 mm, and
+those of two versions of an iCub's forearm are 2 mm apart or more (median)."""
+MOST = 0.9
+"""Share of contacts that must agree. Assumed: 98 % do with the right table of an iCub's hand, 27 % with that
+of the other hand."""
+PLACES = 10
+"""Number of different centres from which on the frame of a skin is found as well. Assumed: five times as many
+numbers as a frame has."""
+
+Verdict = Literal["fits", "wrong", "unknown", "no patch"]
+
+
+@dataclass(frozen=True, slots=True)
+class TableFit:
+    """Comparison of the contacts recorded on one part with the skin of a robot and with tables."""
+
+    part: str
+    """Name of the skin part."""
+    contacts: int
+    """Number of contacts recorded on it."""
+    off: float
+    """Median distance [m] of the recorded centres from those of the robot's taxels; NaN if unknown."""
+    verdict: Verdict
+    """`unknown`: no contact has all its taxels on the robot's patch; `no patch`: the robot has none of that
+    name."""
+    tables: tuple[str, ...]
+    """Names of the given tables that the contacts were recorded with; those of two versions may agree."""
+
+
+def read_tables(folder: Path) -> dict[str, Array]:
+    """Returns the positions (n, 3) [m] of each skin file (.txt, .csv) in a folder, by file name."""
+    return dict(_tables(folder))
+
+
+def compare_tables(
+    contacts: Iterable[SkinContact], robot: Robot, surfaces: dict[str, Surface], tables: dict[str, Array]
+) -> list[TableFit]:
+    """Compares all contacts of a recording with a robot's `surfaces` by patch name, and with `tables`."""
+    recorded: dict[str, list[SkinContact]] = {}
+    for contact in contacts:
+        recorded.setdefault(SKIN_PARTS[contact.skin_part], []).append(contact)
+    found = []
+    for part, own in recorded.items():
+        centres = np.array([contact.geometric_centre for contact in own])
+        taxels = [contact.taxels for contact in own]
+        fitting = [
+            name for name, positions in tables.items()
+            if _agree(_off(centres, taxels, positions), of=len(own))
+        ]  # fmt: skip
+        off, verdict = np.empty(0), "no patch"
+        if part in surfaces:
+            off = _off_skin(centres, taxels, _own_table(robot, surfaces[part]))
+            verdict = "unknown" if not len(off) else "fits" if _agree(off, of=len(off)) else "wrong"
+        median = float(np.median(off)) if len(off) else float("nan")
+        found.append(TableFit(part, len(own), median, verdict, tuple(fitting)))  # type: ignore[arg-type]
+    return found
+
+
+def _tables(folder: Path) -> Iterator[tuple[str, Array]]:
+    for path in sorted(folder.iterdir()):
+        if path.suffix in (".txt", ".csv"):
+            try:
+                yield path.name, read_layout(path).positions
+            except (DescriptionError, OSError):
+                continue  # a file that is no skin
+
+
+def _own_table(robot: Robot, surface: Surface) -> Array:
+    """Returns the positions (n, 3) [m] of a patch's channels: as in its file, where taxels without a
+    position are at 0 (for skinManager too); in the link for other patches, NaN where there is no taxel."""
+    description = robot.patch(surface.patch)
+    if isinstance(description.surface, Table):
+        table = description.surface
+        path = Path(robot.source).parent / table.file
+        return read_layout(path, form=table.format, sensor=table.sensor).positions
+    positions = np.full((description.channels, 3), np.nan)
+    positions[surface.channels] = surface.positions
+    return positions
+
+
+def _means(taxels: list[NDArray[np.intp]], positions: Array) -> Array:
+    """Returns the mean positions (k, 3) [m] of each contact's taxels; NaN where one has no position."""
+    last = len(positions)
+    placed = np.vstack([positions, np.full((1, 3), np.nan)])
+    return np.array([placed[np.minimum(own, last)].mean(axis=0) for own in taxels])
+
+
+def _off(centres: Array, taxels: list[NDArray[np.intp]], positions: Array) -> Array:
+    """Returns the distances [m] of the centres (k, 3) from the means of a table, of contacts with one."""
+    away: Array = np.linalg.norm(_means(taxels, positions) - centres, axis=1)
+    return away[np.isfinite(away)]
+
+
+def _off_skin(centres: Array, taxels: list[NDArray[np.intp]], positions: Array) -> Array:
+    """Returns the distances as `_off`, and in the best frame if those are large: a description may place
+    its taxels in another frame than the recorded table's."""
+    means = _means(taxels, positions)
+    known = np.isfinite(means).all(axis=1)
+    here, there = means[known], centres[known]
+    off: Array = np.linalg.norm(here - there, axis=1)
+    if not len(off) or _agree(off, of=len(off)) or len(np.unique(there.round(4), axis=0)) < PLACES:
+        return off
+    near = np.ones(len(off), dtype=bool)
+    for _ in range(5):
+        middle, target = here[near].mean(axis=0), there[near].mean(axis=0)
+        turn, _ = Rotation.align_vectors(there[near] - target, here[near] - middle)
+        off = np.linalg.norm(turn.apply(here - middle) + target - there, axis=1)
+        near = off <= np.quantile(off, MOST)
+    return off
+
+
+def _agree(off: Array, *, of: int) -> bool:
+    return len(off) > 0 and int((off <= NEAR).sum()) >= MOST * of

@@ -21,11 +21,13 @@ def log_file(log: Path) -> Path:
 
 def is_contact_list(log: Path) -> bool:
     """True if the first message with values is a list of lists: contacts of skinManager, not numbers."""
+    stamped = False
     with log_file(log).open(encoding="utf-8", errors="replace") as file:
         while line := file.readline(LONGEST_LINE):
             if len(line.split(None, 2)) == 3:
                 return "(" in line
-    return True  # stamps alone: a contact list of a skin that nobody touched
+            stamped = stamped or not line.isspace()
+    return stamped  # stamps alone: a skin that nobody touched
 
 
 def read_yarp_log(log: Path, *, patch: str) -> Iterator[SkinFrame]:

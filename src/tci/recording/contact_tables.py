@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +72,8 @@ def compare_tables(
             name for name, positions in tables.items()
             if _agree(_off(centres, taxels, positions), of=len(own))
         ]  # fmt: skip
-        off, verdict = np.empty(0), cast(Verdict, "no patch")
+        off: Array = np.empty(0)
+        verdict: Verdict = "no patch"
         if part in surfaces:
             off = _off_skin(centres, taxels, _own_table(robot, surfaces[part]))
             verdict = "unknown" if not len(off) else "fits" if _agree(off, of=len(off)) else "wrong"

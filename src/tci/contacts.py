@@ -71,7 +71,8 @@ class Contacts(Frozen, Sequence["Contact"]):
     displacement: Array
     """Distance (c,) [m] of its centre from the place of onset, in the patch's link."""
     force: Array
-    """Force (c,) [N] of the touch: the sum over its taxels, divided by the fill factor of the skin there."""
+    """Force (c,) [N] of the touch: the sum over its taxels, divided by the fill factor of the skin there and
+    by the share of a touch that the sensor's resolution lets through."""
     peak: Array
     """Force (c,) [N] on its strongest taxel."""
     area: Array

@@ -21,11 +21,11 @@ def bodies() -> list[GenericBody]:
 
 def differences(bodies: list[GenericBody], reflex: WithdrawalReflex) -> tuple[float, float, int]:
     """Returns the largest ratio of two robots' forces, the largest difference of gains, and the number of
-    touches that all skins resolve."""
+    touches that can be felt on all skins."""
     touches: dict[tuple[float, float], list[tuple[float, float]]] = {}
     for row in same_touch(bodies, reflex):
         print(row)
-        if row.resolved:
+        if row.heavy:
             touches.setdefault((row.probe_mm, row.pressed_n), []).append((row.force_n, row.gain))
     felt = np.array([*touches.values()])
     assert felt.shape[1:] == (len(ROBOTS), 2)
@@ -34,10 +34,12 @@ def differences(bodies: list[GenericBody], reflex: WithdrawalReflex) -> tuple[fl
 
 
 def test_five_skins_perceive_the_same_touch_alike(bodies: list[GenericBody]) -> None:
-    ratio, gain, resolved = differences(bodies, WithdrawalReflex())
+    """All but three of the touches: 0.3 N on 10 mm, 0.3 N and 1 N on 20 mm press iCub's forearm with 1.1, 0.3
+    and 0.9 counts."""
+    ratio, gain, felt = differences(bodies, WithdrawalReflex())
     assert ratio <= 1.10
     assert gain <= 0.05
-    assert 0.5 * len(PROBES) * len(FORCES) <= resolved
+    assert felt == len(PROBES) * len(FORCES) - 3
 
 
 def test_the_mean_of_eq_7_follows_the_area_of_a_taxel(bodies: list[GenericBody]) -> None:

@@ -31,8 +31,8 @@ from tci.skin.kernels.condition import condition
 from tci.skin.kernels.contacts import SUMMARY, cluster, describe
 
 SETTINGS = ContactSettings()
-FLOOR, TOUCH, THRESHOLD = SETTINGS.floor, SETTINGS.touch, 7.0
-"""Thresholds of a taxel: two forces [N] and the deviation [counts] from rest."""
+LIMITS, THRESHOLD = SETTINGS.limits, 7.0
+"""Thresholds of a taxel: forces [N] and the deviation [counts] from rest."""
 _condition, _cluster, _describe, _answer = [
     inlined(loop.py_func) for loop in (condition, cluster, describe, find_answers)
 ]
@@ -51,10 +51,10 @@ def respond(
     for again in range(repeats):
         gains[:] = 0.0
         _condition(values[again & 1], last, which, stamps, 0.0, layout, estimates, memory, active)
-        count, _, _ = _cluster(active, FLOOR, TOUCH, layout, clusters)
+        count, _, _ = _cluster(active, LIMITS, estimates.onset, layout, clusters)
         if count == 0:
             continue
-        _describe(layout, clusters, poses, posture, summary, made)
+        _describe(layout, estimates.hidden, clusters, poses, posture, summary, made)
         touches = Touches(
             made.site[:count], made.begin, made.force, made.peak, made.limb_point, made.taxel_force,
             made.taxel_point,
@@ -136,11 +136,12 @@ class Frame:
         condition(next(self._turns), *self._condition)
         arrays, active = self.layout.arrays, self._condition[-1]
         state = ActiveTaxels(*(frozen(array[:]) for array in active))
-        count, taxels, _ = cluster(state, FLOOR, TOUCH, arrays, self._clusters)
+        count, taxels, _ = cluster(state, LIMITS, self._condition[5].onset, arrays, self._clusters)
         if count == 0:
             return
         made = empty_contacts(count, taxels)
-        describe(arrays, self._clusters, *self._posture, np.empty((count, SUMMARY)), made)
+        hidden = self._condition[5].hidden
+        describe(arrays, hidden, self._clusters, *self._posture, np.empty((count, SUMMARY)), made)
         touches = Touches(
             *(
                 frozen(array)

@@ -75,6 +75,7 @@ def clusters_and_scipy(robot: tci.Robot) -> tuple[Work, Work]:
     distance = np.linalg.norm(surface.positions - surface.positions[100], axis=1)
     forces = np.where(distance < 0.015, 0.5, 0.0)
     settings, clusters = ContactSettings(), ContactFinder(layout)._clusters
+    onset = np.full(len(layout.arrays.taxel), np.inf)
     place, touched = layout.places["left_forearm"], np.flatnonzero(forces)
     begin = np.zeros(len(layout.sites) + 1, np.int64)
     begin[place + 1 :] = len(touched)
@@ -82,7 +83,7 @@ def clusters_and_scipy(robot: tci.Robot) -> tuple[Work, Work]:
     state = ActiveTaxels(*map(frozen, (np.zeros(len(begin) - 1), begin, touched.astype(np.int32), pressure)))
 
     def ours() -> object:
-        return cluster(state, settings.floor, settings.touch, layout.arrays, clusters)
+        return cluster(state, settings.limits, onset, layout.arrays, clusters)
 
     def peer() -> object:
         active = np.flatnonzero(forces > settings.floor)

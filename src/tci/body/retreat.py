@@ -17,7 +17,7 @@ from ruckig import InputParameter, Ruckig, RuckigError, Synchronization, Traject
 from tci.errors import UnknownNameError
 from tci.frames import Array
 from tci.gate.bounds import Bounds, bounds_of
-from tci.gate.kernels.couplings import box_keeps, shift
+from tci.gate.kernels.couplings import shift
 from tci.messages import Contacts, Mode
 from tci.robot.description import Robot
 from tci.robot.joint_map import JointMap, joint_map
@@ -40,6 +40,8 @@ class _Motion:
     """Joints, bounds and planner of one generic part."""
 
     joints: JointMap
+    inverse: Array | None
+    """Derivatives (k, n) d servo / d generic, if they are the same in all postures."""
     bounds: Bounds
     outside: Array
     """Coefficients (m, n_servos) of servos of other parts in its couplings."""
@@ -73,15 +75,29 @@ class Retreat:
         The robot's servos are at `position` (n_servos,) [rad]. In position and impedance mode they arrive
         together, in others each as fast as it can. Raises UnknownNameError for an unknown part.
         """
-        result = np.zeros((2, TIMES, len(contacts)))
-        motions = self._motions()
-        if part not in motions:
-            raise UnknownNameError("generic part", part, motions)
-        motion = motions[part]
+        motion = self._motion(part)
+        return self._displacements(self._angles(motion, position, target, mode), motion, contacts)
+
+    def at_ends(self, position: Array, contacts: Contacts, part: str, targets: Array) -> Array:
+        """Returns the displacement (2, m, c) [m] of each contact point at the ends of motions to `targets`
+        (m, n), as `along` does for the last time of one.
+
+        It plans none of them. Raises UnknownNameError for an unknown part.
+        """
+        motion = self._motion(part)
+        angles = np.empty((len(targets) + 1, len(position)))
+        angles[:] = position
+        angles[1:, motion.joints.servos] = self._goals(motion, position, targets)
+        return self._displacements(angles, motion, contacts)
+
+    def _displacements(self, angles: Array, motion: _Motion, contacts: Contacts) -> Array:
+        """Returns the displacement (2, k, c) [m] of each contact point from the first of the `angles`
+        (k + 1, n_servos) [rad]."""
+        result = np.zeros((2, len(angles) - 1, len(contacts)))
         if motion.joints.servos.size and len(contacts):
             after = np.array([self._after[site.patch] for site in contacts.sites])
             retreats(
-                self._chain.extended(self._angles(motion, position, target, mode)),
+                self._chain.extended(angles),
                 self._path,
                 self._chain.steps,
                 self._chain.sums,
@@ -94,16 +110,34 @@ class Retreat:
             )
         return result
 
-    def _angles(self, motion: _Motion, position: Array, target: Array, mode: Mode) -> Array:
-        """Returns the angles (k + 1, n_servos) [rad] of all servos: now, and at each time."""
-        joints, servos, bounds = motion.joints, motion.joints.servos, motion.bounds
-        here, goal = position[servos], joints.to_robot(target, position)
-        goal = np.minimum(np.maximum(goal, bounds.lower), bounds.upper)
+    def _motion(self, part: str) -> _Motion:
+        motions = self._motions()
+        if part not in motions:
+            raise UnknownNameError("generic part", part, motions)
+        return motions[part]
+
+    def _goals(self, motion: _Motion, position: Array, targets: Array) -> Array:
+        """Returns the angles (m, k) [rad] of a part's servos at the ends of motions to `targets` (m, n)."""
+        joints, bounds = motion.joints, motion.bounds
+        if motion.inverse is None or len(targets) == 1:
+            goals = np.array([joints.to_robot(target, position) for target in targets])
+        else:  # each differs from the first by a linear map
+            apart = targets - targets[0]
+            goals = joints.to_robot(targets[0], position) + apart.take(joints.ids, axis=1) @ motion.inverse
+        goals = np.minimum(np.maximum(goals, bounds.lower), bounds.upper)
         if len(motion.outside):
             lower, upper = np.empty_like(bounds.coupling_lower), np.empty_like(bounds.coupling_upper)
             shift(motion.outside, position, bounds.coupling_lower, bounds.coupling_upper, lower, upper)
-            if not box_keeps(np.array([goal, goal]), bounds.coupling, lower, upper):
-                goal = replace(bounds, coupling_lower=lower, coupling_upper=upper).nearest(goal, motion.free)
+            sums = goals @ bounds.coupling.T
+            for row in np.flatnonzero(~((sums >= lower) & (sums <= upper)).all(axis=1)).tolist():
+                own = replace(bounds, coupling_lower=lower, coupling_upper=upper)
+                goals[row] = own.nearest(goals[row], motion.free)
+        return goals
+
+    def _angles(self, motion: _Motion, position: Array, target: Array, mode: Mode) -> Array:
+        """Returns the angles (k + 1, n_servos) [rad] of all servos: now, and at each time."""
+        joints, servos, bounds = motion.joints, motion.joints.servos, motion.bounds
+        here, goal = position[servos], self._goals(motion, position, target[None])[0]
         plan = motion.input
         plan.current_position, plan.target_position = here.tolist(), goal.tolist()
         plan.max_velocity = np.minimum(bounds.velocity, joints.speeds(position)).tolist()
@@ -143,4 +177,6 @@ def _motion(robot: Robot, part: str) -> _Motion:
     plan = InputParameter(count)
     plan.max_acceleration, plan.max_jerk = bounds.acceleration.tolist(), bounds.jerk.tolist()
     free = np.ones(count, np.bool_)
-    return _Motion(joints, bounds, outside, free, Ruckig(count), plan, Trajectory(count))
+    constant = joints.exact and all(one.constant for one in joints.transforms)
+    inverse = np.linalg.inv(joints.slope(np.zeros(len(robot.servos)))).T if constant else None
+    return _Motion(joints, inverse, bounds, outside, free, Ruckig(count), plan, Trajectory(count))

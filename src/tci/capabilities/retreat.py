@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from tci.body.generic_body import GenericBody
 from tci.frames import Array
 from tci.messages import Mode, Perception
@@ -50,6 +52,26 @@ def why_not(
         )
     reasons = [_why_kept(perception.contacts[one].patch, inwards[:, one], across[:, one]) for one in answers]
     return reasons[0] if reasons and all(reasons) else ""
+
+
+def are_hopeless(
+    perception: Perception,
+    body: GenericBody,
+    part: str,
+    targets: Array,
+    answers: Sequence[Sequence[int]],
+) -> list[bool]:
+    """Returns True for each motion that `why_not` would refuse for its end alone.
+
+    Each has a row of `targets` (m, n) [rad] and the contacts that it `answers`. The others need a closer
+    look.
+    """
+    inwards = body.retreat_at_ends(perception, part, targets)[0]
+    pressed = inwards.min(axis=1, initial=np.inf) < -PRESSED
+    return [
+        bool(one) or all(way[contact] < LEAST for contact in own)
+        for one, way, own in zip(pressed, inwards, answers, strict=True)
+    ]
 
 
 def _why_kept(patch: str, way: Array, across: Array) -> str:

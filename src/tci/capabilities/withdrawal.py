@@ -154,9 +154,15 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
 
         Only one field responds, since the sum over overlapping fields would have no bound.
         """
-        table = Contacts.of((contact,))
-        wishes = [one for part in self._wishes(table, around={contact.part}).values() for one in part]
-        return Answer(wishes[0].field, wishes[0].gain) if wishes else None
+        return self.answers((contact,))[0]
+
+    def answers(self, contacts: Sequence[Contact]) -> list[Answer | None]:
+        """Returns the response to each of some contacts, as if it were the only one."""
+        wishes = self._wishes(Contacts.of(contacts), around={one.part for one in contacts})
+        found: list[Answer | None] = [None] * len(contacts)
+        for wish in (one for part in wishes.values() for one in reversed(part)):
+            found[wish.contact] = Answer(wish.field, wish.gain)
+        return found
 
     def _asking(self, memory: WithdrawalMemory, contacts: Contacts) -> set[str]:
         """Returns the touched arms that the surround may move: those at rest, and those that it moves."""

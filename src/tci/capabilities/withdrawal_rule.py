@@ -14,7 +14,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from tci.body.generic_body import GenericBody
-from tci.capabilities.retreat import why_not
+from tci.capabilities.retreat import are_hopeless, why_not
 from tci.errors import CommandError
 from tci.frames import Array, frozen
 from tci.messages import GenericCommand, Mode, Perception
@@ -286,13 +286,21 @@ def _begin(
     # Equal gains are sorted by name, so that the result does not depend on the order of contacts.
     for wish in sorted(wishes, key=lambda wish: (-wish.rank, wish.gain, wish.field.name), reverse=True):
         ways.setdefault(wish.field.motion, []).append(wish)
-    for same in ways.values():  # one check for each motion, not for each touch
-        field, gain = same[0].field, same[0].gain
-        begun = Withdrawal(field, origin, gain, now, now, met=met)
+    # One check for each motion, not for each touch; and once one is refused, a first look at all others.
+    hopeless = [False] * len(ways)
+    for k, same in enumerate(ways.values()):
+        if hopeless[k]:
+            continue
+        begun = Withdrawal(same[0].field, origin, same[0].gain, now, now, met=met)
         answers = [wish.contact for wish in same]
         reason = why_not(perception, body, part, begun.target, mode=mode, answers=answers)
         if not reason:
             return begun, ""
+        if k == 0 and len(ways) > 1:
+            gains = np.array([own[0].gain for own in ways.values()])
+            targets = origin + gains[:, None] * np.array([*ways])
+            contacts = [[wish.contact for wish in own] for own in ways.values()]
+            hopeless = are_hopeless(perception, body, part, targets, contacts)
         first = first or reason
     return None, first
 

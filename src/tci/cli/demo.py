@@ -206,7 +206,7 @@ def _touches(report: Report) -> Table:
 
     table = Table(
         title="The same touch on every skin: perceived force \\[N] and gain of the reflex",
-        caption="Medians over places on the left arm. Lines in grey: too weak for the coarsest of the skins.",
+        caption="Medians over places on the left arm. Grey: less than two counts on the coarsest skin.",
         box=box.SIMPLE_HEAD,
         pad_edge=False,
         collapse_padding=True,
@@ -221,8 +221,11 @@ def _touches(report: Report) -> Table:
         table.add_row(
             f"{probe:g}",
             f"{pressed:g}",
-            *(f"{row.force_n:.2f}  {row.gain:.2f}" for row in rows),
-            style="" if rows[0].resolved else "dim",
+            *(
+                f"{row.force_n:.2f}  {row.gain:.2f}" if row.force_n or row.heavy else "too light"
+                for row in rows
+            ),
+            style="" if rows[0].heavy else "dim",
         )
     return table
 

@@ -11,16 +11,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tci.body.generic_body import BodySettings, GenericBody
-from tci.body.perceiver import Perceiver
+from tci.body.generic_body import GenericBody
 from tci.capabilities.fields import ReceptiveField
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.experiments.same_stimulus import initial_joints
 from tci.frames import Array, read_only
-from tci.messages import Contact, Reading, SkinFrame
+from tci.messages import Contact, SkinFrame
 from tci.robot.description import Robot
 from tci.robot.limb import RHO
-from tci.skin.contacts import ContactSettings
+from tci.skin.conditioning import Conditioner
+from tci.skin.contacts import ContactFinder, ContactSettings
 from tci.skin.layout import normal_channels
 
 PROBES = (0.003, 0.005, 0.010, 0.020)
@@ -29,9 +29,11 @@ FORCES = (0.3, 1.0, 3.0, 10.0)
 """Forces [N] of the touches."""
 PLACES = 16
 """Number of places in each receptive field."""
-RESOLVED = 5.0
-"""Least peak pressure [counts] on each skin for the touch to be resolved by all. Assumed: rounding to whole
-counts then changes the force by less than 5 %."""
+FELT = 2.0
+"""Least peak pressure [counts] on each skin for the touch to be felt on all: a deviation of one count may be
+rounding."""
+LEARN, RATE = 100, 50.0
+"""Number and rate [Hz] of the frames at rest in which the skin learns its noise."""
 STEP = 1e-4
 """Time [s] from touch to touch. Assumed: so short that no estimation window ends, and each touch meets the
 skin as it was untouched."""
@@ -54,8 +56,9 @@ class SameTouch:
     """Median of the perceived forces; 0 for a touch that is not perceived."""
     gain: float
     """Median gain of the reflex."""
-    resolved: bool
-    """True if the touch presses the taxels of all compared robots with at least RESOLVED counts."""
+    heavy: bool
+    """True if the touch presses the coarsest skin of all compared robots with at least FELT counts; a lighter
+    one can't be felt on all."""
 
 
 def same_touch(
@@ -70,10 +73,10 @@ def same_touch(
     rows = []
     for radius in PROBES if places and arms else ():
         pressures = [[arm.pressure(place, radius) for place in places] for arm in arms]
-        least = max(arm.resolution for arm in arms) * RESOLVED
+        least = max(arm.resolution for arm in arms) * FELT
         for arm, laid in zip(arms, pressures, strict=True):
             for force in FORCES:
-                felt = np.median([arm.answer(arm.touch(*one, force)) for one in laid], axis=0)
+                felt = np.median(arm.answers([arm.touch(*one, force) for one in laid]), axis=0)
                 peak = force / (2.0 * np.pi * (radius / 1.5) ** 2)
                 row = SameTouch(arm.name, radius * 1e3, force, float(felt[0]), float(felt[1]), peak >= least)
                 rows.append(row)
@@ -107,16 +110,19 @@ class Arm:
     def __init__(self, body: GenericBody, reflex: WithdrawalReflex) -> None:
         robot: Robot = body.robot
         self.name = robot.name
+        self._reflex, self._count, self._now, joints = reflex, 0, 0.0, initial_joints(robot)
+        self._conditioner = Conditioner(body.layout)
         # Isolated taxels are accepted at once: those of a lasting touch are after 0.2 s.
-        settings = BodySettings(contacts=ContactSettings(isolated=None))
-        self._perceiver = Perceiver(GenericBody(robot, settings=settings))
-        self._joints, self._reflex, self._count = initial_joints(robot), reflex, 0
+        self._finder = ContactFinder(body.layout, ContactSettings(isolated=None))
+        self._posture = body.posture(joints)
+        self._poses = body.skin.kinematics.pose_array(joints.position, body.layout.links)
+        self._pressed: set[str] = set()
         self._rest = {one.name: np.full(one.channels, one.sensor.rest) for one in robot.skin}
         part = robot.part(PART)
         self._sleeves = {}
         for patch in robot.skin:
             if patch.part == PART and (segment := robot.limb_segment(patch)) is not None:
-                u, theta, radius = body.skin.limb(patch.name, self._joints)
+                u, theta, radius = body.skin.limb(patch.name, joints)
                 areas = body.skin.surfaces[patch.name].areas
                 length = part.segment(segment.name).length
                 self._sleeves[segment.name] = patch, u * length, theta, radius, areas, length
@@ -125,7 +131,8 @@ class Arm:
         }
         self.resolution = max(abs(sleeve[0].sensor.pascal_per_count) for sleeve in self._sleeves.values())
         """Pressure [Pa] of one count on the coarsest patch."""
-        self._perceive(self._rest)
+        for _ in range(LEARN):
+            self._perceive(self._rest, 1.0 / RATE)
 
     def _offsets(self, place: Place) -> tuple[Array, Array]:
         """Returns how far (taxels,) [m] each taxel lies from a place, along the limb and around it."""
@@ -158,23 +165,30 @@ class Arm:
     def touch(self, place: Place, pressure: Array, force: float) -> Contact | None:
         """Returns the strongest contact that is perceived of a touch; None without one."""
         patch = self._sleeves[place[0]][0]
-        sensor, values = patch.sensor, dict(self._rest)
+        sensor = patch.sensor
         counts = np.sign(sensor.pascal_per_count) * np.round(sensor.counts(force * pressure))
-        raw = values[patch.name].copy()
+        raw = self._rest[patch.name].copy()
         raw[self._channels[patch.name]] += counts
-        values[patch.name] = np.clip(raw, sensor.lowest, sensor.highest)
-        return self._perceive(values)
+        released = {name: self._rest[name] for name in self._pressed}
+        self._pressed = {patch.name}
+        return self._perceive(released | {patch.name: np.clip(raw, sensor.lowest, sensor.highest)})
 
-    def answer(self, contact: Contact | None) -> tuple[float, float]:
-        """Returns the force [N] of a contact and the gain of the reflex; zeros without a contact."""
-        if contact is None:
-            return 0.0, 0.0
-        answer = self._reflex.answer(contact)
-        return contact.force, 0.0 if answer is None else answer.gain
+    def answers(self, contacts: Sequence[Contact | None]) -> Array:
+        """Returns the force [N] of each contact and the gain of the reflex (contacts, 2); zeros without a
+        contact."""
+        result = np.zeros((len(contacts), 2))
+        felt = [(row, contact) for row, contact in enumerate(contacts) if contact is not None]
+        answers = self._reflex.answers([contact for _, contact in felt])
+        for (row, contact), answer in zip(felt, answers, strict=True):
+            result[row] = contact.force, 0.0 if answer is None else answer.gain
+        return result
 
-    def _perceive(self, values: dict[str, Array]) -> Contact | None:
+    def _perceive(self, values: dict[str, Array], step: float = STEP) -> Contact | None:
         self._count += 1
-        now = STEP * self._count
-        frames = tuple(SkinFrame(name, now, self._count, read_only(raw)) for name, raw in values.items())
-        contacts = self._perceiver.step(Reading(self._joints, frames), now).contacts
+        self._now = now = self._now + step
+        self._conditioner.step(
+            [SkinFrame(name, now, self._count, read_only(raw)) for name, raw in values.items()]
+        )
+        state, estimates = self._conditioner.state, self._conditioner.estimates
+        contacts = self._finder.find(state, estimates, lambda: self._poses, self._posture)
         return max(contacts, key=lambda one: one.force, default=None)

@@ -109,7 +109,7 @@ class Baseline:
         self._slew = settings.drift_rate * span
         self._neighbours = neighbours
         self._initialised = np.zeros(count, dtype=bool)
-        self._rested = np.zeros(count, dtype=bool)
+        self.rested = np.zeros(count, dtype=bool)
         self._afresh = False
 
     def start(self, offset: Array, noise: ArrayLike) -> None:
@@ -117,7 +117,7 @@ class Baseline:
         self.offset[:] = offset
         self.noise[:] = noise
         self.threshold[:] = self.settings.threshold * self.noise
-        self._initialised[:] = self._rested[:] = True
+        self._initialised[:] = self.rested[:] = True
 
     @property
     def typical_noise(self) -> float:
@@ -125,7 +125,7 @@ class Baseline:
 
         Under a load from the start, such as the robot's own weight, the others are not known yet.
         """
-        return median(self.noise[self._rested] if self._rested.any() else self.noise)
+        return median(self.noise[self.rested] if self.rested.any() else self.noise)
 
     def rezero(self, signal: Array) -> None:
         """Takes `signal` (n,) [counts] as the new rest values; the next window makes them exact."""
@@ -156,7 +156,7 @@ class Baseline:
         share = np.where(self._initialised, 1.0 - np.exp(-window.elapsed / s.noise), 1.0)
         self.noise += np.where(contributes, share * (noise - self.noise), 0.0)
         self._initialised |= contributes
-        self._rested |= quiet
+        self.rested |= quiet
         # A window has too few frames to show that a taxel is quieter than its patch.
         self.threshold[:] = s.threshold * np.maximum(self.noise, self.typical_noise)
 

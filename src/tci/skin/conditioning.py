@@ -108,6 +108,8 @@ class Conditioner:
             muted=np.zeros(taxels, np.bool_),
             least=np.zeros(taxels),
             fluctuating=np.zeros(taxels, np.bool_),
+            onset=np.full(taxels, np.inf),
+            hidden=np.zeros(taxels),
         )
         self._memory = SkinMemory(
             statistics=np.zeros((ROWS, taxels), np.float32),

@@ -21,7 +21,7 @@ from tci.robot.kernels.weighted_force import mean_force
 from tci.robot.limb import generic_limb_point
 from tci.skin.estimation import SATURATED
 from tci.skin.isolated import IsolatedSettings
-from tci.skin.kernels.arrays import ActiveTaxels, Clusters, ContactArrays, Estimates
+from tci.skin.kernels.arrays import ActiveTaxels, Clusters, ContactArrays, Estimates, Limits
 from tci.skin.kernels.contacts import SUMMARY, cluster, describe
 from tci.skin.kernels.isolated import WAITING, reject_isolated
 from tci.skin.layout import AXES, SkinLayout
@@ -38,7 +38,10 @@ class ContactSettings:
     """Thresholds at which active taxels form a contact."""
 
     touch: float = 0.1
-    """Least force [N] on the strongest taxel of a contact. Assumed: 4 of an iCub's 240 counts."""
+    """Least force [N] on the strongest taxel of a contact. Assumed: 3 counts on an iCub's forearm."""
+    light: float = 0.05
+    """The same, for a taxel whose noise is known and which reads two counts or more. Assumed: below two
+    counts of all packaged sleeves, so that each feels what its sensor can resolve."""
     floor: float = 0.01
     """Least force [N] on a taxel that joins a contact, so that the weak edge of a touch is kept. Assumed:
     below one of an iCub's counts; a sensor that flickers at rest needs more."""
@@ -46,9 +49,14 @@ class ContactSettings:
     """Conditions under which a single active taxel is a contact; None accepts all."""
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.floor <= self.touch < np.inf:
-            values = f"floor={self.floor}, touch={self.touch}"
-            raise TciError(f"contact settings {values}; valid: 0 < floor <= touch, both finite")
+        if not 0.0 < self.floor <= self.light <= self.touch < np.inf:
+            values = f"floor={self.floor}, light={self.light}, touch={self.touch}"
+            raise TciError(f"contact settings {values}; valid: 0 < floor <= light <= touch, all finite")
+
+    @property
+    def limits(self) -> Limits:
+        """Returns the forces [N] as the compiled loops take them."""
+        return Limits(float(self.floor), float(self.light), float(self.touch))
 
 
 class ContactFinder:
@@ -56,7 +64,7 @@ class ContactFinder:
 
     def __init__(self, layout: SkinLayout, settings: ContactSettings = ContactSettings()) -> None:
         self.layout, self.settings = layout, settings
-        self._tracker = Tracker()
+        self._tracker, self._limits = Tracker(), settings.limits
         self._parts = {site.part for site in layout.sites}
         taxels, patches = len(layout.arrays.taxel), len(layout.sites)
         self._clusters = Clusters(
@@ -88,7 +96,7 @@ class ContactFinder:
         active = ActiveTaxels(state.stamp, state.begin, state.active, state.pressure)
         count = single = 0
         if len(state.active):
-            count, taxels, single = _cluster(active, settings.floor, settings.touch, layout.arrays, clusters)
+            count, taxels, single = _cluster(active, self._limits, estimates.onset, layout.arrays, clusters)
         waiting: Array = self._waiting[:0]
         if single and settings.isolated is not None:
             count, taxels, waiting = self._reject(active, estimates, settings.isolated, single)
@@ -98,7 +106,8 @@ class ContactFinder:
             return self.contacts
         angles, links = self._angles(posture), poses()
         made = empty_contacts(count, taxels)
-        _describe(layout.arrays, clusters, links, angles, np.empty((count, SUMMARY)), made)
+        room = np.empty((count, SUMMARY))
+        _describe(layout.arrays, estimates.hidden, clusters, links, angles, room, made)
         if state.vector is not None:
             self._turn(made, state, state.vector, links)
         self._tracker.follow(made, state.stamp)
@@ -174,7 +183,8 @@ def describe_touches(
     )  # fmt: skip
     made = empty_contacts(count, count)
     angles = _limb_angles(layout.parts, posture)
-    _describe(layout.arrays, clusters, poses, angles, np.empty((count, SUMMARY)), made)
+    whole = np.zeros(len(layout.arrays.taxel))
+    _describe(layout.arrays, whole, clusters, poses, angles, np.empty((count, SUMMARY)), made)
     return made
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tci.frames import Array
 from tci.robot.description import SOLE
 from tci.skin.baseline import Baseline, BaselineSettings, Window
+from tci.skin.fill_factor import is_surface
 from tci.skin.health import Health, HealthSettings, TaxelHealth
 from tci.skin.kernels.arrays import Estimates, Single
 from tci.skin.kernels.condition import (
@@ -27,6 +28,8 @@ from tci.skin.layout import SkinPatch
 SATURATED = 0.9
 """Fraction of the range above which a taxel counts as saturated, so that its reading is a press and no step
 of the baseline. Assumed; 1 would miss taxels whose noise takes them below the end now and then."""
+TWO_COUNTS = 1.5
+"""Deviation [counts] of a value two counts from rest, at least: the rest value may lie between two counts."""
 
 
 class PatchEstimator:
@@ -47,6 +50,7 @@ class PatchEstimator:
             neighbours=pairs,
             settings=baseline,
         )
+        self._fades = is_surface(patch.surface) & (not patch.description.through_joints)
         if patch.calibration is not None:
             rest = sign * (np.array(patch.calibration.rest) - sensor.rest)
             self.baseline.start(rest, patch.calibration.noise)
@@ -83,12 +87,19 @@ class PatchEstimator:
         self.write_health(taxels, estimates)
 
     def write_health(self, taxels: slice, estimates: Estimates) -> None:
-        """Writes which taxels are muted, and the pressure above which the others are active: at least one
-        count."""
-        counts = np.maximum(self.baseline.threshold, 1.0)
-        least = np.interp(counts, *self.nodes) if self.nodes.size else self.gain * counts
+        """Writes which taxels are muted, the pressure above which the others are active: at least one count,
+        and the pressure below which they measure nothing: at least half a count."""
+        threshold = self.baseline.threshold
+        least = self._pressure(np.maximum(threshold, 1.0))
         estimates.least[taxels] = np.where(self.health.healthy, least, np.inf)
+        known = self._pressure(np.full(len(threshold), TWO_COUNTS))
+        estimates.onset[taxels] = np.where(self.baseline.rested, known, np.inf)
+        estimates.hidden[taxels] = np.where(self._fades, self._pressure(np.maximum(threshold, 0.5)), 0.0)
         estimates.muted[taxels] = self.health.muted
+
+    def _pressure(self, counts: Array) -> Array:
+        pressure: Array = np.interp(counts, *self.nodes) if self.nodes.size else self.gain * counts
+        return pressure
 
     def masked(self) -> MappingProxyType[int, str]:
         """Returns the reason for each taxel that is not in use, by index: `dead`, `stuck` or `noisy`."""

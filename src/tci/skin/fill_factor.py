@@ -7,6 +7,7 @@ touch are therefore divided by the fill factor, averaged over an area as wide as
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from tci.frames import Array
@@ -22,6 +23,16 @@ SPARSE = 2
 """Number of neighbours within `NEIGHBOUR_DISTANCE` below which a taxel measures a place, not a surface
 (switches, bumpers, load cells): its fill factor is 1. That of isolated taxels, see `IsolatedSettings`."""
 _CHUNK = 8192
+
+
+def is_surface(surface: Surface) -> NDArray[np.bool_]:
+    """Returns which taxels (n,) measure a surface on which a touch fades: not those of a sheet, nor sparse
+    ones."""
+    if is_sheet(surface.normals):
+        return np.zeros(len(surface.positions), np.bool_)
+    tree = cKDTree(surface.positions)
+    neighbours = tree.query_ball_point(surface.positions, NEIGHBOUR_DISTANCE, return_length=True)
+    return np.asarray(neighbours > SPARSE)  # each counts itself
 
 
 def fill_factors(surface: Surface) -> Array:
@@ -51,6 +62,5 @@ def fill_factors(surface: Surface) -> Array:
             weights = surface.areas[other[near]] * np.exp(-distance2[near] / (2.0 * variance)) / variance
             result[own, column] = np.bincount(one[near], weights, len(result[own]))
     result /= 2.0 * np.pi * (1.0 - np.exp(-(REACH**2) / 2.0))
-    neighbours = tree.query_ball_point(surface.positions, NEIGHBOUR_DISTANCE, return_length=True)
-    result[neighbours <= SPARSE] = 1.0  # each counts itself
+    result[~is_surface(surface)] = 1.0
     return np.minimum(result, 1.0)

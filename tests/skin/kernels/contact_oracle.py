@@ -15,7 +15,7 @@ from tci.messages import JointReading
 from tci.robot.generic_arm import limb_coordinates
 from tci.skin.contacts import ContactSettings, centre_of_pressure
 from tci.skin.fill_factor import WIDTHS, fill_factors
-from tci.skin.kernels.contacts import LEAST_FILL, NARROW
+from tci.skin.kernels.contacts import LEAST_FILL, MOST_HIDDEN, NARROW
 from tci.skin.skin import segment_pose
 from tci.skin.surfaces import Surface
 
@@ -64,7 +64,7 @@ def contacts(
     """Returns the contacts in a first state, on limbs."""
     found = []
     poses = skin.kinematics.poses(joints.position, skin.kinematics.links)
-    for patch in skin.robot.patches:
+    for place, patch in enumerate(skin.robot.patches):
         if patch.name not in felt:
             continue
         one, surface = felt[patch.name], skin.surfaces[patch.name]
@@ -79,7 +79,10 @@ def contacts(
             points_S = apply(invert(T_TS) @ T_TL, np.concatenate([p_L[None], positions]))
             u, theta = limb_coordinates(points_S, segment.length, part.side)
             n_T = T_TL[:3, :3] @ n_L
-            force = forces.sum() / fill_factor(surface, taxels, forces)
+            strongest = taxels[one.pressure[taxels].argmax()]
+            hidden = skin.conditioner.estimates.hidden[skin.layout.taxels[place]][strongest]
+            share = 1.0 - min(hidden / one.pressure[strongest], MOST_HIDDEN)
+            force = forces.sum() / fill_factor(surface, taxels, forces) / share
             own.append(
                 SimpleNamespace(
                     patch=patch.name, part=patch.part, segment=patch.segment, stamp=one.stamp,

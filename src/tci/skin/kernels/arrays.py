@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import boolean, float32, int32, int64
+from numba import boolean, float32, float64, int32, int64
 from numpy.typing import NDArray
 
 from tci.compiled import reads, record, writes
@@ -79,6 +79,11 @@ class Estimates(NamedTuple):
     """Pressure [Pa] above which a taxel is active; infinite if it is masked."""
     fluctuating: NDArray[np.bool_]
     """Taxels so noisy that their values never stay constant for long."""
+    onset: Array
+    """Pressure [Pa] of two counts, from which a light touch begins; infinite while the noise is not known."""
+    hidden: Array
+    """Pressure [Pa] below which the edge of a touch is not measured; 0 where a touch has none (sheets,
+    switches)."""
 
 
 class SkinMemory(NamedTuple):
@@ -109,6 +114,14 @@ class ActiveTaxels(NamedTuple):
     begin: Places
     active: Indices
     pressure: Array
+
+
+class Limits(NamedTuple):
+    """Least forces [N] on taxels, see `ContactSettings`."""
+
+    floor: float
+    light: float
+    touch: float
 
 
 class Clusters(NamedTuple):
@@ -160,14 +173,16 @@ LAYOUT = record(
     reads(2, int64),
 )  # fmt: skip
 ESTIMATES = record(
-    Estimates, writes(1, float32), writes(1, float32), writes(1, boolean), writes(1), writes(1, boolean)
-)
+    Estimates, writes(1, float32), writes(1, float32), writes(1, boolean), writes(1), writes(1, boolean),
+    writes(1), writes(1),
+)  # fmt: skip
 MEMORY = record(
     SkinMemory, writes(2, float32), writes(2, int32), writes(2), writes(1), writes(1, float32),
     writes(1, int64), writes(1, int32), writes(1),
 )  # fmt: skip
 ROOM = record(ActiveTaxels, writes(1), writes(1, int64), writes(1, int32), writes(1))
 ACTIVE = record(ActiveTaxels, reads(1), reads(1, int64), reads(1, int32), reads(1))
+LIMITS = record(Limits, float64, float64, float64)
 CLUSTERS = record(
     Clusters, writes(1), writes(1, int32), writes(1, int32), writes(1, int64), writes(1, int32),
     writes(1, int32), writes(1),

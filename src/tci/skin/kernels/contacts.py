@@ -17,6 +17,7 @@ from tci.skin.kernels.arrays import (
     CONTACTS,
     LAYOUT,
     LIMB_LINK,
+    LIMITS,
     LINK,
     POSTURE,
     TAXEL,
@@ -25,6 +26,7 @@ from tci.skin.kernels.arrays import (
     ContactArrays,
     Indices,
     LayoutArrays,
+    Limits,
 )
 from tci.skin.kernels.nearest import nearest
 
@@ -35,6 +37,8 @@ NARROW = 0.5
 between 3 and 5 mm are then about right on lattices of 6 to 10 mm."""
 LEAST_FILL = 0.15
 """Least fill factor by which forces are divided. Assumed: on sparser skin the result would be a guess."""
+MOST_HIDDEN = 0.5
+"""Largest share of a force that is added for its edge. Assumed: more would be a guess."""
 _FIRST, _LAST = float(WIDTHS[0]), len(WIDTHS) - 1
 _NONE, _ONE = np.uint64(0), np.uint64(1)
 """Unsigned indices: numba then omits the check for negative (wrap-around) indices."""
@@ -61,31 +65,36 @@ def _deal(found: int, clusters: Clusters, count: int) -> None:
 
 @inlined
 def _grow(
-    seed: int, floor: float, number: int, layout: LayoutArrays, clusters: Clusters
-) -> tuple[int, float]:
-    """Labels all taxels connected with a seed. Returns their number and the force [N] on the strongest."""
+    seed: int, limits: Limits, number: int, onset: Array, layout: LayoutArrays,
+    clusters: Clusters,
+) -> tuple[int, bool]:  # fmt: skip
+    """Labels all taxels connected with a seed. Returns their number, and True if they are a contact."""
     force, label, queue, graph = clusters.force, clusters.label, clusters.queue, layout.graph
     done, size = _NONE, _ONE
-    label[np.uint64(seed)], queue[_NONE], peak = number, seed, force[np.uint64(seed)]
+    label[np.uint64(seed)], queue[_NONE], strong = number, seed, False
     while done < size:
         taxel = np.uint64(queue[done])
         done += _ONE
-        peak = max(peak, force[taxel])
+        f = force[taxel]
+        strong |= f >= limits.touch or (f >= limits.light and f >= onset[taxel] * layout.taxel[taxel, AREA])
         for edge in range(np.uint64(graph[taxel]), np.uint64(graph[taxel + _ONE])):
             other = np.uint64(graph[edge])
-            if label[other] == 0 and force[other] >= floor:
+            if label[other] == 0 and force[other] >= limits.floor:
                 label[other], queue[size] = number, graph[edge]
                 size += _ONE
-    return int(size), peak
+    return int(size), strong
 
 
-@compiled(returns(int64, int64, int64)(ACTIVE, float64, float64, LAYOUT, CLUSTERS))
+@compiled(returns(int64, int64, int64)(ACTIVE, LIMITS, reads(1), LAYOUT, CLUSTERS))
 def cluster(
-    state: ActiveTaxels, floor: float, touch: float, layout: LayoutArrays, clusters: Clusters
+    state: ActiveTaxels, limits: Limits, onset: Array, layout: LayoutArrays, clusters: Clusters
 ) -> tuple[int, int, int]:
-    """Finds clusters of neighbouring taxels whose force is at least `floor` [N], one of them at least `touch`
-    [N] (single linkage). Returns the number of clusters, of their taxels, and of clusters of a single taxel.
+    """Finds clusters of neighbouring taxels whose force is at least the floor (single linkage).
+
+    That of one is at least `touch`; or `light`, with a pressure of at least `onset` (n,) [Pa]. Returns the
+    number of clusters, of their taxels, and of clusters of a single taxel.
     """
+    floor = limits.floor
     count, force, queue = 0, clusters.force, clusters.queue
     clusters.bound[0] = 0
     for p in range(len(clusters.counts)):
@@ -99,8 +108,8 @@ def cluster(
             seed = begin + state.active[k]
             if force[seed] < floor or clusters.label[seed] != 0:
                 continue
-            size, peak = _grow(seed, floor, count + 1, layout, clusters)
-            if peak >= touch:
+            size, strong = _grow(seed, limits, count + 1, onset, layout, clusters)
+            if strong:
                 count += 1
                 clusters.bound[count] = clusters.bound[count - 1] + size
             else:
@@ -178,23 +187,27 @@ def fill_around(taxels: Indices, forces: Array, layout: LayoutArrays) -> float:
 
 @inlined
 def _summarise(
-    c: int, p: int, T_SL: tuple[Row, Row, Row], layout: LayoutArrays, clusters: Clusters, row: Array
-) -> None:
+    c: int, p: int, T_SL: tuple[Row, Row, Row], hidden: Array, layout: LayoutArrays, clusters: Clusters,
+    row: Array,
+) -> None:  # fmt: skip
     """Writes the summary (SUMMARY,) of one cluster of patch `p`."""
     taxels = layout.taxel
-    total, peak, area = 0.0, 0.0, 0.0
+    total, peak, area, pressure, edge = 0.0, 0.0, 0.0, 0.0, 0.0
     mean_x, mean_y, mean_z = 0.0, 0.0, 0.0
     for place in range(clusters.bound[c], clusters.bound[c + 1]):
         i, f = clusters.member[place], clusters.member_force[place]
         total += f
         peak = max(peak, f)
         area += taxels[i, AREA]
+        if f > pressure * taxels[i, AREA]:
+            pressure, edge = f / taxels[i, AREA], hidden[i]
         mean_x += f * taxels[i, 0]
         mean_y += f * taxels[i, 1]
         mean_z += f * taxels[i, 2]
     mean = mean_x / total, mean_y / total, mean_z / total
     begin, end = clusters.bound[c], clusters.bound[c + 1]
-    row[FORCE] = total / _fill(clusters.member[begin:end], clusters.member_force[begin:end], layout)
+    fill = _fill(clusters.member[begin:end], clusters.member_force[begin:end], layout)
+    row[FORCE] = total / (fill * (1.0 - min(edge / pressure, MOST_HIDDEN)))
     row[PEAK], row[AREA_SUM] = peak, area
     nearest(mean, p, layout, row[POINT:NORMAL], row[NORMAL:])
     x, y, z = row[POINT], row[POINT + 1], row[POINT + 2]
@@ -255,15 +268,18 @@ def _write_taxels(
     out.begin[c + 1] = to
 
 
-@compiled(void(LAYOUT, CLUSTERS, reads(3), reads(2), writes(2), CONTACTS))
+@compiled(void(LAYOUT, reads(1), CLUSTERS, reads(3), reads(2), writes(2), CONTACTS))
 def describe(
-    layout: LayoutArrays, clusters: Clusters, poses: Array, posture: Array, summary: Array, out: ContactArrays
-) -> None:
+    layout: LayoutArrays, hidden: Array, clusters: Clusters, poses: Array, posture: Array, summary: Array,
+    out: ContactArrays,
+) -> None:  # fmt: skip
     """Writes the contact of each cluster, the strongest of each patch first (eqs 3-4, 6-7).
 
     A contact has its force, its centre of pressure on the surface, the normal there, and its place on the
-    generic limb. `poses` (l, 4, 4) are those of the links in the torso frame, `posture` (parts, 4) [rad] the
-    generic angles of the limbs, `summary` (c, SUMMARY) is work space.
+    generic limb. Of a round touch whose pressure falls as a Gaussian, the share `hidden` / peak lies where
+    the pressure is below `hidden` (n,) [Pa], whatever its width. `poses` (l, 4, 4) are those of the links in
+    the torso frame, `posture` (parts, 4) [rad] the generic angles of the limbs, `summary` (c, SUMMARY) is
+    work space.
     """
     c, order = 0, out.identity
     out.begin[0] = 0
@@ -275,7 +291,7 @@ def describe(
         T_TL = poses[layout.on[p, LINK]]
         T_SL = limb_pose(T_TL, poses[layout.on[p, LIMB_LINK]], layout.limb[p], posture[layout.on[p, POSTURE]])
         for found in range(first, c):
-            _summarise(found, p, T_SL, layout, clusters, summary[found])
+            _summarise(found, p, T_SL, hidden, layout, clusters, summary[found])
             k = found
             while k > first and _precedes(summary[found], summary[order[k - 1]]):
                 order[k] = order[k - 1]

@@ -23,6 +23,7 @@ import touch_to_motion
 import without_skin
 from foot import draw as draw_foot
 from same_touch import draw as draw_same_touch
+from tactile import draw as draw_tactile
 
 import tci
 from tci.body.places import find_place
@@ -156,6 +157,7 @@ MAKERS: dict[str, Callable[[Path], None]] = {
     "demo": demo,
     "foot": foot,
     "same_touch": lambda _: draw_same_touch(IMAGES / "same-touch.png"),
+    "tactile": lambda _: draw_tactile(IMAGES / "tactile.png"),
     "plot": plot,
     "shrug": shrug,
     "notebook": notebook,

@@ -67,6 +67,7 @@ def test_a_stall_stops_the_robot_and_the_status_says_so() -> None:
 
 def test_a_person_sees_what_happened_and_why_the_robot_holds() -> None:
     text = told_by(*POKED, "--fault", "dropped-frames@0.3:0.2")
+    assert text.startswith("the simulated finger pokes left_forearm")
     assert "dropped-frames (fault 10: dropped frames)" in text
     held = text.index("HOLD")
     assert "ms old" in text[held:]

@@ -1,4 +1,4 @@
-"""A day of a skin with noise, drift and broken taxels: counts false reflexes and missed touches."""
+"""A day of an imperfect skin with noise, drift and broken taxels: counts false reflexes, missed touches."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from tci.frames import read_only
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.robot.generic_arm import SEGMENTS
 from tci.robot.joint_map import initial_position
+from tci.simulation.imperfection import Imperfection, ImperfectTaxels
 
 RATE = 50.0
 """Frame rate [Hz]."""
@@ -61,6 +62,7 @@ class Day:
         self.u, self.theta, _ = skin.limb(self.patch.name, self.joints)
         self.noise = self.random.uniform(0.5, 1.5, count)
         self.scatter = 1.0 + SCATTER * self.random.standard_normal(count)
+        self.foam = ImperfectTaxels(skin.surfaces[self.patch.name], Imperfection.usual())
         self.memory = self.reflex.init(self.body)
         self.stuck = 0.0
 
@@ -85,12 +87,13 @@ class Day:
         for frame in range(int(hours * 3600.0 * RATE)):
             now = frame / RATE
             drift = DRIFT * (sensor.highest - sensor.lowest) * np.sin(2 * np.pi * now / DRIFT_PERIOD)
-            values = sensor.rest + sign * drift * self.scatter
-            values += self.noise * self.random.standard_normal(len(self.channels))
+            pressed = np.zeros(len(self.channels))
             if next_touch < touches and now >= begins[next_touch]:
-                values[chosen] += sign * PRESSED
+                pressed[chosen] = PRESSED
                 if now >= begins[next_touch] + 0.5:
                     next_touch, chosen = next_touch + 1, self.touch()
+            values = sensor.rest + sign * (drift * self.scatter + self.foam.signal(pressed, now))
+            values += self.noise * self.random.standard_normal(len(self.channels))
             values = np.clip(np.rint(values), sensor.lowest, sensor.highest)
             if now % FAULTY < 1.0 / RATE:
                 broken = int(self.random.integers(len(self.channels)))

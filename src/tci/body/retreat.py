@@ -120,7 +120,7 @@ class Retreat:
         """Returns the angles (m, k) [rad] of a part's servos at the ends of motions to `targets` (m, n)."""
         joints, bounds = motion.joints, motion.bounds
         if motion.inverse is None or len(targets) == 1:
-            goals = np.array([joints.to_robot(target, position) for target in targets])
+            goals: Array = np.array([joints.to_robot(target, position) for target in targets])
         else:  # each differs from the first by a linear map
             apart = targets - targets[0]
             goals = joints.to_robot(targets[0], position) + apart.take(joints.ids, axis=1) @ motion.inverse
@@ -178,5 +178,6 @@ def _motion(robot: Robot, part: str) -> _Motion:
     plan.max_acceleration, plan.max_jerk = bounds.acceleration.tolist(), bounds.jerk.tolist()
     free = np.ones(count, np.bool_)
     constant = joints.exact and all(one.constant for one in joints.transforms)
-    inverse = np.linalg.inv(joints.slope(np.zeros(len(robot.servos)))).T if constant else None
+    slope = joints.slope(np.zeros(len(robot.servos))) if constant else None
+    inverse = None if slope is None else np.array(np.linalg.inv(slope).T, np.float64)
     return _Motion(joints, inverse, bounds, outside, free, Ruckig(count), plan, Trajectory(count))

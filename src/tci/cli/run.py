@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tci.cli import completion
-from tci.cli.console import print_json, told_here
+from tci.cli.console import console, print_json, told_here
 from tci.cli.options import Arm, AsJson, Duration, Faults, RobotName, Via
 from tci.errors import CommandError
 
@@ -33,7 +33,8 @@ def run(
     duration: Duration = None,
     arm: Arm = False,
     poke: Annotated[
-        bool, typer.Option("--poke", help="Poke the left forearm with a simulated finger.")
+        bool,
+        typer.Option("--poke", help="Poke the left forearm, and no other part, with a simulated finger."),
     ] = False,
     fault: Faults = None,
     record: Annotated[Path | None, typer.Option(help="Record the run to this new file (.mcap).")] = None,
@@ -119,7 +120,9 @@ def run_capability(
             about = sessions.about_capability(name, capability)
             recorder = closing.enter_context(sessions.recorder_for(record, driver, via, about))
         if poke:
-            sessions.poke_forearm(driver)
+            poked = sessions.poke_forearm(driver)
+            if not as_json:
+                console.print(f"the simulated finger pokes {poked}", style="dim")
         filmed = _film(driver, film) if film is not None else None
 
         def see(tick: Tick) -> None:

@@ -180,8 +180,9 @@ def about_capability(name: str, capability: Capability[object]) -> dict[str, str
     return {"capability": name, "settings": repr(capability)}
 
 
-def poke_forearm(driver: Driver) -> None:
-    """Pokes the left forearm with the simulated finger. Raises CommandError for a real robot."""
+def poke_forearm(driver: Driver) -> str:
+    """Pokes the left forearm with the simulated finger. Returns the patch. Raises CommandError for a real
+    robot."""
     if not isinstance(driver, SimulatedDriver):
         raise CommandError("--poke needs a simulated robot; valid: --via sim")
     site = default_fields()[0]
@@ -192,6 +193,7 @@ def poke_forearm(driver: Driver) -> None:
     driver.world.finger.poke(
         place.patch, place.p_L, place.n_L, speed=speed, depth=depth, gap=speed * POKE_DELAY
     )
+    return place.patch
 
 
 @contextlib.contextmanager

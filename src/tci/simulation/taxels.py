@@ -12,10 +12,12 @@ from tci.frames import Array, read_only
 from tci.messages import SkinFrame
 from tci.robot.description import Patch
 from tci.simulation import sampling as at
+from tci.simulation.imperfection import Imperfection, ImperfectTaxels
 from tci.simulation.kernel import ROWS, width
 from tci.simulation.physics import Physics
 from tci.simulation.touch import floor_sensor, skin_geom
 from tci.skin.fill_factor import WIDTHS, fill_factors
+from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface, tangents
 
 
@@ -29,6 +31,7 @@ class Taxels:
         surfaces: Mapping[str, Surface],
         *,
         noise: float,
+        imperfection: Imperfection | None,
         generator: np.random.Generator,
     ) -> None:
         self.worn = {patch.name: number for number, patch in enumerate(patches)}
@@ -37,6 +40,8 @@ class Taxels:
         self._physics = physics
         self._noise = noise
         self._generator = generator
+        self._surfaces, self._imperfection = surfaces, imperfection
+        self._imperfect: list[ImperfectTaxels] = []
         self._integers = np.zeros((len(patches), 14), dtype=np.int64)
         floats, positions, taxels, channels, nodes = (
             [],
@@ -103,8 +108,8 @@ class Taxels:
 
     @property
     def noisy(self) -> bool:
-        """True if frames have noise, which is added after each step with a frame."""
-        return self._noise > 0.0
+        """True if frames have noise or imperfections, which are added after each step with a frame."""
+        return self._noise > 0.0 or self._imperfection is not None
 
     def reset(self) -> None:
         """Takes the first frame now. Raises TciError as `frames` does."""
@@ -112,6 +117,9 @@ class Taxels:
         self._integers[:, at.COUNT] = -1
         for number in range(len(self._patches)):
             at.sample_now(number, self._physics.steps, self.arrays)
+        if self._imperfection is not None:
+            worn = (self._surfaces[patch.name] for patch in self._patches)
+            self._imperfect = [ImperfectTaxels(surface, self._imperfection) for surface in worn]
         self._frames = [self._frame(number) for number in range(len(self._patches))]
         self._until = -1
 
@@ -134,15 +142,27 @@ class Taxels:
         found = int(integers[at.TOUCHED])
         self._check(number, found)
         values = self._rest[number]
-        if found or self._noise:
+        if found or self.noisy:
             begin = integers[at.CHANNEL]
             counts = self._values[begin : begin + patch.channels].copy() if found else values.astype(float)
+            if self._imperfect:
+                self._distort(number, counts, float(integers[at.TAKEN]) * self._physics.step)
             if self._noise:
                 counts += self._generator.normal(0.0, self._noise, len(counts))
             values = _raw(patch, counts)
         return SkinFrame(
             patch.name, float(integers[at.TAKEN]) * self._physics.step, int(integers[at.COUNT]), values
         )
+
+    def _distort(self, number: int, counts: Array, now: float) -> None:
+        """Adds the imperfections of a patch to the values [counts] along its normals."""
+        patch = self._patches[number]
+        channels, sign = (
+            normal_channels(patch, self._surfaces[patch.name]),
+            np.sign(patch.sensor.pascal_per_count),
+        )
+        pressed = sign * (counts[channels] - patch.sensor.rest)
+        counts[channels] = patch.sensor.rest + sign * self._imperfect[number].signal(pressed, now)
 
     def vectors(self, patch: str) -> Array:
         """Returns the current force (taxels, 3) [N] on each taxel of a patch: along x, along y, pressing.

@@ -18,6 +18,7 @@ from tci.robot.description import Robot
 from tci.robot.joint_map import joint_map
 from tci.robot.kinematics import KinematicChain
 from tci.simulation.finger import RADIUS, Finger
+from tci.simulation.imperfection import Imperfection
 from tci.simulation.joint_torques import JointTorques
 from tci.simulation.physics import Physics
 from tci.simulation.posed_skin import PosedSkin
@@ -49,15 +50,16 @@ class World:
         seed: int = 0,
         skin: bool | Collection[str] = True,
         noise: float = 0.0,
+        imperfection: Imperfection | None = None,
         posture: Mapping[str, ArrayLike] | None = None,
         stands: bool = False,
         period: float | None = None,
         tip: float = RADIUS,
     ) -> None:
         """Args: `step` [s] of the physics; `period` [s] between two targets of the servos, by default the
-        description's; `noise` [counts], the standard deviation of raw skin values; `skin`, True for all
-        patches, False for none, or the names of patches; `tip` [m], the radius of the finger's tip, which may
-        also stand for a ball in a hand.
+        description's; `noise` [counts], the standard deviation of raw skin values; `imperfection`, what
+        the skin's sensors add to them; `skin`, True for all patches, False for none, or the names of patches;
+        `tip` [m], the radius of the finger's tip, which may also stand for a ball in a hand.
 
         `posture` gives generic angles [rad] at the start by generic part; other parts start at their initial
         posture. A robot that `stands` carries its weight on a floor, which only its soles touch, and may
@@ -94,7 +96,10 @@ class World:
         through_joints = any(patch.through_joints for patch in robot.patches)
         self._outputs = JointTorques(self._physics, robot, stands=stands) if through_joints else None
         self._skin = PosedSkin(self._physics, robot.model, self.surfaces)
-        self._taxels = Taxels(self._physics, worn, self.surfaces, noise=noise, generator=self._generator)
+        self._taxels = Taxels(
+            self._physics, worn, self.surfaces, noise=noise, imperfection=imperfection,
+            generator=self._generator,
+        )  # fmt: skip
         self.finger = Finger(self._physics, self._skin)
         """Finger that pokes the skin."""
         self.reset()

@@ -1,0 +1,181 @@
+"""Questions about what is felt: the pressure image of a patch, the shape of a contact, shear, slip, events.
+
+Each is a function of perceptions; those about places also need the robot's body.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tci.body.generic_body import GenericBody
+from tci.errors import TciError
+from tci.frames import Array, frozen
+from tci.messages import Contact, Perception
+from tci.skin.layout import AXES
+from tci.skin.triangulation import is_sheet
+
+FRICTION = 0.5
+"""Ratio of tangential to normal force at which skin slips. Assumed: between rubber on steel and on wood; that
+of a given cover and object is measured by a slow pull."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PressureImage:
+    """Pressure on an unrolled patch, seen from outside."""
+
+    pressure: Array
+    """Pressure (rows, columns) [Pa], NaN where the patch has no skin; the first row is at the top."""
+    pixel: float
+    """Width and height [m] of a pixel."""
+    corner: tuple[float, float]
+    """Coordinates [m] of the image's lower left corner, as in `places`."""
+    places: Array
+    """Coordinates (taxels, 2) [m] of the taxels in the image's plane: across, up. On a limb these are the arc
+    around it from the flexor side, and the distance from the distal end."""
+
+
+def pressure_image(
+    perception: Perception, body: GenericBody, patch: str, *, pixel: float = 0.002
+) -> PressureImage:
+    """Returns the pressure on a patch as an image. Each pixel has the pressure of the nearest taxel.
+
+    A sleeve is cut along its extensor side and unrolled at its mean radius; other skin is projected onto its
+    mean plane. Raises UnknownNameError for an unknown patch, TciError for a perception without skin or a
+    pixel size that is not above 0.
+    """
+    if perception.skin is None or perception.joints is None:
+        raise TciError("a perception without skin has no pressure image; valid: one made by a Perceiver")
+    if not 0.0 < pixel < np.inf:
+        raise TciError(f"pressure image: pixel {pixel} m; valid: above 0 and finite")
+    description, surface = body.robot.patch(patch), body.skin.surfaces[patch]
+    segment = body.robot.limb_segment(description)
+    if segment is None or is_sheet(surface.normals):
+        places = _flattened(surface.positions, surface.normals)
+    else:
+        u, theta, radius = body.skin.limb(patch, perception.joints)
+        places = np.column_stack([theta * radius.mean(), (1.0 - u) * segment.length])
+    reach = np.sqrt(surface.areas)
+    corner = (places - reach[:, None]).min(axis=0)
+    columns, rows = np.ceil(((places + reach[:, None]).max(axis=0) - corner) / pixel).astype(int)
+    x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows)[::-1] + 0.5)
+    apart, nearest = cKDTree(places).query(np.stack([x, y], axis=-1) * pixel + corner)
+    image = perception.skin.on(body.layout.places[patch])[nearest]
+    image[apart > reach[nearest]] = np.nan
+    return PressureImage(frozen(image), pixel, (float(corner[0]), float(corner[1])), frozen(places))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContactShape:
+    """Ellipse with the second moments of the pressure of a contact."""
+
+    area: float
+    """Area [m2] of the ellipse: that of an evenly loaded one with the same moments."""
+    axes: Array
+    """Half of its length and of its width (2,) [m]."""
+    directions: Array
+    """Unit vectors (2, 3) along its length and its width, in the patch's link."""
+
+
+def contact_shape(contact: Contact, body: GenericBody) -> ContactShape:
+    """Returns the shape of a contact in the plane that touches the skin at its centre.
+
+    Each taxel counts as a square of its area, so that a contact of a single taxel has the shape of the taxel.
+    Raises UnknownNameError for a contact of another robot.
+    """
+    surface = body.skin.surfaces[body.robot.patch(contact.patch).name]
+    points, force = surface.positions[contact.taxels], contact.taxel_forces
+    apart = points - force @ points / force.sum()
+    across = np.eye(3) - np.outer(contact.n_L, contact.n_L)
+    own = float(force @ surface.areas[contact.taxels] / force.sum()) / 12.0
+    moments = across @ ((apart.T * force) @ apart / force.sum() + own * np.eye(3)) @ across
+    values, vectors = np.linalg.eigh(moments)  # the least of the three is 0, along the normal
+    axes = 2.0 * np.sqrt(
+        values[:0:-1]
+    )  # an even ellipse has a variance of a quarter of each half axis squared
+    return ContactShape(float(np.pi * axes.prod()), frozen(axes), frozen(vectors.T[:0:-1].copy()))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShearForce:
+    """Tangential force of a contact."""
+
+    tangential: Array
+    """Tangential force (3,) [N] on the skin, in the torso frame."""
+    normal: float
+    """Force [N] that presses on the skin."""
+
+    @property
+    def ratio(self) -> float:
+        """Returns the size of the tangential force per normal force; infinite if nothing presses."""
+        size = float(np.linalg.norm(self.tangential))
+        return size / self.normal if self.normal > 0.0 else np.inf if size > 0.0 else 0.0
+
+
+def shear_force(contact: Contact, body: GenericBody) -> ShearForce | None:
+    """Returns the shear of a contact; None on skin whose taxels measure pressure only.
+
+    Raises UnknownNameError for a contact of another robot.
+    """
+    if body.robot.patch(contact.patch).sensor.axes != AXES:
+        return None
+    normal = -float(contact.f_T @ contact.n_T)
+    return ShearForce(frozen(contact.f_T + normal * contact.n_T), normal)
+
+
+@dataclass(frozen=True, slots=True)
+class TouchEvent:
+    """Beginning, slip or end of a contact."""
+
+    kind: Literal["onset", "slip", "end"]
+    contact: int
+    """Identity of the contact."""
+    patch: str
+    stamp: float
+    """Time [s] of the skin frame that shows it, on the driver's clock."""
+
+
+def touch_events(
+    before: Perception | None, now: Perception, body: GenericBody, *, friction: float = FRICTION
+) -> tuple[TouchEvent, ...]:
+    """Returns what has happened to the contacts between two perceptions, by time.
+
+    A contact on three-axis skin begins to slip when its shear reaches `friction` times its pressure. Raises
+    TciError unless `friction` is above 0.
+    """
+    if not 0.0 < friction < np.inf:
+        raise TciError(f"touch events: friction {friction}; valid: above 0 and finite")
+    known = {} if before is None else {one.identity: one for one in before.contacts}
+    found = []
+    for one in now.contacts:
+        then = known.get(one.identity)
+        if then is None:
+            found.append(TouchEvent("onset", one.identity, one.patch, one.onset))
+        if _slips(one, body, friction) and not (then is not None and _slips(then, body, friction)):
+            found.append(TouchEvent("slip", one.identity, one.patch, one.stamp))
+    going = {one.identity for one in now.contacts}
+    for identity, then in known.items():
+        if identity not in going:
+            stamp = now.stamp if now.skin is None else now.skin.stamp[body.layout.places[then.patch]]
+            found.append(TouchEvent("end", identity, then.patch, float(stamp)))
+    return tuple(sorted(found, key=lambda event: (event.stamp, event.contact)))
+
+
+def _slips(contact: Contact, body: GenericBody, friction: float) -> bool:
+    shear = shear_force(contact, body)
+    return shear is not None and shear.ratio >= friction
+
+
+def _flattened(positions: Array, normals: Array) -> Array:
+    """Returns the coordinates (n, 2) [m] of points (n, 3) in their mean plane, the longer side first; seen
+    against the mean normal."""
+    centred = positions - positions.mean(axis=0)
+    normal = normals.mean(axis=0)
+    plane = centred - np.outer(centred @ normal, normal) / max(float(normal @ normal), 1e-12)
+    first = np.linalg.svd(plane, full_matrices=False)[2][0]
+    second = np.cross(normal, first) / max(float(np.linalg.norm(normal)), 1e-12)
+    places: Array = plane @ np.column_stack([first, second])
+    return places

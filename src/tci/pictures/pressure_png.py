@@ -1,0 +1,29 @@
+"""Pressure images as PNG files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from tci.body.tactile import PressureImage
+from tci.frames import Array
+from tci.pictures.paint import FULL_SCALE, pressure_colours
+
+
+def pressure_pixels(image: PressureImage, *, full_scale: float = FULL_SCALE) -> Array:
+    """Returns the colours (rows, columns, 4) of an image, 0 to 1, transparent where there is no skin.
+
+    From `full_scale` [Pa] on, pressure has the last colour.
+    """
+    skin = np.isfinite(image.pressure)
+    colours = pressure_colours(np.where(skin, image.pressure, 0.0), full_scale)
+    result: Array = np.concatenate([colours, skin[..., None]], axis=-1)
+    return result
+
+
+def write_png(image: PressureImage, path: str | Path, *, full_scale: float = FULL_SCALE) -> None:
+    """Writes an image as a PNG file, one pixel for each of its own."""
+    pixels = np.round(255.0 * pressure_pixels(image, full_scale=full_scale)).astype(np.uint8)
+    Image.fromarray(pixels, "RGBA").save(path, "PNG")

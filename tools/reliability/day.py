@@ -104,8 +104,8 @@ class Day:
                 values[broken] = self._break(kind, values[broken])
             raw[self.channels] = values
             reading = Reading(self.joints, (SkinFrame(self.patch.name, now, frame, raw.copy()),))
-            seen = self.perceiver.step(reading, now)
-            _, self.memory = self.reflex.step(self.memory, seen, self.body)
+            perceived = self.perceiver.step(reading, now)
+            _, self.memory = self.reflex.step(self.memory, perceived, self.body)
             for withdrawal in self.memory.values():
                 if withdrawal.started not in seen and now > LEARN:
                     seen = {withdrawal.started}

@@ -40,8 +40,8 @@ class ContactSettings:
     touch: float = 0.1
     """Least force [N] on the strongest taxel of a contact. Assumed: 3 counts on an iCub's forearm."""
     light: float = 0.05
-    """The same, for a taxel whose noise is known and which reads two counts or more. Assumed: below two
-    counts of all packaged sleeves, so that each feels what its sensor can resolve."""
+    """Least force [N] on a strongest taxel whose noise is known and which reads two counts or more. Assumed:
+    below two counts of all packaged sleeves, so that each feels what its sensor can resolve."""
     floor: float = 0.01
     """Least force [N] on a taxel that joins a contact, so that the weak edge of a touch is kept. Assumed:
     below one of an iCub's counts; a sensor that flickers at rest needs more."""

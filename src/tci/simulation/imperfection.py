@@ -13,7 +13,7 @@ from tci.skin.surfaces import Surface
 
 @dataclass(frozen=True, slots=True)
 class Imperfection:
-    """What a simulated sensor adds to what presses it; by default nothing.
+    """Deviations that a simulated sensor adds to what presses it; by default none.
 
     No magnitudes are published for any of the robots' skins. `usual()` has assumed ones.
     """

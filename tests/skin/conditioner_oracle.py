@@ -8,10 +8,11 @@ import math
 import numpy as np
 
 from tci.frames import doubles
-from tci.skin.baseline import Baseline, Window
+from tci.skin.baseline import Baseline
 from tci.skin.conditioning import ConditioningSettings
 from tci.skin.estimation import SATURATED
 from tci.skin.health import Health, TaxelHealth
+from tci.skin.kernels.baseline import Window
 from tci.skin.kernels.condition import GAP
 from tci.skin.layout import SkinPatch
 

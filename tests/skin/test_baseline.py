@@ -7,13 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skin.baseline_oracle import NumpyBaseline
 from skin.flat_skin import OnePatch, skin_patch
 from tci.errors import TciError
 from tci.frames import Array
 from tci.robot.description import Sensor
-from tci.skin.baseline import BaselineSettings, median
+from tci.skin.baseline import Baseline, BaselineSettings
 from tci.skin.conditioning import ConditioningSettings
 from tci.skin.health import HealthSettings
+from tci.skin.kernels.baseline import Window, median
 
 COUNT = 60
 PERIOD = 0.05
@@ -206,3 +208,30 @@ def test_settings_are_checked() -> None:
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=40))
 def test_the_median_is_numpys(values: list[float]) -> None:
     assert median(np.array(values)) == np.median(values)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_kernel_estimates_as_numpy_does(seed: int) -> None:
+    """Windows with drift, touches, values below rest, constant and masked taxels, and new rest values."""
+    random = np.random.default_rng(seed)
+    pairs = random.integers(0, COUNT, (150, 2))
+    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+    one, other = (
+        kind(COUNT, span=255.0, floor=-15.0, noise=1.0, neighbours=pairs, settings=BaselineSettings())
+        for kind in (Baseline, NumpyBaseline)
+    )
+    for number in range(40):
+        touched = random.random(COUNT) < (0.9 if number % 10 == 9 else 0.2)
+        mean = random.normal(0.1 * number, 1.0, COUNT) + random.normal(0.0, 20.0, COUNT) * touched
+        window = Window(
+            random.uniform(1.0, 2.0), mean, np.abs(mean - one.offset) + random.random(COUNT),
+            random.exponential(1.0, COUNT), random.choice([0.0, 0.1, 0.5], COUNT),
+        )  # fmt: skip
+        healthy = random.random(COUNT) < 0.9
+        for baseline in (one, other):
+            if number in (4, 20):
+                baseline.rezero(mean + 1.0)
+            baseline.update(window, healthy)
+        for name in ("offset", "noise", "threshold", "typical_noise"):
+            np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-12, err_msg=name)
+    assert np.ptp(one.noise) > 0.1

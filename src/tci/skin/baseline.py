@@ -8,15 +8,14 @@ touched taxel stays constant, however long the touch lasts.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from math import exp
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tci.errors import TciError
 from tci.frames import Array
-
-NOISE_GAIN = np.sqrt(6.0) * np.sqrt(2.0 / np.pi)
-"""Mean size of the second difference of normal noise, in standard deviations of the noise."""
+from tci.skin.kernels.baseline import ROOM, BaselineArrays, Window, update_baseline
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,23 +62,6 @@ class BaselineSettings:
                 raise TciError(f"baseline: {field.name} {value}; valid: above 0 and finite")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Window:
-    """Statistics of one estimation window, per taxel."""
-
-    elapsed: float
-    """Length [s] of the window."""
-    mean: Array
-    """Mean signal (n,) [counts]."""
-    peak: Array
-    """Largest deviation (n,) [counts] from the rest value."""
-    second_difference: Array
-    """Mean absolute second difference (n,) [counts] of the signal. Slow changes, touches among them, hardly
-    affect it."""
-    changes: Array
-    """Fraction (n,) of the frames that differ from the previous one."""
-
-
 class Baseline:
     """The rest values of one patch, as deviations [counts] from the description's."""
 
@@ -105,11 +87,18 @@ class Baseline:
         """Standard deviation (n,) [counts] of the noise."""
         self.threshold = settings.threshold * self.noise
         """Deviation (n,) [counts] above which a taxel is active."""
+        self.typical_noise = float(noise)
+        """Median standard deviation [counts] of the taxels that have been at rest, of all if none has.
+
+        Under a load from the start, such as the robot's own weight, the others are not known yet."""
         self._floor = floor
         self._slew = settings.drift_rate * span
-        self._neighbours = neighbours
-        self._initialised = np.zeros(count, dtype=bool)
+        self._neighbours = np.ascontiguousarray(neighbours, np.int64)
         self.rested = np.zeros(count, dtype=bool)
+        """True (n,) for taxels that have been at rest."""
+        initialised = np.zeros(count, dtype=bool)
+        self._estimates = BaselineArrays(self.offset, self.noise, self.threshold, initialised, self.rested)
+        self._room = np.zeros((ROOM, count))
         self._afresh = False
 
     def start(self, offset: Array, noise: ArrayLike) -> None:
@@ -117,15 +106,8 @@ class Baseline:
         self.offset[:] = offset
         self.noise[:] = noise
         self.threshold[:] = self.settings.threshold * self.noise
-        self._initialised[:] = self.rested[:] = True
-
-    @property
-    def typical_noise(self) -> float:
-        """Median standard deviation [counts] of the taxels that have been at rest, of all if none has.
-
-        Under a load from the start, such as the robot's own weight, the others are not known yet.
-        """
-        return median(self.noise[self.rested] if self.rested.any() else self.noise)
+        self._estimates.initialised[:] = self.rested[:] = True
+        self.typical_noise = float(np.median(self.noise))
 
     def rezero(self, signal: Array) -> None:
         """Takes `signal` (n,) [counts] as the new rest values; the next window makes them exact."""
@@ -134,53 +116,15 @@ class Baseline:
 
     def update(self, window: Window, healthy: NDArray[np.bool_]) -> None:
         """Updates rest values and noise from a window, by its `healthy` taxels (n,) only."""
-        s = self.settings
-        fluctuating = window.changes >= s.fluctuating
-        noise = np.where(fluctuating, window.second_difference / NOISE_GAIN, 0.0)
-        deviation = window.mean - self.offset
-        level = np.maximum(s.threshold * np.maximum(self.noise, noise), s.quiet)
-        quiet = healthy & (window.peak < level)
-        if self._afresh:
-            self.offset[quiet] = window.mean[quiet]
-            self._afresh = False
-            deviation = window.mean - self.offset
-        if np.count_nonzero(quiet) >= max(s.share * np.count_nonzero(healthy), 1.0):
-            most = self._slew * window.elapsed
-            drift = min(max(median(deviation[quiet]), -most), most)
-            self.offset += drift
-            deviation -= drift
-        self._follow(window.elapsed, deviation, quiet, healthy)
-        # Noise is cut off at the end of the range: an estimate from there may only raise it.
-        cut = window.mean - np.maximum(4.0 * self.noise, 1.0) < self._floor
-        contributes = quiet & fluctuating & ~(cut & self._initialised & (noise < self.noise))
-        share = np.where(self._initialised, 1.0 - np.exp(-window.elapsed / s.noise), 1.0)
-        self.noise += np.where(contributes, share * (noise - self.noise), 0.0)
-        self._initialised |= contributes
-        self.rested |= quiet
-        # A window has too few frames to show that a taxel is quieter than its patch.
-        self.threshold[:] = s.threshold * np.maximum(self.noise, self.typical_noise)
-
-    def _follow(
-        self, elapsed: float, deviation: Array, quiet: NDArray[np.bool_], healthy: NDArray[np.bool_]
-    ) -> None:
-        """Tracks each taxel's own rest value.
-
-        The weak edge of a touch looks quiet, so neighbours of touched taxels are excluded.
-        """
-        s = self.settings
-        touched = healthy & ~quiet & (deviation > 0.0)
-        own = quiet & ~near(touched, self._neighbours)
-        below = healthy & ~quiet & (deviation < 0.0)
-        share = np.where(own, 1.0 - np.exp(-elapsed / s.own), 0.0)
-        share[below] = 1.0 - np.exp(-elapsed / s.release)
-        self.offset += share * deviation
-
-
-def median(values: Array) -> float:
-    """Returns the median of finite numbers (n,), n > 0. NumPy's own takes six times as long for a patch."""
-    upper, odd = divmod(values.size, 2)
-    parted = np.partition(values, upper if odd else (upper - 1, upper))
-    return float(parted[upper] if odd else 0.5 * (parted[upper - 1] + parted[upper]))
+        s, elapsed = self.settings, window.elapsed
+        weights = [1.0 - exp(-elapsed / constant) for constant in (s.own, s.release, s.noise)]
+        numbers = np.array([
+            s.threshold, s.quiet, s.fluctuating, s.share, self._slew * elapsed, self._floor, *weights,
+        ])  # fmt: skip
+        self.typical_noise = update_baseline(
+            self._estimates, window, healthy, self._neighbours, numbers, self._afresh, self._room
+        )
+        self._afresh = False
 
 
 def near(touched: NDArray[np.bool_], neighbours: NDArray[np.intp]) -> NDArray[np.bool_]:

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from tci.frames import Array
 from tci.robot.description import SOLE
-from tci.skin.baseline import Baseline, BaselineSettings, Window
+from tci.skin.baseline import Baseline, BaselineSettings
 from tci.skin.fill_factor import is_surface
 from tci.skin.health import Health, HealthSettings, TaxelHealth
 from tci.skin.kernels.arrays import Estimates, Single
+from tci.skin.kernels.baseline import Window
 from tci.skin.kernels.condition import (
     CHANGES,
     DIFFERENCES,

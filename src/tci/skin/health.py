@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from tci.errors import TciError
 from tci.frames import Array
-from tci.skin.baseline import NOISE_GAIN, Baseline, Window, near
+from tci.skin.baseline import Baseline, near
+from tci.skin.kernels.baseline import NOISE_GAIN, Window
 
 
 class Health(IntEnum):
@@ -96,13 +97,14 @@ class TaxelHealth:
         s, noise, threshold = self.settings, baseline.noise, baseline.threshold
         deviation = window.mean - offset
         changed = window.changes > 0.0
-        self._unchanged = np.where(changed, 0.0, self._unchanged + window.elapsed)
+        self._unchanged += window.elapsed
+        self._unchanged[changed] = 0.0
         constant = self._unchanged > s.constant
         middle = baseline.typical_noise
-        if constant.any():
+        if np.count_nonzero(constant):
             self._judge_constant(constant, deviation, threshold, middle)
         frozen = ~changed & (noise >= s.fluctuating)
-        if frozen.any():
+        if np.count_nonzero(frozen):
             touched = _touched(deviation, threshold)
             self.state[frozen & touched & ~near(touched, self._neighbours)] = Health.STUCK
         limit = max(s.noisy * middle, s.least_noise)
@@ -110,8 +112,9 @@ class TaxelHealth:
         self.state[(noise > limit) & (self.state == Health.HEALTHY)] = Health.NOISY
         # The noise of a masked taxel is no longer estimated, so the window itself decides on its release.
         self.state[(present < limit / 2.0) & (self.state == Health.NOISY)] = Health.HEALTHY
-        self.constant = bool(((self.state == Health.DEAD) | (self.state == Health.STUCK)).any())
-        self.muted[:] = (self.state == Health.STUCK) | (self.state == Health.NOISY)
+        stuck = self.state == Health.STUCK
+        self.constant = bool(np.count_nonzero((self.state == Health.DEAD) | stuck))
+        self.muted[:] = stuck | (self.state == Health.NOISY)
 
     def _judge_constant(
         self, constant: NDArray[np.bool_], deviation: Array, threshold: Array, middle: float

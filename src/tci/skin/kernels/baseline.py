@@ -1,0 +1,157 @@
+"""Kernel of an estimation window's end: rest values and noise of the taxels of one patch."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import boolean, float64, int64
+from numpy.typing import NDArray
+
+from tci.compiled import compiled, inlined, reads, record, writes
+from tci.frames import Array
+
+THRESHOLD, LEAST, FLUCTUATING, SHARE, DRIFT, FLOOR, OWN, RELEASE, NOISE = range(9)
+"""Indices of the numbers (9,): threshold [standard deviations] and [counts] below which a taxel is quiet,
+fraction of changes of a noisy one, least fraction of quiet taxels; largest drift and lowest signal [counts];
+weights of this window in the rest value of a quiet taxel, of one below its rest value, and in the noise."""
+ROOM = 5
+"""Rows of the work space (ROOM, n)."""
+BESIDE = 2.0
+"""Mark of a quiet taxel beside a touched one; that of other quiet ones is 1."""
+NOISE_GAIN = float(np.sqrt(6.0) * np.sqrt(2.0 / np.pi))
+"""Mean size of the second difference of normal noise, in standard deviations of the noise."""
+
+
+class BaselineArrays(NamedTuple):
+    """Estimates of the taxels (n,) of one patch."""
+
+    offset: Array
+    """Rest value [counts] beyond the description's, positive with pressure."""
+    noise: Array
+    """Standard deviation [counts] of the noise."""
+    threshold: Array
+    """Deviation [counts] above which a taxel is active."""
+    initialised: NDArray[np.bool_]
+    """Taxels whose noise has been estimated."""
+    rested: NDArray[np.bool_]
+    """Taxels that have been at rest in a window."""
+
+
+class Window(NamedTuple):
+    """Statistics of one estimation window, per taxel (n,)."""
+
+    elapsed: float
+    """Length [s] of the window."""
+    mean: Array
+    """Mean signal [counts]."""
+    peak: Array
+    """Largest deviation [counts] from the rest value."""
+    second_difference: Array
+    """Mean absolute second difference [counts] of the signal. Slow changes, touches among them, hardly affect
+    it."""
+    changes: Array
+    """Fraction of the frames that differ from the previous one."""
+
+
+@inlined
+def median(values: Array) -> float:
+    """Returns the median of finite numbers (n,), n > 0, and changes their order (Hoare's selection)."""
+    upper, odd = divmod(len(values), 2)
+    first, last = 0, len(values) - 1
+    while first < last:
+        pivot, i, j = values[upper], first, last
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while values[j] > pivot:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i, j = i + 1, j - 1
+        if j < upper:
+            first = i
+        if i > upper:
+            last = j
+    if odd:
+        return float(values[upper])
+    lower = values[0]
+    for i in range(1, upper):
+        lower = max(lower, values[i])
+    return float(0.5 * (lower + values[upper]))
+
+
+@inlined
+def _typical(estimates: BaselineArrays, room: Array) -> float:
+    """Returns the median noise of the taxels that have been at rest, of all if none has."""
+    found, any_rested = 0, False
+    for i in range(len(room)):
+        any_rested = any_rested or estimates.rested[i]
+    for i in range(len(room)):
+        if estimates.rested[i] or not any_rested:
+            room[found] = estimates.noise[i]
+            found += 1
+    return float(median(room[:found]))
+
+
+@compiled(
+    float64(
+        record(BaselineArrays, writes(1), writes(1), writes(1), writes(1, boolean), writes(1, boolean)),
+        record(Window, float64, writes(1), writes(1), writes(1), writes(1)),
+        reads(1, boolean), reads(2, int64), reads(1), boolean, writes(2),
+    )
+)  # fmt: skip
+def update_baseline(
+    estimates: BaselineArrays, window: Window, healthy: NDArray[np.bool_],
+    neighbours: NDArray[np.int64], numbers: Array, afresh: bool, room: Array,
+) -> float:  # fmt: skip
+    """Updates the `estimates` by a window of the `healthy` taxels (n,). Returns the patch's typical noise
+    [counts].
+
+    `neighbours` (m, 2) are pairs of taxels. If the rest values are `afresh`, those of quiet taxels become the
+    window's mean. For `numbers` and `room` see `THRESHOLD` and `ROOM`.
+    """
+    offset, noise, mean = estimates.offset, estimates.noise, window.mean
+    deviation, present, ordered, quiet, touched = room[0], room[1], room[2], room[3], room[4]
+    found, whole = 0, 0
+    for i in range(len(offset)):
+        fluctuates = window.changes[i] >= numbers[FLUCTUATING]
+        present[i] = window.second_difference[i] / NOISE_GAIN if fluctuates else 0.0
+        level = max(numbers[THRESHOLD] * max(noise[i], present[i]), numbers[LEAST])
+        is_quiet = healthy[i] and window.peak[i] < level
+        if afresh and is_quiet:
+            offset[i] = mean[i]
+        quiet[i], deviation[i] = is_quiet, mean[i] - offset[i]
+        if is_quiet:
+            ordered[found] = deviation[i]
+            found += 1
+        whole += healthy[i]
+    drift = 0.0
+    if found >= max(numbers[SHARE] * whole, 1.0):
+        drift = min(max(median(ordered[:found]), -numbers[DRIFT]), numbers[DRIFT])
+    for i in range(len(offset)):
+        offset[i] += drift
+        deviation[i] -= drift
+        touched[i] = healthy[i] and quiet[i] == 0.0 and deviation[i] > 0.0
+    for k in range(len(neighbours)):  # the weak edge of a touch looks quiet
+        one, other = neighbours[k, 0], neighbours[k, 1]
+        if touched[one] + touched[other] == 1.0:
+            beside = other if touched[one] == 1.0 else one
+            quiet[beside] = min(quiet[beside], 1.0) * BESIDE
+    for i in range(len(offset)):
+        if quiet[i] == 1.0:
+            offset[i] += numbers[OWN] * deviation[i]
+        elif quiet[i] == 0.0 and healthy[i] and deviation[i] < 0.0:
+            offset[i] += numbers[RELEASE] * deviation[i]
+        # Noise is cut off at the end of the range: an estimate from there may only raise it.
+        cut = mean[i] - max(4.0 * noise[i], 1.0) < numbers[FLOOR]
+        less = cut and estimates.initialised[i] and present[i] < noise[i]
+        if quiet[i] > 0.0 and window.changes[i] >= numbers[FLUCTUATING] and not less:
+            weight = numbers[NOISE] if estimates.initialised[i] else 1.0
+            noise[i] += weight * (present[i] - noise[i])
+            estimates.initialised[i] = True
+        estimates.rested[i] = estimates.rested[i] or quiet[i] > 0.0
+    typical = _typical(estimates, ordered)
+    for i in range(len(offset)):  # a window has too few frames to show that a taxel is quieter than its patch
+        estimates.threshold[i] = numbers[THRESHOLD] * max(noise[i], typical)
+    return typical

@@ -141,8 +141,8 @@ def test_noise_is_another_in_each_episode_and_the_same_for_a_seed() -> None:
 
 
 def test_a_period_that_the_robot_can_not_keep_is_a_longer_one() -> None:
-    """Velocity and reward refer to the time that passed: the robot's own period is 2 ms."""
-    env = WithdrawalEnv(period=0.003)
+    """Velocity and reward refer to the time that passed: commands come every 2 ms."""
+    env = WithdrawalEnv(period=0.003, rate=500.0)
     assert env.metadata["render_fps"] == 333
     observation, _ = env.reset(seed=1)
     target = observation["task"] + [0.0, 0.0, 0.0, 0.3, 0.0]

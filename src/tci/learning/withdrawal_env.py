@@ -80,15 +80,17 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         touch: Literal["contacts", "taxels"] = "contacts",
         period: float = 0.02,
         duration: float = 1.5,
+        rate: float = 100.0,
         step: float = 0.002,
         noise: float = 0.0,
         pain: float = PAIN,
         render_mode: str | None = None,
     ) -> None:
-        """Args: `robot` by name or description; `part`, an arm with skin; `period` [s] of one step; `step`
-        [s] of the physics; `noise` [counts] of the skin.
+        """Args: `robot` by name or description; `part`, an arm with skin; `period` [s] of one step; `rate`
+        [Hz] of commands to the robot; `step` [s] of the physics; `noise` [counts] of the skin.
 
-        Raises TciError for another mode or touch, or a part without skin, and what World raises.
+        The default rate is that of the frames of NAO's arm skin: between them no touch is new. Raises
+        TciError for another mode or touch, a part without skin or an invalid rate, and what World raises.
         """
         modes = {m.value: m for m in (Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE)}
         if mode not in modes:
@@ -97,7 +99,8 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             raise TciError(f"touch {touch!r}; valid: contacts, taxels")
         if render_mode not in (None, "rgb_array"):
             raise TciError(f"render mode {render_mode!r}; valid: rgb_array")
-        for name, value in (("pain", pain), ("period", period), ("duration", duration)):
+        given = (("pain", pain), ("period", period), ("duration", duration), ("rate", rate))
+        for name, value in given:
             if not 0.0 < value < np.inf:
                 raise TciError(f"{name} {value}; valid: above 0 and finite")
         self.robot = load_robot(robot) if isinstance(robot, str) else robot
@@ -107,6 +110,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         if not self.patches:
             valid = ", ".join(dict.fromkeys(patch.part for patch in limbs))
             raise TciError(f"{self.robot.name} has no arm {part} with skin; valid: {valid}")
+        self._own = [number for number, one in enumerate(self.robot.patches) if one.name in self.patches]
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(1.0 / period)}
         self.mode, self.touch, self.period, self.duration, self.pain = (
@@ -117,7 +121,8 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             pain,
         )
         self.body = GenericBody(self.robot)
-        self.world = World(self.robot, step=step, noise=noise)
+        self._rate = rate
+        self.world = World(self.robot, step=step, noise=noise, period=1.0 / rate)
         self._sites = default_fields()
         self._portrait: Portrait | None = None
         low, high = generic_limits(self.robot, self.part)
@@ -150,7 +155,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         super().reset(seed=seed)
         # A separate generator, so that noise does not change the place and time of the poke.
         self.world.reset(seed=int(self.np_random.spawn(1)[0].integers(2**32)))
-        self.driver = SimulatedDriver(self.robot, world=self.world)
+        self.driver = SimulatedDriver(self.robot, world=self.world, rate=self._rate)
         self.perceiver = Perceiver(self.body)
         self.time, self._due = 0.0, self.np_random.uniform(0.1, 0.4) * self.duration
         self._poked = False
@@ -167,19 +172,16 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         values = np.clip(np.asarray(action, np.float64), self._low, self._high)
         orders: list[GenericCommand] = [GenericCommand(self.part.name, self.mode, values)]
         begin, end = self.time, self.time + self.period
-        harm, skin = 0.0, None
+        harm, seen = 0.0, self._seen
         while self.time < end - 1e-9:
             if not self._poked and self.time >= self._due:
                 self._poke()
-            self._reading = self.driver.read()
-            if self._reading.skin != skin:  # between skin frames the contacts do not change
-                self._perceive()
-                harm, skin = max(harm, self._harm()), self._reading.skin
             self._write(orders)
             orders = []
             self.time += self.driver.period
             self.world.advance(self.time)
-        seen = self._look()
+            seen = self._look()
+            harm = max(harm, self._harm(seen))
         took = self.time - begin
         observation = self._observe(seen, took)
         effort = float(np.mean(observation["velocity"] ** 2))
@@ -222,9 +224,6 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
 
     def _look(self) -> Perception:
         self._reading = self.driver.read()
-        return self._perceive()
-
-    def _perceive(self) -> Perception:
         self._seen = self.perceiver.step(self._reading, self.world.time)
         return self._seen
 
@@ -233,11 +232,12 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         platform, refused = self.body.to_platform(orders, joints)
         self.driver.write(self.driver.gate.step(platform, joints, self.world.time, refused=refused))
 
-    def _harm(self) -> float:
-        felt = self._pressures()
-        return (
-            max((float(felt[name].max()) for name in self.patches if name in felt), default=0.0) / self.pain
-        )
+    def _harm(self, seen: Perception) -> float:
+        """Returns the largest pressure on the arm, over `pain`."""
+        skin = seen.skin
+        assert skin is not None  # as a Perceiver made it
+        own = [skin.pressure[slice(*skin.begin[p : p + 2].tolist())] for p in self._own]
+        return float(np.concatenate(own).max(initial=0.0)) / self.pain
 
     def _observe(self, seen: Perception, took: float) -> Observation:
         """Returns the observation `took` [s] after the previous one."""
@@ -245,7 +245,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         velocity = (posture - self._before) / took
         self._before = posture
         observation = {"posture": posture, "velocity": velocity, "task": self._task.copy()}
-        observation[self.touch] = self._contacts(seen) if self.touch == "contacts" else self._taxels()
+        observation[self.touch] = self._contacts(seen) if self.touch == "contacts" else self._taxels(seen)
         bounds = self._bounds
         return {
             name: np.clip(value, bounds[name].low, bounds[name].high) for name, value in observation.items()
@@ -263,13 +263,12 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             )  # fmt: skip
         return rows
 
-    def _pressures(self) -> dict[str, Array]:
-        assert self._seen.skin is not None  # as a Perceiver made it
-        return self._seen.skin.by_patch(patch.name for patch in self.body.robot.patches)
-
-    def _taxels(self) -> Array:
-        felt, surfaces = self._pressures(), self.body.skin.surfaces
-        return np.concatenate([felt[name] * surfaces[name].areas for name in self.patches])
+    def _taxels(self, seen: Perception) -> Array:
+        skin, surfaces = seen.skin, self.body.skin.surfaces
+        assert skin is not None
+        return np.concatenate(
+            [skin.on(p) * surfaces[name].areas for p, name in zip(self._own, self.patches, strict=True)]
+        )
 
 
 def generic_limits(robot: Robot, part: GenericPart) -> tuple[Array, Array]:

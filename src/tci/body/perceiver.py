@@ -101,5 +101,5 @@ def _ended(before: Contacts, after: Contacts) -> tuple[int, ...]:
     """Returns the identities of contacts that are gone."""
     if before is after:
         return ()
-    now = after.identity.tolist()
+    now = {*after.identity.tolist()}
     return tuple([one for one in before.identity.tolist() if one not in now])

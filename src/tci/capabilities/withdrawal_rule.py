@@ -192,7 +192,7 @@ def new_targets(
     """Returns a command for each part whose target changed."""
     return tuple(
         GenericCommand(part, mode, one.target)
-        for part, one in after.items()
+        for part, one in after.motions.items()
         if not one.goes_as(before.motions.get(part))
     )
 

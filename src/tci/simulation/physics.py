@@ -7,9 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.compiled import entry
 from tci.engine import mujoco
 from tci.frames import Array, transform
 from tci.simulation import stepping
+
+_march = entry(stepping.march)
 
 
 class Physics:
@@ -53,7 +56,7 @@ class Physics:
     def advance(self, until: int, *others: Any) -> None:
         """Steps until step `until`; `others` are the arrays of servos, finger and taxels, see
         `stepping.march`."""
-        self.steps = stepping.march(
+        self.steps = _march(
             (self.model._address, self.data._address), self.steps, until, self.step, self._moved,
             (self._warm, self._here, self.whole), *others,
         )  # fmt: skip

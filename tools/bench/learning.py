@@ -17,7 +17,11 @@ LEAST = 2500.0
 
 def learning() -> list[Measured]:
     """Measures with random targets: the arm moves in every step, and each episode is a new poke."""
-    environment = gymnasium.make("tci/Withdrawal-v0")
+    return [_with_rate(100.0, least_ratio=1.0), _with_rate(500.0)]
+
+
+def _with_rate(rate: float, **target: float) -> Measured:
+    environment = gymnasium.make("tci/Withdrawal-v0", rate=rate)
     environment.action_space.seed(0)
     pairs, touched, steps = [], 0, 0
     for seed in range(EPISODES + 1):
@@ -32,5 +36,5 @@ def learning() -> list[Measured]:
         pairs.append((count / (time.thread_time() - start), LEAST))
         steps += count
     note = f"steps of 20 ms; in contact {touched / steps:.0%} of them"
-    name = "Gymnasium environment, steps per second of a core"
-    return [row(name, "the target", pairs[1:], unit="1/s", least_ratio=1.0, note=note)]
+    name = f"Gymnasium environment, {rate:g} commands per second: steps per second of a core"
+    return row(name, "the target", pairs[1:], unit="1/s", note=note, **target)

@@ -14,15 +14,18 @@ import pytest
 
 from peers import needs_pinocchio
 
+pytestmark = pytest.mark.xdist_group("bench")
 BENCH = Path(__file__).parents[1] / "tools" / "bench"
 
 
-@pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+@pytest.fixture(scope="module")
+def bench() -> Iterator[None]:
+    """Makes the benchmark's modules importable, once, since one of them compiles a large loop."""
     before = set(sys.modules)
-    monkeypatch.syspath_prepend(str(BENCH.parent))
-    monkeypatch.syspath_prepend(str(BENCH))
-    yield
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(BENCH.parent))
+        patch.syspath_prepend(str(BENCH))
+        yield
     for name in set(sys.modules) - before:
         if getattr(sys.modules[name], "__file__", None) and str(BENCH) in str(sys.modules[name].__file__):
             del sys.modules[name]

@@ -50,14 +50,26 @@ def pytest_configure(config: pytest.Config) -> None:
         )
 
 
+def is_live(path: Path) -> bool:
+    """Returns True if the tests of a file are live."""
+    return any(path.is_relative_to(TESTS / place) for place in LIVE)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leaves out files of the other half of `make test`, which would be imported only to be deselected."""
+    half = config.getoption("markexpr")
+    if collection_path.is_dir() or half not in ("live", "not live"):
+        return None
+    return is_live(collection_path) != (half == "live") or None
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Marks live tests, which `make test` runs separately, and tests that read skin files or recordings.
 
     Tests of genuine files only are collected if there is a folder with these.
     """
-    live = [TESTS / place for place in LIVE]
     for item in items:
-        if any(item.path.is_relative_to(place) for place in live):
+        if is_live(item.path):
             item.add_marker(pytest.mark.live)
         if {"skin_data", "genuine_data"} & {*getattr(item, "fixturenames", ())}:
             item.add_marker(pytest.mark.data)

@@ -6,12 +6,14 @@ import os
 import shutil
 import subprocess
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from peers import needs_program
 
 ROOT = Path(__file__).parent.parent
+CONFTEST = str(Path(__file__).with_name("conftest.py"))
 MAKE = """#!/bin/sh
 test "$3" = clean && exec /bin/rm -rf "$2/.venv"
 cd "$2" && echo "make $3 $4: $(ls -A | tr '\\n' ' ')"
@@ -87,6 +89,23 @@ def test_a_group_of_tests_runs_in_one_process_and_is_found_again(request: pytest
     config = request.config
     if hasattr(config, "workerinput") and config.getoption("loadgroup", default=False):
         assert request.node.nodeid.endswith("@together")
-    conftest = config.pluginmanager.get_plugin(str(Path(__file__).with_name("conftest.py")))
+    conftest = config.pluginmanager.get_plugin(CONFTEST)
     for name in ("a.py::b", "a.py::b[c@d]"):
         assert conftest.without_group(name) == conftest.without_group(f"{name}@together") == name
+
+
+def test_each_file_is_in_one_half(pytestconfig: pytest.Config) -> None:
+    conftest = pytestconfig.pluginmanager.get_plugin(CONFTEST)
+
+    def halves(path: Path) -> list[str]:
+        """Returns the halves of `make test` that collect a file."""
+        found = []
+        for half in ("live", "not live"):
+            config = SimpleNamespace(getoption={"markexpr": half}.get)
+            if not conftest.pytest_ignore_collect(path, config):
+                found.append(half)
+        return found
+
+    for file in Path(__file__).parent.rglob("test_*.py"):
+        assert halves(file) == ["live" if conftest.is_live(file) else "not live"]
+    assert halves(Path(__file__).parent / "drivers") == ["live", "not live"]

@@ -22,7 +22,7 @@ class Frozen:
     def __post_init__(self) -> None:
         for value in _values(self):
             if isinstance(value, np.ndarray):
-                value.setflags(False)  # a keyword takes longer
+                value.setflags(write=False)  # a keyword takes longer
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), _values(self)

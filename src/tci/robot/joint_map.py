@@ -155,7 +155,7 @@ class Postures:
             generic[self._ids] = linear
         for ids, transform in self._others:
             generic[ids] = transform.generic(position[transform.servos])
-        generic.setflags(False)
+        generic.setflags(write=False)
         return {name: generic[place] for name, place in self._slices.items()}
 
 

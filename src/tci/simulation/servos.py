@@ -199,7 +199,7 @@ class Servos:
         found = np.empty((3, len(self._home)))
         physics = self._physics
         at.measure(physics.qpos, physics.qvel, physics.motors, self.places, self.asked, self.state, found)
-        found.setflags(False)
+        found.setflags(write=False)
         return found
 
     def _apply_gains(self) -> None:

@@ -17,7 +17,7 @@ EXAMPLES = sorted((Path(__file__).parent.parent / "examples").glob("*.py"))
 SAID = {
     "01_five_lines": "nao: touched left_forearm (",
     "02_every_step": "left_arm withdraws",
-    "10_test_a_capability": "0.04 s: [('right_forearm', 4.1, 1)], ended: ()\n0.06 s: [], ended: (1,)",
+    "10_test_a_capability": "0.04 s: [('right_forearm', 3.9, 1)], ended: ()\n0.06 s: [], ended: (1,)",
 }
 """Words that the output of an example contains, by its name."""
 

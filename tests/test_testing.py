@@ -67,7 +67,7 @@ def test_three_axis_skin_feels_it_along_its_normal() -> None:
     sensor = patch.sensor.model_copy(update=three)
     skin = patch.model_copy(update={"sensor": sensor, "channels": 3 * patch.channels})
     (contact,) = perception(NAO.model_copy(update={"patches": (skin,)}), "left_forearm", force=3.0).contacts
-    assert contact.force == pytest.approx(3.0, rel=0.02)
+    assert contact.force == pytest.approx(3.0, rel=0.03)  # counts are whole
     assert float(contact.f_T @ contact.n_T) == pytest.approx(-np.linalg.norm(contact.f_T), rel=0.01)
 
 

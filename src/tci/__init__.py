@@ -15,6 +15,14 @@ if TYPE_CHECKING:
     from tci.body.generic_body import BodySettings as BodySettings
     from tci.body.generic_body import GenericBody as GenericBody
     from tci.body.perceiver import Perceiver as Perceiver
+    from tci.body.tactile import ContactShape as ContactShape
+    from tci.body.tactile import PressureImage as PressureImage
+    from tci.body.tactile import ShearForce as ShearForce
+    from tci.body.tactile import TouchEvent as TouchEvent
+    from tci.body.tactile import contact_shape as contact_shape
+    from tci.body.tactile import pressure_image as pressure_image
+    from tci.body.tactile import shear_force as shear_force
+    from tci.body.tactile import touch_events as touch_events
     from tci.capabilities.behaviour_tree import BehaviourTree as BehaviourTree
     from tci.capabilities.behaviour_tree import Reflex as Reflex
     from tci.capabilities.behaviour_tree import Task as Task
@@ -74,6 +82,7 @@ if TYPE_CHECKING:
     from tci.messages import SkinState as SkinState
     from tci.messages import Support as Support
     from tci.messages import SwitchMode as SwitchMode
+    from tci.pictures.pressure_png import write_png as write_png
     from tci.reasons import Code as Code
     from tci.reasons import Notice as Notice
     from tci.reasons import Reason as Reason
@@ -103,6 +112,16 @@ _NAMES = {
         "GenericBody",
     ),
     "tci.body.perceiver": ("Perceiver",),
+    "tci.body.tactile": (
+        "ContactShape",
+        "PressureImage",
+        "ShearForce",
+        "TouchEvent",
+        "contact_shape",
+        "pressure_image",
+        "shear_force",
+        "touch_events",
+    ),
     "tci.capabilities.behaviour_tree": (
         "BehaviourTree",
         "Reflex",
@@ -178,6 +197,7 @@ _NAMES = {
         "Support",
         "SwitchMode",
     ),
+    "tci.pictures.pressure_png": ("write_png",),
     "tci.reasons": (
         "Code",
         "Notice",

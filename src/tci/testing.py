@@ -23,6 +23,9 @@ from tci.skin.surfaces import Surface
 
 PERIOD = 0.02
 """Time [s] between perceptions. Assumed: skin at 50 Hz, the lowest rate among the described robots."""
+WIDTH = 0.6
+"""Standard deviation of a touch's pressure, relative to the distance of neighbouring taxels. Assumed: a
+fingertip presses one taxel most and its neighbours with a quarter of that."""
 
 
 def perception(
@@ -95,21 +98,21 @@ class TouchedRobot:
         if not 0.0 <= force < np.inf:
             raise CommandError(f"a touch of {force} N; valid: 0 or more, finite")
         surface, sensor = self.body.skin.surfaces[patch.name], patch.sensor
-        pressed = _around(patch, surface, taxel)
+        pressed, shares = _around(patch, surface, taxel)
         if force == 0.0:
             return
         layout, areas = self.body.layout, surface.areas[pressed]
         taxels = (layout.taxels[layout.places[patch.name]].start + pressed).astype(np.int32)
         measured = force * fill_around(read_only(taxels, np.int32), read_only(areas), layout.arrays)
-        counts = sensor.counts(np.array([measured / areas.sum()]))[0]
-        values[normal_channels(patch, surface)[pressed]] += np.sign(sensor.pascal_per_count) * max(
-            1.0, round(counts)
-        )
+        counts = np.round(sensor.counts(shares * measured / (areas @ shares)))
+        counts[shares.argmax()] = max(1.0, counts.max())
+        values[normal_channels(patch, surface)[pressed]] += np.sign(sensor.pascal_per_count) * counts
         np.clip(values, sensor.lowest, sensor.highest, out=values)
 
 
-def _around(patch: Patch, surface: Surface, taxel: int | None) -> NDArray[np.intp]:
-    """Returns the indices (k,) of a taxel and its neighbours."""
+def _around(patch: Patch, surface: Surface, taxel: int | None) -> tuple[NDArray[np.intp], Array]:
+    """Returns the indices (k,) of a taxel and its neighbours, and the pressures (k,) of a round touch on it,
+    relative to the largest."""
     count = len(surface.positions)
     if taxel is None:
         middle = surface.positions.mean(axis=0)
@@ -117,4 +120,7 @@ def _around(patch: Patch, surface: Surface, taxel: int | None) -> NDArray[np.int
     elif not 0 <= taxel < count:
         raise UnknownNameError(f"taxel of {patch.name}", str(taxel), [f"0 to {count - 1}"])
     beside = surface.neighbours[(surface.neighbours == taxel).any(axis=1)]
-    return np.unique([taxel, *beside.ravel()])
+    pressed = np.unique([taxel, *beside.ravel()])
+    apart = np.linalg.norm(surface.positions[pressed] - surface.positions[taxel], axis=1)
+    width = WIDTH * apart.sum() / max(len(pressed) - 1, 1)
+    return pressed, np.exp(-0.5 * (apart / width) ** 2) if width else np.ones(1)

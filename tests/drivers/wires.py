@@ -20,6 +20,7 @@ import tci
 from drivers.patient import PATIENCE, patient
 from drivers.ros_robots import anywhere, garbage_on, here_only, roscore
 from drivers.served import needs_qi
+from drivers.unitree.domains import DOMAINS
 from peers import bindings_dialect
 from tci.drivers.driver import Driver
 from tci.drivers.lcm.datagrams import Transmitter
@@ -324,7 +325,7 @@ class Unitree(Process):
     usual_silence = 0.1
 
     def __init__(self) -> None:
-        super().__init__(lambda: f"unitree:lo/{100 + free_port() % 100}")
+        super().__init__(lambda: f"unitree:lo/{next(DOMAINS)}")
 
     def disturb(self, messages: Iterable[bytes]) -> None:
         stranger = UnitreeNode("lo", int(self.via.rpartition("/")[2]))

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import tci
-from drivers.unitree.test_keeper import DOMAINS
+from drivers.unitree.domains import DOMAINS
 from peers import peer_python
 from tci.drivers.driver import Driver
 from tci.drivers.unitree.motors import NAMES

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import tci
-from drivers.unitree.test_keeper import DOMAINS
+from drivers.unitree.domains import DOMAINS
 from tci.drivers.unitree import messages
 from tci.drivers.unitree.finger_motors import FingerMotors
 from tci.drivers.unitree.hands import Hand, pads_of, patches_of

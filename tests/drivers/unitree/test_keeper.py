@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import signal
 import subprocess
@@ -17,6 +16,7 @@ import numpy as np
 import pytest
 
 import tci
+from drivers.unitree.domains import DOMAINS
 from drivers.unitree.holder import held_motors
 from drivers.unitree.puppets import Puppet
 from tci.commissioning.hardware import ServoCheck
@@ -34,7 +34,6 @@ from tci.messages import Mode, PlatformCommand
 from tci.reasons import Code
 
 pytestmark = pytest.mark.timeout(60)
-DOMAINS = itertools.count(120)
 ALL = np.ones(MOTORS, dtype=bool)
 STEP = 3 * LONGEST
 """Largest time [s] between two weights that arrive: a busy machine loses some."""

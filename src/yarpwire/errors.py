@@ -14,6 +14,10 @@ class WireError(YarpError):
     """A message that violates the protocol, or a value that it can't express. It was dropped."""
 
 
+class RepetitionError(YarpError):
+    """A valid message without new data: its sender is there, what it measures stands still or is slower."""
+
+
 class PortError(YarpError):
     """A port, name server or control board can't be opened or reached, does not answer, or refuses."""
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 from yarpwire.dialect import Dialect
-from yarpwire.errors import PortError, WireError
+from yarpwire.errors import PortError, RepetitionError, WireError
 from yarpwire.incoming import Delivery
 from yarpwire.network import Network
 
@@ -54,7 +54,8 @@ class Clock(Protocol):
 
 
 class Feed(Generic[Value]):
-    """Reads one port. Only the latest messages are kept; unreadable ones are counted and dropped."""
+    """Reads one port. Only the latest messages are kept; unreadable ones are counted and dropped, and those
+    for which `decode` raises RepetitionError are dropped only."""
 
     def __init__(
         self,
@@ -84,7 +85,7 @@ class Feed(Generic[Value]):
         """Error of the last of them."""
         self._decode, self._carrier = decode, carrier
         self._count: int | None = None
-        self._arrived = 0.0
+        self._arrived = self._heard = 0.0
         self._every = 0.0
         self._came, self._fresh = threading.Event(), threading.Event()
         network.query(source)
@@ -121,7 +122,7 @@ class Feed(Generic[Value]):
 
     def silent(self, now: float) -> float:
         """Returns the time [s] since the last message."""
-        return now - self._arrived
+        return now - self._heard
 
     def reconnect(self) -> None:
         """Connects to the source again. Raises PortError."""
@@ -138,12 +139,17 @@ class Feed(Generic[Value]):
                     f"{delivery.sender[:60]} sends to {self.port.name}; valid: {self.source} alone"
                 )
             value = self._decode(delivery)
+        except RepetitionError:
+            self._heard = delivery.arrived
+            if delivery.stamp is not None:
+                self._is_old(delivery.stamp.count)
+            return
         except WireError as error:
             self.wrong += 1
             self.last_error = str(error)
             return
         stamp = delivery.stamp
-        self._arrived = delivery.arrived
+        self._arrived = self._heard = delivery.arrived
         measured = delivery.arrived
         if stamp is not None:
             if self._is_old(stamp.count):

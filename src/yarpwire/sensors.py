@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from yarpwire.calls_v4 import PROTOCOL
-from yarpwire.errors import WireError
+from yarpwire.errors import RepetitionError, WireError
 from yarpwire.values import Array, Loose, Vocab
 
 KINDS = (
@@ -55,6 +55,24 @@ def decode_measures(message: Sequence[Any], kind: int = SKIN) -> tuple[Measure, 
     if len(message[kind]) > MOST:
         raise WireError(f"{len(message[kind])} {KINDS[kind]} in one message; valid: up to {MOST}")
     return tuple(_measure(one, KINDS[kind]) for one in message[kind])
+
+
+class Renewal:
+    """Tells measures that are new from those that a server sends again: it stamps every message anew, also
+    while a sensor of it stands still."""
+
+    def __init__(self) -> None:
+        self._last: tuple[float, ...] = ()
+
+    def check(self, measures: Sequence[Measure]) -> None:
+        """Raises RepetitionError unless all measures are newer than the last ones that passed. A time of 0 or
+        NaN is none."""
+        times = tuple(one.time for one in measures)
+        if len(times) == len(self._last) and any(
+            time == last != 0.0 for time, last in zip(times, self._last, strict=True)
+        ):
+            raise RepetitionError("measures that came before")
+        self._last = times
 
 
 def _measure(one: Any, kind: str) -> Measure:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -16,7 +17,7 @@ from tci.drivers.yarp.driver import YarpDriver
 from tci.drivers.yarp.served_board import ServedBoard
 from tci.errors import DriverError, UnknownNameError
 from tci.gate.gate import GateState
-from tci.messages import GenericCommand, Mode
+from tci.messages import GenericCommand, Mode, Order
 from tci.reasons import Code
 from tci.robot.description import Robot, Servo
 from yarpwire.dialect import V3
@@ -118,3 +119,42 @@ def test_doctor_honours_without_and_an_unknown_patch_is_an_error(show: Show) -> 
     with pytest.raises(UnknownNameError, match="elsewhere"):
         YarpDriver(robot, where(show, ",without=elsewhere"))
     assert "elsewhere" in YarpDriver.probe(robot, where(show, ",without=elsewhere"))[-1].what
+
+
+def test_a_board_that_comes_back_with_other_axes_is_not_commanded(
+    show: Show, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    part, take = "left_arm", show.server.orders
+    servos, usual = show.driver.robot.servos_of(part), show.server.boards[part]
+    work: list[ServedBoard] = []
+
+    def orders() -> Sequence[Order]:
+        while work:
+            show.server.close_board(part)
+            show.server.boards[part] = work.pop()
+            show.server.open_board(part)
+        return take()
+
+    monkeypatch.setattr(show.server, "orders", orders)
+    with YarpDriver(patient("icub"), where(show), arm=True) as driver:
+        arm = driver.native(part)
+        start = driver.read().joints.position[servos[0].index]
+
+        def step() -> GateState:
+            order = arm.command({servos[0].name: start})
+            sent = driver.write(driver.gate.step([order], driver.read().joints, driver.clock.now()))
+            time.sleep(driver.period)
+            return sent.state
+
+        assert until(lambda: step() is GateState.RUN)
+        for other in ((servos[1], servos[0], *servos[2:7]), servos[:8]):
+            work.append(ServedBoard(part, other))
+            assert until(lambda: step() is GateState.HOLD)
+            end = time.monotonic() + 2.0
+            while time.monotonic() < end:
+                assert step() is GateState.HOLD
+            feed = driver.boards[part].feed
+            assert feed is not None
+            assert "came back with the axes" in feed.last_error
+        work.append(usual)
+        assert until(lambda: step() is GateState.RUN)

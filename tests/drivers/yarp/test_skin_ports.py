@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -156,6 +157,35 @@ def test_several_sensors_of_one_device_are_one_patch_and_a_wrong_number_of_value
         assert feed.latest.value.tolist() == [0.0] * 192 + [1.0] * 192
         assert until(lambda: (send(192), "sends 192 values; valid: 384" in str(feed.last_error))[1])
         assert until(lambda: (send(), "sends 0 values" in str(feed.last_error))[1])
+    finally:
+        ports.close()
+
+
+def test_measures_that_are_sent_again_are_no_new_frame() -> None:
+    """A server stamps each message anew, also while one of its sensors stands still."""
+    ports = Ports(V4)
+    try:
+        port = ports.open("/icub/skin/left_forearm/measures:o")
+        feed = ports.read(ICUB, FOREARM)
+        numbers = itertools.count(1)
+
+        def send(first: float, second: float) -> None:
+            number = next(numbers)
+            measures = [Measure(np.full(192, 0.02 * number), time) for time in (first, second)]
+            port.write(encode_measures(measures), Stamp(number, 5.0 + 0.02 * number))
+
+        assert until(lambda: (send(5.0, 5.0), feed.latest is not None)[1])
+        frozen, heard = feed.latest, feed.silent(0.0)
+        assert frozen is not None
+        for number in range(1, 6):
+            send(5.0 + 0.02 * number, 5.0)
+        assert until(lambda: feed.silent(0.0) != heard)
+        assert feed.latest is frozen
+        assert until(lambda: (send(6.0, 6.0), feed.latest is not frozen)[1])
+        assert (feed.wrong, feed.lost) == (0, 0)
+        for time in (0.0, float("nan")):  # no time at all
+            came = feed.recent[-1].sequence + 2
+            assert until(lambda: (send(time, time), feed.recent[-1].sequence > came)[1])  # noqa: B023
     finally:
         ports.close()
 

@@ -25,6 +25,11 @@ class Axes:
     """Servos that the board lacks. None of them moves a link of the robot's model."""
 
 
+def names_of(board: Board) -> tuple[str, ...]:
+    """Returns a board's own names of its axes, in its order. Raises YarpError."""
+    return tuple(board.name(axis) for axis in range(board.axes()))
+
+
 @raises_driver_errors
 def find_axes(board: Board, servos: Sequence[Servo]) -> Axes:
     """Asks a board for its axes and assigns them to `servos`: by name if the board has all names, else by
@@ -33,7 +38,7 @@ def find_axes(board: Board, servos: Sequence[Servo]) -> Axes:
     A board may lack servos that move nothing in the robot's model, such as the fingers and eyes of the iCub
     in Gazebo. Raises DriverError when the board does not answer, lacks another servo, or has other numbers.
     """
-    names = tuple(board.name(axis) for axis in range(board.axes()))
+    names = names_of(board)
     known = {name: axis for axis, name in enumerate(names)}
     has = [servo.name in known or 0 <= servo.id < len(names) for servo in servos]
     mine = tuple(servo for servo, there in zip(servos, has, strict=True) if there)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tci.drivers.remote.source_clock import SourceClock
-from tci.drivers.yarp.axes import find_axes
+from tci.drivers.yarp.axes import find_axes, names_of
 from tci.drivers.yarp.driver_errors import raises_driver_errors
 from tci.errors import DriverError
 from tci.frames import Array
@@ -200,9 +200,23 @@ class BoardDriver:
 
     @raises_driver_errors
     def reconnect(self) -> None:
-        """Connects again to state, calls and commands. Raises DriverError."""
+        """Connects again to state, calls and commands.
+
+        Raises DriverError, also for a board that came back with other axes: commands would move wrong joints.
+        """
         assert self.feed is not None
         fresh = find_board(self._network, self.prefix, f"{self._own}/rpc:o", self.board.dialect)
+        try:
+            names = names_of(fresh)
+            if names != self.axes.names:
+                self.feed.last_error = (
+                    f"{self.prefix} came back with the axes {', '.join(names)}; "
+                    f"valid: {', '.join(self.axes.names)}, or a new connection"
+                )
+                raise DriverError(self.feed.last_error)
+        except BaseException:
+            fresh.close()
+            raise
         self.board.close()
         self.board = fresh
         self.forget()

@@ -22,7 +22,15 @@ from yarpwire.feed import Feed
 from yarpwire.incoming import Answer, Delivery
 from yarpwire.message import CALL, Stamp
 from yarpwire.network import NamedPort, Network
-from yarpwire.sensors import MEASURES, METADATA, Measure, answer_metadata, decode_measures, encode_measures
+from yarpwire.sensors import (
+    MEASURES,
+    METADATA,
+    Measure,
+    Renewal,
+    answer_metadata,
+    decode_measures,
+    encode_measures,
+)
 
 Open = Callable[[str, Callable[[Delivery], Answer] | None], NamedPort]
 
@@ -70,15 +78,16 @@ def read_skin(
     name, layout, sensor = patch_port(robot, prefix, patch.name), SkinLayout.of(robot, patch), patch.sensor
     check_order(layout, patch, prefix, there)
     source = skin_port(name, dialect, there, compensated=compensated)
-    measured = source.endswith(MEASURES)
+    measured, renewal = source.endswith(MEASURES), Renewal()
 
     def decode(delivery: Delivery) -> Array:
-        if measured:
-            found = [one.values for one in decode_measures(delivery.items(dialect))]
-            values = np.concatenate(found) if found else np.empty(0)
-        else:
+        measures = decode_measures(delivery.items(dialect)) if measured else ()
+        if not measured:
             values = delivery.vector(dialect)
+        else:
+            values = np.concatenate([one.values for one in measures]) if measures else np.empty(0)
         values = layout.from_port(values, source)
+        renewal.check(measures)
         if compensated:
             values = sensor.rest + np.copysign(values, sensor.pascal_per_count)
         return read_only(values)

@@ -130,6 +130,8 @@ def run_capability(
             if filmed is not None:
                 filmed.see(tick)
 
+        if duration is None and not as_json:
+            console.print("runs until Ctrl-C; --duration SECONDS ends it", style="dim")
         session = sessions.Session(
             driver, capability, faults=plans, flicker=sessions.FLICKER if rehearsal else 0.0,
             recorder=recorder, listen=view.event, observe=see,

@@ -29,7 +29,7 @@ def judge(driver: Driver, seen: Observation) -> tuple[Finding, ...]:
     return (
         *driver.diagnose(),
         *_joint_stream(driver, seen.streams[0], seen.cost),
-        *_joint_values(driver.robot, seen),
+        *_joint_values(driver, seen),
         *(found for reading in seen.readings[-1:] for found in judge_torques(driver.robot, reading)),
         *(found for stream in seen.streams[1:] for found in _skin_stream(driver.robot, stream)),
         *_skin_values(driver.robot, seen),
@@ -79,9 +79,10 @@ def _joint_stream(driver: Driver, stream: Stream, cost: Sequence[float] | np.nda
         )
 
 
-def _joint_values(robot: Robot, seen: Observation) -> Iterator[Finding]:
+def _joint_values(driver: Driver, seen: Observation) -> Iterator[Finding]:
     if not seen.readings:
         return
+    robot, unreached = driver.robot, driver.info.unreached
     joints = seen.readings[-1].joints
     if joints.position.shape != (len(robot.servos),):
         yield Finding(
@@ -113,8 +114,10 @@ def _joint_values(robot: Robot, seen: Observation) -> Iterator[Finding]:
                 "in the description, or its zero (tci check --hardware)",
                 {"angle_deg": float(np.rad2deg(angle))},
             )
-    if joints.powered is not None and not joints.powered.all():
-        off = [servo.name for servo in robot.servos if not joints.powered[servo.index]]
+    powered = joints.powered
+    if powered is not None and (
+        off := [s.name for s in robot.servos if not powered[s.index] and s.index not in unreached]
+    ):
         yield Finding(
             Level.NOTE,
             "joints",

@@ -137,7 +137,8 @@ def _postures(driver: Driver, operator: Operator, servos: Sequence[Servo]) -> It
 
 def _stiffen(driver: Driver, operator: Operator, servos: Sequence[Servo]) -> Iterator[Finding]:
     """Switches on servos that are off, if the operator permits it."""
-    powered = driver.read().joints.powered
+    powered, unreached = driver.read().joints.powered, driver.info.unreached
+    servos = [servo for servo in servos if servo.index not in unreached]
     off = [] if powered is None else [servo for servo in servos if not powered[servo.index]]
     if not off:
         return

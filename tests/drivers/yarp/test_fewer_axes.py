@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from typing import cast
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from drivers.patient import patient
 from drivers.yarp.show import Show, until
 from tci.drivers.diagnosis import Level
 from tci.drivers.yarp import server
+from tci.drivers.yarp.axes import find_axes
 from tci.drivers.yarp.driver import YarpDriver
 from tci.drivers.yarp.served_board import ServedBoard
 from tci.errors import DriverError, UnknownNameError
@@ -20,6 +22,7 @@ from tci.gate.gate import GateState
 from tci.messages import GenericCommand, Mode, Order
 from tci.reasons import Code
 from tci.robot.description import Robot, Servo
+from yarpwire.board import Board
 from yarpwire.dialect import V3
 
 AXES = {"left_arm": 7, "right_arm": 7, "head": 3, "torso": 3}
@@ -74,7 +77,9 @@ def test_it_connects_and_moves_the_arms_and_fingers_are_refused_by_name(show: Sh
         assert until(moved)
         grip, _ = body.to_platform(order("left_fingers", 3, 0.1), driver.read().joints)
         sent = driver.write(driver.gate.step(grip, driver.read().joints, driver.clock.now()))
-        assert [reason.code for reason in sent.refusals] == [Code.LIMITS_UNKNOWN]
+        (refusal,) = sent.refusals
+        assert refusal.code is Code.ROBOT_REFUSES
+        assert "/icub/left_arm has no axis for it" in refusal.text
         assert sent.state is not GateState.STOP
 
 
@@ -83,6 +88,8 @@ def test_doctor_judges_as_the_driver_does(show: Show) -> None:
     probed = YarpDriver.probe(robot, where(show))
     with YarpDriver(robot, where(show)) as driver:
         found = driver.diagnose()
+        judged = tci.judge(driver, tci.observe(driver, 0.3))
+        assert not any("switch them on" in finding.advice for finding in judged)
     for findings in (probed, found):
         assert {finding.level for finding in findings} <= {Level.OK, Level.NOTE}
         notes = {finding.subject: finding.what for finding in findings if finding.level is Level.NOTE}
@@ -104,6 +111,32 @@ def test_a_board_without_a_joint_of_the_model_is_refused_by_both(show: Show) -> 
         YarpDriver(robot, where(show))
     faults = [f for f in YarpDriver.probe(robot, where(show)) if f.level is Level.FAULT]
     assert [(fault.subject, "l_pinky" in fault.what) for fault in faults] == [("left_arm", True)]
+
+
+def test_fingers_are_not_given_to_axes_with_other_names() -> None:
+    """A board of eight axes has a tool beside the arm; no finger drives it."""
+    servos = patient("icub").servos_of("left_arm")
+    names = [*(servo.name for servo in servos[:7]), "l_extra_tool"]
+    found = find_axes(cast(Board, Named(names)), servos)
+    assert [servo.name for servo in found.servos] == names[:7]
+    assert found.numbers == tuple(range(7))
+    other = find_axes(cast(Board, Named([f"j{number}" for number in range(8)])), servos)  # by number alone
+    assert other.numbers == tuple(range(8))
+
+
+class Named:
+    """A board that only tells the names of its axes."""
+
+    prefix = "/icub/left_arm"
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.names = names
+
+    def axes(self) -> int:
+        return len(self.names)
+
+    def name(self, axis: int) -> str:
+        return self.names[axis]
 
 
 def test_doctor_honours_without_and_an_unknown_patch_is_an_error(show: Show) -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tci.drivers.yarp.driver_errors import raises_driver_errors
 from tci.errors import DriverError
-from tci.robot.description import Limits, Robot, Servo
+from tci.robot.description import Servo
 from yarpwire.board import Board
 
 
@@ -36,11 +36,17 @@ def find_axes(board: Board, servos: Sequence[Servo]) -> Axes:
     number.
 
     A board may lack servos that move nothing in the robot's model, such as the fingers and eyes of the iCub
-    in Gazebo. Raises DriverError when the board does not answer, lacks another servo, or has other numbers.
+    in Gazebo: if it has fewer axes than servos and knows some of their names, a number alone gives none to
+    such a servo, since the axis may be a tool. Raises DriverError when the board does not answer, lacks
+    another servo, or has other numbers.
     """
     names = names_of(board)
     known = {name: axis for axis, name in enumerate(names)}
-    has = [servo.name in known or 0 <= servo.id < len(names) for servo in servos]
+    by_name = len(names) < len(servos) and any(servo.name in known for servo in servos)
+    has = [
+        servo.name in known or (0 <= servo.id < len(names) and not (by_name and not servo.joints))
+        for servo in servos
+    ]
     mine = tuple(servo for servo, there in zip(servos, has, strict=True) if there)
     absent = tuple(servo for servo, there in zip(servos, has, strict=True) if not there)
     if len(known) == len(names) and all(servo.name in known for servo in mine):
@@ -58,16 +64,3 @@ def find_axes(board: Board, servos: Sequence[Servo]) -> Axes:
             "valid: a description whose servos have the board's names, or its axis numbers as id"
         )
     return Axes(names, mine, numbers, absent)
-
-
-def without_motion(robot: Robot, absent: Collection[Servo]) -> Robot:
-    """Returns a robot whose `absent` servos can't be moved: they have no limit of speed, so the gate refuses
-    commands to them, and leaves them out of one to a whole robot part."""
-    still = {servo.index for servo in absent}
-    servos = [
-        servo.model_copy(update={"limits": Limits(lower=servo.limits.lower, upper=servo.limits.upper)})
-        if servo.index in still
-        else servo
-        for servo in robot.servos
-    ]
-    return robot.model_copy(update={"servos": tuple(servos)})

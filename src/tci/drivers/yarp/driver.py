@@ -17,11 +17,11 @@ from tci.clock import MonotonicClock
 from tci.drivers.diagnosis import Finding
 from tci.drivers.driver import Driver
 from tci.drivers.info import DriverInfo
+from tci.drivers.partial_gate import PartialGate
 from tci.drivers.remote.hosts import numeric
 from tci.drivers.remote.source_clock import SourceClock
 from tci.drivers.yarp import address as addresses
 from tci.drivers.yarp.address import board_ports
-from tci.drivers.yarp.axes import without_motion
 from tci.drivers.yarp.board_driver import AHEAD, BoardDriver
 from tci.drivers.yarp.diagnose import examine, probe
 from tci.drivers.yarp.driver_errors import raises_driver_errors
@@ -254,14 +254,15 @@ class YarpDriver(Driver):
             dialect = self.boards[part].board.dialect
 
     def _leave_out_absent_servos(self) -> None:
-        """Makes servos that no board has immovable, in the description and in the gate."""
-        absent = [servo for board in self.boards.values() for servo in board.axes.absent]
+        """Has commands refused to servos that no board has."""
+        absent = {
+            servo.index: f"{board.board.prefix} has no axis for it"
+            for board in self.boards.values()
+            for servo in board.axes.absent
+        }
         if absent:
-            info = self.info
-            self.info = DriverInfo.of(
-                without_motion(self.robot, absent), "yarp",
-                clock=info.clock, armed=info.armed, lease_name=info.lease_name,
-            )  # fmt: skip
+            gate = PartialGate(self.robot, absent, period=self.period, stale_after=self.gate.stale_after)
+            self.info = replace(self.info, gate=gate, unreached=absent)
 
     def _wait_for_all(self) -> None:
         until = time.monotonic() + FIRST

@@ -111,11 +111,16 @@ def test_files_that_are_damaged_or_too_large_take_no_memory(tmp_path: Path) -> N
     (tmp_path / "words.csv").write_text("p,q\n1,2\nx,3\n")
     (tmp_path / "short.csv").write_text("p,q\n1\n")
     (tmp_path / "empty.csv").write_text("")
+    (tmp_path / "loose.csv").write_text("p,q\n1_0,2\n")
+    (tmp_path / "twice.csv").write_text("p,q,p\n1,2,3\n")
+    with zipfile.ZipFile(tmp_path / "huge.npz", "w") as huge, huge.open("p.npy", "w") as p:
+        np.lib.format.write_array_header_1_0(p, {"descr": "<f8", "fortran_order": False, "shape": (2**50,)})
     mapping.write_text("rate = 1.0\n" + PLAIN)
     for name, match in (
         ("bomb.npz", "takes 1073741825 bytes"), ("cut.npz", "no NPZ file"), ("cut.mat", "no MATLAB file"),
         ("objects.npz", "no NPZ file of numbers"), ("long.csv", "longer"), ("words.csv", "row 3"),
-        ("short.csv", "row 2: 1 cells"), ("empty.csv", "no columns"),
+        ("short.csv", "row 2: 1 cells"), ("empty.csv", "no columns"), ("loose.csv", "row 2: '1_0'"),
+        ("twice.csv", "two columns 'p'"), ("huge.npz", "no NPZ file"),
     ):  # fmt: skip
         with pytest.raises(RecordingError, match=match):
             import_arrays(tmp_path / name, tmp_path / "a.mcap", mapping)

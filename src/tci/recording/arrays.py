@@ -14,6 +14,7 @@ The mapping (TOML) names the times and, for each patch, the values:
 from __future__ import annotations
 
 import csv
+import re
 import tomllib
 import zipfile
 import zlib
@@ -30,12 +31,15 @@ from tci.frames import Array, read_only
 from tci.messages import SkinFrame
 from tci.recording.importing import LONGEST_LINE, import_frames
 from tci.robot.description import Description, Patch, Robot
+from tci.robot.xml.values import NUMBER
 
 SUFFIXES = (".npz", ".mat", ".csv")
 LARGEST = 2**30
 """Largest size [bytes] of an array in memory. Assumed: 45 minutes of 500 taxels at 100 Hz."""
 LARGEST_MAPPING = 2**20
 """Largest mapping [bytes] that is read. Assumed: 60 patches of 4000 listed channels."""
+_CELL = re.compile(rf"[ \t]*(?:{NUMBER}|[nN]a[nN])[ \t]*")
+"""A number, as strictly as in robot descriptions, or the absence of one."""
 
 Numbers = NDArray[np.number[Any]]
 
@@ -180,7 +184,9 @@ def _npz(file: Path, wanted: list[str]) -> dict[str, Numbers]:
         _permit(file, sizes, wanted)
         with np.load(file, allow_pickle=False) as arrays:
             return {name: _numbers(file, name, arrays[name]) for name in wanted}
-    except (ValueError, OSError, EOFError, zlib.error, zipfile.BadZipFile, NotImplementedError) as error:
+    except (
+        ValueError, OSError, EOFError, MemoryError, zlib.error, zipfile.BadZipFile, NotImplementedError,
+    ) as error:  # fmt: skip
         raise RecordingError(f"{file} is no NPZ file of numbers: {error}") from error
 
 
@@ -219,6 +225,9 @@ def _csv_rows(file: Path, names: Mapping) -> Iterator[tuple[float, list[Numbers]
         rows = csv.reader(_bounded(lines, file))
         try:
             head = [cell.strip() for cell in next(rows, [])]
+            if len(set(head)) < len(head):
+                double = next(name for name in head if head.count(name) > 1)
+                raise RecordingError(f"{file} has two columns {double!r}; valid: each name once")
             blocks = [_columns(file, head, one.values) for one in names.skin.values()]
             time = None if names.time is None else _columns(file, head, names.time).start
             for number, row in enumerate(rows, start=2):
@@ -228,12 +237,12 @@ def _csv_rows(file: Path, names: Mapping) -> Iterator[tuple[float, list[Numbers]
                     raise RecordingError(
                         f"{file}, row {number}: {len(row)} cells; valid: {len(head)}, as in the header"
                     )
-                try:
-                    stamp = 0.0 if time is None else float(row[time])
-                    values: list[Array] = [np.array(row[block], dtype=np.float64) for block in blocks]
-                except ValueError as error:
-                    raise RecordingError(f"{file}, row {number}: {error}; valid: numbers") from None
-                yield stamp, list(values)
+                read = [row[time]] if time is not None else []
+                for cell in (*read, *(cell for block in blocks for cell in row[block])):
+                    if not _CELL.fullmatch(cell):
+                        raise RecordingError(f"{file}, row {number}: {cell[:20]!r}; valid: numbers")
+                values: list[Array] = [np.array(row[block], dtype=np.float64) for block in blocks]
+                yield float(read[0]) if read else 0.0, list(values)
         except csv.Error as error:
             raise RecordingError(f"{file}: {error}; valid: cells separated by commas") from None
 

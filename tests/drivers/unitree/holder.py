@@ -1,10 +1,17 @@
 """Program that holds the motors of a robot until it is killed: `python holder.py DOMAIN PERIOD`. It prints
-`asked` once it has asked for them, and `holding` once its targets are followed."""
+`asked` once it has asked for them, and `holding` once its targets are followed.
+
+`python holder.py -` does so for each such line of its input, in a process of its own, a copy of this one.
+Each tells its domain, its number and a word: `begun`, then those above, and `failed` if it is refused.
+"""
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 import time
+from collections.abc import Callable
 
 import numpy as np
 
@@ -14,6 +21,7 @@ from tci.drivers.unitree.health import Health
 from tci.drivers.unitree.held_motors import HeldMotors
 from tci.drivers.unitree.motors import ARM_GAINS, MOTORS
 from tci.drivers.unitree.node import UnitreeNode
+from tci.errors import DriverError
 
 
 def held_motors(place: str, period: float) -> HeldMotors:
@@ -24,10 +32,10 @@ def held_motors(place: str, period: float) -> HeldMotors:
     return held
 
 
-def main() -> None:
-    period = float(sys.argv[2])
-    held = held_motors(f"lo/{sys.argv[1]}", period)
-    print("asked", flush=True)
+def hold(domain: int, period: float, tell: Callable[[str], None]) -> None:
+    """Holds the motors, and tells of it."""
+    held = held_motors(f"lo/{domain}", period)
+    tell("asked")
     held.wait()
     targets = np.full((ROWS, MOTORS), 0.1)
     targets[Q], targets[KP:] = 0.3, ARM_GAINS
@@ -36,7 +44,34 @@ def main() -> None:
         held.poll()
         time.sleep(period)
         if count == 5:
-            print("holding", flush=True)
+            tell("holding")
+
+
+def copies() -> None:
+    """Holds the motors of the robot of each line in a copy of this process, which has imported all."""
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # they are never waited for
+    for line in sys.stdin:
+        domain, period = line.split()
+        if process := os.fork():
+            print(domain, process, "begun", flush=True)
+        else:
+            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+
+            def tell(word: str, domain: str = domain) -> None:
+                print(domain, os.getpid(), word, flush=True)
+
+            try:
+                hold(int(domain), float(period), tell)
+            except DriverError:
+                tell("failed")
+            os._exit(0)
+
+
+def main() -> None:
+    if sys.argv[1] == "-":
+        copies()
+    else:
+        hold(int(sys.argv[1]), float(sys.argv[2]), lambda word: print(word, flush=True))
 
 
 if __name__ == "__main__":

@@ -92,14 +92,26 @@ def test_an_old_ramp_is_never_resumed() -> None:
     handover.step(now + 0.004)
     handover.take(HERE, now + 0.008)  # still being given
     assert handover.phase is Phase.GIVING
-    handover.give(HERE)  # the robot moved unseen
-    assert (handover.step(now + 0.012)[Q] == HERE).all()
+    handover.give_unseen(HERE, HERE + 0.3 * np.sign(HERE - 0.5))  # away from the targets
+    assert (handover.step(now + 0.012)[Q] == HERE + 0.3 * np.sign(HERE - 0.5)).all()
     while handover.phase is not Phase.WAITING:
         handover.step(now := now + PERIOD)
     handover.take(HERE / 2, now)
     sent = handover.step(now + PERIOD)
     assert handover.weight <= PERIOD / TAKE + 1e-9
     assert (sent[Q] == HERE / 2).all()
+
+
+def test_targets_stay_for_motors_that_have_not_left_them_unseen() -> None:
+    handover, now = leading()
+    handover.follow(ALL, order(0.5), HERE, now)
+    sagging, seen = np.full(MOTORS, 0.42), np.full(MOTORS, 0.43)
+    seen[20], seen[21] = 0.25, 0.5  # pushed away, and come up to its target
+    handover.give_unseen(sagging, seen)
+    assert handover.phase is Phase.GIVING
+    sent = handover.step(now + PERIOD)[Q]
+    assert sent[20] == 0.25
+    assert (np.delete(sent, 20) == 0.5).all()
 
 
 def test_velocities_and_torques_end_when_targets_stop() -> None:

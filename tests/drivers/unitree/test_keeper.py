@@ -181,9 +181,12 @@ def test_states_that_stop_end_all_and_a_new_start_is_from_zero(domain: int, pupp
         assert puppet.heard[-1].time > begin + 0.4
         assert not any(heard.motor["q"][20] == np.float32(0.2) for heard in puppet.heard)
         puppet.state["motor"]["q"][:29] = 0.7
+        puppet.state["motor"]["q"][21] = -0.25
         puppet.silent = False
         puppet.wait(lambda robot: robot.weights[-1] == 0.0)
         assert puppet.heard[-1].motor["q"][20] == np.float32(0.7)  # where it is now: no step
+        assert puppet.heard[-1].motor["q"][21] == np.float32(-0.3)  # beside its target by its load
+        puppet.state["motor"]["q"][21] = 0.7
         count = len(puppet.heard)
         lead(held, 0.1, 0.3)
         assert len(puppet.heard) - count <= 5  # repetitions of the last

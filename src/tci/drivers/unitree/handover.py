@@ -28,6 +28,9 @@ QUIET = 0.1
 LONGEST = 0.02
 """Largest time [s] that one step counts for: a process that stood still does not jump. Assumed: five
 periods."""
+LEFT = 0.1
+"""Distance [rad] by which a motor that was unseen is farther from its target, if it has left it. Assumed: a
+robot that obeys goes so far in 0.2 s of the fade if its own posture is 1 rad away."""
 ROWS = 5
 Q, DQ, TAU, KP, KD = range(ROWS)
 """Rows of targets (5, 29): angle, velocity, torque and gains of each motor."""
@@ -89,17 +92,23 @@ class Handover:
         self._pushed = chosen & (targets[TAU] != 0.0)
         self._told = now
 
-    def give(self, posture: Array | None = None) -> None:
-        """Begins to hand the motors back, from the present weight.
-
-        Targets go to `posture` (29,) [rad], for a robot that may have moved unseen; by default they stay.
-        """
+    def give(self) -> None:
+        """Begins to hand the motors back, from the present weight; targets stay."""
         if self.phase in (Phase.TAKING, Phase.LEADING):
             self.phase = Phase.GIVING
             if self._whole:
                 self.weight = 1.0  # counts the time of damping
-        if posture is not None:
-            self._goal[Q] = posture
+
+    def give_unseen(self, before: Array, posture: Array) -> None:
+        """Begins to hand back the motors of a robot that went unseen from `before` to `posture` (29,) [rad].
+
+        The target of a motor that has left it is where that motor is: the old one would be a step. Those of
+        the others stay, since a motor lies beside its target by as much as its load bends it.
+        """
+        self.give()
+        goal = self._goal[Q]
+        left = np.abs(posture - goal) > np.abs(before - goal) + LEFT
+        goal[left] = posture[left]
 
     def step(self, now: float) -> Array:
         """Returns the targets (5, 29) to send at `now` [s]."""

@@ -121,12 +121,12 @@ class Keeper:
                 self.health.wrong += 1
                 continue
             away = self.health.state is not None and self.health.age(now) > STALE
+            before = self.health.posture if away else None
             if not self.health.see(state, right, now):
                 continue
             self._first = now if self._first is None else self._first
-            if away and self.handover.phase is not Phase.WAITING:
-                # The robot may have moved unseen: the old targets would be a step.
-                self.handover.give(self.health.posture)
+            if before is not None and self.handover.phase is not Phase.WAITING:
+                self.handover.give_unseen(before, self.health.posture)
 
     def _read(self, now: float) -> None:
         """Reads the driver's messages; only its latest targets count."""

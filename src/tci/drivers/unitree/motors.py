@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import DriverError
 from tci.frames import Array
-from tci.robot.description import Robot
+
+if TYPE_CHECKING:
+    from tci.robot.description import Robot
 
 _LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
 _ARM = (

@@ -13,7 +13,7 @@ import pytest
 
 from tci import compiled
 from tci.capabilities import answer, discounts
-from tci.compile_ahead import modules_with_loops
+from tci.compile_ahead import _state, modules_with_loops
 from tci.skin.kernels import condition, contacts, nearest
 
 
@@ -127,10 +127,19 @@ def test_the_first_process_compiles_side_by_side_and_says_so(tmp_path: Path) -> 
 
     silent, told = sorted(use("one", "other"))
     assert silent == ""
-    assert "compiling its loops for this processor, once after installing it: done in" in told
+    assert "compiling its loops for this processor, once after installing it: one or two minutes" in told
+    assert "compiled its loops in" in told
     assert use("one") == [""]
     package.joinpath("one", "loops.py").write_text(LOOPS.replace("2.0", "3.0"))
     assert "compiling" in use("one")[0]
+
+
+def test_progress_counts_loops_and_weighs_their_length(tmp_path: Path) -> None:
+    assert _state(tmp_path, 3.0) == "finding its loops"
+    (tmp_path / "all").write_text("long 300\nshort 100\n")
+    assert _state(tmp_path, 4.0) == "compiled 0 of 2 loops in 4 s"
+    (tmp_path / "long.done").touch()
+    assert _state(tmp_path, 30.0) == "compiled 1 of 2 loops in 30 s, about 10 s left"
 
 
 @pytest.mark.parametrize("name", modules_with_loops())

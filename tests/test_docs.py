@@ -16,6 +16,7 @@ import typer
 
 import tci
 from tci.cli.main import app
+from test_examples import words_of
 
 DOCS = Path(__file__).parent.parent / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
@@ -46,11 +47,26 @@ def test_pictures_of_a_page_exist_and_have_words(page: Path) -> None:
         assert (DOCS / path).is_file(), path
 
 
-@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md"])
-def test_drivers_of_the_first_pages_lead_somewhere(name: str) -> None:
-    drivers = set(re.findall(r"\]\((?!https?:)([^)#]+)", (DOCS.parent / name).read_text()))
-    assert [driver for driver in sorted(drivers) if not (DOCS.parent / driver).exists()] == []
-    assert name != "README.md" or "CONTRIBUTING.md" in drivers
+FIRST_PAGES = [DOCS.parent / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
+
+
+@pytest.mark.parametrize("page", [*FIRST_PAGES, *PAGES], ids=lambda page: page.stem)
+def test_links_of_a_page_lead_somewhere(page: Path) -> None:
+    """Links to other sites need a network; Sphinx warns about those of the built pages."""
+    links = set(re.findall(r"\]\((?!https?:)([^)\s]+)\)", page.read_text()))
+    for link in sorted(links):
+        path, _, anchor = link.partition("#")
+        target = page.parent / path if path else page
+        assert target.exists() or path.startswith("_generated/"), link
+        assert not anchor or anchor in anchors(target), link
+    assert page.stem != "README" or "CONTRIBUTING.md" in links
+
+
+def anchors(page: Path) -> set[str]:
+    """Returns the anchors of all headings of a page, as GitHub and MyST make them."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+    headings = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading).lower().replace(" ", "-") for heading in headings}
 
 
 def test_every_page_can_be_found() -> None:
@@ -121,21 +137,25 @@ def test_commands_of_a_page_have_the_options_that_it_gives_them(page: Path) -> N
         assert set(left) <= {LAST}, f"{page.name}: {used}"
 
 
-PROGRAM = re.compile(r"^```python\n((?:import [^\n]*\n)*import tci\n.*?)^```", re.MULTILINE | re.DOTALL)
-"""A whole program in a page; one without its imports is a fragment."""
+PROGRAM = re.compile(
+    r"^```python\n((?:import [^\n]*\n)*import tci\n.*?)^```\n(?:\nIt prints\n\n```text\n(.*?)^```)?",
+    re.MULTILINE | re.DOTALL,
+)
+"""A whole program in a page, and the output below it; one without its imports is a fragment."""
 
 PROGRAMS = [
-    pytest.param(program, id=f"{page.stem}-{number}")
+    pytest.param(program, output, id=f"{page.stem}-{number}")
     for page in PAGES
-    for number, program in enumerate(PROGRAM.findall(page.read_text()))
+    for number, (program, output) in enumerate(PROGRAM.findall(page.read_text()))
 ]
 
 
-@pytest.mark.parametrize("program", PROGRAMS)
-def test_programs_of_a_page_run(program: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("program", "output"), PROGRAMS)
+def test_programs_of_a_page_run(program: str, output: str, tmp_path: Path) -> None:
     file = tmp_path / "program.py"
     file.write_text(program)
     run = subprocess.run(
         [sys.executable, str(file)], capture_output=True, text=True, check=False, cwd=tmp_path
     )
     assert run.returncode == 0, run.stderr
+    assert not output or words_of(output) == words_of(run.stdout)

@@ -73,7 +73,7 @@ def test_three_axis_skin_feels_it_along_its_normal() -> None:
 
 def test_what_can_not_be_touched_is_said() -> None:
     with pytest.raises(
-        UnknownNameError, match=r"no skin patch named 'left_foream'; did you mean 'left_forearm'\?"
+        UnknownNameError, match=r"no skin patch named 'left_foream' \(did you mean 'left_forearm'\?\)"
     ):
         perception(NAO, "left_foream")
     with pytest.raises(UnknownNameError, match="no taxel of left_forearm named '999'; valid: 0 to "):

@@ -17,7 +17,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import control_modes
 import gallery
+import generic_arm
 import numpy as np
 import touch_to_motion
 import without_skin
@@ -168,6 +170,8 @@ MAKERS: dict[str, Callable[[Path], None]] = {
     "robots": lambda folder: gallery.robots(folder, IMAGES),
     "touch": lambda folder: touch_to_motion.draw_path(IMAGES / "touch-to-motion.svg"),
     "bad_command": lambda folder: touch_to_motion.draw_bad_command(IMAGES / "bad-command.svg"),
+    "control_modes": lambda _: control_modes.draw(IMAGES / "control-modes.png"),
+    "generic_arm": lambda _: generic_arm.draw(IMAGES / "generic-arm.png"),
     "viewer": viewer,
     "without_skin": lambda folder: without_skin.draw(IMAGES / "touch-without-skin.png"),
 }

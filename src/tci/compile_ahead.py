@@ -79,24 +79,36 @@ def _processors() -> int:
 
 
 def _show_progress(claims: Path, workers: list[subprocess.Popen[bytes]]) -> None:
-    """Shows the workers' progress on stderr until they end."""
-    begin, alive = time.monotonic(), sys.stderr.isatty()
-    back = "\r" if alive else ""
-    words = "tci: compiling its loops for this processor, once after installing it"
-    print(words, end="" if alive else "\n", file=sys.stderr, flush=True)
+    """Shows the workers' progress on stderr until they end: in one line on a terminal, else every 10 s."""
+    begin, terminal = time.monotonic(), sys.stderr.isatty()
+    back, end, pause = ("\r", "", 0.2) if terminal else ("", "\n", 10.0)
+    print("tci: compiling its loops for this processor, once after installing it: one or two minutes on two "
+          "processors", file=sys.stderr, flush=True)  # fmt: skip
+    shown = begin
     while any(worker.poll() is None for worker in workers):
         time.sleep(0.1)
-        if alive:
-            loops = (claims / "all").read_text().count("\n") if (claims / "all").exists() else 0
-            done = sum(file.suffix == ".done" for file in claims.iterdir())
-            share = f"{done} of {loops}, " if loops else ""
-            print(
-                f"{back}{words}: {share}{time.monotonic() - begin:.0f} s ",
-                end="",
-                file=sys.stderr,
-                flush=True,
-            )
-    print(f"{back}{words}: done in {time.monotonic() - begin:.0f} s", file=sys.stderr)
+        if time.monotonic() - shown >= pause:
+            shown = time.monotonic()
+            line = f"tci: {_state(claims, shown - begin)}"
+            print(f"{back}{line:<50}" if back else line, end=end, file=sys.stderr, flush=True)
+    line = f"tci: compiled its loops in {time.monotonic() - begin:.0f} s"
+    print(f"{back}{line:<50}" if back else line, file=sys.stderr)
+
+
+def _state(claims: Path, now: float) -> str:
+    """Returns the number of loops that are compiled `now` [s] after the begin, and the time left.
+
+    The time left supposes that a loop takes as long as its bytecode is long.
+    """
+    if not (claims / "all").exists():
+        return "finding its loops"
+    lengths = {
+        name: int(length) for name, length in map(str.split, (claims / "all").read_text().splitlines())
+    }
+    done = [name for name in lengths if (claims / f"{name}.done").exists()]
+    share = sum(lengths[name] for name in done) / max(sum(lengths.values()), 1)
+    left = f", about {now * (1.0 - share) / share:.0f} s left" if done else ""
+    return f"compiled {len(done)} of {len(lengths)} loops in {now:.0f} s{left}"
 
 
 def modules_with_loops() -> list[str]:
@@ -114,7 +126,11 @@ def work() -> None:
     # Long bytecode mostly takes long to compile, and the longest loop must not be the last one.
     loops = sorted(waiting, key=lambda loop: -len(loop[0].py_func.__code__.co_code))
     names = [f"{loop.py_func.__module__}.{loop.py_func.__name__}" for loop, _ in loops]
-    (claims / "all").write_text("".join(f"{name}\n" for name in names))
+    sizes = [len(loop.py_func.__code__.co_code) for loop, _ in loops]
+    lines = "".join(f"{name} {size}\n" for name, size in zip(names, sizes, strict=True))
+    complete = claims / f"all-{os.getpid()}"
+    complete.write_text(lines)
+    complete.rename(claims / "all")  # nobody reads half a file
     for (loop, signatures), name in zip(loops, names, strict=True):
         try:
             (claims / name).touch(exist_ok=False)

@@ -53,14 +53,14 @@ class DescriptionError(TciError):
 
 
 def meant(name: str, valid: Iterable[str]) -> str:
-    """Returns `; did you mean ...?` with the valid name nearest to an unknown one; empty if none is near."""
+    """Returns ` (did you mean ...?)` with the valid name nearest to an unknown one; empty if none is near."""
     from difflib import get_close_matches  # imported on an error only: keeps `import tci` fast
 
     names = [*valid][:1000]
     lower = {one.lower(): one for one in names}
     close = get_close_matches(name[:60], names, n=1)
     close = close or [lower[one] for one in get_close_matches(name[:60].lower(), lower, n=1)]
-    return f"; did you mean {close[0]!r}?" if close else ""
+    return f" (did you mean {close[0]!r}?)" if close else ""
 
 
 class UnknownNameError(TciError):

@@ -122,6 +122,7 @@ def test_check_says_what_is_valid_and_what_is_not(tmp_path: Path) -> None:
 def test_demo_writes_table_picture_and_report(tmp_path: Path) -> None:
     text = process("demo", "nao", "--headless", "--out", str(tmp_path), "--seed", "2")
     assert "10 of 10 pokes answered by the reflex; the arm left the finger in 10" in text
+    assert f"Next: open {tmp_path / 'demo.png'}, then poke" in text
     report = json.loads((tmp_path / "report.json").read_text())
     assert report.keys() == {"trials", "same_stimulus", "same_touch"}
     assert {

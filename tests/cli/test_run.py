@@ -147,7 +147,7 @@ def test_clamps_are_told_as_refusals_are(capsys: pytest.CaptureFixture[str]) -> 
 
 def test_a_class_that_is_not_in_its_module_is_answered_with_those_that_are() -> None:
     with pytest.raises(
-        UnknownNameError, match=r"in cli.test_run named 'Nodd'; did you mean 'Nod'\?; valid: Nod, Lost"
+        UnknownNameError, match=r"in cli.test_run named 'Nodd' \(did you mean 'Nod'\?\); valid: Nod, Lost"
     ):
         load_capability("cli.test_run:Nodd")
 
@@ -157,7 +157,7 @@ def test_a_class_that_its_package_loads_on_first_use_is_found() -> None:
     code = f"{load}; print(load('tci:WithdrawalReflex').refractory)"
     assert subprocess.run([sys.executable, "-c", code], check=True, capture_output=True).stdout == b"0.5\n"
     valid = r"(\w+, )*WithdrawalReflex\b"  # in case it was loaded before
-    with pytest.raises(UnknownNameError, match=rf"did you mean 'WithdrawalReflex'\?; valid: {valid}"):
+    with pytest.raises(UnknownNameError, match=rf"did you mean 'WithdrawalReflex'\?\); valid: {valid}"):
         load_capability("tci:WithdrawalRefle")
 
 

@@ -144,10 +144,10 @@ def test_58_gigabytes_of_nothing_end_soon(chunks: int, tmp_path: Path) -> None:
 def test_a_file_of_another_kind_is_named(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_text("this is a letter to a friend, and no recording")
-    with pytest.raises(RecordingError, match="no recording"):
+    with pytest.raises(RecordingError, match=r"a\.mcap is no MCAP file; valid: a recording of TCI"):
         Recording(path)
     path.write_bytes(zstandard.compress(b"x" * 100))
-    with pytest.raises(RecordingError, match="no recording"):
+    with pytest.raises(RecordingError, match=r"a\.mcap is no MCAP file; valid: a recording of TCI"):
         Recording(path)
 
 

@@ -169,7 +169,7 @@ def test_8_a_mode_by_its_name(driver: SimulatedDriver, mode: str) -> None:
 
 def test_8_a_mode_that_there_is_not() -> None:
     with pytest.raises(
-        UnknownNameError, match="no mode named 'positon'; did you mean 'position'\\?; valid: pos"
+        UnknownNameError, match="no mode named 'positon' \\(did you mean 'position'\\?\\); valid: pos"
     ):
         head(0.1, 0.0, 0.0, mode="positon")
     with pytest.raises(UnknownNameError, match="no mode named '3'; valid: position, velocity"):
@@ -232,13 +232,17 @@ def test_10_a_duration_that_is_none(driver: SimulatedDriver, duration: float) ->
 
 
 def test_11_names_that_are_nearly_right() -> None:
-    with pytest.raises(UnknownNameError, match=r"no robot named 'noa'; did you mean 'nao'\?; valid: .*icub"):
+    with pytest.raises(
+        UnknownNameError, match=r"no robot named 'noa' \(did you mean 'nao'\?\); valid: .*icub"
+    ):
         tci.load_robot("noa")
-    with pytest.raises(UnknownNameError, match="no robot named 'ICUB'; did you mean 'icub'\\?"):
+    with pytest.raises(UnknownNameError, match="no robot named 'ICUB' \\(did you mean 'icub'\\?\\)"):
         tci.connect("ICUB")
     with pytest.raises(UnknownNameError, match="no robot named 'zzz'; valid: "):
         tci.load_robot("zzz")
-    with pytest.raises(UnknownNameError, match="no generic part named 'leftarm'; did you mean 'left_arm'\\?"):
+    with pytest.raises(
+        UnknownNameError, match="no generic part named 'leftarm' \\(did you mean 'left_arm'\\?\\)"
+    ):
         tci.load_robot("nao").part("leftarm")
     with pytest.raises(UnknownNameError, match="no generic part named 3; valid: left_arm"):
         tci.load_robot("nao").part(3)

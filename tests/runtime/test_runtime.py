@@ -84,7 +84,7 @@ def test_connect_lists_what_there_is() -> None:
         tci.connect(robot, "sim:10.0.0.5")
     with pytest.raises(
         UnknownNameError,
-        match="no option of the driver 'sim' named 'armed'; did you mean 'arm'\\?; valid: arm",
+        match="no option of the driver 'sim' named 'armed' \\(did you mean 'arm'\\?\\); valid: arm",
     ):
         tci.connect(robot, "sim", armed=True)
     with tci.connect(robot, "sim", skin=False) as driver:
@@ -106,7 +106,7 @@ def test_every_driver_and_server_refuses_an_option_that_it_lacks(name: str) -> N
     robot = tci.load_robot("nao")
     with pytest.raises(
         UnknownNameError,
-        match=f"no option of the driver '{name}' named 'amr'; did you mean 'arm'\\?; valid: .*arm",
+        match=f"no option of the driver '{name}' named 'amr' \\(did you mean 'arm'\\?\\); valid: .*arm",
     ):
         tci.connect(robot, name, amr=True)
     if name in server_names():

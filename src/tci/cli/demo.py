@@ -16,6 +16,7 @@ from rich.markup import escape
 
 from tci.cli import completion
 from tci.cli.console import console, print_json
+from tci.cli.guide import next_command
 from tci.cli.options import AsJson, Faults, SomeRobots
 from tci.cli.robots import load_robots
 from tci.errors import CommandError, UnknownNameError
@@ -90,6 +91,11 @@ def demo(
         from tci.cli.view import view as show
 
         show(robot, port=0, out=out / "recordings", headless=headless)
+    elif not as_json:
+        words = (
+            f"Next: open {out / 'demo.png'}, then poke robots yourself in the browser: {next_command('demo')}"
+        )
+        console.print(words, highlight=False, markup=False, soft_wrap=True)
 
 
 def _run_trials(

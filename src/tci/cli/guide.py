@@ -1,5 +1,9 @@
 """The commands to try first, and the command to try after each other one, which ends its help."""
 
+import os
+import shutil
+import sys
+
 FIRST = (
     ("tci demo", "poke simulated robots, with a table, a picture and a report"),
     ("tci view", "poke simulated robots yourself, in the browser"),
@@ -37,6 +41,14 @@ NEXT = {
     "zenoh router": "tci serve nao --via zenoh",
 }
 """The command to try after each command."""
+
+
+def next_command(after: str) -> str:
+    """Returns the command to try after another one. Begins with the way to make the shell find `tci`."""
+    if shutil.which("tci"):
+        return NEXT[after]
+    folder = os.path.relpath(os.path.join(sys.prefix, "bin", "activate"))
+    return f"source {folder}; {NEXT[after]}"
 
 
 def first_steps() -> str:

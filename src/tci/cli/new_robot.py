@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from tci.authoring.proposed_fingers import Trust
     from tci.robot.description import Robot
 
+MODELS = (".urdf", ".xml", ".mjcf")
+"""Suffixes of models in a package."""
 
 COMMENT = """Proposed by tci new-robot from {file}: review it.
 From that file: joints; limits of position, speed and torque, except those marked assumed.
@@ -26,7 +28,9 @@ response, the initial posture, the zero of pronation (that of the robot)."""
 
 
 def new_robot(
-    model: Annotated[Path, typer.Argument(help="URDF or MJCF file of the robot.")],
+    model: Annotated[
+        Path, typer.Argument(help="URDF or MJCF file of the robot; with --package its name suffices.")
+    ],
     name: Annotated[str | None, typer.Option(help="Name of the robot. \\[default: that of the file]")] = None,
     package: Annotated[
         str | None, typer.Option(help="Installed Python package that contains the model, if one does.")
@@ -94,7 +98,10 @@ def new_robot(
         raise CommandError("both --meshes and --without-meshes; valid: one of them")
     name = name or _plain(model.stem)
     target = out or model.parent / "robot.xml"
-    file = _in_package(model, package) if package else _beside(model, target, what="model")
+    if package:
+        model, file = _in_package(model, package)
+    else:
+        file = _beside(model, target, what="model")
     folder = None if meshes is None else _beside(meshes, target, what="folder of meshes")
     proposed = propose(
         model,
@@ -177,21 +184,30 @@ def _beside(path: Path, target: Path, *, what: str) -> str:
     return resolved.relative_to(folder).as_posix()
 
 
-def _in_package(model: Path, package: str) -> str:
-    """Returns the end of the model's path in an installed package.
+def _in_package(model: Path, package: str) -> tuple[Path, str]:
+    """Returns a model of an installed package, given by its path or the end of it, and the end of its path.
 
-    Raises CommandError when the package is not installed or has no such file.
+    Raises CommandError when the package is not installed, or does not have exactly one such file.
     """
+    from tci.robot.xml.node import listed
+
     try:
         files = distribution(package).files or ()
     except PackageNotFoundError:
         raise CommandError(
             f"no installed package {package!r}; install it with: pip install {package}"
         ) from None
-    for entry in files:
-        if entry.name == model.name and Path(str(entry.locate())).resolve() == model.resolve():
-            return "/".join(entry.parts[-3:])
-    raise CommandError(f"the package {package!r} does not contain {model}; valid: a file that it installed")
+    models = [entry for entry in files if entry.suffix in MODELS and entry.name != "package.xml"]
+    path = model.resolve()
+    found = [
+        entry
+        for entry in models
+        if entry.parts[-len(model.parts) :] == model.parts or Path(str(entry.locate())).resolve() == path
+    ]
+    if len(found) != 1:
+        names = listed(("/".join(entry.parts[-3:]) for entry in found or models), most=60)
+        raise CommandError(f"the package {package!r} has {len(found)} models {str(model)!r}; valid: {names}")
+    return Path(str(found[0].locate())).resolve(), "/".join(found[0].parts[-3:])
 
 
 def _found(robot: Robot) -> list[str]:

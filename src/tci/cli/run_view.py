@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tci.cli.console import console
+from tci.clock import MonotonicClock
 from tci.drivers.faults.injectors import INJECTORS
 from tci.drivers.replay import ReplayDriver
 from tci.runtime.loop import Tick
@@ -77,8 +78,7 @@ def conclude(session: Session) -> None:
         console.print(session.result.summary, highlight=False, markup=False)
     report, counts, state = session.report, session.driver.gate.counts, session.driver.gate.state
     console.print(
-        f"{report.ticks} periods, {report.overruns} overruns ({report.missed} periods missed); "
-        f"computing time p50 {report.work.quantile(0.5) * 1e3:.2f}, "
+        f"{_periods(session)}; computing time p50 {report.work.quantile(0.5) * 1e3:.2f}, "
         f"p99.9 {report.work.quantile(0.999) * 1e3:.2f} ms; "
         f"gate: {counts.holds} holds, {counts.stops} stops, {counts.refusals} refusals; "
         f"state at the end: [{_colour(state.name)}]{state.name}[/]",
@@ -86,6 +86,16 @@ def conclude(session: Session) -> None:
     )
     for line in _about_recordings(session):
         console.print(line, highlight=False)
+
+
+def _periods(session: Session) -> str:
+    """Returns the numbers of periods that were served and missed."""
+    report = session.report
+    if not (report.missed or isinstance(session.source.clock, MonotonicClock)):
+        return (
+            f"{report.ticks} periods, none missed, since simulated and recorded time wait for this computer"
+        )
+    return f"{report.ticks} periods, {report.overruns} overruns ({report.missed} periods missed)"
 
 
 def _about_recordings(session: Session) -> list[str]:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import zstandard
-from mcap.exceptions import EndOfFile, McapError
+from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
 
@@ -37,6 +37,8 @@ from tci.recording.schemas import (
 )
 from tci.rosmsg.cdr import MessageType, decode
 
+VALID = "valid: a recording of TCI (.mcap), as from tci record or tci run --record"
+"""End of each message about a file that is no whole recording."""
 LARGEST = 64 * 2**20
 """Largest record, and largest chunk once decompressed [bytes]. Assumed: those of TCI's own recordings are
 below 2 MiB."""
@@ -86,7 +88,7 @@ class Recording:
             if isinstance(record, Message | Metadata):
                 break
         if not self.about:
-            raise RecordingError(f"{self.path} is no recording of TCI: it has no metadata named 'tci'")
+            raise RecordingError(f"{self.path} has no metadata named 'tci'; {VALID}")
         form = self.about.get("format", "1")
         if form not in _DECISIONS:
             raise RecordingError(
@@ -194,10 +196,12 @@ class Recording:
                 yield from self._unpacked(records)
             except (EndOfFile, struct.error):
                 return  # cut off: all records before are complete
+            except InvalidMagic:
+                raise RecordingError(f"{self.path} is no MCAP file; {VALID}") from None
             except (
                 McapError, CRCValidationError, UnicodeDecodeError, OverflowError, zstandard.ZstdError
             ) as error:  # fmt: skip
-                raise RecordingError(f"{self.path} is damaged or no recording: {error}") from error
+                raise RecordingError(f"{self.path} is damaged: {error}; {VALID}") from error
 
     def _unpacked(self, records: Iterator[Any]) -> Iterator[Any]:
         for record in records:

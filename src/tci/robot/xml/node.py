@@ -80,7 +80,7 @@ def listed(names: Iterable[str], *, most: int = 40) -> str:
 
 
 def nearest(name: str, valid: Iterable[str]) -> str:
-    """Returns `; did you mean ...?; valid: ...`, for a name that does not exist."""
+    """Returns ` (did you mean ...?); valid: ...`, for a name that does not exist."""
     valid = list(valid)
     return f"{meant(name, valid)}; valid: {listed(valid)}"
 

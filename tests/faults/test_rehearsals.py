@@ -175,7 +175,7 @@ def test_a_plan_that_makes_no_sense_is_refused(text: str) -> None:
 
 
 def test_a_fault_that_there_is_not_is_answered_with_the_nearest() -> None:
-    with pytest.raises(UnknownNameError, match="no fault named 'stal' \\(did you mean 'stall'\\?\\); valid: "):
+    with pytest.raises(UnknownNameError, match=r"no fault named 'stal' \(did you mean 'stall'\?\); valid: "):
         parse_fault("stal@1")
 
 

@@ -133,6 +133,28 @@ def test_large_motion_capture_is_read_or_refused_soon(tmp_path: Path) -> None:
     (tmp_path / "deep.bvh").write_text("HIERARCHY\n" + "".join(many.format(n) for n in range(400_000)))
     with pytest.raises(DescriptionError, match="line 752: too large; valid: at most 250 joints"):
         read_bvh(tmp_path / "deep.bvh")
+    begin = process_time()
+    (tmp_path / "wide.bvh").write_text(head + mark + "1 " * 3_000_000)
+    with pytest.raises(DescriptionError, match="3000000 values; valid: 33 numbers"):
+        read_bvh(tmp_path / "wide.bvh")
+    assert process_time() - begin < 1.5
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("Frames: 3", "Frames: -1", "-1 frames, of which 3 are there; valid: a whole file"),
+        ("Frames: 3", "Frames: 4", "4 frames, of which 3 are there; valid: a whole file"),
+        ("90.000000000", "1e999", "row 3 has too large a number; valid: finite ones"),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_motion_capture_that_is_not_whole_is_refused(tmp_path: Path, old: str, new: str, told: str) -> None:
+    before, found, after = bvh(waving()[:3], rest=0.0).rpartition(old)
+    (tmp_path / "g.bvh").write_text(before + new + after)
+    assert found
+    with pytest.raises(DescriptionError, match=told):
+        read_bvh(tmp_path / "g.bvh")
 
 
 def test_a_recording_is_in_the_torso_frame() -> None:

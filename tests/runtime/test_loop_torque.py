@@ -109,3 +109,26 @@ def test_joint_data_that_keeps_a_torque_up_does_not_outlive_the_run(
     assert len(sent.since(0.2)) <= REST / driver.period
     assert sent[-1][1] == 0.0
     assert driver.gate.state is not GateState.STOP
+
+
+@pytest.mark.parametrize("failures", [2, 1000], ids=["for a moment", "for good"])
+def test_writing_that_fails_does_not_end_the_way_to_rest(
+    driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch, failures: int
+) -> None:
+    """One board of several refuses: the others are still told that torques end."""
+    sent, send, failed = Sent(driver, monkeypatch), driver._send, []
+
+    def refuse(safe: SafeCommand) -> None:
+        send(safe)
+        if failed or sent[-1][1] < -0.2:  # braked by the gate, against the command
+            failed.append(safe.stamp)
+        if 0 < len(failed) <= failures:
+            raise DriverError("writing fails, on purpose")
+
+    monkeypatch.setattr(driver, "_send", refuse)
+    with pytest.raises(DriverError, match="on purpose") as raised:
+        run(driver, Push(), duration=5.0)
+    assert sent.since(failed[0])[0] < -0.2
+    assert sent[-1][1] == 0.0
+    notes = "".join(getattr(raised.value, "__notes__", ()))
+    assert ("could not be brought to rest" in notes) == (failures > 2)

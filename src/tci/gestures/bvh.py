@@ -121,7 +121,7 @@ def _parse(source: str, lines: list[str]) -> tuple[list[Bone], float, Array]:
         raise refuse(source, start + 1, "valid after MOTION: 'Frames: N' and 'Frame Time: SECONDS'")
     declared, period = _number(source, head[0][-1], start + 1), _number(source, head[1][-1], start + 2)
     rows = read_rows(source, lines, start + 2, channels, mark=None)
-    if len(rows) < declared:
+    if not 0.0 < declared <= len(rows):
         raise refuse(
             source, start + 1, f"{declared:g} frames, of which {len(rows)} are there; valid: a whole file"
         )

@@ -34,11 +34,17 @@ def read_rows(source: str, lines: Sequence[str], begin: int, columns: int, *, ma
             rows.append(text)
         elif not text.isspace():
             values = text.removesuffix("\n").split(mark)
-            wrong = next((f", not {shown(value)}" for value in values if not re.fullmatch(NUMBER, value)), "")
+            wrong = next(
+                (f", not {shown(value)}" for value in values[:COLUMNS] if not re.fullmatch(NUMBER, value)), ""
+            )
             valid = f"{columns} numbers such as -12.5 or 1e-3{wrong}"
             raise refuse(source, line, f"{len(values)} values; valid: {valid}")
         if len(rows) > MOST:
             raise refuse(source, line, f"too large; valid: at most {MOST} rows")
     if not rows:
         return np.zeros((0, columns))
-    return np.loadtxt(rows, delimiter=mark, comments=None, ndmin=2)
+    numbers = np.loadtxt(rows, delimiter=mark, comments=None, ndmin=2)
+    if not (finite := np.isfinite(numbers).all(axis=1)).all():
+        which = int(np.argmin(finite)) + 1
+        raise refuse(source, begin + 1, f"row {which} has too large a number; valid: finite ones")
+    return numbers

@@ -83,7 +83,7 @@ class Lease:
         place = self._opened(self._path.parent, os.O_RDONLY | os.O_DIRECTORY)
         handle = self._opened(self._path, os.O_RDWR | os.O_CREAT | os.O_NONBLOCK)
         self._found = os.fstat(handle)
-        if not stat.S_ISREG(self._found.st_mode):
+        if not stat.S_ISREG(self._found.st_mode) or self._found.st_nlink > 1:
             raise DriverError(f"the lease {self._path} is no plain file; valid: a plain file, or none")
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

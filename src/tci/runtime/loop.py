@@ -276,8 +276,12 @@ class _Loop(Generic[Memory]):
                 return
 
     def _writes(self, halt: Callable[[], None] | None = None) -> Iterator[SafeCommand]:
-        """Writes the gate's output for no commands once per period, for at most `REST`."""
+        """Writes the gate's output for no commands once per period, for at most `REST`.
+
+        An error of writing is raised at the end, if it persists: other parts of the robot may still obey.
+        """
         driver = self.driver
+        failure: Exception | None = None
         if not self.write or not driver.armed or driver.info.recorded or self._joints is None:
             return
         begin = driver.clock.now()
@@ -287,7 +291,14 @@ class _Loop(Generic[Memory]):
                     self._joints = driver.read().joints
             if halt is not None:
                 halt()
-            yield driver.write(driver.gate.step((), self._joints, now))
+            try:
+                sent, failure = driver.write(driver.gate.step((), self._joints, now)), None
+            except Exception as error:
+                failure = error
+            else:
+                yield sent
+        if failure is not None:
+            raise failure
 
 
 def _moves(sent: SafeCommand) -> bool:

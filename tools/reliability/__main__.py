@@ -26,6 +26,7 @@ from g1_faults import unitree_faults
 from g1_hostile import unitree_hostile
 from g1_kills import unitree_kills
 from g1_messages import unitree_messages
+from g1_motion import unitree_motion
 from kills import yarp_kills
 from mutation import branches, mutation
 from non_finite import non_finite
@@ -46,7 +47,7 @@ ROWS: dict[str, Callable[[bool], Row]] = {
         limits, plant, bodies, moves_away, whole_arm, non_finite, heartbeat, one_kilohertz, loop,
         false_reflexes, descriptions, guided, heartbeats, wires, dropped, killed, minute, yarp_skin,
         yarp_kills, mutation, branches, exposure, felt_places, felt_nothing, felt_reflex,
-        unitree_kills, unitree_messages, unitree_hostile, unitree_faults,
+        unitree_kills, unitree_messages, unitree_hostile, unitree_faults, unitree_motion,
     )
 }  # fmt: skip
 

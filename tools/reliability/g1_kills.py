@@ -117,18 +117,21 @@ class Trial:
         if not heard.times:
             return ""
         times, weights, targets = (np.array(one) for one in (heard.times, heard.weights, heard.targets))
-        fall, passed = -np.diff(weights, append=weights[-1]), np.diff(times, append=times[-1])
-        fading = targets[np.argmax(fall > 0.0) + 1 :]
+        fall = -np.diff(weights)
+        fading = (
+            fall > 0.0
+        )  # of each command but the first: a robot without states fades too, and is taken anew
+        faded, goes_on = targets[1:][fading], fading[:-1] & fading[1:]
         if heard.wrong:
             return f"{heard.wrong} wrong checksums"
         if weights[-1] != 0.0:
             return f"its last weight is {weights[-1]:.3f}"
-        if (fall > passed / GIVE + STEP).any():
+        if (fall > np.diff(times) / GIVE + STEP).any():
             return f"its weight falls by {fall.max():.3f} at once"
-        if np.ptp(fading[:, Q], axis=0).any() or fading[:, Q + 1 : KP].any():
+        if np.diff(targets[1:, Q], axis=0)[goes_on].any() or faded[:, Q + 1 : KP].any():
             return "its targets move during the fade"
-        if not (fading[:, KP:] > 0.0).all():
-            return f"its gains vanish: {fading[:, KP:].min():.2f}"
+        if not (faded[:, KP:] > 0.0).all():
+            return f"its gains vanish: {faded[:, KP:].min():.2f}"
         return ""
 
 

@@ -36,8 +36,9 @@ VARIANT = 5
 """`mode_machine` of a G1 with 29 motors."""
 WARM, SUPPLY = 30, 50.0
 """Temperature [C] and voltage [V] that motors report. Assumed: a robot at rest."""
-
-
+AHEAD = 0.01
+"""Time [s] that set-points are extrapolated by the speed that comes with them: without, each is a motion from
+rest to rest, and the robot begins 12 ms late. Assumed: a stop then overshoots by less than 2 mrad."""
 ELSEWHERE = 2e-3
 """Distance [rad] of a set-point from the robot's own one that is a command. Assumed: programs hold the joints
 that they do not move where they measured them, to noise and sag."""
@@ -140,8 +141,8 @@ class UnitreeServer(Server):
             self.rejected["with a wrong checksum"] += 1
         elif command["mode_machine"] != VARIANT:
             self.rejected["with another mode_machine"] += 1
-        elif not np.isfinite(command["motor"]["q"]).all():
-            self.rejected["with angles that are not finite"] += 1
+        elif not all(np.isfinite(command["motor"][name]).all() for name in ("q", "dq")):
+            self.rejected["with angles or speeds that are not finite"] += 1
         else:
             return command
         return None
@@ -155,7 +156,7 @@ class UnitreeServer(Server):
         servos = self._body[own]
         if not servos.size:
             return None
-        wanted = motors["q"][self._slots[own]].astype(float)
+        wanted, speed = (motors[name][self._slots[own]].astype(float) for name in ("q", "dq"))
         mixed = weight * wanted + (1.0 - weight) * self._own[servos]
         if weight == 0.0:
             self._first[:] = np.nan
@@ -163,7 +164,8 @@ class UnitreeServer(Server):
         self._moved[servos] |= (wanted != first) | (np.abs(mixed - self._own[servos]) > ELSEWHERE)
         if weight >= 1.0:
             self._own[servos] = mixed
-        servos, mixed = servos[self._moved[servos]], mixed[self._moved[servos]]
-        if not servos.size:
+        led = self._moved[servos]
+        if not led.any():
             return None
-        return movable(position_order(servos, mixed), self.driver.robot)
+        targets = mixed + weight * speed * AHEAD
+        return movable(position_order(servos[led], targets[led]), self.driver.robot)

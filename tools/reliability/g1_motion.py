@@ -12,7 +12,7 @@ from tci.experiments.poke import Stimulus
 from tci.robot.catalogue import load_robot
 
 WIRES = None, "unitree:lo/116 + yarp"
-"""The same pokes within one process, and over both: joints over the robot's topics, sleeves of skin over
+"""Places of the reflex: within the robot's process, and beyond two wires: joints over the robot's topics, sleeves of skin over
 YARP."""
 POKES = 10
 """Number of pokes of one job: five fields of two arms."""

@@ -12,8 +12,8 @@ from tci.experiments.poke import Stimulus
 from tci.robot.catalogue import load_robot
 
 WIRES = None, "unitree:lo/116 + yarp"
-"""Places of the reflex: within the robot's process, and beyond two wires: joints over the robot's topics, sleeves of skin over
-YARP."""
+"""Places of the reflex: within the robot's process, and beyond two wires, with joints over the robot's topics
+and sleeves of skin over YARP."""
 POKES = 10
 """Number of pokes of one job: five fields of two arms."""
 ABOVE = 10.0

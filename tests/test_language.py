@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
+FOLDERS_OF_TCI = sorted(path.parent.name for path in (ROOT / "src" / "tci").glob("*/__init__.py"))
 FOLDERS = ("src", "tests", "tools", "examples", "packages")
 OPENING = r"(What|Where|When|Which|Who|Whether|How|Why|Of|The same)\b"
 """Words that make a first line a clause to be completed by the reader, or refer to another docstring."""
@@ -64,6 +65,13 @@ def test_docstrings_begin_with_a_verb_or_a_noun_and_figures_have_a_reason() -> N
             place = path.relative_to(ROOT)
             wrong += [f"{place}:{line}: {message}" for line, message in faults(source)]
     assert not wrong, "\n".join(["", *wrong])
+
+
+@pytest.mark.parametrize("folder", FOLDERS_OF_TCI)
+def test_each_folder_says_in_three_sentences_what_it_is_for(folder: str) -> None:
+    text = ast.get_docstring(ast.parse((ROOT / "src" / "tci" / folder / "__init__.py").read_text())) or ""
+    sentences = re.split(r"(?<=[.])\s+(?=[A-Z`])", text)
+    assert len(sentences) == 3, sentences
 
 
 @pytest.mark.parametrize(

@@ -102,6 +102,26 @@ def test_no_files_import_each_other_in_a_circle(modules: dict[str, Path]) -> Non
         pytest.fail(" -> ".join(error.args[1]))
 
 
+def folder_of(name: str, modules: dict[str, Path]) -> str:
+    """Returns the folder of a module; a file beside the folders of its package stands for itself."""
+    inside = name.count(".") > 1 and modules[name].name != "__init__.py"
+    return name.rpartition(".")[0] if inside else name
+
+
+@pytest.mark.parametrize("modules", [MODULES, WIRE_MODULES], ids=["tci", "yarpwire"])
+def test_no_folders_import_each_other_in_a_circle(modules: dict[str, Path]) -> None:
+    graph: dict[str, set[str]] = {}
+    for name, path in modules.items():
+        own = folder_of(name, modules)
+        others = {folder_of(other, modules) for other in imported(path) & modules.keys()}
+        # What a folder imports from the one that it lies in is inside one concept.
+        graph.setdefault(own, set()).update(one for one in others if not f"{own}.".startswith(f"{one}."))
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(" -> ".join(error.args[1]))
+
+
 def test_yarpwire_does_not_import_the_bindings_that_stand_on_it() -> None:
     below = {name for name in WIRE_MODULES if not name.startswith("yarpwire.bindings")}
     assert not [name for name in below if any("bindings" in one for one in imported(WIRE_MODULES[name]))]

@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from tci.frames import Array, frozen
 
+_set_writable: Any = np.ndarray.setflags
+"""Sets whether an array can be changed. By its keyword, a method takes three times as long."""
+
 
 class Frozen:
     """Plain data with read-only arrays. Unpickled arrays are made read-only again."""
@@ -22,7 +25,7 @@ class Frozen:
     def __post_init__(self) -> None:
         for value in _values(self):
             if isinstance(value, np.ndarray):
-                value.setflags(write=False)  # a keyword takes longer
+                _set_writable(value, False)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), _values(self)

@@ -99,7 +99,7 @@ class Perceiver:
 
 def _ended(before: Contacts, after: Contacts) -> tuple[int, ...]:
     """Returns the identities of contacts that are gone."""
-    if before is after:
+    if before is after or before.identity.tobytes() == after.identity.tobytes():
         return ()
     now = {*after.identity.tolist()}
     return tuple([one for one in before.identity.tolist() if one not in now])

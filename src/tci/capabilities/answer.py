@@ -42,6 +42,12 @@ def segments_of(sites: tuple[Site, ...]) -> NDArray[np.int64]:
     return read_only([SEGMENTS.index(s.segment) if s.segment in SEGMENTS else -1 for s in sites], np.int64)
 
 
+@lru_cache(maxsize=16)
+def parts_of(sites: tuple[Site, ...]) -> tuple[str, ...]:
+    """Returns the part (p,) of each site."""
+    return tuple([site.part for site in sites])
+
+
 class Touches(NamedTuple):
     """The arrays of `Contacts` that the response of a field depends on."""
 

@@ -5,7 +5,7 @@ It moves once per touch and never towards the object: see `withdrawal_rule`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
@@ -13,10 +13,11 @@ from typing import Literal
 import numpy as np
 
 from tci.body.generic_body import GenericBody
-from tci.capabilities.answer import field_table, find_answers, segments_of, touches
+from tci.capabilities.answer import field_table, find_answers, parts_of, segments_of, touches
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField, default_fields, default_surround
 from tci.capabilities.withdrawal_rule import Wish, Withdrawals, blind_field, new_targets, withdraw_all
+from tci.compiled import entry
 from tci.errors import TciError
 from tci.frames import Array, read_only
 from tci.messages import (
@@ -32,6 +33,7 @@ from tci.messages import (
 from tci.reasons import Reason
 from tci.robot.generic_arm import JOINTS
 
+_find_answers = entry(find_answers)
 DISCOUNTS = ("linear", "cosine")
 """Names of the distance discounts `discounts.psi` and `psi_cosine`."""
 MODES = (Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE)
@@ -123,8 +125,10 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         There is one command for each arm whose target changed; in velocity mode, one for each arm that
         withdraws. Raises CommandError if a touched part does not have the five joints of a base motion.
         """
-        contacts = perception.contacts
-        wishes = self._wishes(contacts, around=self._asking(memory, contacts)) if contacts else {}
+        contacts, wishes = perception.contacts, dict[str, list[Wish[ReceptiveField]]]()
+        if len(contacts):
+            moving = [part for part, one in memory.motions.items() if not one.quiet]
+            wishes = self._wishes(contacts, around=self._asking(memory, contacts), moving=moving)
         after = withdraw_all(memory, wishes, perception, body, refractory=self.refractory, mode=self.mode)
         if self.mode is not Mode.VELOCITY:
             return new_targets(memory, after, self.mode), after
@@ -166,32 +170,45 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
 
     def _asking(self, memory: WithdrawalMemory, contacts: Contacts) -> set[str]:
         """Returns the touched arms that the surround may move: those at rest, and those that it moves."""
-        touched = {contacts.sites[site].part for site in set(contacts.site.tolist())}
-        own = memory.motions
+        parts, own = parts_of(contacts.sites), memory.motions
+        touched = {parts[site] for site in {*contacts.site.tolist()}}
         return {part for part in touched if part not in own or own[part].field.name in self._around}
 
     @cached_property
     def _around(self) -> frozenset[str]:
         return frozenset(field.name for field in self.surround or ())
 
-    def _wishes(self, contacts: Contacts, *, around: set[str]) -> dict[str, list[Wish[ReceptiveField]]]:
+    def _wishes(
+        self, contacts: Contacts, *, around: Collection[str], moving: Collection[str] = ()
+    ) -> dict[str, list[Wish[ReceptiveField]]]:
         """Returns the responses that the contacts ask for, by part, the first of a contact first: that of the
-        closest field, then, on parts `around`, those of the two closest of the surround."""
+        closest field, then, on parts `around`, those of the two closest of the surround.
+
+        Parts that are `moving` respond to the strongest of each field only, so the others are left out.
+        """
         wishes: dict[str, list[Wish[ReceptiveField]]] = {}
-        segments, felt = segments_of(contacts.sites), touches(contacts)
+        segments, felt, parts = segments_of(contacts.sites), touches(contacts), parts_of(contacts.sites)
+        sites, count = contacts.site.tolist(), len(contacts)
         for ranks, fields, table in self._tables if around else self._tables[:1]:
-            closest = np.full(len(contacts), -1)
+            closest = np.full(count, -1)
             for rank in ranks:
-                beside, closest, gains = closest, np.empty(len(contacts), np.int64), np.empty(len(contacts))
-                find_answers(
+                beside, closest, gains = closest, np.empty(count, np.int64), np.empty(count)
+                _find_answers(
                     table, self.distance_discount == "cosine", segments, felt, beside, np.empty(len(fields)),
                     closest, gains,
                 )  # fmt: skip
-                rows = zip(contacts.site.tolist(), closest.tolist(), gains.tolist(), strict=True)
+                strongest: dict[tuple[str, int], tuple[float, int]] = {}
+                rows = zip(sites, closest.tolist(), gains.tolist(), strict=True)
                 for row, (site, nearest, gain) in enumerate(rows):
-                    part = contacts.sites[site].part
-                    if gain > 0.0 and (rank == 0 or part in around):
+                    part = parts[site]
+                    if not gain > 0.0 or (rank and part not in around):
+                        continue
+                    if part not in moving:
                         wishes.setdefault(part, []).append(Wish(fields[nearest], gain, row, rank))
+                    elif (key := (part, nearest)) not in strongest or gain > strongest[key][0]:
+                        strongest[key] = gain, row
+                for (part, nearest), (gain, row) in strongest.items():
+                    wishes.setdefault(part, []).append(Wish(fields[nearest], gain, row, rank))
         return wishes
 
     @cached_property

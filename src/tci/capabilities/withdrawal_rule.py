@@ -160,8 +160,11 @@ def withdraw_all(
 
     Raises CommandError for a touched part whose number of joints is not that of a base motion.
     """
+    if not memory.motions and not wishes:
+        return memory
     motions: dict[str, Withdrawal[F]] = {}
     refused = memory.refused
+    met = frozenset(perception.contacts.identity.tolist())
     for part, posture in perception.posture.items():
         before, own = memory.motions.get(part), wishes.get(part, ())
         if before is None and not own:
@@ -172,7 +175,7 @@ def withdraw_all(
                 f"{part} has {posture.size} generic joints; valid: {valid}, as the base motions of its fields"
             )
         after, reason = withdraw(
-            before, own, perception, body, part,
+            before, own, perception, body, part, met,
             refractory=refractory, refused=refused.get(part), mode=mode,
         )  # fmt: skip
         if own and after is not None and forbids is not None and (why := forbids(part, after.target)):
@@ -218,6 +221,7 @@ def withdraw(
     perception: Perception,
     body: GenericBody,
     part: str,
+    met: frozenset[int],
     *,
     refractory: float,
     refused: Refusal | None = None,
@@ -225,7 +229,8 @@ def withdraw(
 ) -> tuple[Withdrawal[F] | None, Refusal | None]:
     """Returns the withdrawal of one part after this instant, and the reason if a requested motion is refused.
 
-    `refused` is the last refusal, which is kept while it `stands`. Other arguments as in `withdraw_all`.
+    `met` are the identities of all contacts; `refused` is the last refusal, which is kept while it `stands`.
+    Other arguments as in `withdraw_all`.
     """
     now = perception.stamp
     stands = refused if refused is not None and refused.stands(perception) else None
@@ -235,7 +240,7 @@ def withdraw(
     if before is None:
         if not wishes or stands is not None:
             return None, stands if wishes else None
-        begun, reason = _begin(wishes, perception, body, part, mode)
+        begun, reason = _begin(wishes, perception, body, part, met, mode)
         return begun, refusal(reason, perception)
     after, reason = before, ""
     if wishes:
@@ -250,7 +255,7 @@ def withdraw(
                     after = grown
     elif not before.quiet:
         after = replace(before, quiet=True)
-    after, reason = _meet(after, perception, body, part, mode, reason)
+    after, reason = _meet(after, perception, body, part, met, mode, reason)
     return after, refusal(reason, perception) or (stands if wishes else None)
 
 
@@ -275,13 +280,18 @@ def told(
 
 
 def _begin(
-    wishes: Sequence[Wish[F]], perception: Perception, body: GenericBody, part: str, mode: Mode
+    wishes: Sequence[Wish[F]],
+    perception: Perception,
+    body: GenericBody,
+    part: str,
+    met: frozenset[int],
+    mode: Mode,
 ) -> tuple[Withdrawal[F] | None, str]:
     """Starts the strongest wish whose motion is permitted; else returns the reason for the strongest."""
     posture, first = perception.posture[part], ""
     if not np.isfinite(posture).all():
         return None, ""
-    origin, now, met = frozen(posture.copy()), perception.stamp, _identities(perception)
+    origin, now = frozen(posture.copy()), perception.stamp
     ways: dict[tuple[float, ...], list[Wish[F]]] = {}
     # Equal gains are sorted by name, so that the result does not depend on the order of contacts.
     for wish in sorted(wishes, key=lambda wish: (-wish.rank, wish.gain, wish.field.name), reverse=True):
@@ -310,6 +320,7 @@ def _meet(
     perception: Perception,
     body: GenericBody,
     part: str,
+    met: frozenset[int],
     mode: Mode,
     reason: str,
 ) -> tuple[Withdrawal[F], str]:
@@ -317,7 +328,7 @@ def _meet(
 
     Returns the withdrawal, and the reason if it was ended, else `reason`.
     """
-    if withdrawal.ended is not None or (met := _identities(perception)) <= withdrawal.met:
+    if withdrawal.ended is not None or met <= withdrawal.met:
         return withdrawal, reason
     if reason := why_not(perception, body, part, withdrawal.target, mode=mode):
         return replace(withdrawal, ended=frozen(perception.posture[part].copy())), reason
@@ -327,10 +338,6 @@ def _meet(
 def _frames(perception: Perception) -> bytes:
     """Returns the sequence numbers of the skin frames, as bytes, which compare by value."""
     return b"" if perception.skin is None else perception.skin.sequence.tobytes()
-
-
-def _identities(perception: Perception) -> frozenset[int]:
-    return frozenset(perception.contacts.identity.tolist())
 
 
 def _is_same(one: F, other: F) -> bool:

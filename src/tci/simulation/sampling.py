@@ -96,10 +96,13 @@ def _share(
 
 
 @inlined
-def _add(force: float, x: float, y: float, z: float, count: int, axes: int, taxels: Array, lists: Array,
-         active: int, load: Array, work: Array) -> int:  # fmt: skip
-    """Adds the shares of a normal force to the taxels `NEAR`, and, for three axes, those of a tangential
-    force (x, y, z) [N]. Returns the number of active taxels."""
+def _add(
+    push: tuple[float, float, float, float], count: int, axes: int, taxels: Array, lists: Array, active: int,
+    load: Array, work: Array,
+) -> int:  # fmt: skip
+    """Adds the shares of a `push` to the taxels `NEAR`: a normal force and, for three axes, a tangential one
+    along x, y, z [N]. Returns the number of active taxels."""
+    force, x, y, z = push
     for j in range(count):
         k, share = lists[NEAR, j], work[SHARE, j]
         if load[MARK, k] == 0.0:
@@ -164,7 +167,7 @@ def press(patch: int, skin: Arrays) -> tuple[int, int]:
             y = -(second * tangent[1] + third * third_y)
             z = -(second * tangent[2] + third * third_z)
         near = _share(places, point, way, sigma, mine, row, spots[row], work)
-        active = _add(pressing, x, y, z, near, integers[AXES], own, mine, active, load, work)
+        active = _add((pressing, x, y, z), near, integers[AXES], own, mine, active, load, work)
     return max(found, 1), active
 
 

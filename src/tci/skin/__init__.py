@@ -1,6 +1,6 @@
 """Perception of touch: raw frames to pressure on taxels, and pressure to contacts.
 
 Conditioning estimates each taxel's rest value and noise and turns raw values into pressure. Neighbouring
-active taxels become contacts with a place on the generic limb, and contacts are tracked over time. The loops
-over taxels are compiled (`kernels/`).
+active taxels become contacts with a place on the generic limb, which are tracked over time by compiled loops
+(`kernels/`).
 """

@@ -183,6 +183,7 @@ class Attack:
 
     eager = 0.2
     """Probability of another command in a step."""
+    cycle = CYCLE
 
     def __init__(
         self,
@@ -214,10 +215,10 @@ class Attack:
         random, gate = self.random, self.gate
         orders: list[PlatformOrder] = []
         malformed = 0
-        time = self.counts.steps % CYCLE
+        time = self.counts.steps % self.cycle
         if time == BUSY:
             gate.hold("calm down")
-        if time == CYCLE - 1:
+        if time == self.cycle - 1:
             orders = self._switches()
         while time < BUSY and random.random() < self.eager:
             order, bad = self._order()
@@ -243,8 +244,7 @@ class Attack:
         before = self.angles.copy()
         safe = self.gate.step(orders, self._reading(), when)
         self.gate.check_out(safe)
-        self.judge.see(safe, before, moved=moved)
-        self.judge.see_ahead(safe, self.gate.ahead(AHEAD), AHEAD)
+        self._see(safe, before, moved)
         counts = self.counts
         counts.modes |= {*safe.modes}
         counts.commands += len(orders)
@@ -253,6 +253,10 @@ class Attack:
         counts.states[safe.state.value] = counts.states.get(safe.state.value, 0) + 1
         self._obey(safe)
         return safe
+
+    def _see(self, safe: SafeCommand, before: Array, moved: bool) -> None:
+        self.judge.see(safe, before, moved=moved)
+        self.judge.see_ahead(safe, self.gate.ahead(AHEAD), AHEAD)
 
     def _obey(self, safe: SafeCommand) -> None:
         loose = np.array([mode is Mode.TORQUE for mode in safe.modes], dtype=bool)

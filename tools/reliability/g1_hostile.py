@@ -1,23 +1,32 @@
-"""Hostile commands to a G1, judged by the bytes that the robot would receive."""
+"""Hostile commands to a G1, judged by the bytes that are sent; a part of them by those that a robot of the
+vendor's SDK received over DDS."""
 
 from __future__ import annotations
 
+import os
+import select
 import socket
 import struct
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from g1_messages import ended, vendor_program
 from pool import Job, Result, gather
 from row import Row
 
 from gate.hostile import SAG, WIGGLE, Attack
 from tci.drivers.partial_gate import PartialGate
+from tci.drivers.unitree import messages
 from tci.drivers.unitree.driver import slots_of
 from tci.drivers.unitree.handover import TAKE, Phase
 from tci.drivers.unitree.keeper import DISCOVERY, FOLLOW, FOLLOWS, Keeper, Orders
 from tci.drivers.unitree.keeper import TAKE as ASK
+from tci.drivers.unitree.node import Out, UnitreeNode
 from tci.drivers.unitree.set_points import SetPoints
-from tci.drivers.unitree.wire import STATE, WEIGHT, encode_state
+from tci.drivers.unitree.wire import HEAD, STATE, WEIGHT, encode_state
 from tci.frames import Array
 from tci.messages import CONTROL_MODES
 from tci.robot.catalogue import load_robot
@@ -31,15 +40,26 @@ ROUNDING = 1e-6
 """Relative error of 32-bit numbers on the wire, with a margin."""
 
 
+DOMAIN = 118
+"""DDS domain of the vendor's robot."""
+ANSWER = 0.2
+"""Longest time [s] that one message is waited for; a later one may arrive all the same."""
+PATIENCE = 30.0
+"""Longest time [s] until the vendor's robot is connected."""
+
+
 def unitree_hostile(full: bool) -> Row:
-    """Hostile commands, in every mode, as bytes of rt/arm_sdk that a robot would receive."""
-    done = gather("unitree_hostile", _attack, _jobs(100 if full else 1), full=full)
-    heard, commands, refused = (sum(one[key] for one in done) for key in ("heard", "commands", "refused"))
+    """Hostile commands, in every mode, as bytes of rt/arm_sdk; of 25 attacks one goes to the vendor's SDK."""
+    done = gather("unitree_hostile", _attack, _jobs(96 if full else 1), full=full)
+    done += gather("unitree_hostile_sdk", _sent, _jobs(4 if full else 1), full=full, alone=True)
+    keys = "heard", "commands", "refused", "received"
+    heard, commands, refused, received = (sum(one.get(key, 0) for one in done) for key in keys)
     faults = [fault for one in done for fault in one["faults"]]
     return Row(
         "hostile commands to a G1, as its own end receives them", commands, 1e6, "commands",
-        f"{refused} refused; {len(faults)} of {heard} messages outside {' '.join(faults[:1])}".strip(),
-        "0 outside position, speed, torque, gains, weight", bool(heard) and not faults,
+        f"{refused} refused; {len(faults)} of {heard} messages outside, {received} of them received over DDS "
+        f"by the vendor's SDK {' '.join(faults[:1])}".strip(),
+        "0 outside position, speed, torque, gains, weight", bool(heard and received) and not faults,
     )  # fmt: skip
 
 
@@ -50,9 +70,10 @@ def _jobs(count: int) -> list[Job]:
 class _Wire:
     """Stands for the node of the keeper: a state that is always fresh, and the bytes that are sent."""
 
-    def __init__(self) -> None:
+    def __init__(self, sdk: _Sdk | None) -> None:
         self.sent: list[bytes] = []
         self.state = b""
+        self._sdk = sdk
 
     def reader(self, topic: str, kind: Any, **options: Any) -> Any:
         wire = self
@@ -68,10 +89,50 @@ class _Wire:
         return Reader()
 
     def out(self, topic: str, kind: Any) -> Any:
-        return self.sent.append
+        return self._send
+
+    def _send(self, data: bytes) -> None:
+        self.sent.append(data)
+        if self._sdk is not None:
+            self._sdk.send(data)
 
     def other_writers(self, topic: str) -> int:
         return 0
+
+
+class _Sdk:
+    """A robot of the vendor's SDK in Python. The next message is sent when it has received the last one."""
+
+    def __init__(self, log: Path) -> None:
+        self._log, self._process = log, vendor_program("py_log", DOMAIN, str(log))
+        assert self._process.stdout is not None
+        self._dots = self._process.stdout.fileno()
+        self._node = UnitreeNode("lo", DOMAIN)
+        writer = self._node.writer("rt/arm_sdk", messages.COMMAND)
+        self._out = Out(writer, messages.COMMAND)
+        self._sent: list[bytes] = []
+        end = time.monotonic() + PATIENCE
+        while not writer.get_matched_subscriptions():
+            assert time.monotonic() < end, "the vendor's robot does not connect"
+            time.sleep(0.01)
+
+    def send(self, data: bytes) -> None:
+        self._sent.append(data)
+        self._out(data)
+        if select.select([self._dots], [], [], ANSWER)[0]:
+            os.read(self._dots, 4096)
+
+    def received(self) -> tuple[int, list[str]]:
+        """Ends the robot; returns the number of messages that it received, and what is wrong with them."""
+        wrong = ended(self._process)["wrong"]
+        self._node.close()
+        log, size = self._log.read_bytes(), Robot.STRUCT
+        structs = [log[at : at + size] for at in range(0, len(log), size)]
+        # The wire lacks bytes of padding of the struct.
+        found = [b"".join((HEAD, one[:2], one[4:6], one[8:])) for one in structs]
+        sent = iter(self._sent)
+        faults = [f"{wrong} with a wrong checksum"] if wrong else []
+        return len(found), faults + ["received another than was sent" for one in found if one not in sent]
 
 
 class Robot:
@@ -82,6 +143,8 @@ class Robot:
     """
 
     MOTORS = struct.Struct("<" + "B3x5fI" * 35)
+    STRUCT = 1004
+    """Size [bytes] of the vendor's struct of a command."""
 
     def __init__(self, slots: list[int], limits: list[Any]) -> None:
         self.slots = [slot for slot in slots if slot >= 12]
@@ -129,8 +192,10 @@ class _Attack(Attack):
     """An attack on the gate of a G1's driver, whose output goes on to the bytes for the robot."""
 
     eager = 0.7
+    cycle = 1100
+    """Number of steps from one rest to the next, twice as long as in other attacks."""
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, sdk: _Sdk | None = None) -> None:
         robot = load_robot("g1")
         servos = tuple(s.model_copy(update={"modes": CONTROL_MODES}) for s in robot.servos)
         robot = robot.model_copy(update={"servos": servos})
@@ -140,7 +205,7 @@ class _Attack(Attack):
         self.movable = [*self.servos.tolist(), int(np.argmin(self.slots))]  # one that is refused
         legs = {servo: "a leg" for servo, slot in enumerate(self.slots.tolist()) if slot < 12}
         self.gate = PartialGate(robot, legs, period=PERIOD, stale_after=0.1)
-        self.wire, self.set_points = _Wire(), SetPoints(self.slots, whole=False)
+        self.wire, self.set_points = _Wire(sdk), SetPoints(self.slots, whole=False)
         self.socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         theirs.setblocking(False)
         orders = Orders("lo", 0, "rt/arm_sdk", whole=False, simulation=False, period=PERIOD, socket=0)
@@ -161,6 +226,9 @@ class _Attack(Attack):
         self._tell(seen)
         return safe
 
+    def _see(self, safe: Any, before: Array, moved: bool) -> None:
+        self.judge.see(safe, before, moved=moved)  # predictions are not sent to a G1
+
     def _tell(self, seen: Array) -> None:
         """Lets the keeper work for a period, and the robot, `seen` (n,) [rad] before, check what it sends."""
         self.time += PERIOD
@@ -176,11 +244,20 @@ class _Attack(Attack):
         self.wire.sent.clear()
 
 
-def _attack(seed: int) -> Result:
-    attack = _Attack(seed)
+def _attack(seed: int, sdk: _Sdk | None = None) -> Result:
+    attack = _Attack(seed, sdk)
     while attack.counts.commands < CHUNK:
         attack.step()
     return {
         "heard": attack.messages, "commands": attack.counts.commands, "refused": attack.refused,
         "faults": attack.end.faults + attack.judge.faults,
     }  # fmt: skip
+
+
+def _sent(seed: int) -> Result:
+    """Attacks the vendor's robot. What it received is what was sent and judged, bit by bit."""
+    with TemporaryDirectory() as folder:
+        sdk = _Sdk(Path(folder) / "received")
+        result = _attack(1000 + seed, sdk)
+        received, faults = sdk.received()
+    return {**result, "received": received, "faults": result["faults"] + faults}

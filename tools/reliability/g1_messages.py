@@ -44,7 +44,7 @@ def unitree_messages(full: bool) -> Row:
 
 def _commands(count: int) -> tuple[int, int]:
     """Returns the numbers of commands that the SDK in Python heard, and of wrong ones."""
-    with _peer("py_robot", DOMAIN) as process:
+    with vendor_program("py_robot", DOMAIN) as process:
         node = UnitreeNode("lo", DOMAIN)
         send = node.out("rt/arm_sdk", messages.COMMAND)
         states = node.reader("rt/lowstate", messages.STATE, keep=MOST)
@@ -60,7 +60,7 @@ def _commands(count: int) -> tuple[int, int]:
             send(encode_command(command))
             due += 1.0 / RATE
             time.sleep(max(0.0, due - time.monotonic()))
-        found = _told(process)
+        found = ended(process)
         node.close()
     return int(found["commands"]), int(found["wrong"])
 
@@ -68,7 +68,7 @@ def _commands(count: int) -> tuple[int, int]:
 def _states(count: int) -> tuple[int, int]:
     """Returns the numbers of states that TCI heard from the SDK in C++, and of wrong ones."""
     heard = wrong = 0
-    with _peer("cpp_robot", 0) as process:
+    with vendor_program("cpp_robot", 0) as process:
         node = UnitreeNode("lo", 0)
         states = node.reader("rt/lowstate", messages.STATE, keep=MOST)
         end = time.monotonic() + count / RATE + PATIENCE
@@ -77,7 +77,7 @@ def _states(count: int) -> tuple[int, int]:
                 heard += 1
                 wrong += not decode_state(sample.raw)[1]
             time.sleep(0.002)
-        _told(process)
+        ended(process)
         node.close()
     return heard, wrong
 
@@ -98,9 +98,9 @@ def _median(work: Callable[[], object]) -> float:
     return float(np.median(took))
 
 
-def _peer(role: str, domain: int) -> subprocess.Popen[str]:
+def vendor_program(role: str, domain: int, *more: str) -> subprocess.Popen[str]:
     """Starts a program of the vendor's SDKs; returns it when it is ready."""
-    command = [peer_python("unitree"), str(PEER), role, str(domain)]
+    command = [peer_python("unitree"), str(PEER), role, str(domain), *more]
     process = subprocess.Popen(command, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     assert process.stdout is not None
     while "ready" not in (line := process.stdout.readline()):
@@ -108,7 +108,7 @@ def _peer(role: str, domain: int) -> subprocess.Popen[str]:
     return process
 
 
-def _told(process: subprocess.Popen[str]) -> dict[str, Any]:
+def ended(process: subprocess.Popen[str]) -> dict[str, Any]:
     """Ends a robot and returns what it tells."""
     said, _ = process.communicate(timeout=PATIENCE)
     found: dict[str, Any] = json.JSONDecoder().raw_decode(said, said.index('{"'))[0]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import struct
 import sys
 import threading
 import time
@@ -138,6 +139,32 @@ def py_robot() -> None:
         commands=len(weights), wrong=wrong, smallest=min(elbow, default=None), last=elbow and elbow[-1],
         largest_weight=max(weights, default=None), weight=weights and weights[-1],
     )  # fmt: skip
+
+
+def py_log() -> None:
+    """A robot that writes each command of rt/arm_sdk to the file `sdk_peer.py py_log DOMAIN FILE` as the
+    struct of the SDK's checksum, and prints a dot for it."""
+    channel = python()
+    from unitree_sdk2py.idl.unitree_hg.msg.dds_ import LowCmd_
+    from unitree_sdk2py.utils.crc import CRC
+
+    crc, form, wrong = CRC(), struct.Struct("<2B2x" + "B3x5fI" * 35 + "5I"), 0
+    with open(sys.argv[3], "wb", buffering=0) as file:
+
+        def hear(command: Any) -> None:
+            nonlocal wrong
+            wrong += crc.Crc(command) != command.crc
+            values = [command.mode_pr, command.mode_machine]
+            for motor in command.motor_cmd:
+                values += motor.mode, motor.q, motor.dq, motor.tau, motor.kp, motor.kd, motor.reserve
+            file.write(form.pack(*values, *command.reserve, command.crc))
+            os.write(1, b".")
+
+        heard = channel.ChannelSubscriber("rt/arm_sdk", LowCmd_)
+        heard.Init(hear, 0)
+        print("ready", flush=True)
+        sys.stdin.read()
+    tell(wrong=wrong)
 
 
 def py_hands() -> None:

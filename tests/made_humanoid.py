@@ -13,6 +13,10 @@ AXES = {
     "wrist_roll": "0 0 1", "wrist_pitch": "0 1 0", "hip_roll": "1 0 0", "hip_yaw": "0 0 1", "knee": "0 1 0",
     "ankle_pitch": "0 1 0", "ankle_roll": "1 0 0", "yaw": "0 0 1", "pitch": "0 1 0", "roll": "1 0 0",
 }  # fmt: skip
+AHEAD = {
+    "shoulder_pitch": "0 0 1", "shoulder_roll": "0 1 0", "shoulder_yaw": "1 0 0", "wrist_roll": "1 0 0"
+}  # fmt: skip
+"""Axes of arms that point forward at the model's zero, whose elbows bend down, as Baxter's."""
 
 
 class MadeHumanoid:
@@ -29,6 +33,7 @@ class MadeHumanoid:
         names: bool = True,
         legs: bool = True,
         mesh: str = "",
+        ahead: bool = False,
     ) -> None:
         self._words: list[str] = []
         self._names = names
@@ -47,7 +52,13 @@ class MadeHumanoid:
         places = ("0 0.15 0.3", "0 0.02 0", "0 0 -0.05", "0 0 -0.15", "0 0 -0.1", "0 0 -0.1")
         steps = dict(zip(ARM, places, strict=True))
         for side, sign in (("left", 1), ("right", -1)):
-            self._limb(above, side, sign, arm, [steps[name] for name in arm], limits={"elbow": elbow})
+            own = [steps[name] for name in arm]
+            if ahead:
+                turned = [f"{-float(z)} {y} 0" for _, y, z in (step.split() for step in own[1:])]
+                limits = {"shoulder_roll": (-2.1, 1.05), "shoulder_yaw": (-3.05, 3.05), "elbow": (-0.05, 2.6)}
+                self._limb(above, side, sign, arm, [own[0], *turned], axes=AHEAD, limits=limits, ahead=True)
+            else:
+                self._limb(above, side, sign, arm, own, limits={"elbow": elbow})
             if legs:
                 hip = f"0 {(1 - slant**2) ** 0.5} {-slant * sign}"
                 leg = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
@@ -69,6 +80,7 @@ class MadeHumanoid:
     def _limb(
         self, parent: str, side: str, sign: int, names: Sequence[str], steps: Sequence[str], *,
         axes: dict[str, str] | None = None, limits: dict[str, tuple[float, float]] | None = None,
+        ahead: bool = False,
     ) -> None:  # fmt: skip
         mirrored = []
         for step in steps:
@@ -78,17 +90,17 @@ class MadeHumanoid:
                 for number, name in enumerate(names)]  # fmt: skip
         self._chain(
             parent, full, mirrored, axes=[(axes or {}).get(name) or AXES[name] for name in names],
-            limits=[(limits or {}).get(name, (-1.5, 1.5)) for name in names],
+            limits=[(limits or {}).get(name, (-1.5, 1.5)) for name in names], ahead=ahead,
         )  # fmt: skip
 
     def _chain(
         self, parent: str, names: Sequence[str], steps: Sequence[str], *, axes: Sequence[str],
-        limits: Sequence[tuple[float, float]] = (),
+        limits: Sequence[tuple[float, float]] = (), ahead: bool = False,
     ) -> str:  # fmt: skip
         for number, (name, step, axis) in enumerate(zip(names, steps, axes, strict=True)):
             link = {"waist_yaw": "torso" if parent == "pelvis" else "pelvis"}.get(name, f"{name}_link")
             lower, upper = limits[number] if limits else (-1.0, 1.0)
-            self._link(link, 0.03, 0.5 if link not in ("torso", "pelvis") else 8.0)
+            self._link(link, 0.03, 0.5 if link not in ("torso", "pelvis") else 8.0, ahead=ahead)
             self._words.append(
                 f"<joint name='{name}' type='revolute'><parent link='{parent}'/><child link='{link}'/>"
                 f"<origin xyz='{step}'/><axis xyz='{axis}'/>"
@@ -97,12 +109,13 @@ class MadeHumanoid:
             parent = link
         return parent
 
-    def _link(self, name: str, radius: float, mass: float) -> None:
+    def _link(self, name: str, radius: float, mass: float, *, ahead: bool = False) -> None:
+        place = "xyz='0.08 0 0' rpy='0 1.5707963 0'" if ahead else "xyz='0 0 -0.08'"
         shape = f"<cylinder radius='{radius}' length='0.2'/>"
         if self._mesh:
             shape = f"<mesh filename='{self._mesh}/{name}.stl'/>"
         self._words.append(
             f"<link name='{name}'><inertial><origin xyz='0 0 -0.05'/><mass value='{mass}'/>"
             "<inertia ixx='.01' iyy='.01' izz='.01' ixy='0' ixz='0' iyz='0'/></inertial>"
-            f"<collision><origin xyz='0 0 -0.08'/><geometry>{shape}</geometry></collision></link>"
+            f"<collision><origin {place}/><geometry>{shape}</geometry></collision></link>"
         )

@@ -263,3 +263,13 @@ def test_the_initial_posture_is_clear_of_the_body(tmp_path: Path) -> None:
     assert part.initial_posture[1] > usual[1], "farther from the body"
     gap = Clearance(robot).gap(np.array(initial_position(robot)), within=1.0)
     assert gap.distance > 0.01, gap
+
+
+def test_the_initial_posture_does_not_twist_a_shoulder(tmp_path: Path) -> None:
+    """Arms that point forward at the model's zero, whose elbows bend down, as Baxter's."""
+    robot = propose(MadeHumanoid(ahead=True, legs=False).urdf(tmp_path), name="made")
+    position = initial_position(robot)
+    for side in ("left", "right"):
+        turns = [position[one.servo] for one in robot.part(f"{side}_arm").servos[:3] if one.servo is not None]
+        assert np.abs(turns).max() < np.deg2rad(120.0)
+        assert robot.part(f"{side}_arm").initial_posture[3] > np.deg2rad(40.0), "the forearm is ahead"

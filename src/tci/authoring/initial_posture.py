@@ -15,10 +15,13 @@ from tci.robot.model_file import compiled
 
 POSTURES = np.deg2rad([[25, 25, 0, 60, 0], [25, 25, 0, 75, 0], [35, 30, 0, 60, 0], [20, 40, 0, 60, 0],
                        [40, 20, 10, 70, 0], [25, 15, -15, 50, 0], [15, 15, 0, 45, 0], [30, 45, 0, 75, 0],
-                       [45, 45, 0, 60, 0], [30, 60, 0, 90, 0]])  # fmt: skip
+                       [45, 45, 0, 60, 0], [30, 60, 0, 90, 0], [30, 60, 30, 90, 0]])  # fmt: skip
 """Candidates for the initial posture [rad]; the first that fits is taken. All values here are assumed."""
 ROOM = 0.1
 """Distance [rad] of the initial posture from limits that suffices."""
+TURNED = np.deg2rad(120.0)
+"""Turn [rad] of a shoulder's joint from its rest, the model's zero or the middle of its range, that counts as
+a limit. Beyond it an arm whose elbow bends down from pointing forward, as Baxter's, is twisted."""
 
 
 def with_initial(draft: Robot, part: GenericPart) -> GenericPart:
@@ -63,13 +66,15 @@ def clear_of_body(draft: Robot, arms: Sequence[GenericPart]) -> list[GenericPart
 
 
 def _room(draft: Robot, joints: JointMap, posture: Array) -> float:
-    """Returns the least distance [rad] of an arm's servos from their limits; less if they miss a posture."""
+    """Returns the least distance [rad] of an arm's servos from their limits, and of its shoulder from TURNED;
+    less if they miss a posture."""
     start, (lower, upper) = np.zeros(len(draft.servos)), _limits(draft, joints)
     angles = joints.to_robot(posture, start)
     there = np.array(start)
     there[joints.servos] = angles
     missed = np.abs(joints.to_generic(there) - posture)[joints.ids].max()
-    return float(np.minimum(angles - lower, upper - angles).min() - 10.0 * missed)
+    turn = np.minimum(np.abs(angles), np.abs(angles - (lower + upper) / 2.0))[joints.ids < 3].max()
+    return float(min((angles - lower).min(), (upper - angles).min(), TURNED - turn) - 10.0 * missed)
 
 
 def _limits(draft: Robot, joints: JointMap) -> Array:

@@ -49,7 +49,8 @@ def told_kinds(text: str) -> set[str]:
 
 def told_side(text: str) -> str | None:
     """Returns the side that a joint's name tells; None if it tells none."""
-    found = re.search(r"left|right|(?<![a-zA-Z])[lLrR](?=[^a-z])|[_ ][lLrR](?![a-zA-Z])", text)
+    words = r"(?i:left|right)|(?<![a-zA-Z])[lLrR](?=[^a-z0-9])|[_ ][lLrR](?![a-zA-Z0-9])|(?<=arm)[lr](?=_)"
+    found = re.search(words, text)
     return None if found is None else "left" if found[0].strip("_ ").lower()[0] == "l" else "right"
 
 

@@ -11,6 +11,7 @@ import pytest
 from made_humanoid import ARM, MadeHumanoid
 from tci.authoring.left_out import left_out
 from tci.authoring.proposal import propose
+from tci.authoring.sleeves import assumed_skins
 from tci.errors import DescriptionError
 from tci.experiments.proof import compare_axes
 from tci.robot.clearance import Clearance
@@ -93,6 +94,22 @@ def test_limbs_without_telling_names_are_told_apart_by_their_place(tmp_path: Pat
     robot = propose(MadeHumanoid(names=False).urdf(tmp_path), name="made")
     assert joints_of(robot, "left_arm")["shoulder_pitch"] == "left_0_0.15_0.3_0"
     assert joints_of(robot, "left_leg")["hip_pitch"] == "left_0_0.08_-0.05_0"
+
+
+def test_sides_are_told_by_names_behind_the_limb_as_well(tmp_path: Path) -> None:
+    """The front of ARMAR-4, whose joints are named `arml_sho1`, is none of the usual ones."""
+    path = MadeHumanoid(legs=False, elbow=(-0.1, 2.2)).urdf(tmp_path)
+    path.write_text(path.read_text().replace("left_", "armr_").replace("right_", "arml_"))
+    assert joints_of(propose(path, name="made"), "left_arm")["elbow_pitch"] == "arml_elbow"
+
+
+def test_names_that_tell_one_side_for_both_limbs_tell_none(tmp_path: Path) -> None:
+    path = MadeHumanoid().urdf(tmp_path)
+    text = re.sub(r"'left_(\w+)'", r"'\1_r0'", path.read_text())
+    path.write_text(re.sub(r"'right_(\w+)'", r"'\1_r1'", text))
+    robot = propose(path, name="made")
+    assert joints_of(robot, "left_arm")["elbow_pitch"] == "elbow_r0"
+    assert joints_of(robot, "right_leg")["hip_pitch"] == "hip_pitch_r1"
 
 
 def test_place_and_names_that_contradict_each_other_are_an_error_with_a_choice(tmp_path: Path) -> None:
@@ -232,6 +249,71 @@ def test_a_shape_of_size_zero_names_its_link(tmp_path: Path) -> None:
     path = MadeHumanoid().urdf(tmp_path)
     path.write_text(path.read_text().replace("radius='0.1'", "radius='0'"))
     assert "the shape of pelvis" in faults(path)
+
+
+def test_frames_drawn_as_shapes_of_size_zero_are_left_out(tmp_path: Path) -> None:
+    """Published models (ARMAR-4, human-gazebo) mark frames by them."""
+    path = MadeHumanoid().urdf(tmp_path)
+    usual = propose(path, name="made")
+    shapes = ("<sphere radius='0.00'/>", "<box size='0   0 0'/>")
+    drawn = "".join(
+        f"<{tag}><geometry>{shape}</geometry></{tag}>" for shape in shapes for tag in ("visual", "collision")
+    )
+    path.write_text(path.read_text().replace("</link>", f"{drawn}</link>"))
+    assert propose(path, name="made").patches == usual.patches
+
+
+def test_a_fault_of_a_urdf_names_its_line(tmp_path: Path) -> None:
+    path = MadeHumanoid().urdf(tmp_path)
+    text = path.read_text().replace("</link>", "</link>\n<!-- a\n comment -->\n")
+    text = text.replace("axis xyz='0 0 1'", "axis xyz='up'", 1)
+    text = f"<?xml version='1.0'?>\n<!-- on\n two lines -->\n{text}"
+    path.write_text(text)
+    line = next(number for number, words in enumerate(text.split("\n"), 1) if "'up'" in words)
+    assert f"line {line}" in faults(path)
+
+
+def test_arms_without_shapes_get_skin_from_their_lengths_and_a_note(tmp_path: Path) -> None:
+    path = MadeHumanoid(legs=False).urdf(tmp_path)
+    assert assumed_skins(propose(path, name="made")) == []
+    text = path.read_text()
+    for side in ("left", "right"):
+        for name in ARM:
+            start = text.index(f"<link name='{side}_{name}_link'>")
+            begin, end = text.index("<collision>", start), text.index("</collision>", start)
+            text = text[:begin] + text[end + len("</collision>") :]
+    path.write_text(text)
+    robot = propose(path, name="made")
+    assert len(robot.patches) == 4
+    (note,) = assumed_skins(robot)
+    assert "left_forearm (36 mm)" in note
+    assert "no shapes of the model tell it" in note
+
+
+def test_limits_of_the_other_side_are_refused(tmp_path: Path) -> None:
+    """The right arm of a published model (simple_humanoid) can only move into the body."""
+    path = MadeHumanoid().urdf(tmp_path)
+    text = path.read_text()
+    for side in ("left", "right"):
+        start = text.index(f"<joint name='{side}_shoulder_roll'")
+        text = text[:start] + text[start:].replace("lower='-1.5' upper='1.5'", "lower='0.6' upper='2.8'", 1)
+    path.write_text(text)
+    words = faults(path)
+    assert "right_arm: its limits allow no posture" in words
+    assert "right_shoulder_roll has 34 to 160 degrees and needs" in words
+    assert "left_elbow has -126 to 6 degrees and needs" in faults(MadeHumanoid().urdf(tmp_path), elbow=1)
+
+
+def test_inertias_in_other_units_are_refused(tmp_path: Path) -> None:
+    """A hand of a published model (orcabot) has 121 kg m2."""
+    path = MadeHumanoid().urdf(tmp_path)
+    text = path.read_text()
+    start = text.index("<link name='left_wrist_pitch_link'>")
+    heavy = "ixx='121' iyy='121' izz='121'"
+    path.write_text(text[:start] + text[start:].replace("ixx='.01' iyy='.01' izz='.01'", heavy, 1))
+    words = faults(path)
+    assert "left_shoulder_pitch: its torque of 30 N m can't move the 121 kg m2" in words
+    assert "in kg and kg m2" in words
 
 
 def test_shapes_beside_their_limb_are_refused(tmp_path: Path) -> None:

@@ -63,11 +63,8 @@ def test_a_wrong_sign_is_wrong(part: str, joint: str, proposed: Robot, judge: Mo
     assert found[0].startswith(f"{part} {joint}: ")
 
 
-@pytest.mark.parametrize("limits", [(-2.2, 0.1), (-2.2, 2.2)])
-def test_an_elbow_that_bends_backward_is_wrong(
-    limits: tuple[float, float], judge: ModuleType, tmp_path: Path
-) -> None:
-    wrong = propose(MadeHumanoid(elbow=limits).urdf(tmp_path), name="wrong", elbow=1)
+def test_an_elbow_that_bends_backward_is_wrong(judge: ModuleType, tmp_path: Path) -> None:
+    wrong = propose(MadeHumanoid(elbow=(-2.2, 2.2)).urdf(tmp_path), name="wrong", elbow=1)
     assert [one for one in judge.complaints(wrong) if one.startswith("left_arm: the initial posture")]
 
 

@@ -130,11 +130,16 @@ def _arms_of(
         own = [pair for pair, kind in zip(pairs, votes, strict=True) if kind == "arm"]
         doubtful = [pair for pair, kind in zip(pairs, votes, strict=True) if kind is None]
         if len(own) != 1 or doubtful:
-            if doubtful or own:
-                found = f"{listed(joints, own or pairs)} may be arms or legs"
-            else:
-                found = f"both limbs at {listed(joints, pairs)} are legs, and no others bend as an arm does"
-            message = f"{found}; valid: --arms LEFT,RIGHT with the first joint of each shoulder"
+            which = listed(joints, own or pairs)
+            message = (
+                f"{which} may be arms or legs; valid: --arms LEFT,RIGHT with the first joint of each shoulder"
+            )
+            if not doubtful and not own:
+                message = (
+                    f"both limbs at {which} are legs, and no others bend as an arm does; valid: arms of "
+                    "three joints at the shoulder, the last along the upper arm, and one at the elbow; or "
+                    "--arms LEFT,RIGHT if these are the arms"
+                )
             raise DescriptionError(model.path, [Fault(0, message)])
     return {side: _ended(model, joints, side, own[0][side], points, R_RH) for side in ("left", "right")}
 
@@ -224,7 +229,8 @@ def _shared_link(model: mujoco.MjModel, bodies: list[int], path: str) -> str:
     shared = next((body for body in lines[0] if body in lines[1]), 0)
     if not shared:
         message = (
-            "both arms start at the world, which is no link; valid: a model with a link that carries both"
+            "both arms start at the world, which is no link; valid: a link that carries both, such as one "
+            "<body name='torso'> around all others of an MJCF"
         )
         raise DescriptionError(path, [Fault(0, message)])
     return str(model.body(shared).name)

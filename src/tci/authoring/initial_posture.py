@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tci.errors import DescriptionError, Fault
 from tci.frames import Array
 from tci.robot.collisions import NEAR, nearby, solid_spec
 from tci.robot.description import GenericPart, Robot
@@ -36,6 +37,26 @@ def with_initial(draft: Robot, part: GenericPart) -> GenericPart:
         inside[joints.servos] = np.clip(joints.to_robot(best, start), lower, upper)
         best = joints.to_generic(inside)
     return _placed(part, best)
+
+
+def check_reach(draft: Robot, part: GenericPart) -> None:
+    """Raises DescriptionError for an arm whose limits keep it away from all POSTURES: those of the file are
+    wrong."""
+    robot = draft.model_copy(update={"parts": (part,), "digest": f"{part.name} reach"})
+    joints = joint_map(robot, part.name)
+    rooms = [_room(draft, joints, posture) for posture in POSTURES]
+    if max(rooms) > -ROOM:
+        return
+    start, (lower, upper) = np.zeros(len(draft.servos)), _limits(draft, joints)
+    angles = joints.to_robot(POSTURES[int(np.argmax(rooms))], start)
+    worst = int(np.argmax(np.maximum(lower - angles, angles - upper)))
+    low, high, needed = np.rad2deg([lower[worst], upper[worst], angles[worst]])
+    message = (
+        f"{part.name}: its limits allow no posture in which it hangs with its forearm ahead; "
+        f"{draft.servos[joints.servos[worst]].name} has {low:.0f} to {high:.0f} degrees and needs "
+        f"{needed:.0f}; valid: limits of this side and of this joint, in the model's file"
+    )
+    raise DescriptionError(draft.source, [Fault(0, message)])
 
 
 def clear_of_body(draft: Robot, arms: Sequence[GenericPart]) -> list[GenericPart]:

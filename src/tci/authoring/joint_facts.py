@@ -26,6 +26,9 @@ ACCELERATION = np.deg2rad((400.0, 2400.0))
 torque."""
 MOST_TORQUE = 0.35
 """Largest fraction of the torque for that, where the least acceleration takes more than a quarter."""
+SLOWEST = float(np.deg2rad(30.0))
+"""Least acceleration [rad/s2] that the whole torque of an arm's joint gives to its largest inertia. Real arms
+are above 10 rad/s2; a file with less has wrong units or a placeholder."""
 LOST = 1.0 / 3.0
 """Largest fraction of the torque that damping may take at full speed; the rest is for motion and weight."""
 JERK = 100.0
@@ -110,7 +113,8 @@ def proposed_limits(given: JointFacts, inertia: float) -> Limits:
     velocity = float(np.deg2rad(round(np.rad2deg(velocity), 2)))  # as a person reads it
     able = torque / max(inertia, 1e-6)
     acceleration = float(np.clip(0.25 * able, min(ACCELERATION[0], MOST_TORQUE * able), ACCELERATION[1]))
-    acceleration = float(np.deg2rad(10.0 * np.floor(np.rad2deg(acceleration) / 10.0 + 1e-9)))
+    step = 10.0 if acceleration >= np.deg2rad(10.0) else 0.1
+    acceleration = float(np.deg2rad(step * max(1.0, np.floor(np.rad2deg(acceleration) / step + 1e-9))))
     return Limits(
         lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, jerk=JERK * acceleration,
         torque=torque, assumed=tuple(dict.fromkeys(assumed)),

@@ -27,15 +27,19 @@ _NAMES = {
 
 
 def named_side(name: str) -> str | None:
-    """Returns the side that a joint's name starts with, or names first: `LARM_SHOULDER_R` is on the left.
-    None if the name tells no side."""
-    found = re.search(r"(?i)(?<![a-z])(left|right|[lr](?=arm|leg|hip|sho|[^a-z]))", name)
-    return None if found is None else {"l": "left", "r": "right"}[found[1][0].lower()]
+    """Returns the side that a joint's name starts with, or names first: `LARM_SHOULDER_R` is on the left, as
+    `arml_sho1` is. None if the name tells no side."""
+    found = re.search(
+        r"(?i)(?<![a-z])(left|right|[lr](?=arm|leg|hip|sho|[^a-z]))|(?<=arm|leg)[lr](?![a-z])", name
+    )
+    return None if found is None else {"l": "left", "r": "right"}[found[0][0].lower()]
 
 
 def is_named_so(joints: Sequence[Joint], pair: Pair) -> bool:
-    """True if the joint names do not contradict the sides."""
-    return all(named_side(joints[limb.ball[0]].name) in (None, side) for side, limb in pair.items())
+    """True if the joint names do not contradict the sides. Names that tell one side for both, such as `_r0`
+    and `_r1`, tell none."""
+    named = {side: named_side(joints[limb.ball[0]].name) for side, limb in pair.items()}
+    return len(set(named.values())) == 1 or all(told in (None, side) for side, told in named.items())
 
 
 def hangs_as(pair: Pair, centre_of_mass: float | None) -> Vote:

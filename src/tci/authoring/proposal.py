@@ -10,8 +10,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from tci.authoring.find_limbs import FoundLimbs, find_limbs
-from tci.authoring.initial_posture import clear_of_body
-from tci.authoring.joint_facts import JointFacts, driven, proposed_limits, read_facts
+from tci.authoring.initial_posture import check_reach, clear_of_body
+from tci.authoring.joint_facts import SLOWEST, JointFacts, driven, proposed_limits, read_facts
 from tci.authoring.link_points import LinkPoints
 from tci.authoring.proposed_arm import Sign, arm, elbow_senses
 from tci.authoring.proposed_fingers import Trust, find_hands, fingers, with_followers
@@ -53,13 +53,7 @@ def propose(
     hands = find_hands(body, facts, points, str(path), trust=trust_fingers)
     servos = with_followers(_servos(body, facts, points), body, facts, hands)
     index = {servo.joint: servo.index for servo in servos}
-    for limb in body.arms.values():
-        for joint in (*limb.ball, limb.bend, *([] if limb.turn is None else [limb.turn])):
-            if (joint_name := body.joints[joint].name) not in index:
-                message = (
-                    f"{joint_name} of an arm follows another joint; valid: a joint with a motor of its own"
-                )
-                raise DescriptionError(str(path), [Fault(0, message)])
+    _check_arms(body, servos, points, str(path))
     draft = Robot(
         name=name, title=f"{name}, proposed from {path.name}", source=str(path), digest="", model=model,
         servos=servos, parts=(),
@@ -69,6 +63,7 @@ def propose(
     patches: list[Patch] = []
     for side, limb in body.arms.items():
         made = arm(draft, body, _side(side), points, index, sense=senses[side], mount=mount)
+        check_reach(draft, made)
         parts.append(made)
         patches += sleeves(body, limb, made, points)
     parts = clear_of_body(draft, parts)
@@ -83,6 +78,26 @@ def propose(
     parts += [fingers(draft, body, side, found, facts, points) for side, found in hands.items()]
     parts += [leg(draft, body, found, side, points, index) for side, found in body.legs.items()]
     return draft.model_copy(update={"parts": tuple(parts), "patches": tuple(patches)})
+
+
+def _check_arms(body: FoundLimbs, servos: Iterable[Servo], points: LinkPoints, path: str) -> None:
+    """Raises DescriptionError for a joint of an arm without a motor of its own, or with one that can't move
+    the arm."""
+    own = {servo.joint: servo for servo in servos}
+    for limb in body.arms.values():
+        for joint in (*limb.ball, limb.bend, *([] if limb.turn is None else [limb.turn])):
+            name = body.joints[joint].name
+            if name not in own:
+                message = f"{name} of an arm follows another joint; valid: a joint with a motor of its own"
+                raise DescriptionError(path, [Fault(0, message)])
+            torque, inertia = own[name].limits.torque or 0.0, float(points.inertia([name])[0])
+            if torque < SLOWEST * inertia:
+                message = (
+                    f"{name}: its torque of {torque:.3g} N m can't move the {inertia:.3g} kg m2 that it "
+                    f"carries; valid: at least {SLOWEST * inertia:.3g} N m, or links whose mass and inertia "
+                    "are in kg and kg m2"
+                )
+                raise DescriptionError(path, [Fault(0, message)])
 
 
 def _servos(body: FoundLimbs, facts: Mapping[str, JointFacts], points: LinkPoints) -> tuple[Servo, ...]:

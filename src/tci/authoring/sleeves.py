@@ -10,15 +10,15 @@ from tci.authoring.link_points import THINNEST, LinkPoints, cone_around
 from tci.errors import DescriptionError, Fault
 from tci.exports.cone import ConeFit
 from tci.frames import Array, rpy_of
-from tci.robot.description import GenericPart, Patch, Sensor, TruncatedCone, Vector
+from tci.robot.description import GenericPart, Patch, Robot, Sensor, TruncatedCone, Vector
 from tci.robot.generic_arm import SEGMENTS
 from tci.robot.shoulder import nearest_point
 
 COVER = {"upper_arm": (0.2, 0.8), "forearm": (0.12, 0.9)}
 """Range of u that skin covers on each segment. Assumed: keeps clear of the joints at both ends."""
 SLENDER = 0.18
-"""Radius of skin on a model that is read without its meshes, as a fraction of the segment's length. Assumed:
-between the arms of iCub and those of G1."""
+"""Radius of skin on a segment without shapes, or on a model that is read without its meshes, as a fraction of
+the segment's length. Assumed: between the arms of iCub and those of G1."""
 PITCH = 0.009
 """Distance [m] between taxels. Assumed; on an iCub's modules it is 6.5 mm."""
 
@@ -43,7 +43,7 @@ def ends_of(body: FoundLimbs, limb: Limb) -> dict[str, tuple[Array, Array]]:
 
 
 def sleeves(body: FoundLimbs, limb: Limb, part: GenericPart, points: LinkPoints) -> list[Patch]:
-    """Returns a cone of skin around each segment; a segment without shapes has none.
+    """Returns a cone of skin around each segment; without shapes it is SLENDER.
 
     Raises DescriptionError for shapes that lie beside their segment.
     """
@@ -60,15 +60,10 @@ def sleeves(body: FoundLimbs, limb: Limb, part: GenericPart, points: LinkPoints)
         length = float(np.linalg.norm(end - begin))
         cover = [length * u for u in COVER[segment]]
         shape = points.of(links[segment]) @ body.R_RH
-        if points.shapeless:
-            radius = max(THINNEST, SLENDER * length)
-            fit: ConeFit | None = ConeFit(
-                begin + axis * cover[0], axis, cover[1] - cover[0], radius, radius, 0.0, 0.0
-            )
-        else:
-            fit = cone_around(shape, begin, axis, *cover)
+        fit = None if points.shapeless else cone_around(shape, begin, axis, *cover)
         if fit is None:
-            continue
+            radius = slender(length)
+            fit = ConeFit(begin + axis * cover[0], axis, cover[1] - cover[0], radius, radius, 0.0, 0.0)
         off = fit.origin - begin
         aside = float(np.linalg.norm(off - axis * float(axis @ off)))
         if aside > max(fit.r1, fit.r2):
@@ -99,6 +94,28 @@ def sleeves(body: FoundLimbs, limb: Limb, part: GenericPart, points: LinkPoints)
             )
         )  # fmt: skip
     return patches
+
+
+def slender(length: float) -> float:
+    """Returns the radius [m] of skin on a segment of a length [m] without shapes."""
+    return max(THINNEST, SLENDER * length)
+
+
+def assumed_skins(robot: Robot) -> list[str]:
+    """Returns a note on the patches whose thickness follows from lengths, as no shapes tell it."""
+    found = []
+    for patch in robot.patches:
+        cone = patch.surface
+        if isinstance(cone, TruncatedCone) and patch.segment is not None:
+            radius = slender(robot.part(patch.part).segment(patch.segment).length)
+            if np.allclose([cone.r1, cone.r2], radius, atol=1e-5):
+                found.append(f"{patch.name} ({1e3 * radius:.0f} mm)")
+    if not found:
+        return []
+    return [
+        f"skin as thick as the length of the link suggests, as no shapes of the model tell it: "
+        f"{', '.join(found)}; review its radius"
+    ]
 
 
 def three(values: Array) -> Vector:

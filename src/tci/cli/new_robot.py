@@ -89,6 +89,7 @@ def new_robot(
     """
     from tci.authoring.left_out import left_out
     from tci.authoring.proposal import propose
+    from tci.authoring.sleeves import assumed_skins
     from tci.cli.check import remarks
     from tci.robot.mesh_files import NO_MESHES
     from tci.robot.xml import read_robot
@@ -124,7 +125,7 @@ def new_robot(
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_text(text, encoding="utf-8")
     robot = read_robot(target)
-    found, notes = _found(robot), [*left_out(robot), *remarks(robot)]
+    found, notes = _found(robot), [*left_out(robot), *assumed_skins(robot), *remarks(robot)]
     if as_json:
         print_json({"robot": name, "file": str(target), "found": found, "remarks": notes})
         return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -117,20 +118,24 @@ def compiled(spec: mujoco.MjSpec, model: Model) -> mujoco.MjModel:
 def _read_urdf(model: Model) -> mujoco.MjSpec:
     """Reads a URDF: finds and converts its meshes, and sets the options that MuJoCo needs at parsing."""
     path = Path(model.path)
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True)
+    parser = etree.XMLParser(resolve_entities=False, no_network=True)
     root = etree.parse(str(path), parser).getroot()
+    lines = "\n" * ((root.sourceline or 1) - 1)
     meshes = MeshFiles(path, model.meshes)
     converted: dict[str, bytes] = {}
     for shape in [shape for tag in ("visual", "collision") for shape in root.iter(tag)]:
+        left_out = _is_point(shape)  # MuJoCo refuses it
         for mesh in shape.iter("mesh"):
             if model.meshes == NO_MESHES:
-                shape.getparent().remove(shape)
+                left_out = True
             elif (name := mesh.get("filename")) and (file := meshes.find(str(name))) is not None:
                 if not is_readable(file):
                     data = meshes.converted(file)
                     file = Path(str(file).lstrip("/").replace("/", "_")).with_suffix(".stl")
                     converted[file.name] = data
                 mesh.set("filename", str(file))
+        if left_out:
+            shape.getparent().remove(shape)
     meshes.check()
     for extension in root.findall("mujoco"):
         root.remove(extension)
@@ -143,7 +148,18 @@ def _read_urdf(model: Model) -> mujoco.MjSpec:
         strippath="false",
         balanceinertia="true",
     )
-    return mujoco.MjSpec.from_string(str(etree.tostring(root, encoding="unicode")), assets=converted)
+    # Comments and the lines before the root are kept, so that lines in messages are those of the file.
+    text = lines + str(etree.tostring(root, encoding="unicode"))
+    return mujoco.MjSpec.from_string(text, assets=converted)
+
+
+def _is_point(shape: etree._Element) -> bool:
+    """True for a sphere, box or cylinder without any extent: published models mark frames by such shapes."""
+    extents = [
+        size for kind in ("sphere", "box", "cylinder") for one in shape.iterfind(f"geometry/{kind}")
+        for key in ("radius", "length", "size") for size in one.get(key, "").split()
+    ]  # fmt: skip
+    return bool(extents) and all(re.fullmatch(r"[-+]?0*\.?0*", size) for size in extents)
 
 
 def _read_mjcf(model: Model) -> mujoco.MjSpec:

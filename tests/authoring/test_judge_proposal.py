@@ -64,7 +64,9 @@ def test_a_wrong_sign_is_wrong(part: str, joint: str, proposed: Robot, judge: Mo
 
 
 def test_an_elbow_that_bends_backward_is_wrong(judge: ModuleType, tmp_path: Path) -> None:
-    wrong = propose(MadeHumanoid(elbow=(-2.2, 2.2)).urdf(tmp_path), name="wrong", elbow=1)
+    path = MadeHumanoid(elbow=(-2.2, 2.2)).urdf(tmp_path)
+    path.write_text(path.read_text().replace("lower='-1.5' upper='1.5'", "lower='-3.1' upper='3.1'"))
+    wrong = propose(path, name="wrong", elbow=1)
     assert [one for one in judge.complaints(wrong) if one.startswith("left_arm: the initial posture")]
 
 

@@ -20,7 +20,7 @@ POSTURES = np.deg2rad([[25, 25, 0, 60, 0], [25, 25, 0, 75, 0], [35, 30, 0, 60, 0
 """Candidates for the initial posture [rad]; the first that fits is taken. All values here are assumed."""
 ROOM = 0.1
 """Distance [rad] of the initial posture from limits that suffices."""
-TURNED = np.deg2rad(120.0)
+TURNED = float(np.deg2rad(120.0))
 """Turn [rad] of a shoulder's joint from its rest, the model's zero or the middle of its range, that counts as
 a limit. Beyond it an arm whose elbow bends down from pointing forward, as Baxter's, is twisted."""
 
@@ -44,7 +44,7 @@ def check_reach(draft: Robot, part: GenericPart) -> None:
     wrong."""
     robot = draft.model_copy(update={"parts": (part,), "digest": f"{part.name} reach"})
     joints = joint_map(robot, part.name)
-    rooms = [_room(draft, joints, posture) for posture in POSTURES]
+    rooms = [_room(draft, joints, posture, turned=np.inf) for posture in POSTURES]
     if max(rooms) > -ROOM:
         return
     start, (lower, upper) = np.zeros(len(draft.servos)), _limits(draft, joints)
@@ -86,16 +86,16 @@ def clear_of_body(draft: Robot, arms: Sequence[GenericPart]) -> list[GenericPart
     return found[int(np.argmin(costs))][0]
 
 
-def _room(draft: Robot, joints: JointMap, posture: Array) -> float:
-    """Returns the least distance [rad] of an arm's servos from their limits, and of its shoulder from TURNED;
-    less if they miss a posture."""
+def _room(draft: Robot, joints: JointMap, posture: Array, *, turned: float = TURNED) -> float:
+    """Returns the least distance [rad] of an arm's servos from their limits, and of its shoulder from a turn
+    `turned` [rad]; less if they miss a posture."""
     start, (lower, upper) = np.zeros(len(draft.servos)), _limits(draft, joints)
     angles = joints.to_robot(posture, start)
     there = np.array(start)
     there[joints.servos] = angles
     missed = np.abs(joints.to_generic(there) - posture)[joints.ids].max()
     turn = np.minimum(np.abs(angles), np.abs(angles - (lower + upper) / 2.0))[joints.ids < 3].max()
-    return float(min((angles - lower).min(), (upper - angles).min(), TURNED - turn) - 10.0 * missed)
+    return float(min((angles - lower).min(), (upper - angles).min(), turned - turn) - 10.0 * missed)
 
 
 def _limits(draft: Robot, joints: JointMap) -> Array:

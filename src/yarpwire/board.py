@@ -38,6 +38,10 @@ class Stream(Enum):
     """Torques [N m]."""
 
 
+MOST_AXES = 256
+"""Largest number of axes of a board. Assumed: each is asked for its name, and robots have far fewer."""
+
+
 @dataclass(frozen=True, slots=True)
 class AxisLimits:
     """Range of a joint that a board permits."""
@@ -54,9 +58,14 @@ def find_board(network: Network, prefix: str, sender: str, dialect: Dialect | No
     Raises UnknownNameError when there is none, PortError when the name server doesn't answer.
     """
     there = {contact.name: contact for contact in network.list()}
-    for kind in (BoardV3, BoardV4):
-        contact = there.get(prefix + kind.port)
-        if contact is not None and dialect in (None, kind.dialect):
+    found = [
+        (kind, there[prefix + kind.port])
+        for kind in (BoardV3, BoardV4)
+        if prefix + kind.port in there and dialect in (None, kind.dialect)
+    ]
+    # One of another dialect may have crashed, and left its name.
+    for kind, contact in found:
+        if contact is found[-1][1] or contact.answers():
             return kind(prefix, network, contact, sender)
     boards = [
         name.removesuffix(port)
@@ -169,6 +178,13 @@ class Board(ABC):
         """Returns a streamed command: its head and its numbers."""
         return [self.head(stream, joints), values]
 
+    def _count(self, found: Sequence[Any], what: str) -> int:
+        if len(found) != 1 or not isinstance(found[0], int) or not 0 < found[0] <= MOST_AXES:
+            raise PortError(
+                f"{self.prefix} answers {str(found)[:80]} to {what}; valid: 1 to {MOST_AXES} axes"
+            )
+        return found[0]
+
     def _numbers(self, found: Sequence[Any], count: int, what: Sequence[Any]) -> list[float]:
         if len(found) != count or not all(isinstance(value, int | float) for value in found):
             raise PortError(f"{self.prefix} answers {str(found)[:80]} to {what}; valid: {count} numbers")
@@ -182,7 +198,7 @@ class BoardV3(Board):
     port = "/rpc:i"
 
     def axes(self) -> int:
-        return int(self._numbers(self._get("axes"), 1, ("axes",))[0])
+        return self._count(self._get("axes"), "axes")
 
     def name(self, joint: int) -> str:
         return " ".join(str(item) for item in self._get("name", joint))
@@ -240,7 +256,7 @@ class BoardV4(Board):
     port = "/nws/rpc:i"
 
     def axes(self) -> int:
-        return int(self._numbers(self._call("getAxesRPC"), 1, ("getAxesRPC",))[0])
+        return self._count(self._call("getAxesRPC"), "getAxesRPC")
 
     def name(self, joint: int) -> str:
         return " ".join(str(item) for item in self._call("getAxisNameRPC", joint))

@@ -41,6 +41,14 @@ class Contact:
         """Returns the contact in the form that name servers send."""
         return f"registration name {self.name} ip {self.host} port {self.port} type {self.carrier}"
 
+    def answers(self) -> bool:
+        """Returns True if something listens there: the names of a program that crashed stay registered."""
+        try:
+            socket.create_connection((self.host, self.port), timeout=PATIENCE).close()
+        except OSError:
+            return False
+        return True
+
 
 def parse_contact(line: str) -> Contact | None:
     """Returns the contact in a name server's line; None if there is none."""

@@ -88,6 +88,10 @@ class Network(ABC):
     def list(self) -> list[Contact]:
         """Returns the contacts of all ports."""
 
+    def lives(self, name: str) -> bool:
+        """Returns True if a port is registered and answers."""
+        return any(contact.name == name and contact.answers() for contact in self.list())
+
     @abstractmethod
     def query(self, name: str) -> Contact:
         """Returns the contact of a port. Raises UnknownNameError for one that is not registered."""

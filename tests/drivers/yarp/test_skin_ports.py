@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import tci
 from drivers.yarp.show import until
 from tci.drivers.yarp import diagnose
 from tci.drivers.yarp.address import patch_port
+from tci.drivers.yarp.axes import find_axes
 from tci.drivers.yarp.driver import YarpDriver
 from tci.drivers.yarp.facts import facts_port
 from tci.drivers.yarp.skin_layout import SkinLayout
@@ -20,11 +22,14 @@ from tci.errors import DriverError
 from tci.frames import Array
 from tci.messages import SkinFrame
 from tci.robot.description import Patch, Robot
+from yarpwire.board import OK, find_board
 from yarpwire.dialect import DIALECTS, V3, V4, Dialect
+from yarpwire.errors import PortError
 from yarpwire.feed import Feed
 from yarpwire.incoming import Answer, Delivery
 from yarpwire.message import Stamp
 from yarpwire.name_server import NameServer
+from yarpwire.names import Contact
 from yarpwire.network import NamedPort
 from yarpwire.sensors import Measure, encode_measures
 from yarpwire.wire import Wire
@@ -57,7 +62,7 @@ class Ports:
     def read(self, robot: Robot, patch: Patch, *, compensated: bool = False) -> Feed[Array]:
         feed = read_skin(
             robot, patch, "icub", self.network, self.dialect,
-            there={*self.opened}, own="/test", carrier="fast_tcp", compensated=compensated,
+            own="/test", carrier="fast_tcp", compensated=compensated,
         )  # fmt: skip
         self.feeds.append(feed)
         return feed
@@ -200,3 +205,44 @@ def test_the_names_of_the_sensors_are_answered_in_yarp_4_only(ports: Ports) -> N
     answer = caller.call("getMetadata")
     caller.close()
     assert [[one[0] for one in kind] for kind in answer if kind] == [["left_forearm"]]
+
+
+def test_names_that_a_crashed_program_left_are_no_ports(ports: Ports) -> None:
+    """Nothing listens at port 1. The facts of a served robot are none of the robot that came after it."""
+    vector = patch_port(ICUB, "icub", FOREARM.name)
+    for name in (facts_port("icub"), f"{vector}/measures:o"):
+        ports.network.names.register(Contact(name, "127.0.0.1", 1))
+    for patch in ICUB.patches:
+        ports.open(patch_port(ICUB, "icub", patch.name))
+    assert ports.read(ICUB, FOREARM).source == vector
+    with pytest.raises(DriverError, match="left_upper_arm are only in the robot's own skin file"):
+        ports.read(ICUB, UPPER_ARM)
+
+
+def test_a_board_of_another_dialect_that_crashed_is_not_called() -> None:
+    ports = Ports(V4)
+    try:
+        ports.network.names.register(Contact("/icub/torso/rpc:i", "127.0.0.1", 1))
+        with closing(find_board(ports.network, "/icub/torso", "/asks")) as board, pytest.raises(PortError):
+            board.axes()
+        ports.open("/icub/torso/nws/rpc:i", lambda delivery: [OK, 3])
+        with closing(find_board(ports.network, "/icub/torso", "/asks")) as board:
+            assert (board.dialect, board.axes()) == (V4, 3)
+    finally:
+        ports.close()
+
+
+@pytest.mark.parametrize("count", [0, -1, 257, 1 << 31, float("inf"), "three"])
+def test_a_number_of_axes_that_no_board_has_is_refused_before_their_names_are_asked_for(
+    count: object,
+) -> None:
+    ports = Ports(V4)
+    try:
+        ports.open("/icub/torso/nws/rpc:i", lambda delivery: [OK, count])
+        with (
+            closing(find_board(ports.network, "/icub/torso", "/asks")) as board,
+            pytest.raises(DriverError, match="to getAxesRPC; valid: 1 to 256 axes"),
+        ):
+            find_axes(board, ICUB.servos_of("torso"))
+    finally:
+        ports.close()

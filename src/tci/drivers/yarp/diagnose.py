@@ -44,12 +44,12 @@ def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
     except TciError as error:
         return (_no_server(error),)
     try:
-        there = {contact.name for contact in network.list()}
+        count = len(network.list())
     except YarpError as error:
         return _library(network), _no_server(error)
     host, port = network.address
     found = [_library(network)]
-    found += [Finding(Level.OK, "name server", f"{host}:{port} has {len(there)} ports")]
+    found += [Finding(Level.OK, "name server", f"{host}:{port} has {count} ports")]
     prefix = options.robot or wire_name(robot.name)
     dialect = spoken = options.dialect or network.dialect
     for part, where in board_ports(robot, prefix).items():
@@ -70,13 +70,13 @@ def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
         found += [Finding(Level.OK, part, text), *_absent(part, axes)]
     for patch in patches:
         name = patch_port(robot, prefix, patch.name)
-        read = skin_port(name, spoken, there, compensated=options.skin == "comp")
+        read = skin_port(name, spoken, network, compensated=options.skin == "comp")
         advice = f"leave it out: --via yarp:...,without={patch.name}"
-        if read not in there:
-            found.append(Finding(Level.FAULT, patch.name, f"no port {read}", advice))
+        if not network.lives(read):
+            found.append(Finding(Level.FAULT, patch.name, f"no port {read} answers", advice))
             continue
         try:
-            check_order(SkinLayout.of(robot, patch), patch, prefix, there)
+            check_order(SkinLayout.of(robot, patch), patch, prefix, network)
         except DriverError as error:
             found.append(Finding(Level.FAULT, patch.name, str(error), advice))
     return tuple(found)

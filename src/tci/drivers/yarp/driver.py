@@ -106,11 +106,10 @@ class YarpDriver(Driver):
                 raise DriverError(
                     f"skin alone over yarp:{address} needs dialect=3 or dialect=4 in its address"
                 )
-            there = {contact.name for contact in self.network.list()}
             for patch in options.patches(robot) if skin else ():
                 self.skin[patch.name] = read_skin(
                     robot, patch, self.prefix, self.network, self.dialect,
-                    there=there, own=own, carrier=options.carrier, compensated=options.skin == "comp",
+                    own=own, carrier=options.carrier, compensated=options.skin == "comp",
                 )  # fmt: skip
             self._wait_for_all()
         except UnknownNameError as error:

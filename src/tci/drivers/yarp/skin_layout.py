@@ -6,7 +6,6 @@ port of 768 values, of which each twelve are one module.
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +16,7 @@ from tci.errors import DriverError
 from tci.frames import Array
 from tci.robot.description import Patch, Robot
 from yarpwire.errors import WireError
+from yarpwire.network import Network
 
 MODULE, PADS = 12, (6, 10)
 """Number of values of a module of skin, and the places of its thermal pads among them."""
@@ -62,12 +62,12 @@ class SkinLayout:
         return values if self.places is None else values[self.places]
 
 
-def check_order(layout: SkinLayout, patch: Patch, prefix: str, there: Collection[str]) -> None:
-    """Raises DriverError if the order of a patch's taxels is not that of the robot whose ports are `there`.
+def check_order(layout: SkinLayout, patch: Patch, prefix: str, network: Network) -> None:
+    """Raises DriverError if the order of a patch's taxels is not that of the robot at `prefix`.
 
     The places of modules that a binding lists are assumed, so they are right only on a robot that TCI serves.
     """
-    if layout.places is not None and facts_port(prefix) not in there:
+    if layout.places is not None and not network.lives(facts_port(prefix)):
         raise DriverError(
             f"the places of the {layout.count} values of {patch.name} are only in the robot's own skin file; "
             f"valid: a description with that file (docs/add-a-skin.md), or yarp:...,without={patch.name}"

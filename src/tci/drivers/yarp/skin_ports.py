@@ -6,7 +6,7 @@ A patch is a Vector at `/ROBOT/skin/PATCH`, compensated at `..._comp`. In YARP 4
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,16 +68,16 @@ class SkinPorts:
 
 def read_skin(
     robot: Robot, patch: Patch, prefix: str, network: Network, dialect: Dialect,
-    *, there: Collection[str], own: str, carrier: str, compensated: bool,
+    *, own: str, carrier: str, compensated: bool,
 ) -> Feed[NDArray[np.float64]]:  # fmt: skip
-    """Returns the frames of one patch of a robot whose ports are `there`: by YARP 4's measures if there are.
+    """Returns the frames of one patch of the robot at `prefix`: by YARP 4's measures if it sends them.
 
     Several sensors of one device are the patch in their order. Assumed: iCub's devices did so before YARP 4.
     Raises DriverError if the order of its values is not known, and the errors of Feed.
     """
     name, layout, sensor = patch_port(robot, prefix, patch.name), SkinLayout.of(robot, patch), patch.sensor
-    check_order(layout, patch, prefix, there)
-    source = skin_port(name, dialect, there, compensated=compensated)
+    check_order(layout, patch, prefix, network)
+    source = skin_port(name, dialect, network, compensated=compensated)
     measured, renewal = source.endswith(MEASURES), Renewal()
 
     def decode(delivery: Delivery) -> Array:
@@ -98,10 +98,9 @@ def read_skin(
     )  # fmt: skip
 
 
-def skin_port(name: str, dialect: Dialect | None, there: Collection[str], *, compensated: bool) -> str:
-    """Returns the name of the port to read of a patch whose Vector is at `name`, on a robot whose ports are
-    `there`."""
+def skin_port(name: str, dialect: Dialect | None, network: Network, *, compensated: bool) -> str:
+    """Returns the name of the port to read of a patch whose Vector is at `name`."""
     if compensated:
         return f"{name}_comp"
     measures = f"{name}{MEASURES}"
-    return measures if dialect is V4 and measures in there else name
+    return measures if dialect is V4 and network.lives(measures) else name

@@ -6,11 +6,16 @@ from __future__ import annotations
 import contextlib
 import socket
 import threading
+import time
 from collections.abc import Callable
 from functools import partial
 
 from yarpwire.connection_limit import MOST, AcceptedConnection, ConnectionLimit
 from yarpwire.errors import PortError, YarpError
+
+LEAVING = 0.1
+"""Longest time [s] that `close` waits for the threads of its connections. Assumed: once shut down they end
+within a millisecond; a thread that outlives the program would keep all of its objects."""
 
 
 class Listener:
@@ -22,6 +27,7 @@ class Listener:
         """Opens the port. Raises PortError when it is in use."""
         self._name, self._serve = name, serve
         self._limit = ConnectionLimit()
+        self._threads: set[threading.Thread] = set()
         self._wrong = 0
         self.last_error = ""
         """Error for which the last connection was dropped."""
@@ -35,7 +41,7 @@ class Listener:
         self.address: tuple[str, int] = (str(bound[0]), int(bound[1]))
         """Host and port of this end."""
         self._closed = False
-        threading.Thread(target=self._accept, name=f"yarp accept {name}", daemon=True).start()
+        self._start(self._accept, name=f"yarp accept {name}")
 
     @property
     def dropped(self) -> int:
@@ -50,6 +56,10 @@ class Listener:
             self._socket.shutdown(socket.SHUT_RDWR)
         self._socket.close()
         self._limit.end_all()
+        until = time.monotonic() + LEAVING
+        for thread in self._threads.copy():
+            with contextlib.suppress(RuntimeError):  # it is this thread, or has not started yet
+                thread.join(max(0.0, until - time.monotonic()))
 
     def _accept(self) -> None:
         while not self._closed:
@@ -62,9 +72,18 @@ class Listener:
             connection = self._limit.add(partial(_end, sock), str(address[0]))
             if self._closed:  # this connection came while `close` ran
                 _end(sock)
-            threading.Thread(
-                target=self._run, args=(sock, connection), name=f"yarp serve {self._name}", daemon=True
-            ).start()
+            self._start(self._run, sock, connection, name=f"yarp serve {self._name}")
+
+    def _start(self, work: Callable[..., None], *arguments: object, name: str) -> None:
+        def run() -> None:
+            try:
+                work(*arguments)
+            finally:
+                self._threads.discard(threading.current_thread())
+
+        thread = threading.Thread(target=run, name=name, daemon=True)
+        self._threads.add(thread)
+        thread.start()
 
     def _run(self, sock: socket.socket, connection: AcceptedConnection) -> None:
         try:

@@ -17,9 +17,11 @@ import pytest
 
 from yarpwire import message, outgoing
 from yarpwire.carrier import CARRIERS, FAST_TCP, TCP, TEXT, TEXT_ACK
+from yarpwire.connection_limit import AcceptedConnection
 from yarpwire.dialect import V3, V4, Dialect
 from yarpwire.errors import PortError, UnknownNameError
 from yarpwire.incoming import Delivery
+from yarpwire.listener import Listener
 from yarpwire.message import Stamp
 from yarpwire.name_server import NameServer
 from yarpwire.names import Contact, Names
@@ -127,6 +129,24 @@ def test_a_call_goes_on_after_the_port_came_back(make: Callable[..., Port], name
         rpc.call(0)
     rpc.contact = make("/rpc", receive=lambda delivery: [2]).contact
     assert rpc.call(0) == [2]
+
+
+def test_a_listener_that_is_closed_leaves_no_thread() -> None:
+    """A thread that outlives the program keeps its objects, and their library tells of a leak."""
+    served, left = threading.Event(), threading.Event()
+
+    def serve(sock: socket.socket, connection: AcceptedConnection) -> None:
+        served.set()
+        sock.recv(1)
+        left.wait(0.02)  # as if another thread had its turn
+        left.set()
+
+    listener = Listener("127.0.0.1", 0, serve, name="a port")
+    with socket.create_connection(listener.address):
+        assert served.wait(5.0)
+        listener.close()
+        assert left.is_set()
+    assert not [thread for thread in threading.enumerate() if thread.name.endswith("a port")]
 
 
 def test_a_reply_is_awaited_in_a_process_with_more_than_1024_open_files(make: Callable[..., Port]) -> None:

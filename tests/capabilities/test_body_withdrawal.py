@@ -11,8 +11,8 @@ import pytest
 
 from capabilities.touches import BODY, away, body_that, touch
 from tci.body.generic_body import GenericBody
-from tci.capabilities.body_fields import JOINTS, BodyFields, default_body_fields, load_body_fields
 from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
+from tci.capabilities.fields import BODY_JOINTS, BodyFields, default_body_fields, load_body_fields
 from tci.errors import DescriptionError, TciError
 from tci.frames import Array
 from tci.messages import Contact, Contacts, GenericCommand, Landmark, Perception, Support
@@ -23,7 +23,7 @@ SHIN = next(field for field in default_body_fields().field if field.name == "sha
 
 
 def see(
-    *contacts: Contact, stamp: float = 0.0, at: Landmark = FACE.spot, distance: float = 0.0,
+    *contacts: Contact, stamp: float = 0.0, at: Landmark = FACE.landmark, distance: float = 0.0,
     joints: Mapping[str, Array] | None = None, posture: Mapping[str, Array] = POSTURE,
 ) -> tuple[Perception, GenericBody]:  # fmt: skip
     """Returns the perception of contacts that lie `distance` [m] from one landmark and on no other, and a
@@ -119,7 +119,7 @@ def test_a_touch_that_a_leg_has_answered_is_not_answered_again_after_a_refusal()
         stands = 10 <= tick < 60
         contacts = (shank, sole) if stands else (shank,)
         posture = POSTURE | {"left_leg": np.full(6, 0.01 * tick)}
-        seen = see(*contacts, stamp=0.02 * tick, at=SHIN.spot, posture=posture)
+        seen = see(*contacts, stamp=0.02 * tick, at=SHIN.landmark, posture=posture)
         commands, memory = step(reflex, seen, memory)
         moments += [tick for _ in commands]
         assert ("left_leg" in memory.refused) == stands
@@ -130,16 +130,16 @@ def test_a_leg_that_may_move_again_goes_as_far_as_the_touch_asks_for() -> None:
     reflex = BodyWithdrawal(stance="supported")
     light, hard = (press("left_leg", force, segment="shank") for force in (0.5, 5.0))
     sole = press("right_leg", 20.0, segment="foot")
-    first, memory = step(reflex, see(light, stamp=0.0, at=SHIN.spot))
-    refused, memory = step(reflex, see(hard, sole, stamp=0.1, at=SHIN.spot), memory)
+    first, memory = step(reflex, see(light, stamp=0.0, at=SHIN.landmark))
+    refused, memory = step(reflex, see(hard, sole, stamp=0.1, at=SHIN.landmark), memory)
     assert not refused
     assert memory["left_leg"].gain == pytest.approx(first[0].values.sum() / np.sum(SHIN.motion))
-    freed, _ = step(reflex, see(hard, stamp=0.2, at=SHIN.spot), memory)
+    freed, _ = step(reflex, see(hard, stamp=0.2, at=SHIN.landmark), memory)
     np.testing.assert_allclose(freed[0].values, SHIN.motion, atol=1e-12)
 
 
 def test_a_standing_robot_keeps_its_legs_and_says_why() -> None:
-    shin = see(press("left_leg", 5.0, segment="shank"), at=SHIN.spot)
+    shin = see(press("left_leg", 5.0, segment="shank"), at=SHIN.landmark)
     commands, memory = step(BodyWithdrawal(), shin)
     assert not commands
     assert "stands" in memory.refused["left_leg"].reason
@@ -155,11 +155,11 @@ def test_weight_under_a_sole_is_believed_before_anybody() -> None:
     reflex = BodyWithdrawal(stance="supported")
     shank = press("left_leg", 5.0, segment="shank")
     sole = press("right_leg", 20.0, segment="foot")
-    commands, memory = step(reflex, see(shank, sole, at=SHIN.spot))
+    commands, memory = step(reflex, see(shank, sole, at=SHIN.landmark))
     assert not commands
     assert "20.0 N: right_leg carries the robot" in memory.refused["left_leg"].reason
     light = press("right_leg", 2.0, segment="foot")
-    assert step(reflex, see(shank, light, at=SHIN.spot))[0]
+    assert step(reflex, see(shank, light, at=SHIN.landmark))[0]
 
 
 def test_other_parts_answer_while_the_legs_carry() -> None:
@@ -225,5 +225,5 @@ def test_a_joint_that_the_kind_lacks_is_refused() -> None:
 
 def test_each_motion_has_an_angle_for_each_joint() -> None:
     for field in default_body_fields().field:
-        assert len(field.motion) == len(JOINTS[field.kind])
+        assert len(field.motion) == len(BODY_JOINTS[field.kind])
         assert np.abs(field.motion).max() <= np.deg2rad(30.0)

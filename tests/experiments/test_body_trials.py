@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from tci.body.generic_body import GenericBody
-from tci.capabilities.body_fields import default_body_fields
 from tci.capabilities.body_withdrawal import BodyWithdrawal
+from tci.capabilities.fields import default_body_fields
 from tci.experiments.body_trials import answerable, body_trials_of
 from tci.experiments.poke import Stimulus, poke_place
 from tci.experiments.proof import trial_faults
@@ -38,7 +38,7 @@ def test_a_standing_robot_keeps_its_legs(name: str) -> None:
     reflex = BodyWithdrawal()
     field = next(field for field in reflex.fields.field if field.name == "shank_front")
     assert answerable(body, field) == ["left_leg", "right_leg"]
-    place = body.landmark("left_leg", field.spot)
+    place = body.landmark("left_leg", field.landmark)
     trace = poke_place(world, place, Stimulus(), reflex=reflex, seed=1)
     assert trace.first_contact is not None
     assert trace.contact_lost is None

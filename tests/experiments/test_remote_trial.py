@@ -85,7 +85,7 @@ def test_a_head_is_withdrawn_from_another_process() -> None:
     robot, reflex = patient("nao-whole"), tci.BodyWithdrawal()
     world, body = World(robot), tci.GenericBody(robot)
     field = next(one for one in reflex.fields.field if one.kind == "head")
-    place = body.landmark("head", field.spot)
+    place = body.landmark("head", field.landmark)
     held = poke_place(world, place, Stimulus(), reflex=deaf(reflex), seed=3)
     with wire("zenoh") as via, RemoteTrial(robot, via, reflex) as elsewhere:
         for _ in range(TRIES):

@@ -12,8 +12,8 @@ import pytest
 import tci
 from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
-from tci.capabilities.body_fields import BodyField, default_body_fields
 from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
+from tci.capabilities.fields import BodyField, default_body_fields
 from tci.clock import ManualClock
 from tci.drivers.driver import Driver
 from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
@@ -68,7 +68,7 @@ class NoisyBody(Driver):
         part, patch, place = PLACES[kind]
         body = GenericBody(self.robot)
         surface = body.skin.surfaces[patch]
-        near = np.linalg.norm(surface.positions - body.landmark(part, place.spot).p_L, axis=1) < 0.015
+        near = np.linalg.norm(surface.positions - body.landmark(part, place.landmark).p_L, axis=1) < 0.015
         self.pressed = surface.channels[near]
 
     def _receive(self) -> Reading:

@@ -15,9 +15,9 @@ from typing import Literal
 import numpy as np
 
 from tci.body.generic_body import GenericBody
-from tci.capabilities.body_fields import BodyField, BodyFields, default_body_fields
 from tci.capabilities.capability import Capability
 from tci.capabilities.discounts import phi, psi
+from tci.capabilities.fields import BodyField, BodyFields, default_body_fields
 from tci.capabilities.withdrawal_rule import Wish, Withdrawals, blind_field, new_targets, withdraw_all
 from tci.errors import TciError
 from tci.frames import Array
@@ -67,7 +67,7 @@ class BodyWithdrawal(Capability[BodyMemory]):
 
     def init(self, body: GenericBody) -> BodyMemory:
         for part in body.robot.parts:
-            body.prepare(part.name, [one.spot for one in self._own(part.name, body)])
+            body.prepare(part.name, [one.landmark for one in self._own(part.name, body)])
         return Withdrawals({}, {})
 
     def step(
@@ -100,7 +100,7 @@ class BodyWithdrawal(Capability[BodyMemory]):
         for part in perception.posture:
             own = self._own(part, body)
             radii = np.array([one.radius_m for one in own])
-            shares = body.coverage(perception, part, [one.spot for one in own], radii)
+            shares = body.coverage(perception, part, [one.landmark for one in own], radii)
             if blind := blind_field(part, own, shares):
                 return blind
         return None
@@ -121,7 +121,7 @@ class BodyWithdrawal(Capability[BodyMemory]):
             for candidate in self._own(touch.part, body):
                 if candidate.segment != touch.segment:
                     continue
-                distance = body.distance(touch, candidate.spot)
+                distance = body.distance(touch, candidate.landmark)
                 if distance < candidate.radius_m and (closest is None or distance < closest[0]):
                     closest = distance, candidate
             if closest is None:

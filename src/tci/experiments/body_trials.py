@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from tci.body.generic_body import GenericBody
-from tci.capabilities.body_fields import BodyField
 from tci.capabilities.body_withdrawal import BodyWithdrawal
+from tci.capabilities.fields import BodyField
 from tci.errors import TciError
 from tci.experiments.measure import Trial, measure
 from tci.experiments.poke import Stimulus, poke_place
@@ -27,7 +27,7 @@ def answerable(body: GenericBody, field: BodyField) -> list[str]:
         if part.kind != field.kind or not (np.array(field.motion) * body.has_joint(part.name)).any():
             continue
         try:
-            body.landmark(part.name, field.spot)
+            body.landmark(part.name, field.landmark)
         except TciError:
             continue
         found.append(part.name)
@@ -59,7 +59,7 @@ def body_trials_of(
     with RemoteTrial(robot, via, reflex) if via else nullcontext() as elsewhere:
         for field in reflex.fields.field:
             for part in answerable(body, field):
-                place = body.landmark(part, field.spot)
+                place = body.landmark(part, field.landmark)
                 held = poke_place(world, place, stimulus, reflex=deaf(reflex), seed=seed)
                 acted = poke_place(world, place, stimulus, reflex=reflex, seed=seed, elsewhere=elsewhere)
                 yield measure(robot, part, field.name, acted, held)

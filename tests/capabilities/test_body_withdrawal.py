@@ -208,13 +208,15 @@ def test_a_wrong_file_is_refused(tmp_path: Path, text: str, told: str) -> None:
 def test_all_faults_of_a_field_are_told(tmp_path: Path) -> None:
     (tmp_path / "f.toml").write_text(
         "[force]\nthreshold_n = 0.1\nsaturation_n = 1\n"
-        '[[field]]\nname = "Nose"\nkind = "tail"\ntowards = [1, 0]\nradius_m = 0\nmotion_deg = { wag = 10 }\n'
+        '[[field]]\nname = "Nose"\nkind = "tail"\ntowards = [1, 0]\nradius_m = 0\nsize = 1\n'
+        "motion_deg = { wag = 10 }\n"
     )
     with pytest.raises(DescriptionError) as caught:
         load_body_fields(tmp_path / "f.toml")
     message = str(caught.value)
-    for place in ("field.1.name", "field.1.kind", "field.1.towards", "field.1.radius_m"):
-        assert place in message
+    for key in ("name", "kind", "towards", "radius_m"):
+        assert f"field 1 (Nose), {key}" in message
+    assert "field 1 (Nose), size: unknown key; valid: name, kind, segment, towards" in message
 
 
 def test_a_joint_that_the_kind_lacks_is_refused() -> None:

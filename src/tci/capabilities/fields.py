@@ -182,7 +182,7 @@ def load_fields(
     Raises DescriptionError with every fault of the file at once.
     """
     raw = _read(path)
-    faults = [*_structure_faults(raw), *_repeated_names(raw)]
+    faults = [*_structure_faults(raw, _FieldsFile, _FieldTable), *_repeated_names(raw)]
     if isinstance(ranges := raw.get("force"), dict) and measure not in ranges:
         stated = ", ".join(ranges) or "none"
         faults.append(f"force: no thresholds for the measure {measure!r}; the file has: {stated}")
@@ -214,16 +214,10 @@ def default_body_fields() -> BodyFields:
 
 def load_body_fields(path: str | Path) -> BodyFields:
     """Reads the fields from a TOML file. Raises DescriptionError with every fault of the file at once."""
-    try:
-        raw: dict[str, Any] = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-        return BodyFields.model_validate(raw)
-    except OSError as error:
-        faults = [f"can't be read: {error.strerror}"]
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        faults = [f"is not TOML in UTF-8: {error}"]
-    except ValidationError as error:
-        faults = [_body_sentence(fault) for fault in error.errors()]
-    raise DescriptionError(str(path), [Fault(0, fault) for fault in faults])
+    raw = _read(path)
+    if faults := _structure_faults(raw, BodyFields, BodyField):
+        raise DescriptionError(str(path), [Fault(0, fault) for fault in faults])
+    return BodyFields.model_validate(raw)
 
 
 def _read(path: str | Path) -> dict[str, Any]:
@@ -238,29 +232,33 @@ def _read(path: str | Path) -> dict[str, Any]:
     raise DescriptionError(str(path), [Fault(0, fault)])
 
 
-def _structure_faults(raw: dict[str, Any]) -> list[str]:
+def _structure_faults(raw: dict[str, Any], whole: type[Description], field: type[Description]) -> list[str]:
+    """Returns the faults of a file that holds a `whole` with tables of one `field` each."""
     try:
-        _FieldsFile.model_validate(raw)
+        whole.model_validate(raw)
     except ValidationError as error:
-        return [_sentence(raw, fault) for fault in error.errors()]
+        return [_sentence(raw, fault, whole, field) for fault in error.errors()]
     return []
 
 
-def _sentence(raw: dict[str, Any], fault: Any) -> str:
+def _sentence(raw: dict[str, Any], fault: Any, whole: type[Description], field: type[Description]) -> str:
     """Formats a fault with its place and value: `field 2 (forearm_lateral), radius: ...; got -1`."""
-    keys = [key for key in fault["loc"] if key != "[key]"]
-    place = ""
-    table_type: type[Description] = ForceRange if keys[0] == "force" else _FieldsFile
+    keys, place, kind = [key for key in fault["loc"] if key != "[key]"], "", whole
+    what = fault["msg"].removeprefix("Value error, ")
+    if not keys:
+        return str(what)
+    if keys[0] == "force":
+        kind = ForceRange
     if keys[0] in ("field", "surround") and len(keys) > 1:
         table = raw[keys[0]][keys[1]]
         name = table.get("name", "no name") if isinstance(table, dict) else "no table"
-        place, table_type = f"{keys[0]} {keys[1] + 1} ({name})", _FieldTable
+        place, kind = f"{keys[0]} {keys[1] + 1} ({name})", field
         keys = keys[2:]
     where = ", ".join(filter(None, [place, ".".join(map(str, keys))]))
     if fault["type"] == "extra_forbidden":
-        return f"{where}: unknown key; valid: {', '.join(table_type.model_fields)}"
+        return f"{where}: unknown key; valid: {', '.join(kind.model_fields)}"
     value = "" if fault["type"] == "missing" else f"; got {fault['input']!r}"
-    return f"{where}: {fault['msg'].removeprefix('Value error, ')}{value}"
+    return f"{where}: {what}{value}"
 
 
 def _repeated_names(raw: dict[str, Any]) -> list[str]:
@@ -272,9 +270,3 @@ def _repeated_names(raw: dict[str, Any]) -> list[str]:
         for name, count in counts.items()
         if count > 1
     ]
-
-
-def _body_sentence(fault: Any) -> str:
-    place = ".".join(str(key + 1 if isinstance(key, int) else key) for key in fault["loc"])
-    what = fault["msg"].removeprefix("Value error, ")
-    return f"{place}: {what}" if place else what

@@ -246,9 +246,10 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         self._before = posture
         observation = {"posture": posture, "velocity": velocity, "task": self._task.copy()}
         observation[self.touch] = self._contacts(seen) if self.touch == "contacts" else self._taxels(seen)
-        bounds = self._bounds
+        bounds = self._bounds  # `np.clip` takes several times as long
         return {
-            name: np.clip(value, bounds[name].low, bounds[name].high) for name, value in observation.items()
+            name: np.minimum(np.maximum(value, bounds[name].low), bounds[name].high)
+            for name, value in observation.items()
         }
 
     def _contacts(self, seen: Perception) -> Array:

@@ -122,8 +122,7 @@ class JointMap:
 
 
 class Postures:
-    """The maps of all generic parts at once; linear joints, which are nearly all, are computed in one array
-    operation."""
+    """The maps of all generic parts at once. Joints whose slope is constant, nearly all, are computed together."""
 
     def __init__(self, robot: Robot) -> None:
         """Raises what the transforms raise."""
@@ -135,24 +134,34 @@ class Postures:
         }
         self._fixed = np.concatenate([np.zeros(0), *(one.fixed for one in maps)])
         placed = [(begin, t) for begin, one in zip(ends, maps, strict=False) for t in one.transforms]
-        linear = [(begin, t) for begin, t in placed if isinstance(t, Linear)]
-        none = np.zeros(0, dtype=np.intp)
-        self._ids = np.concatenate([none, *(begin + t.ids for begin, t in linear)])
-        self._servos = np.concatenate([none, *(t.servos for _, t in linear)])
-        self._scale = np.concatenate([np.zeros(0), *(t.scale for _, t in linear)])
-        self._offset = np.concatenate([np.zeros(0), *(t.offset for _, t in linear)])
+        # Each such joint is a sum over few servos, so that an invalid angle reaches no other joint.
+        ids, offsets, sums = list[int](), list[float](), list[tuple[list[int], list[float]]]()
+        for begin, t in placed:
+            if t.constant:
+                zero = np.zeros(len(t.servos))
+                ids += (begin + t.ids).tolist()
+                offsets += t.generic(zero).tolist()
+                for row in t.slope(zero):
+                    terms = np.flatnonzero(row) if row.any() else np.zeros(1, np.intp)
+                    sums.append((t.servos[terms].tolist(), row[terms].tolist()))
+        self._ids, self._offset = np.array(ids, np.intp), np.array(offsets)
+        self._servos = np.array([servo for servos, _ in sums for servo in servos], np.intp)
+        self._factor = np.array([factor for _, factors in sums for factor in factors])
+        self._first = np.cumsum([0, *(len(servos) for servos, _ in sums)])[:-1]
         self._whole = np.array_equal(self._ids, np.arange(len(self._fixed)))
-        self._others = [(begin + t.ids, t) for begin, t in placed if not isinstance(t, Linear)]
+        self._others = [(begin + t.ids, t) for begin, t in placed if not t.constant]
 
     def to_generic(self, position: Array) -> dict[str, Array]:
         """Returns the generic angles (n,) [rad] of every part by name, as read-only arrays, at the `position`
         (n_servos,) [rad] of all servos."""
-        linear = self._scale * position.take(self._servos) + self._offset
-        if self._whole:
-            generic = linear
-        else:
-            generic = self._fixed.copy()
-            generic[self._ids] = linear
+        generic = self._fixed.copy()
+        if len(self._ids):
+            terms = self._factor * position.take(self._servos)
+            constant = np.add.reduceat(terms, self._first) + self._offset
+            if self._whole:
+                generic = constant
+            else:
+                generic[self._ids] = constant
         for ids, transform in self._others:
             generic[ids] = transform.generic(position[transform.servos])
         generic.setflags(write=False)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import TciError
-from tci.frames import Array, read_only
+from tci.frames import Array, frozen
 from tci.messages import SkinFrame
 from tci.robot.description import Patch
 from tci.simulation import sampling as at
@@ -120,7 +120,7 @@ class Taxels:
         if self._imperfection is not None:
             worn = (self._surfaces[patch.name] for patch in self._patches)
             self._imperfect = [ImperfectTaxels(surface, self._imperfection) for surface in worn]
-        self._frames = [self._frame(number) for number in range(len(self._patches))]
+        self._frames = [self._frame(number, own) for number, own in enumerate(self._integers.tolist())]
         self._until = -1
 
     def frames(self) -> tuple[SkinFrame, ...]:
@@ -129,30 +129,29 @@ class Taxels:
         Raises TciError if a patch had more contacts than slots.
         """
         if self._physics.steps >= self._until:
-            for number, count in enumerate(self._integers[:, at.COUNT].tolist()):
-                if self._frames[number].sequence != count:
-                    self._frames[number] = self._frame(number)
+            for number, integers in enumerate(self._integers.tolist()):
+                if self._frames[number].sequence != integers[at.COUNT]:
+                    self._frames[number] = self._frame(number, integers)
             sent = zip(self._patches, self._frames, strict=True)
             self._latest = tuple([frame for patch, frame in sent if not patch.through_joints])
             self._until = self.due
         return self._latest
 
-    def _frame(self, number: int) -> SkinFrame:
-        patch, integers = self._patches[number], self._integers[number]
-        found = int(integers[at.TOUCHED])
+    def _frame(self, number: int, integers: list[int]) -> SkinFrame:
+        """Returns the latest frame of a patch, from its integers of the loop."""
+        patch, found = self._patches[number], integers[at.TOUCHED]
+        taken = integers[at.TAKEN] * self._physics.step
         self._check(number, found)
         values = self._rest[number]
         if found or self.noisy:
             begin = integers[at.CHANNEL]
             counts = self._values[begin : begin + patch.channels].copy() if found else values.astype(float)
             if self._imperfect:
-                self._distort(number, counts, float(integers[at.TAKEN]) * self._physics.step)
+                self._distort(number, counts, taken)
             if self._noise:
                 counts += self._generator.normal(0.0, self._noise, len(counts))
             values = _raw(patch, counts)
-        return SkinFrame(
-            patch.name, float(integers[at.TAKEN]) * self._physics.step, int(integers[at.COUNT]), values
-        )
+        return SkinFrame(patch.name, taken, integers[at.COUNT], values)
 
     def _distort(self, number: int, counts: Array, now: float) -> None:
         """Adds the imperfections of a patch to the values [counts] along its normals."""
@@ -199,4 +198,5 @@ def _raw(patch: Patch, counts: Array) -> NDArray[np.generic]:
     """Returns the raw values (channels,) that the sensor sends for unrounded ones [counts]."""
     lowest, highest = patch.sensor.lowest, patch.sensor.highest
     small = 0.0 <= lowest <= highest <= 255.0
-    return read_only(np.clip(np.rint(counts), lowest, highest), np.uint8 if small else np.int32)
+    rounded = np.minimum(np.maximum(np.rint(counts), lowest), highest)
+    return frozen(rounded.astype(np.uint8 if small else np.int32))

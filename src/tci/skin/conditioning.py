@@ -52,6 +52,8 @@ RESTART = 1.0
 could take a frame out of order for a restart, longer ignores a restarted sender for that time."""
 
 
+SETS = 16
+"""Largest number of cached sets of patches. Assumed: more than the different rates of a robot's patches."""
 _CONDITION = {np.dtype(kind): entry(condition, k) for k, kind in enumerate((np.uint8, np.float32))}
 """The kernel for each dtype of raw values."""
 
@@ -140,6 +142,7 @@ class Conditioner:
         self._names: list[str] = []
         self._which, self._sizes = np.zeros(0, np.int64), list[tuple[int]]()
         self._all = False
+        self._arranged: dict[tuple[str, ...], tuple[NDArray[np.int64], list[tuple[int]], bool]] = {}
         for estimator, own in zip(self.estimators, layout.taxels, strict=True):
             estimator.write(own, self.estimates)
         self._masked: NDArray[np.bool_] | None = None
@@ -231,13 +234,20 @@ class Conditioner:
             self._restart(p)
 
     def _arrange(self, names: list[str]) -> None:
+        """Prepares for frames of these patches. Slow patches are in every few frames of the fast ones, so few
+        sets of patches come in turn."""
         places = self.layout.places
-        for name in names:
-            if name not in places:
-                raise FrameError(f"no skin patch {name!r}; valid: {', '.join(places) or '(none)'}")
-        self._which = np.array([places[name] for name in names], np.int64)
-        self._sizes = [(self.layout.patches[p].description.channels,) for p in self._which.tolist()]
-        self._all = self._which.tolist() == [*range(len(places))]
+        found = self._arranged.get(key := tuple(names))
+        if found is None:
+            for name in names:
+                if name not in places:
+                    raise FrameError(f"no skin patch {name!r}; valid: {', '.join(places) or '(none)'}")
+            which = [places[name] for name in names]
+            sizes = [(self.layout.patches[p].description.channels,) for p in which]
+            if len(self._arranged) >= SETS:
+                self._arranged.clear()
+            found = self._arranged[key] = np.array(which, np.int64), sizes, which == [*range(len(places))]
+        self._which, self._sizes, self._all = found
         self._names = names
 
     def _step_each(self, frames: Sequence[SkinFrame]) -> bool:

@@ -33,6 +33,14 @@ def test_help_and_completion_load_no_simulation(program: str) -> None:
     assert not loaded(program) & {"mujoco", "scipy", "matplotlib", "ruckig", "lxml", "pydantic"}
 
 
+def test_a_run_of_sleeves_loads_no_graph_algorithms() -> None:
+    body = "tci.GenericBody(tci.load_robot('nao'))"
+    assert not loaded(f"import tci; {body}; tci.run, tci.WithdrawalReflex") & {
+        "scipy.sparse.csgraph",
+        "scipy.optimize",
+    }
+
+
 @pytest.mark.parametrize("name", dir(tci))
 def test_every_public_name_exists(name: str) -> None:
     assert getattr(tci, name) is not None

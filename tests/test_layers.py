@@ -78,6 +78,12 @@ def test_every_folder_has_a_layer() -> None:
     assert here - {"__init__", "__pycache__"} == RANK.keys()
 
 
+def test_the_page_shows_the_same_layers() -> None:
+    page = (ROOT.parents[1] / "docs" / "architecture.md").read_text()
+    shown = page.split("```text\n")[1].split("```")[0].replace("\n", " ")
+    assert [name for layer in shown.split("|") for name in layer.split()] == [*RANK]
+
+
 @pytest.mark.parametrize("name", MODULES)
 def test_imports_point_to_the_left(name: str) -> None:
     own = name.split(".")[1]

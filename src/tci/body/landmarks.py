@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 
 from tci.body.places import Place, leave_surface
 from tci.errors import TciError
@@ -131,6 +130,8 @@ class Landmarks:
 def _geodesics(surface: Surface, point: Array, normal: Array) -> Array:
     """Returns the distance (n,) [m] of every taxel from a point (3,) [m] of the surface, with its normal
     (3,)."""
+    from scipy.sparse.csgraph import dijkstra  # slow to import, and sleeves do without
+
     count = len(surface.positions)
     one, other = _edges(count, surface.faces).T
     lengths = _lengths(

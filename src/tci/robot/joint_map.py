@@ -122,7 +122,7 @@ class JointMap:
 
 
 class Postures:
-    """The maps of all generic parts at once. Joints whose slope is constant, nearly all, are computed together."""
+    """The maps of all generic parts at once, with one sum for all joints of constant slope: nearly all."""
 
     def __init__(self, robot: Robot) -> None:
         """Raises what the transforms raise."""

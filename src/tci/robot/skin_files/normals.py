@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.sparse import csr_array
-from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
 from tci.frames import Array
@@ -57,6 +56,9 @@ def estimate_normals(positions: Array) -> Array:
         return np.zeros_like(positions)
     near = cKDTree(places).query(places, k=min(NEIGHBOURS, len(places)))[1]
     around = places[near] - places[near].mean(axis=1, keepdims=True)
+    # Its import takes a twentieth of the start of a run, and sleeves do without.
+    from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+
     normals = np.linalg.svd(around)[2][:, 2]
     spread = np.linalg.svd(from_middle)[1] / np.sqrt(len(places))
     outward = places if len(spread) < 3 or spread[2] < FLAT else from_middle

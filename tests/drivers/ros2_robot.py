@@ -13,7 +13,7 @@ import sys
 
 import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import JointState, PointCloud2, PointField
+from sensor_msgs.msg import Imu, JointState, PointCloud2, PointField
 from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
 
@@ -30,6 +30,7 @@ skins = {
     patch: node.create_publisher(PointCloud2, f"skin/{patch}/points", QoSProfile(depth=1))
     for patch in about["skin"]
 }
+imus = node.create_publisher(Imu, "imu/data", QoSProfile(depth=1))
 latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 node.create_publisher(String, "robot_description", latched).publish(String(data="<robot/>"))
 
@@ -64,7 +65,13 @@ def tick() -> None:
     message = JointState()
     message.header.stamp = stamp
     message.name, message.position = list(position), list(position.values())
+    message.effort = [0.01 * place for place in range(len(position))]
     states.publish(message)
+    if "imu" in about:
+        imu = Imu()
+        imu.header.stamp, imu.header.frame_id = stamp, about["imu"]
+        imu.linear_acceleration.x, imu.linear_acceleration.z = 1.0, 9.5
+        imus.publish(imu)
     for patch, channels in about["skin"].items():
         cloud = PointCloud2(height=1, width=channels, point_step=2, row_step=2 * channels, is_dense=True)
         cloud.header.stamp = stamp

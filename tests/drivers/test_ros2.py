@@ -70,9 +70,15 @@ def ros_robot(start: Start, namespace: str, **more: Any) -> subprocess.Popen[str
 
 
 def test_a_robot_in_ros_sends_joints_and_skin_and_takes_trajectories(start: Start, namespace: str) -> None:
-    process = ros_robot(start, namespace)
+    process = ros_robot(start, namespace, imu="Torso")
     with connect(tci.load_robot("nao"), f"ros2:{namespace}", arm=True, wait=60.0) as driver:
         first = complete(driver)
+        names = [servo.joint or servo.name for servo in driver.robot.servos]
+        sent = 0.01 * np.array([[*nao_in_ros()["position"]].index(name) for name in names])
+        np.testing.assert_allclose(np.asarray(first.joints.torque), sent)
+        gravity = first.joints.gravity
+        assert gravity is not None
+        np.testing.assert_allclose(gravity, (-1.0, 0.0, -9.5))
         for frame in first.skin:
             assert frame.values.dtype == np.uint16
             np.testing.assert_array_equal(frame.values, np.arange(len(frame.values)))

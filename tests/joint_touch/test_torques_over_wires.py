@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import tci
 from tci.commissioning.doctor import judge_torques
 from tci.drivers.diagnosis import Level
-from tci.drivers.ros.arrivals import JointArrivals
+from tci.drivers.ros.arrivals import ImuArrivals, JointArrivals
+from tci.errors import FrameError
 from tci.frames import read_only
 from tci.messages import JointReading, Reading
 
@@ -32,6 +34,35 @@ def test_ros_keeps_the_efforts_of_joints_that_have_one() -> None:
     assert torque is not None
     assert torque[:20].tolist() == [2.0] * 20
     assert np.isnan(torque[20:]).all()
+
+
+def imu(frame: str, acceleration: tuple[float, float, float], second: int) -> dict[str, object]:
+    return {
+        "sec": second, "nanosec": 0, "frame_id": frame, "linear_acceleration_covariance": [0.0] * 9,
+        "linear_acceleration": dict(zip("xyz", acceleration, strict=True)),
+    }  # fmt: skip
+
+
+def test_an_imu_of_ros_in_any_link_tells_the_gravity_of_the_root() -> None:
+    waist = NAMES.index("waist_yaw_joint")
+    position = np.zeros(COUNT)
+    position[waist] = np.pi / 2  # the torso looks to the left
+    joints = JointReading(5.0, 1, read_only(position), read_only(np.zeros(COUNT)), read_only(np.ones(COUNT)))
+    imus = ImuArrivals(ROBOT)
+    assert imus.complete(joints) is joints  # a robot without one
+    imus.receive(imu("torso_link", (1.0, 0.0, 9.5), 5), 5.0)
+    complete = imus.complete(joints)
+    assert complete.gravity is not None
+    np.testing.assert_allclose(complete.gravity, (0.0, -1.0, -9.5), atol=1e-9)
+    assert complete.torque is joints.torque
+    imus.receive(imu("", (1.0, 0.0, 9.5), 6), 6.0)
+    np.testing.assert_allclose(np.asarray(imus.complete(joints).gravity), (-1.0, 0.0, -9.5))
+    late = JointReading(6.2, 2, joints.position, joints.velocity, joints.torque)
+    assert imus.complete(late).torque is None  # the weight that they hold is unknown
+    with pytest.raises(FrameError, match="the frame 'gyro'; valid: a link of the model, such as pelvis"):
+        imus.receive(imu("gyro", (1.0, 0.0, 9.5), 7), 7.0)
+    with pytest.raises(FrameError, match="no acceleration"):
+        imus.receive({**imu("", (0.0, 0.0, 0.0), 7), "linear_acceleration_covariance": [-1.0] * 9}, 7.0)
 
 
 def reading(torque: np.ndarray | None) -> Reading:

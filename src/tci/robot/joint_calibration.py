@@ -1,4 +1,4 @@
-"""Measured properties of a robot's joints: friction, rotors, tools in hand."""
+"""Measured properties of a robot's joints: friction, rotors, motors' constants, tools in hand."""
 
 from __future__ import annotations
 
@@ -49,6 +49,9 @@ class JointCalibration(Description):
     """Date of the measurement, ISO 8601."""
     friction: dict[str, JointFriction] = Field(default_factory=dict)
     """Friction by the name of the servo. A servo that is not named has an unknown one."""
+    amperes: dict[str, _Positive] = Field(default_factory=dict)
+    """Torque at the joint [N m] for one ampere of its motor, by the name of the servo, for robots that report
+    currents in place of torques."""
     tools: dict[str, Tool] = Field(default_factory=dict)
     """Tools in hand, by the link that carries them."""
 
@@ -57,7 +60,7 @@ class JointCalibration(Description):
         if self.robot != robot.name:
             raise TciError(f"calibration of the joints of {self.robot!r}; valid: {robot.name!r}")
         names = [servo.name for servo in robot.servos]
-        for name in self.friction:
+        for name in (*self.friction, *self.amperes):
             if name not in names:
                 raise UnknownNameError("servo of a joint calibration", name, names)
 

@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from tci.body.perceiver import Perceiver
 from tci.clock import ManualClock
 from tci.drivers.diagnosis import Level
 from tci.drivers.driver import Driver
+from tci.drivers.naoqi.words import current_key
 from tci.drivers.registry import connect
 from tci.errors import DriverError
 from tci.gate.gate import GateState
@@ -170,6 +172,31 @@ def test_a_memory_that_refuses_a_list_for_one_key_is_asked_only_for_what_it_has(
             nao.touch("left_forearm", 1, np.full(240, 7, np.uint8))
             wait_for(lambda: frame(driver.read(), "left_forearm").values[0] == 7)
             assert driver._poller.counts["failures"] == 0
+
+
+def test_currents_are_torques_of_joints_whose_motors_constant_is_known(tmp_path: Path) -> None:
+    (tmp_path / "nao.joints.json").write_text('{"robot": "nao", "amperes": {"LElbowRoll": 2.0}}')
+    robot = ROBOT.model_copy(update={"source": str(tmp_path / "nao.xml")})
+    elbow = next(servo.index for servo in robot.servos if servo.name == "LElbowRoll")
+    with StillNao(robot) as nao, connect(robot, nao.via) as driver:
+
+        def torque() -> float:
+            found = driver.read().joints.torque
+            assert found is not None
+            assert np.isnan(np.delete(found, elbow)).all()
+            return float(found[elbow])
+
+        nao.board.torque[elbow] = -0.6
+        nao.board.commanded[elbow] -= 0.05
+        wait_for(lambda: torque() == pytest.approx(-0.6))
+        nao.services["ALMemory"].insertData(current_key("LElbowRoll"), 0.25)  # a key of genuine robots
+        wait_for(lambda: torque() == pytest.approx(-0.5))
+        nao.board.commanded[elbow] += 0.1  # the motor pushes towards its commanded angle
+        wait_for(lambda: torque() == pytest.approx(0.5))
+        nao.services["ALMemory"].insertData(current_key("LElbowRoll"), "none")
+        wait_for(lambda: bool(np.isnan(torque())))
+    with StillNao() as nao, connect(ROBOT, nao.via) as driver:
+        assert driver.read().joints.torque is None
 
 
 def test_a_robot_without_hands_has_no_frames_of_them() -> None:

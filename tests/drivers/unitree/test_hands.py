@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,7 +18,7 @@ from tci.drivers.unitree.finger_motors import FingerMotors
 from tci.drivers.unitree.hands import Hand, pads_of, patches_of
 from tci.drivers.unitree.node import UnitreeNode, latest
 from tci.drivers.unitree.served_hands import ServedHand
-from tci.drivers.unitree.wire import MOTOR_STATE, PRESS, decode_hand_command, encode_hand
+from tci.drivers.unitree.wire import MOTOR_STATE, PRESS, decode_hand, decode_hand_command, encode_hand
 from tci.errors import DriverError
 from tci.frames import read_only
 from tci.messages import JointReading, Mode, SkinFrame
@@ -144,12 +145,11 @@ def test_a_hand_is_led_by_the_vendors_names_or_by_addresses_and_holds_until_it_i
 
     fingers.repeat(time.monotonic())
     one = np.ones(1)
-    fingers.obey(
-        SimpleNamespace(  # type: ignore[arg-type] # only a gate makes a SafeCommand
-            servos=np.array([0]), modes=(Mode.POSITION,), position=-0.9 * one, velocity=0.2 * one,
-            torque=0.0 * one, stiffness={0: 0.5}, damping={},
-        )
+    safe: Any = SimpleNamespace(  # only a gate makes a SafeCommand
+        servos=np.array([0]), modes=(Mode.POSITION,), position=-0.9 * one, velocity=0.2 * one,
+        torque=0.0 * one, stiffness={0: 0.5}, damping={},
     )  # fmt: skip
+    fingers.obey(safe)
     command = received(lambda: fingers.repeat(time.monotonic()))
     assert command["mode"].tolist() == [0x90 | number for number in range(7)]
     np.testing.assert_allclose(command["q"], [0.0, 0.1, 0.2, 0.3, 0.4, -0.9, 0.6], rtol=1e-6)
@@ -161,6 +161,13 @@ def test_a_hand_is_led_by_the_vendors_names_or_by_addresses_and_holds_until_it_i
     command = received(lambda: None)
     assert command["mode"].tolist() == [0x80 | number for number in range(7)]
     assert not command["kp"].any()
+    time.sleep(0.05)
+    latest(heard)
+    fingers.obey(safe)  # a gate that has stopped holds them still
+    fingers.repeat(time.monotonic() + 1.0)
+    fingers.release()
+    time.sleep(0.05)
+    assert not latest(heard)
     for node in nodes:
         node.close()
 
@@ -217,3 +224,31 @@ def test_a_served_hand_tells_its_fingers_and_its_sensors(ends: Any) -> None:
     assert {frame.patch for frame in hand.frames} == {name for name in values if name.startswith("left")}
     for frame in hand.frames:
         np.testing.assert_allclose(frame.values, values[frame.patch])
+    assert not hand.fault
+    served._state["temperature"][4, 1] = 121
+    within(10.0, lambda: step() and bool(hand.fault))
+    assert hand.fault == "left_hand_middle_1 has a winding above 120 C: 121"
+    served._state["temperature"][4, 1] = 30
+    time.sleep(0.02)
+    step()
+    assert hand.fault  # until a person connects again
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "word"),
+    [("motorstate", 3, "right_hand_thumb_2 reports the error 3"), ("q", np.nan, "reports the angle nan"),
+     ("", 7, "the right hand reports the errors 0, 7")],
+)  # fmt: skip
+def test_a_fault_of_a_hand_is_named(field: str, value: float, word: str) -> None:
+    motors: Any = np.zeros(7, MOTOR_STATE)
+    data = bytearray()
+    if field:
+        motors[field][2] = value
+    data += encode_hand(motors, np.zeros(9, PRESS))
+    if not field:
+        data[-12:-8] = int(value).to_bytes(4, "little")
+    state = decode_hand(bytes(data))
+    node = UnitreeNode("lo", next(DOMAINS))
+    with closing(node):
+        hand = Hand(tci.load_robot("g1-hands"), "right", node)
+        assert word in hand._fault(state.motors, state.errors)

@@ -14,6 +14,7 @@ from tci.gate.safe_command import SafeCommand
 from tci.messages import Mode, Order, PlatformCommand, Reading, SkinFrame
 from tci.reasons import text_of
 from tci.robot.description import Robot, Servo
+from tci.robot.joint_calibration import joint_calibration
 
 
 class Board:
@@ -26,6 +27,8 @@ class Board:
         """Measured angles [rad] of all servos."""
         self.commanded: list[float] = list(self.measured)
         """Latest commanded angles [rad] of all servos."""
+        self.torque = [0.0] * len(robot.servos)
+        """Torques [N m] of all servos; 0 if the robot does not report them."""
         self.stiffness = [1.0] * len(robot.servos)
         """Stiffness 0..1 of all servos."""
         self.gate = ["run", ""]
@@ -44,6 +47,8 @@ class Board:
     def store(self, reading: Reading, sent: SafeCommand) -> None:
         """Stores one period. The loop calls it."""
         self.measured = reading.joints.position.tolist()
+        if reading.joints.torque is not None:
+            self.torque = reading.joints.torque.tolist()
         commanded, stiffness = list(self.commanded), list(self.stiffness)
         for servo, angle in zip(sent.servos.tolist(), sent.position.tolist(), strict=True):
             commanded[servo] = angle
@@ -82,6 +87,9 @@ class Board:
         for servo in self.robot.servos:
             keys[words.angle_key(servo.name, "Sensor")] = partial(self._measured, servo.index)
             keys[words.angle_key(servo.name, "Actuator")] = partial(self._commanded, servo.index)
+        for name, constant in joint_calibration(self.robot).amperes.items():
+            servo = next(servo for servo in self.robot.servos if servo.name == name)
+            keys[words.current_key(name)] = partial(self._current, servo.index, constant)
         for patch, names in words.skin_keys(self.robot, self.robot.binding(words.MIDDLEWARE)).items():
             if len(names) > 1:
                 keys |= {name: partial(self._channel, patch, place) for place, name in enumerate(names)}
@@ -97,6 +105,10 @@ class Board:
 
     def _commanded(self, servo: int) -> float:
         return self.commanded[servo]
+
+    def _current(self, servo: int, constant: float) -> float:
+        """Returns a current [A], which has no sign."""
+        return abs(self.torque[servo]) / constant
 
     def _channel(self, patch: str, place: int) -> float | None:
         frame = self._frames.get(patch)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import Counter, deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tci.clock import Clock
 from tci.drivers.naoqi import words
+from tci.drivers.naoqi.currents import Currents
 from tci.drivers.naoqi.session import Address, Services, answer
 from tci.errors import DriverError, FrameError
 from tci.frames import Array, read_only
@@ -74,6 +75,7 @@ class Poller:
         self.trouble = ""
         """Reason why there is no answer now; empty if there is one."""
         self._joints = joints
+        self._currents = Currents(robot, self.names)
         self._channels = {patch.name: patch.channels for patch in robot.skin}
         self._every = {patch.name: 1.0 / patch.rate for patch in robot.skin}
         self._period, self._until = 1.0 / binding.rate, -np.inf
@@ -87,6 +89,9 @@ class Poller:
         self.services = Services(address, motion=joints)
         try:
             self._asks = words.find_keys(self.keys, self._try)
+            for key in self._currents.keys if joints else ():
+                if self._try(key) is words.REFUSED:
+                    raise DriverError(f"{robot.name} has no {key}; valid: amperes of joints that have one")
             self.latest = self._ask()
         except BaseException:
             self.services.close()
@@ -207,13 +212,14 @@ class Poller:
         keys = [key for some in asked.values() for key in some]
         whole = joints is None and self._joints
         angles = motion.getAngles(self.names, True, _async=True) if whole else None
-        values = memory.getListData(keys, _async=True)
+        driven = self._currents.keys if whole else []
+        values = memory.getListData([*keys, *driven], _async=True)
         stiff = None
         if whole and begin >= self._stiffness_due:
             stiff = motion.getStiffnesses(self.names, _async=True)
             self._stiffness_due = begin + SLOW
         joints = self._read_joints(angles, begin) if joints is None else joints
-        answers = iter(self._values(values, keys, ANSWER))
+        answers = iter(self._values(values, [*keys, *driven], ANSWER))
         for patch, some in asked.items():
             found = [next(answers) for _ in some]
             try:
@@ -228,6 +234,8 @@ class Poller:
                     self._seen[patch] = max((missed + begin) / 2.0, begin - STEP)
             else:
                 self._missed[patch] = begin
+        if driven:
+            joints = replace(joints, torque=self._currents.torque([*answers], joints.position))
         if stiff is not None:
             self._stiffness = self._numbers(
                 answer(stiff, "ALMotion.getStiffnesses", timeout=ANSWER), "stiffness"

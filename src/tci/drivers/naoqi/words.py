@@ -76,6 +76,11 @@ def angle_key(servo: str, side: str) -> str:
     return f"Device/SubDeviceList/{servo}/Position/{side}/Value"
 
 
+def current_key(servo: str) -> str:
+    """Returns ALMemory's key for the current [A] of a servo's motor."""
+    return f"Device/SubDeviceList/{servo}/ElectricCurrent/Sensor/Value"
+
+
 def pack(sequence: int, values: NDArray[np.generic]) -> str:
     """Returns a frame (channels,) as text."""
     kind = "u1" if values.dtype == np.uint8 else "i4" if values.dtype.kind in "iu" else "f4"

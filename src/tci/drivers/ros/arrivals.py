@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,13 +13,19 @@ from tci.drivers.remote.source_clock import SourceClock
 from tci.errors import FrameError
 from tci.frames import Array, read_only
 from tci.messages import JointReading, SkinFrame
+from tci.recording.schemas import to_gravity
 from tci.robot.description import Robot
+from tci.robot.kinematics import KinematicChain
 
 MOST_ORDERS = 32
 """Largest number of different orders of joint names that are cached. Assumed: each publisher uses one, so
 more are an error."""
 FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """NumPy's type codes of PointField's datatypes."""
+
+SILENT = 0.1
+"""Age [s] of an acceleration, beside the joints, above which torques tell of no touch. Assumed: a base that
+leans by 6 degrees in that time changes the weight on joints less than a touch does."""
 
 
 def stamp_of(fields: Mapping[str, Any]) -> float:
@@ -100,6 +107,42 @@ class JointArrivals:
         moved = position - self._position[servos]
         known = np.isfinite(passed) & (passed > 0.0) & np.isfinite(moved)
         return np.where(known, moved / np.where(known, passed, 1.0), 0.0)
+
+
+class ImuArrivals:
+    """Accelerations of one robot, from an accelerometer in any of its links."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._kinematics = KinematicChain(robot) if robot.model is not None else None
+        self._clock = SourceClock()
+        self._stamp = -np.inf
+        self._links: tuple[str, ...] = ()
+        self._gravity: Array | None = None
+
+    def receive(self, fields: Mapping[str, Any], arrival: float) -> None:
+        """Handles an Imu that arrived at `arrival` [s]. Raises FrameError for one without an acceleration,
+        and for a frame that is no link of the robot's model."""
+        if self._kinematics is None:
+            return
+        gravity, root = to_gravity(fields), self._kinematics.links[0]
+        if gravity is None or fields["linear_acceleration_covariance"][0] == -1.0:  # by the ROS message
+            raise FrameError("Imu: no acceleration")
+        link = fields["frame_id"] or root
+        if link not in self._kinematics.links:
+            raise FrameError(f"Imu: the frame {link[:40]!r}; valid: a link of the model, such as {root}")
+        stamp = self._clock.place(stamp_of(fields), arrival)
+        if stamp is not None:
+            self._stamp, self._links, self._gravity = stamp, (root, link), gravity
+
+    def complete(self, joints: JointReading) -> JointReading:
+        """Returns joints with the gravity of the root link, if it has arrived; once it is silent without
+        torques, since the weight that they hold is unknown."""
+        if self._gravity is None or self._kinematics is None:
+            return joints
+        if joints.stamp - self._stamp > SILENT:
+            return replace(joints, torque=None)
+        R_TR, R_TL = self._kinematics.pose_array(joints.position, self._links)[:, :3, :3]
+        return replace(joints, gravity=read_only(R_TR.T @ R_TL @ self._gravity))
 
 
 class SkinArrivals:

@@ -44,6 +44,11 @@ class Names:
         return self.topic("joint_states")
 
     @property
+    def imu(self) -> str:
+        """Topic of sensor_msgs/Imu, as of REP 145, or the address of `imu` in the binding."""
+        return self.topic(self._binding.address("imu", "imu/data"))
+
+    @property
     def state(self) -> str:
         """Topic of std_msgs/UInt8MultiArray with the states of `remote`."""
         return self.topic("tci/state")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tci.drivers.remote.whole_parts import WholeParts
-from tci.drivers.ros.arrivals import JointArrivals, SkinArrivals, raw_of_cloud
+from tci.drivers.ros.arrivals import ImuArrivals, JointArrivals, SkinArrivals, raw_of_cloud
 from tci.drivers.ros.messages import NO_LAYOUT, TRAJECTORY, VALUES
 from tci.drivers.ros.names import Names
 from tci.drivers.ros.node import Callback, Publish, RosNode
@@ -17,7 +17,7 @@ from tci.errors import DriverError
 from tci.frames import Array
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Reading
-from tci.recording.schemas import CLOUD, JOINTS, SKIN, to_frame
+from tci.recording.schemas import CLOUD, IMU, JOINTS, SKIN, to_frame
 from tci.robot.description import Robot
 
 QUEUE = 16
@@ -31,16 +31,18 @@ class NativeRobot:
     def __init__(
         self, robot: Robot, node: RosNode, names: Names, *, arm: bool, period: float, now: Callable[[], float]
     ) -> None:
-        """Subscribes to joints and skin and, if `arm`, offers commands once per `period` [s]."""
+        """Subscribes to joints, accelerations and skin; if `arm`, offers commands once per `period` [s]."""
         self.robot = robot
         self._names = names
         self._now = now
         self._nanoseconds = round(period * 1e9)
         self.joints = JointArrivals(robot, names.indices)
+        self._imu = ImuArrivals(robot)
         self.skin = {patch.name: SkinArrivals(robot, patch.name) for patch in robot.skin}
         self._parts = WholeParts(robot)
         self._out: dict[str, Publish] = {}
         node.subscribe(names.joints, JOINTS, self._timed(self.joints.receive), keep=QUEUE)
+        node.subscribe(names.imu, IMU, self._timed(self._imu.receive))
         for patch in self.skin:
             node.subscribe(names.points(patch), CLOUD, self._timed(partial(self._receive_cloud, patch)))
             if node.supports(SKIN):
@@ -61,7 +63,8 @@ class NativeRobot:
         if self.joints.latest is None:
             raise DriverError(f"no joints of {self.robot.name} yet")
         frames = (arrivals.latest for arrivals in self.skin.values())
-        return Reading(self.joints.latest, tuple(frame for frame in frames if frame is not None))
+        joints = self._imu.complete(self.joints.latest)
+        return Reading(joints, tuple(frame for frame in frames if frame is not None))
 
     def forget(self) -> None:
         """Forgets the held position of joints without a command: the robot was away, and its posture may have

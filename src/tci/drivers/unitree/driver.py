@@ -127,6 +127,9 @@ class UnitreeDriver(Driver):
             found.append(Finding(Level.FAULT, "commands", words, "end them: only one may command the robot"))
         if health.lasting:
             found.append(Finding(Level.FAULT, "robot", health.lasting, "the robot can't be armed like this"))
+        for hand in self._hands:
+            if hand.fault:
+                found.append(Finding(Level.FAULT, "hand", hand.fault, "the robot can't be armed like this"))
         heat = health.state["motor"]["temperature"][:MOTORS]
         hottest = int(np.argmax(heat.max(axis=1)))
         words = f"the warmest is {NAMES[hottest]}: {heat[hottest].max()} C"
@@ -138,6 +141,9 @@ class UnitreeDriver(Driver):
         if self._held is not None:
             self._follow(self._held.poll())
             for fingers in self._fingers:
+                if why := fingers.hand.fault:
+                    fingers.release()
+                    self.gate.stop(Reason(Code.ROBOT_REFUSES, f"the fingers are switched off: {why}"))
                 fingers.repeat(self.clock.now())
         assert self._joints is not None  # the constructor waits for them
         return Reading(self._joints, tuple(frame for hand in self._hands for frame in hand.frames))
@@ -226,8 +232,9 @@ class UnitreeDriver(Driver):
 
     def _arm(self) -> None:
         """Takes the motors. Raises DriverError with the reason if the robot is not ready."""
-        if self._health.lasting:
-            raise DriverError(f"the robot can't be armed: {self._health.lasting}")
+        faults = [self._health.lasting, *(hand.fault for hand in self._hands)]
+        if why := next(filter(None, faults), ""):
+            raise DriverError(f"the robot can't be armed: {why}")
         self._fingers = [FingerMotors(self._node, hand) for hand in self._hands if len(hand.servos)]
         if self.where.whole:
             Switcher(self._node).release()

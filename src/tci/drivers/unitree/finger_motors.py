@@ -35,7 +35,7 @@ class FingerMotors:
 
     def __init__(self, node: UnitreeNode, hand: Hand) -> None:
         """Raises DriverError if another program commands this hand."""
-        self._hand = hand
+        self.hand = hand
         topic = f"rt/dex3/{hand.side}/cmd"
         if node.other_writers(topic):
             raise DriverError(f"another program writes {topic}; valid: only one")
@@ -43,12 +43,12 @@ class FingerMotors:
         self._command: Any = np.zeros(len(FINGER_MOTORS), MOTOR_COMMAND)
         self._share = np.ones((2, len(FINGER_MOTORS)))
         self._numbers = np.arange(len(FINGER_MOTORS))
-        self._led = False
+        self._led = self._released = False
         self._due = Every(1.0 / RATE)
 
     def obey(self, safe: SafeCommand) -> None:
         """Takes the targets of a command for this hand's motors; the others keep theirs."""
-        hand = self._hand
+        hand = self.hand
         place = dict(zip(hand.servos.tolist(), hand.motors.tolist(), strict=True))
         for row, shares in enumerate((safe.stiffness, safe.damping)):
             for servo, share in shares.items():
@@ -62,9 +62,9 @@ class FingerMotors:
 
     def hold(self) -> None:
         """Makes the fingers stay where they are."""
-        motors = self._hand.motors
+        motors = self.hand.motors
         none = np.zeros(len(motors))
-        self._follow(motors, self._hand.state["q"][motors], none, none, none == 0.0)
+        self._follow(motors, self.hand.state["q"][motors], none, none, none == 0.0)
 
     def _follow(
         self, motors: NDArray[np.intp], q: Array, dq: Array, tau: Array, stiff: NDArray[np.bool_]
@@ -72,10 +72,12 @@ class FingerMotors:
         """Takes angles, speeds and torques (k,) of some motors, which are `stiff` or under a torque alone. At
         first the others hold where they are."""
         command = self._command
+        if self._released:
+            return
         if not self._led:
             self._led = True
             command["mode"] = self._numbers | FOLLOWS | TIMEOUT
-            command["q"], (command["kp"], command["kd"]) = self._hand.state["q"][: len(command)], FINGER_GAINS
+            command["q"], (command["kp"], command["kd"]) = self.hand.state["q"][: len(command)], FINGER_GAINS
         command["dq"], command["tau"] = 0.0, 0.0
         command["q"][motors], command["dq"][motors], command["tau"][motors] = q, dq, tau
         kp, kd = FINGER_GAINS[:, None] * self._share[:, motors] * stiff
@@ -87,7 +89,8 @@ class FingerMotors:
             self._write(encode_hand_command(self._command))
 
     def release(self) -> None:
-        """Switches the motors off."""
+        """Switches the motors off, for good."""
+        self._released = True
         if self._led:
             self._led = False
             self._command[:] = np.zeros((), MOTOR_COMMAND)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from tci.drivers.remote.source_clock import SourceClock
 from tci.drivers.unitree import messages
+from tci.drivers.unitree.health import motor_fault
 from tci.drivers.unitree.motors import FINGER_MOTORS, SIDES, hand_motor
 from tci.drivers.unitree.node import UnitreeNode, latest
 from tci.drivers.unitree.wire import TAXELS, decode_hand
@@ -87,6 +88,9 @@ class Hand:
         """Latest records (m,) of MOTOR_STATE; None before the first."""
         self.stamp = -np.inf
         """Time [s] of the latest state."""
+        self.fault = ""
+        """Reason for which the fingers must not move, which remains until a person connects again; empty
+        without one."""
         self._count = 0
 
     def poll(self, now: float) -> None:
@@ -94,7 +98,7 @@ class Hand:
         or too few motors."""
         for sample in latest(self._states) if self._states is not None else ():
             try:
-                motors, pads = decode_hand(sample.raw)
+                motors, pads, errors = decode_hand(sample.raw)
             except FrameError:
                 continue
             stamp = self._source.place(sample.sample_info.source_timestamp * 1e-9, now)
@@ -105,8 +109,17 @@ class Hand:
                     f"{self._topic} has {len(motors)} motors; valid: {len(FINGER_MOTORS)}, those of a Dex3"
                 )
             self.state, self.stamp = motors, min(stamp, now)
+            if len(self.servos):
+                self.fault = self.fault or self._fault(motors[: len(FINGER_MOTORS)], errors)
             if self._pads:
                 self.frames = self._frames(pads)
+
+    def _fault(self, motors: Any, errors: Any) -> str:
+        names = [f"{self.side}_hand_{name}" for name in FINGER_MOTORS]
+        reported = ", ".join(map(str, errors.tolist()))
+        return motor_fault(motors, names) or (
+            f"the {self.side} hand reports the errors {reported}" if errors.any() else ""
+        )
 
     def fill(self, position: Array, velocity: Array, torque: Array) -> None:
         """Sets angles, speeds and torques (n_servos,) of the fingers."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ SPEED = 10.0
 TURN = 6.0
 """Largest speed [rad/s] of the pelvis about an axis (the vendor's)."""
 CASING, WINDING = 85, 120
-"""Largest temperatures [C] of a motor (the vendor's)."""
+"""Largest temperatures [C] of a motor (the vendor's). Assumed: those of fingers bear as much."""
 L2, B = 1 << 5, 1 << 9
 """Bits of the remote's buttons, bytes 2 and 3 of its data."""
 
@@ -38,7 +39,7 @@ class Health:
         self.lasting = ""
         """Reason of a lasting fault; empty without one."""
         self._heard = -np.inf
-        self._there = np.arange(MOTORS)
+        self._there, self._names = np.arange(MOTORS), NAMES
 
     def see(self, state: Any, right: bool, now: float) -> bool:
         """Takes a state that arrived at `now` [s], and if its checksum is right; returns True if it can be
@@ -54,6 +55,7 @@ class Health:
             try:
                 gone = absent(int(state["mode_machine"]), simulation=self._simulation)
                 self._there = np.setdiff1d(np.arange(MOTORS), gone)
+                self._names = tuple(NAMES[motor] for motor in self._there)
             except DriverError as error:
                 self.lasting = self.lasting or str(error)
         self.lasting = self.lasting or self._fault(state)
@@ -81,16 +83,10 @@ class Health:
         if keys & L2 and keys & B:
             return "L2+B on the remote"
         motors = state["motor"][self._there]
-        if np.any(bad := motors["motorstate"] != 0):
-            return self._name(bad, "reports the error", motors["motorstate"])
-        if not np.all(good := np.isfinite(motors["q"]) & np.isfinite(motors["dq"])):
-            return self._name(~good, "reports the angle", motors["q"])
+        if found := motor_fault(motors, self._names):
+            return found
         if np.any(bad := np.abs(motors["dq"]) > SPEED):
-            return self._name(bad, f"is faster than {SPEED:g} rad/s:", motors["dq"])
-        for place, (what, most) in enumerate((("casing", CASING), ("winding", WINDING))):
-            heat = motors["temperature"][:, place]
-            if np.any(bad := heat > most):
-                return self._name(bad, f"has a {what} above {most} C:", heat)
+            return _named(self._names, bad, f"is faster than {SPEED:g} rad/s:", motors["dq"])
         _, x, y, _ = state["quaternion"].tolist()
         if not (tilt := np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0))) <= TILT:
             return f"the pelvis is tilted by {tilt:.2f} rad; valid: at most {TILT:g}"
@@ -100,6 +96,20 @@ class Health:
             )
         return ""
 
-    def _name(self, bad: Any, what: str, values: Any) -> str:
-        first = int(np.argmax(bad))
-        return f"{NAMES[self._there[first]]} {what} {values[first]:g}"
+
+def motor_fault(motors: Any, names: Sequence[str]) -> str:
+    """Returns the fault of the first of some motors (k,), records of MOTOR_STATE, by its name; or nothing."""
+    if np.any(bad := motors["motorstate"] != 0):
+        return _named(names, bad, "reports the error", motors["motorstate"])
+    if not np.all(good := np.isfinite(motors["q"]) & np.isfinite(motors["dq"])):
+        return _named(names, ~good, "reports the angle", motors["q"])
+    for place, (what, most) in enumerate((("casing", CASING), ("winding", WINDING))):
+        heat = motors["temperature"][:, place]
+        if np.any(bad := heat > most):
+            return _named(names, bad, f"has a {what} above {most} C:", heat)
+    return ""
+
+
+def _named(names: Sequence[str], bad: Any, what: str, values: Any) -> str:
+    first = int(np.argmax(bad))
+    return f"{names[first]} {what} {values[first]:g}"

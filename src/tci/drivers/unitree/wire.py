@@ -114,13 +114,17 @@ class HandState(NamedTuple):
     """Records (m,) of MOTOR_STATE."""
     pads: NDArray[np.void]
     """Records (p,) of PRESS."""
+    errors: NDArray[np.uint32]
+    """Errors (2,) that the hand reports; 0 for none."""
 
 
 def decode_hand(data: bytes) -> HandState:
     """Returns motors and press sensors of a hand; the message tells how many there are. Raises FrameError."""
     motors, at = _items(data, 4, MOTOR_STATE, "motors")
-    pads, _ = _items(data, at, PRESS, "press sensors")
-    return HandState(motors, pads)
+    pads, at = _items(data, at, PRESS, "press sensors")
+    if len(data) < at + HAND_REST:
+        raise FrameError(f"a hand's state of {len(data)} bytes; valid: {at + HAND_REST}")
+    return HandState(motors, pads, np.frombuffer(data, "<u4", 2, at + HAND_REST - 16))
 
 
 def _items(data: bytes, at: int, kind: np.dtype[np.void], what: str) -> tuple[NDArray[np.void], int]:

@@ -34,6 +34,7 @@ from tci.drivers.ros.ros2_dds import DdsNode, _settings, type_hash
 from tci.errors import DriverError
 from tci.exports.facts import query, read_facts
 from tci.recording.schemas import CLOUD, JOINTS
+from tci.robot.description import Address, Robot
 from tci.robot.joint_map import initial_position
 
 HERE = Path(__file__).parent
@@ -69,9 +70,15 @@ def ros_robot(start: Start, namespace: str, **more: Any) -> subprocess.Popen[str
     return start(peer_python("ros2"), str(HERE / "ros2_robot.py"), about)
 
 
+def with_address(robot: Robot, of: str, to: str) -> Robot:
+    binding = robot.binding("ros2").model_copy(update={"addresses": (Address(of=of, to=to),)})
+    return robot.model_copy(update={"bindings": (binding,)})
+
+
 def test_a_robot_in_ros_sends_joints_and_skin_and_takes_trajectories(start: Start, namespace: str) -> None:
     process = ros_robot(start, namespace, imu="Torso")
-    with connect(tci.load_robot("nao"), f"ros2:{namespace}", arm=True, wait=60.0) as driver:
+    robot = with_address(tci.load_robot("nao"), "imu", "imu/data")
+    with connect(robot, f"ros2:{namespace}", arm=True, wait=60.0) as driver:
         first = complete(driver)
         names = [servo.joint or servo.name for servo in driver.robot.servos]
         sent = 0.01 * np.array([[*nao_in_ros()["position"]].index(name) for name in names])
@@ -97,10 +104,7 @@ def test_a_robot_in_ros_sends_joints_and_skin_and_takes_trajectories(start: Star
 
 def test_plain_values_where_the_binding_says_so(start: Start, namespace: str) -> None:
     process = ros_robot(start, namespace)
-    robot = tci.load_robot("nao")
-    place = tci.robot.description.Address(of="LArm", to="LArm_controller/commands")
-    binding = robot.binding("ros2").model_copy(update={"addresses": (place,)})
-    robot = robot.model_copy(update={"bindings": (binding,)})
+    robot = with_address(tci.load_robot("nao"), "LArm", "LArm_controller/commands")
     with connect(robot, f"ros2:{namespace}", arm=True, wait=60.0) as driver:
         go(driver, "LElbowRoll", -1.2)
         drive(driver, seconds=0.2)

@@ -44,9 +44,12 @@ class Names:
         return self.topic("joint_states")
 
     @property
-    def imu(self) -> str:
-        """Topic of sensor_msgs/Imu, as of REP 145, or the address of `imu` in the binding."""
-        return self.topic(self._binding.address("imu", "imu/data"))
+    def imu(self) -> str | None:
+        """Topic of sensor_msgs/Imu: the address of `imu` in the binding, or that of REP 145 for a robot that
+        feels through its joints; None for others, which do not need it."""
+        feels = any(patch.through_joints for patch in self._robot.patches)
+        name = self._binding.address("imu", "imu/data" if feels else "")
+        return self.topic(name) if name else None
 
     @property
     def state(self) -> str:

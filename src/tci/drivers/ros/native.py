@@ -42,7 +42,8 @@ class NativeRobot:
         self._parts = WholeParts(robot)
         self._out: dict[str, Publish] = {}
         node.subscribe(names.joints, JOINTS, self._timed(self.joints.receive), keep=QUEUE)
-        node.subscribe(names.imu, IMU, self._timed(self._imu.receive))
+        if names.imu is not None:
+            node.subscribe(names.imu, IMU, self._timed(self._imu.receive))
         for patch in self.skin:
             node.subscribe(names.points(patch), CLOUD, self._timed(partial(self._receive_cloud, patch)))
             if node.supports(SKIN):

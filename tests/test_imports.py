@@ -75,3 +75,29 @@ def test_the_command_tells_its_version() -> None:
 def test_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="no_such_name"):
         _ = tci.no_such_name
+
+
+ELSEWHERE = """
+import os, signal, sys
+for module in ("fcntl", "grp", "pwd", "resource", "termios"):
+    sys.modules[module] = None
+for name in ("fork", "register_at_fork", "getuid", "sched_getaffinity", "O_DIRECTORY", "O_NOFOLLOW"):
+    delattr(os, name)
+for name in ("SIGHUP", "SIGKILL", "sigwait", "pthread_sigmask"):
+    delattr(signal, name)
+exec(open(sys.argv[1]).read())
+from tci.runtime.lease import Lease
+try:
+    Lease("yarp:somewhere")
+except tci.DriverError as error:
+    print(error)
+"""
+"""Runs an example without the parts of POSIX that Windows lacks."""
+
+
+def test_simulations_run_where_posix_is_missing_and_robots_are_refused() -> None:
+    command = [sys.executable, "-c", ELSEWHERE, str(ROOT / "examples" / "01_five_lines.py")]
+    told = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert "nao: touched left_forearm" in told
+    assert "yarp:somewhere can't be commanded from this system" in told
+    assert "valid here: simulated robots and recordings" in told

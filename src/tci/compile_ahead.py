@@ -7,17 +7,22 @@ on stderr shows the progress. The process that waited then loads machine code li
 
 from __future__ import annotations
 
-import fcntl
 import os
 import re
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import Any
+
+try:
+    import fcntl
+except ModuleNotFoundError:  # on Windows
+    fcntl = None  # type: ignore[assignment]
 
 HERE = Path(__file__).parent
 CLAIMS = "TCI_COMPILE_CLAIMS"
@@ -48,11 +53,21 @@ def compile_ahead(is_missing: Callable[[], bool]) -> None:
     if _tried or not is_missing():
         return
     _tried = True
+    with _alone():
+        if is_missing():
+            _compile_all()
+
+
+@contextmanager
+def _alone() -> Iterator[None]:
+    """Waits until no other process compiles. Without file locks two may do the same work, without harm."""
+    if fcntl is None:
+        yield
+        return
     place = os.open(HERE, os.O_RDONLY)
     try:
         fcntl.flock(place, fcntl.LOCK_EX)
-        if is_missing():
-            _compile_all()
+        yield
     finally:
         os.close(place)
 

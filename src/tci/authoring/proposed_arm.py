@@ -38,9 +38,9 @@ def elbow_senses(
     """Returns the direction in which each elbow's joint bends its arm, by side; the right elbow mirrors the
     left one.
 
-    It is `left` if given. Otherwise an elbow bends to where it can move farther; if its limits are symmetric,
-    to where the arm, from the model's zero, comes to the generic postures with less turn of the shoulder.
-    Raises DescriptionError if neither tells.
+    It is `left` if given. Otherwise it is the direction in which the elbow can move farther. If its limits
+    are symmetric, it is the one from which the shoulder turns less to bring the arm from the model's zero to
+    the generic postures. Raises DescriptionError if neither tells.
     """
     ways: list[dict[str, Sign]] = [_mirrored(body, sense) for sense in (1, -1)]
     if left is not None:

@@ -18,7 +18,7 @@ from tci.skin.layout import SkinLayout
 from tci.skin.skin import Skin
 
 AREA = 3e-4
-"""Area [m2] of a contact felt through joints. Assumed: two fingertips; torques don't tell it."""
+"""Area [m2] of a contact felt through joints. Assumed: two fingertips, since torques do not show an area."""
 _NONE = Contacts.of(())
 
 
@@ -111,7 +111,9 @@ class JointTouch:
     def _feel(
         self, estimator: PartEstimator, residual: Residual, position: Array, forces: Array, skin: Skin
     ) -> Explanation | None:
-        """Returns the contact felt on one part; writes the `forces` (c,) [N] of those on its skin."""
+        """Returns the contact that the joints of one part feel.
+
+        Writes the `forces` (c,) [N] that they feel at the contacts on the part's skin."""
         rows, torques = [], []
         for row, contact in enumerate(self._on_skin):
             if contact.part == estimator.part:

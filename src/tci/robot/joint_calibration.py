@@ -65,7 +65,7 @@ class JointCalibration(Description):
                 raise UnknownNameError("servo of a joint calibration", name, names)
 
     def values(self, robot: Robot, field: Literal["coulomb", "viscous", "rotor"]) -> Array:
-        """Returns one figure (n,) of all servos; NaN where the friction is unknown, for a rotor 0."""
+        """Returns one `field` of all servos (n,). Unknown friction is NaN, an unknown rotor 0."""
         unknown = 0.0 if field == "rotor" else np.nan
         found: Mapping[str, JointFriction] = self.friction
         return np.array([getattr(found[s.name], field) if s.name in found else unknown for s in robot.servos])

@@ -44,7 +44,7 @@ class FeltSkin(Skin):
         calibration: SkinCalibration | None = None,
     ) -> None:
         super().__init__(robot)
-        self.layout = SkinLayout.of_skin(self, calibration)
+        self.layout = SkinLayout.of_robot(robot, calibration)
         self.conditioner = Conditioner(self.layout)
 
     def update(self, reading: Reading) -> dict[str, PatchFelt]:

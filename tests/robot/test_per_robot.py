@@ -41,3 +41,17 @@ def test_what_is_computed_of_a_robot_is_released_with_it_and_no_part_of_its_pick
     del robot, part
     gc.collect()
     assert gone() is None
+
+
+def test_skin_is_built_once_for_each_robot_and_released_with_it() -> None:
+    robot = tci.load_robot("nao")
+    first, second = tci.GenericBody(robot), tci.GenericBody(robot)
+    assert second.layout is first.layout
+    for name, surface in first.skin.surfaces.items():
+        assert second.skin.surfaces[name] is surface
+    other = tci.GenericBody(tci.load_robot("nao"))
+    assert other.layout is not first.layout
+    gone = weakref.ref(robot)
+    del robot, first, second
+    gc.collect()
+    assert gone() is None

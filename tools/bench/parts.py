@@ -71,7 +71,7 @@ def gate_and_ruckig(robot: tci.Robot) -> tuple[Work, Work]:
 def clusters_and_scipy(robot: tci.Robot) -> tuple[Work, Work]:
     """Times single-link clusters of one touch: TCI on the surface's neighbours, SciPy on a k-d tree."""
     skin = Skin(robot)
-    layout, surface = SkinLayout.of_skin(skin), skin.surfaces["left_forearm"]
+    layout, surface = SkinLayout.of_robot(robot), skin.surfaces["left_forearm"]
     distance = np.linalg.norm(surface.positions - surface.positions[100], axis=1)
     forces = np.where(distance < 0.015, 0.5, 0.0)
     settings, clusters = ContactSettings(), ContactFinder(layout)._clusters

@@ -21,7 +21,6 @@ from tci.robot.joint_map import initial_position
 from tci.skin.conditioning import Conditioner
 from tci.skin.layout import SkinLayout
 from tci.skin.send_on_delta import HoldLast
-from tci.skin.skin import Skin
 
 PERIOD = 0.002
 TURN = 40
@@ -200,7 +199,7 @@ def events() -> list[Measured]:
     for values in raw.values():
         values.setflags(write=False)
     period = 1.0 / robot.patches[0].rate
-    layout = SkinLayout.of_skin(Skin(robot))
+    layout = SkinLayout.of_robot(robot)
     clocked, eventful = Conditioner(layout), Conditioner(layout)
     filled = HoldLast(robot, 1.0)
     count = [itertools.count(1), itertools.count(1)]

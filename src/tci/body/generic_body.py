@@ -102,7 +102,7 @@ class GenericBody:
         }
         self._set(
             skin=skin,
-            layout=SkinLayout.of_skin(skin, self.settings.calibration),
+            layout=SkinLayout.of_robot(robot, self.settings.calibration),
             joint_maps=MappingProxyType({part.name: joint_map(robot, part.name) for part in robot.parts}),
             _parts=kinds,
             _has_joint=has,

@@ -134,7 +134,7 @@ class Portrait:
                     )
                 )
         # A separate conditioner, so that pressures depend on this reading alone.
-        conditioner = Conditioner(SkinLayout.of_skin(skin))
+        conditioner = Conditioner(SkinLayout.of_robot(robot))
         conditioner.step(moment.reading.skin)
         felt = conditioner.state.by_patch(patch.name for patch in robot.patches)
         pressure = np.concatenate([felt[name] for name in names])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from tci.engine import mujoco
-from tci.frames import Array, apply
+from tci.frames import Array, apply, invert
 from tci.robot.collisions import GROUND, SKIN
 from tci.simulation.physics import Physics
 from tci.simulation.sampling import SLOTS
@@ -133,14 +134,18 @@ def _solid(surface: Surface) -> tuple[Array, NDArray[np.intp]]:
     return points, np.asarray(ConvexHull(points).simplices, dtype=np.intp)
 
 
-def contact_truth(physics: Physics, patch: str, T_TW: Array) -> ContactTruth:
-    """Returns the current contacts on a patch from the physics, not from the sensor that the skin uses."""
+def contact_truth(physics: Physics, patch: str, torso: Callable[[], Array]) -> ContactTruth:
+    """Returns the current contacts on a patch from the physics, not from the sensor that the skin uses.
+
+    `torso` returns the pose (4, 4) of the torso in the world, which is asked for where there is a contact.
+    """
     physics.refresh()
     model, data = physics.model, physics.data
-    geom = model.geom(skin_geom(patch)).id
+    geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, skin_geom(patch))
     force, vector, moment, direction = 0.0, np.zeros(3), np.zeros(3), np.zeros(3)
     local = np.zeros(6)
-    for index in np.flatnonzero((data.contact.geom[: data.ncon] == geom).any(axis=1)).tolist():
+    touching = (data.contact.geom[: data.ncon] == geom).any(axis=1) if data.ncon else np.zeros(0)
+    for index in np.flatnonzero(touching).tolist():
         contact = data.contact[index]
         mujoco.mj_contactForce(model, data, index, local)
         # The contact's normal points from its first to its second geom.
@@ -153,6 +158,7 @@ def contact_truth(physics: Physics, patch: str, T_TW: Array) -> ContactTruth:
     if not force > 0.0:
         nothing = np.full(3, np.nan)
         return ContactTruth(patch, 0.0, np.zeros(3), nothing, nothing)
+    T_TW = invert(torso())
     rotation = T_TW[:3, :3]
     return ContactTruth(
         patch=patch,

@@ -11,12 +11,11 @@ from numpy.typing import ArrayLike
 
 from tci.engine import mujoco
 from tci.errors import CommandError, DescriptionError, Fault
-from tci.frames import Array, invert
+from tci.frames import Array
 from tci.messages import JointReading, Mode, SkinFrame
 from tci.robot.collisions import NO_MODEL
 from tci.robot.description import Robot
 from tci.robot.joint_map import joint_map
-from tci.robot.kinematics import KinematicChain
 from tci.simulation.finger import RADIUS, Finger
 from tci.simulation.imperfection import Imperfection
 from tci.simulation.joint_torques import JointTorques
@@ -26,7 +25,7 @@ from tci.simulation.scene import build_scene
 from tci.simulation.servos import Servos
 from tci.simulation.taxels import Taxels
 from tci.simulation.touch import ContactTruth, contact_truth
-from tci.skin.surfaces import Surface, build_surface
+from tci.skin.surfaces import Surface, surfaces_of
 
 MIDDLEWARE = "sim"
 MAX_STEP = 0.005
@@ -78,12 +77,10 @@ class World:
         if not 0.0 < tip <= MAX_TIP:
             raise CommandError(f"tip {tip}; valid: above 0, up to {MAX_TIP} m")
         self.robot = robot
-        kinematics = KinematicChain(robot)
         names = [patch.name for patch in robot.patches] if skin is True else skin or ()
         worn = [robot.patch(name) for name in names]
-        self.surfaces: Mapping[str, Surface] = {
-            patch.name: build_surface(robot, patch, kinematics) for patch in worn
-        }
+        built = {one.patch: one for one in surfaces_of(robot)} if worn else {}
+        self.surfaces: Mapping[str, Surface] = {patch.name: built[patch.name] for patch in worn}
         """Taxels of every patch, by its name."""
         home = start_angles(robot, posture or {})
         self._seed = _checked_seed(seed)
@@ -235,7 +232,7 @@ class World:
     def contact_truth(self, patch: str) -> ContactTruth:
         """Returns the current contacts on a patch from the physics. Raises UnknownNameError."""
         self._skin.surface(patch)
-        return contact_truth(self._physics, patch, invert(self._skin.torso()))
+        return contact_truth(self._physics, patch, self._skin.torso)
 
     def skin_point(
         self, patch: str, place: int | ArrayLike, normal: ArrayLike | None = None

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from tci.errors import TciError
 from tci.frames import Array, frozen, read_only
 from tci.messages import Site
-from tci.robot.description import GenericPart, Patch, Segment, Sensor
+from tci.robot.description import GenericPart, Patch, Robot, Segment, Sensor
 from tci.robot.generic_arm import SEGMENTS
 from tci.robot.json_file import read_json
 from tci.robot.kernels.limb import limb_numbers
+from tci.robot.per_robot import per_robot
 from tci.robot.skin_files.calibration import (
     PatchCalibration,
     SkinCalibration,
@@ -26,8 +27,7 @@ from tci.robot.skin_files.calibration import (
 )
 from tci.skin.fill_factor import WIDTHS, fill_factors
 from tci.skin.kernels.arrays import BLOCK_SIZE, CHANNEL, TAXEL, Indices, LayoutArrays, Places
-from tci.skin.skin import Skin
-from tci.skin.surfaces import Surface
+from tci.skin.surfaces import Surface, surfaces_of
 
 AXES = 3
 """Number of values of a three-axis taxel: x and y along the skin, z outward."""
@@ -114,13 +114,12 @@ class SkinLayout:
     arrays: LayoutArrays
 
     @staticmethod
-    def of_skin(skin: Skin, calibration: SkinCalibration | None = None) -> SkinLayout:
+    def of_robot(robot: Robot, calibration: SkinCalibration | None = None) -> SkinLayout:
         """Builds the layout of a robot's skin with a `calibration`.
 
         None stands for the file that `tci skin calibrate` wrote beside the description, if there is one.
         Raises TciError for a calibration that does not fit the robot.
         """
-        robot = skin.robot
         beside = calibration_path(Path(robot.source))
         if calibration is None and beside.is_file():
             calibration = read_json(beside, SkinCalibration)
@@ -129,16 +128,7 @@ class SkinLayout:
             raise TciError(f"calibration of {calibration.robot!r}; valid: {robot.name!r}")
         for name in measured:
             robot.patch(name)
-        return SkinLayout.of(
-            SkinPatch(
-                patch,
-                skin.surfaces[patch.name],
-                robot.part(patch.part),
-                robot.limb_segment(patch),
-                measured.get(patch.name),
-            )
-            for patch in robot.patches
-        )
+        return _layout(robot, measured) if measured else _as_described(robot)
 
     @staticmethod
     def of(patches: Iterable[SkinPatch]) -> SkinLayout:
@@ -180,6 +170,19 @@ class SkinLayout:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return SkinLayout.of, (self.patches,)  # unpickled arrays would be writable, another type to numba
+
+
+def _layout(robot: Robot, measured: Mapping[str, PatchCalibration]) -> SkinLayout:
+    return SkinLayout.of(
+        SkinPatch(patch, surface, robot.part(patch.part), robot.limb_segment(patch), measured.get(patch.name))
+        for patch, surface in zip(robot.patches, surfaces_of(robot), strict=True)
+    )
+
+
+@per_robot
+def _as_described(robot: Robot) -> SkinLayout:
+    """Returns the layout of a robot whose skin nobody has calibrated."""
+    return _layout(robot, {})
 
 
 def adjacency(count: int, pairs: NDArray[np.intp]) -> Indices:

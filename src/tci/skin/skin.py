@@ -14,7 +14,7 @@ from tci.robot.description import GenericPart, Robot, Segment
 from tci.robot.generic_arm import limb_coordinates, segment_rotation
 from tci.robot.joint_map import generic_posture
 from tci.robot.kinematics import KinematicChain
-from tci.skin.surfaces import Surface, build_surface
+from tci.skin.surfaces import Surface, surfaces_of
 
 FrameName = Literal["link", "limb", "torso"]
 """Reference frame of positions: the patch's link, its segment's frame S, or the torso."""
@@ -23,16 +23,14 @@ FrameName = Literal["link", "limb", "torso"]
 class Skin:
     """The whole skin of one robot. Immutable; methods take the posture that they answer for."""
 
-    def __init__(self, robot: Robot, *, surfaces: Mapping[str, Surface] | None = None) -> None:
-        """Builds the surface of every patch unless `surfaces` are given.
+    def __init__(self, robot: Robot) -> None:
+        """Builds the surface of every patch, once for each robot.
 
         Raises what KinematicChain and build_surface raise.
         """
         self.robot = robot
         self.kinematics = KinematicChain(robot)
-        if surfaces is None:
-            surfaces = {patch.name: build_surface(robot, patch, self.kinematics) for patch in robot.patches}
-        self.surfaces: Mapping[str, Surface] = surfaces
+        self.surfaces: Mapping[str, Surface] = {one.patch: one for one in surfaces_of(robot)}
         """Surface of each patch, in its link, by patch name."""
 
     def positions(self, patch: str, joints: JointReading, *, frame: FrameName = "link") -> Array:

@@ -17,6 +17,7 @@ from tci.errors import DescriptionError, Fault
 from tci.frames import Array, apply, invert, read_only, rotation_rpy, rotation_z, transform
 from tci.robot.description import Patch, Robot, TriangularModules, TruncatedCone
 from tci.robot.kinematics import KinematicChain
+from tci.robot.per_robot import per_robot
 from tci.robot.skin_files.file import MODULE_PITCH
 from tci.robot.skin_files.table import read_table
 from tci.skin.nearest import nearest_on_faces
@@ -132,6 +133,14 @@ def build_surface(robot: Robot, patch: Patch, kinematics: KinematicChain) -> Sur
         faces=read_only(outward(faces, positions, normals), np.intp),
         tangents=across,
     )
+
+
+@per_robot
+def surfaces_of(robot: Robot) -> tuple[Surface, ...]:
+    """Returns the surface of every patch, in the robot's order. Raises what KinematicChain and build_surface
+    raise."""
+    kinematics = KinematicChain(robot)
+    return tuple(build_surface(robot, patch, kinematics) for patch in robot.patches)
 
 
 def tangents(normals: Array) -> Array:

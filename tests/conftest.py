@@ -79,6 +79,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items[:] = [item for item in items if "genuine_data" not in getattr(item, "fixturenames", ())]
 
 
+def pytest_collection_finish() -> None:
+    """Excludes libraries and collected tests from garbage collection, which otherwise takes a twentieth of
+    the time."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     """Removes the group from a test's name where reports are collected: --last-failed knows only the name."""

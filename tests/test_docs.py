@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 import runpy
 import shlex
-import subprocess
-import sys
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -151,11 +149,16 @@ PROGRAMS = [
 
 
 @pytest.mark.parametrize(("program", "output"), PROGRAMS)
-def test_programs_of_a_page_run(program: str, output: str, tmp_path: Path) -> None:
+def test_programs_of_a_page_run(
+    program: str,
+    output: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """In this process, which has loaded TCI: examples show that it is loaded by a program alone."""
     file = tmp_path / "program.py"
     file.write_text(program)
-    run = subprocess.run(
-        [sys.executable, str(file)], capture_output=True, text=True, check=False, cwd=tmp_path
-    )
-    assert run.returncode == 0, run.stderr
-    assert not output or words_of(output) == words_of(run.stdout)
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(file), run_name="__main__")
+    assert not output or words_of(output) == words_of(capsys.readouterr().out)

@@ -11,7 +11,6 @@ from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import pytest
-from matplotlib.image import imread
 
 from tci.cli.console import console
 from tci.cli.main import main
@@ -119,21 +118,11 @@ def test_check_says_what_is_valid_and_what_is_not(tmp_path: Path) -> None:
     assert "can't be opened" in tci("check", str(tmp_path / "none.xml"), status=1)
 
 
-def test_demo_writes_table_picture_and_report(tmp_path: Path) -> None:
-    text = process("demo", "nao", "--headless", "--out", str(tmp_path), "--seed", "2")
-    assert "10 of 10 pokes answered by the reflex; the arm left the finger in 10" in text
+def test_a_demo_names_the_next_step(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After the trials, which are those of `test_view.py`."""
+    monkeypatch.setattr("tci.cli.demo._run_trials", lambda *words, **options: None)
+    text = tci("demo", "nao", "--headless", "--out", str(tmp_path))
     assert f"Next: open {tmp_path / 'demo.png'}, then poke" in text
-    report = json.loads((tmp_path / "report.json").read_text())
-    assert report.keys() == {"trials", "same_stimulus", "same_touch"}
-    assert {
-        "robot", "side", "site", "taxels", "responded", "trigger_ms", "first_motion_ms", "contact_lost_ms",
-        "peak_force_n", "cop_error_mm", "withdrawn_mm", "withdrawn_without_reflex_mm", "limit_violations",
-    } <= report["trials"][0].keys()  # fmt: skip
-    same = report["same_stimulus"]
-    assert same.keys() == {"max_generic_difference_rad", "hand_direction_deg", "hand_direction_torso_deg"}
-    picture = imread(tmp_path / "demo.png")
-    assert picture.shape[0] > 400
-    assert picture.std() > 0.1
 
 
 def test_demo_says_where_it_cannot_write(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import subprocess
 import sys
@@ -42,24 +43,28 @@ def test_the_first_minutes_with_a_simulated_robot() -> None:
 
 
 @pytest.mark.timeout(300)
-def test_at_a_keyboard_nothing_moves_without_a_yes_and_nobody_there_is_an_error() -> None:
+def test_at_a_keyboard_nothing_moves_without_a_yes_and_nobody_there_is_an_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     needs_qi()
     one = Served("nao", "naoqi:127.0.0.1:0")
-    command = [sys.executable, "-m", "tci.cli.main", "check", "nao", "--hardware", "--only", "Head",
-               "--via", f"naoqi://127.0.0.1:{one.port}"]  # fmt: skip
+    words = ["check", "nao", "--hardware", "--only", "Head", "--via", f"naoqi://127.0.0.1:{one.port}"]
+
+    def said(answers: str, *options: str, status: int) -> str:
+        monkeypatch.setattr(sys, "stdin", io.StringIO(answers))
+        return tci(*words, *options, status=status)
+
     try:
-        for answers, words in (
-            ("?\nn\nn\n", "not moved: the operator did not permit it"),
-            ("n\n", "does not agree with its encoders"),
-            ("", "a question had no answer"),
-        ):
-            run = subprocess.run(command, input=answers, capture_output=True, text=True, check=False)
-            said = " ".join((run.stdout + run.stderr).split())
-            assert words in said, said
-            assert "went" not in said
-        run = subprocess.run(
-            [*command, "--json"], input="?\nn\nn\n", capture_output=True, text=True, check=False
-        )
-        assert json.loads(run.stdout)["robot"] == "nao"
+        kept = " ".join(said("?\nn\nn\n", status=0).split())
+        assert "not moved: the operator did not permit it" in kept
+        assert "went" not in kept
+        denied = " ".join(said("n\n", status=1).split())
+        assert "does not agree with its encoders" in denied
+        assert "went" not in denied
+        assert json.loads(said("?\nn\nn\n", "--json", status=0))["robot"] == "nao"
+        command = [sys.executable, "-m", "tci.cli.main", *words]
+        run = subprocess.run(command, input="", capture_output=True, text=True, check=False)
+        assert "a question had no answer" in " ".join((run.stdout + run.stderr).split())
+        assert "went" not in run.stdout
     finally:
         one.kill()

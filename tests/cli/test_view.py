@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import signal
 import subprocess
@@ -10,13 +11,15 @@ import urllib.request
 from pathlib import Path
 
 import pytest
+from matplotlib.image import imread
 
 from cli.test_cli import tci
 from recording.recorded import record_poke
 
 
-def opened(*words: str) -> tuple[subprocess.Popen[str], str]:
-    """Starts a command; returns it once it has printed the address of its page."""
+def opened(*words: str) -> tuple[subprocess.Popen[str], str, str]:
+    """Starts a command; returns it once it has printed the address of its page, that address, and all that it
+    said."""
     command = [sys.executable, "-m", "tci.cli.main", *words]
     run = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, preexec_fn=_heed_ctrl_c
@@ -26,7 +29,7 @@ def opened(*words: str) -> tuple[subprocess.Popen[str], str]:
     for line in run.stdout:
         told += line
         if found := re.search(r"open (http\S+)", line):
-            return run, found[1]
+            return run, found[1], told
     raise AssertionError(told)
 
 
@@ -45,31 +48,42 @@ def ended(run: subprocess.Popen[str]) -> str:
 
 @pytest.mark.parametrize("robots", [("nao",), ("nao", "nao")])
 def test_the_page_is_served_until_ctrl_c(robots: tuple[str, ...]) -> None:
-    run, address = opened("view", *robots, "--port", "0", "--headless")
+    run, address, _ = opened("view", *robots, "--port", "0", "--headless")
     with urllib.request.urlopen(address, timeout=30) as answer:
         assert b"<html" in answer.read().lower()
     assert "Traceback" not in ended(run)
 
 
 def test_42_sigterm_closes_robots_and_page_first() -> None:
-    run, _ = opened("view", "nao", "--port", "0", "--headless")
+    run, _, _ = opened("view", "nao", "--port", "0", "--headless")
     run.send_signal(signal.SIGTERM)
     said, _ = run.communicate(timeout=60)
     assert run.returncode == 128 + signal.SIGTERM, said
     assert "Traceback" not in said
 
 
-def test_the_demo_ends_in_the_viewer(tmp_path: Path) -> None:
-    run, address = opened("demo", "nao", "--out", str(tmp_path), "--headless", "--view")
-    assert (tmp_path / "report.json").exists()
+def test_the_demo_writes_table_picture_and_report_and_ends_in_the_viewer(tmp_path: Path) -> None:
+    run, address, text = opened("demo", "nao", "--out", str(tmp_path), "--seed", "2", "--headless", "--view")
     with urllib.request.urlopen(address, timeout=30) as answer:
         assert answer.status == 200
     assert "Traceback" not in ended(run)
+    assert "10 of 10 pokes answered by the reflex; the arm left the finger in 10" in text
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report.keys() == {"trials", "same_stimulus", "same_touch"}
+    assert {
+        "robot", "side", "site", "taxels", "responded", "trigger_ms", "first_motion_ms", "contact_lost_ms",
+        "peak_force_n", "cop_error_mm", "withdrawn_mm", "withdrawn_without_reflex_mm", "limit_violations",
+    } <= report["trials"][0].keys()  # fmt: skip
+    same = report["same_stimulus"]
+    assert same.keys() == {"max_generic_difference_rad", "hand_direction_deg", "hand_direction_torso_deg"}
+    picture = imread(tmp_path / "demo.png")
+    assert picture.shape[0] > 400
+    assert picture.std() > 0.1
 
 
 def test_a_recording_is_shown_without_naming_its_robot(tmp_path: Path) -> None:
     record_poke(tmp_path / "poke.mcap", duration=0.2)
-    run, _ = opened("view", "--via", f"replay:{tmp_path / 'poke.mcap'}", "--port", "0", "--headless")
+    run, _, _ = opened("view", "--via", f"replay:{tmp_path / 'poke.mcap'}", "--port", "0", "--headless")
     assert "Traceback" not in ended(run)
 
 

@@ -214,12 +214,15 @@ POSTURES = [
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_the_skin_moves_away_from_the_stimulus_in_every_posture(name: str, side: str) -> None:
-    """5 fields x 1250 postures: at most 5 % may fail, each because of an active limit."""
+    """5 fields x 625 postures: at most 5 % may fail, each because of an active limit.
+
+    The left arm takes every second posture of the grid, the right one the others.
+    """
     body = GenericBody(load_robot(name))
     part = f"{side}_arm"
     excused: dict[str, int] = {}
     cases = 0
-    for posture in POSTURES:
+    for posture in POSTURES[side == "right" :: 2]:
         start = joints_at(body, part, posture)
         for field in FIELDS:
             place = find_place(body.skin, part, field.segment, field.u, field.theta, start)

@@ -24,6 +24,9 @@ from tci.viewer.pick import pick
 PATIENCE = 120.0
 """Time [s] to wait for events that must happen. Long, since software draws the page and no test measures
 time."""
+COARSE = 0.25
+"""Drawn pixels per pixel of the page's layout: software draws a sixteenth of the picture, on the processors
+that the robots need."""
 
 
 def wait_for(what: Callable[[], object], said: str) -> None:
@@ -56,7 +59,7 @@ def page_of(viewer: Viewer) -> Iterator[Page]:
     flags = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=flags)
-        page = browser.new_page(viewport={"width": 1400, "height": 700})
+        page = browser.new_page(viewport={"width": 1400, "height": 700}, device_scale_factor=COARSE)
         page.set_default_timeout(PATIENCE * 1000.0)
         page.goto(viewer.address)
         page.wait_for_selector("canvas")

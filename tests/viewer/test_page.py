@@ -16,7 +16,17 @@ from tci.gate.gate import GateState
 from tci.recording.recording import Recording
 from tci.viewer.app import Viewer
 from tci.viewer.session import Session
-from viewer.browser import canvas_of, field, files, on_screen, page_of, running, skin_on_screen, wait_for
+from viewer.browser import (
+    COARSE,
+    canvas_of,
+    field,
+    files,
+    on_screen,
+    page_of,
+    running,
+    skin_on_screen,
+    wait_for,
+)
 
 pytestmark = pytest.mark.xdist_group("browser")
 ROBOTS = ("nao", "icub")
@@ -203,7 +213,8 @@ def test_a_narrow_window_shows_the_arms_of_all(viewer: Viewer, page: Page) -> No
 
 
 def test_on_a_telephone_the_controls_begin_folded(viewer: Viewer, page: Page) -> None:
-    phone = page.context.browser.new_page(viewport={"width": 390, "height": 844})  # type: ignore[union-attr]
+    assert page.context.browser is not None
+    phone = page.context.browser.new_page(viewport={"width": 390, "height": 844}, device_scale_factor=COARSE)
     phone.goto(viewer.address)
     phone.get_by_text("TCI", exact=True).first.wait_for()
     wait_for(lambda: phone.get_by_text("TCI", exact=True).first.bounding_box()["y"] > 700, "they are folded")

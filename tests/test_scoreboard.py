@@ -15,8 +15,8 @@ TOOLS = Path(__file__).parents[1] / "tools" / "reliability"
 @pytest.fixture
 def tool(monkeypatch: pytest.MonkeyPatch) -> Any:
     """A module of tools/reliability, by its name."""
-    monkeypatch.syspath_prepend(str(TOOLS.parent))
-    monkeypatch.syspath_prepend(str(TOOLS))
+    for folder in (TOOLS.parent, TOOLS.parents[1] / "tests", TOOLS):  # the last one is searched first
+        monkeypatch.syspath_prepend(str(folder))
     yield lambda name: importlib.import_module(name)
     for name, module in [*sys.modules.items()]:
         if str(getattr(module, "__file__", "")).startswith(str(TOOLS)):

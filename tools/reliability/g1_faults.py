@@ -5,21 +5,34 @@ from __future__ import annotations
 from rich.progress import track
 from row import Row
 
-from drivers.unitree.rehearsed import EXPECTED, rehearse
+from drivers.unitree.rehearsed import EXPECTED, Rehearsed, rehearse
 from drivers.wires import Unitree
+
+TRIES = 10
+"""Number of rehearsals of one fault on a machine that is late. Assumed: one of ten is in time even beside
+other programs."""
 
 
 def unitree_faults(full: bool) -> Row:
-    """Rehearses each fault on a served robot whose arms move."""
+    """Rehearses each fault on a served robot whose arms move; again if it ends otherwise than expected while
+    the machine had no time for loop or robot."""
     names = [*EXPECTED] if full else ["dropped-frames", "stall"]
+    found: dict[str, Rehearsed] = {}
+    again = 0
     peer = Unitree()
     peer.start()
     try:
-        found = {name: rehearse(peer, name) for name in track(names, "faults over Unitree's topics")}
+        for name in track(names, "faults over Unitree's topics"):
+            for _ in range(TRIES):
+                found[name] = rehearse(peer, name)
+                if not (found[name].wrong and found[name].late):
+                    break
+                again += 1
     finally:
         peer.stop()
-    wrong = [f"{name}: {why}" for name, why in found.items() if why]
+    wrong = [f"{name}: {one.wrong}" for name, one in found.items() if one.wrong]
     return Row(
         "faults rehearsed over a G1's topics", len(found), len(EXPECTED), "faults",
-        f"{len(found) - len(wrong)} as without a wire {'; '.join(wrong)}".strip(), "all", not wrong,
+        f"{len(found) - len(wrong)} as without a wire, {again} late ones repeated {'; '.join(wrong)}".strip(),
+        "all", not wrong,
     )  # fmt: skip

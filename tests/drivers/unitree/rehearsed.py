@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from drivers.wires import Unitree
 from faults.rehearsal import ARMS, Sway
 from tci.body.generic_body import GenericBody
+from tci.drivers.driver import Driver
 from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
+from tci.drivers.unitree.driver import UnitreeDriver
 from tci.errors import DriverError
 from tci.gate.gate import GateState
 from tci.messages import GenericCommand, Mode, Perception
@@ -43,6 +46,18 @@ HALF = 1.5
 """Flexion [rad] of a shoulder from which an arm is lowered: each rehearsal begins where the last ended."""
 STILL = 0.05
 """Largest speed [rad/s] of a robot at rest."""
+LATE = 0.03
+"""Time [s] without a tick, or age of the robot's own data, above which a machine had no time for the robot.
+Assumed: a quarter of what a gate bears; a fault that it causes itself is none of the rehearsal."""
+
+
+class Rehearsed(NamedTuple):
+    """Outcome of a rehearsal."""
+
+    wrong: str
+    """Difference from what is expected; empty without one."""
+    late: bool
+    """True if the machine had no time for loop or robot, beside the fault."""
 
 
 class Raise(Sway):
@@ -58,33 +73,56 @@ class Raise(Sway):
         return tuple(map(GenericCommand, ARMS, (Mode.POSITION,) * 2, raised)), None
 
 
-def rehearse(peer: Unitree, name: str) -> str:
-    """Returns the difference from what is expected of one fault; empty without one."""
-    expected = EXPECTED[name]
-    with peer.open(arm=True) as driver:
+def rehearse(peer: Unitree, name: str) -> Rehearsed:
+    """Rehearses one fault."""
+    try:
+        driver = peer.open(arm=True)
+    except DriverError as error:  # it was not connected in time
+        return Rehearsed(str(error), late=True)
+    assert isinstance(driver, UnitreeDriver)
+    with driver:
         faulty = FaultInjector(driver, [FaultPlan(name, AT, SHORT.get(name, math.inf))])
         ticks: list[Tick] = []
+        ages: list[float] = []
         lost = ""
+
+        def see(tick: Tick) -> None:
+            ticks.append(tick)
+            joints = getattr(
+                driver, "_joints", None
+            )  # those of the robot, which the injector does not change
+            ages.append(0.0 if joints is None else tick.now - joints.stamp)
+
         try:
-            run(faulty, Raise(), duration=AT + LONG, observe=ticks.append)
+            run(faulty, Raise(), duration=AT + LONG, observe=see)
         except DriverError as error:
             lost = str(error)
         begin = ticks[0].now + AT
-        before = {tick.sent.state for tick in ticks if tick.now < begin - 0.01}
-        after = {tick.sent.state for tick in ticks if tick.now > begin + 0.02} | {driver.gate.state}
-        if GateState.STOP in before:
-            return f"it stopped before the fault: {driver.gate.reason}"
-        if bool(lost) is not (name == "link-lost"):
-            return f"the run ended with {lost or 'nothing'}"
-        if expected == {GateState.STOP}:
-            if driver.gate.state is not GateState.STOP:
-                return f"it is in {driver.gate.state.value} at the end"
-            if name != "link-lost" and np.abs(ticks[-1].sent.velocity).max() > 1e-9:
-                return "its references still move at the end"
-        elif GateState.STOP in after or (GateState.HOLD in expected and GateState.HOLD not in after):
-            return f"{sorted(state.value for state in after)}: {driver.gate.reason}"
-        for _ in driver.ticks(duration=0.3):
-            joints = driver.read().joints
+        # The loop is late by itself in one of the faults.
+        judged = begin if name == "overrun" else math.inf
+        gaps = np.diff([tick.now for tick in ticks if tick.now < judged])
+        late = bool(np.max(gaps, initial=0.0) > LATE or np.max(ages, initial=0.0) > LATE)
+        return Rehearsed(_difference(driver, name, ticks, lost), late)
+
+
+def _difference(driver: Driver, name: str, ticks: list[Tick], lost: str) -> str:
+    """Returns the difference from what is expected of one fault; empty without one."""
+    expected, begin = EXPECTED[name], ticks[0].now + AT
+    before = {tick.sent.state for tick in ticks if tick.now < begin - 0.01}
+    after = {tick.sent.state for tick in ticks if tick.now > begin + 0.02} | {driver.gate.state}
+    if GateState.STOP in before:
+        return f"it stopped before the fault: {driver.gate.reason}"
+    if bool(lost) is not (name == "link-lost"):
+        return f"the run ended with {lost or 'nothing'}"
+    if expected == {GateState.STOP}:
+        if driver.gate.state is not GateState.STOP:
+            return f"it is in {driver.gate.state.value} at the end"
+        if name != "link-lost" and np.abs(ticks[-1].sent.velocity).max() > 1e-9:
+            return "its references still move at the end"
+    elif GateState.STOP in after or (GateState.HOLD in expected and GateState.HOLD not in after):
+        return f"{sorted(state.value for state in after)}: {driver.gate.reason}"
+    for _ in driver.ticks(duration=0.3):
+        joints = driver.read().joints
     if expected == {GateState.STOP} and np.abs(joints.velocity).max() > STILL:
         return f"the robot still moves at {np.abs(joints.velocity).max():.2f} rad/s"
     return ""

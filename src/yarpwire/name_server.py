@@ -19,7 +19,10 @@ FIRST_PORT = 2
 """Offset from the server's own port number at which it begins to assign ports, as in YARP."""
 MOST_NAMES = 10_000
 """Largest number of names that it keeps. Assumed: bounds memory."""
-
+MOST_PROPERTIES = 16
+"""Largest number of properties of a name. Assumed: bounds memory; YARP's ports set four."""
+LONGEST_REQUEST = 2000
+"""Largest number of characters of a request. Assumed: bounds memory; a name may have half of it."""
 
 USAGE = (
     "Here are some ways to use the name server:",
@@ -77,6 +80,8 @@ class NameServer:
 
     def answer(self, line: str, peer: str = "127.0.0.1") -> str:
         """Returns its answer to one request, which came from host `peer`."""
+        if len(line) > LONGEST_REQUEST:
+            raise WireError(f"a request of {len(line)} characters; valid: at most {LONGEST_REQUEST}")
         words = re.split(r'["\s]+', line.strip())
         if words[0] != "NAME_SERVER":
             raise WireError(f"{line[:40]!r} is no request to a name server")
@@ -102,7 +107,10 @@ class NameServer:
             case "list":
                 return [self._contacts[key].line() for key in sorted(self._contacts)]
             case "set" if len(words) > 1 and name in self._contacts:
-                self._properties.setdefault(name, {})[words[1]] = sorted(set(words[2:]))
+                known = self._properties.setdefault(name, {})
+                if words[1] not in known and len(known) >= MOST_PROPERTIES:
+                    raise WireError(f"more than {MOST_PROPERTIES} properties of {name}")
+                known[words[1]] = sorted(set(words[2:]))
                 return [f"port {name} property {words[1]} = {' '.join(self._property(name, words[1]))}"]
             case "get" if len(words) > 1:
                 return [f"port {name} property {words[1]} = {' '.join(self._property(name, words[1]))}"]

@@ -12,7 +12,7 @@ import pytest
 from yarp_captures import NAMES, naming
 from yarpwire import names as yarp_names
 from yarpwire.connection_limit import AcceptedConnection
-from yarpwire.errors import PortError, UnknownNameError
+from yarpwire.errors import PortError, UnknownNameError, WireError
 from yarpwire.listener import Listener
 from yarpwire.name_server import NameServer
 from yarpwire.names import Contact, Names, find_server, parse_contact, read_key
@@ -141,3 +141,15 @@ def test_the_key_is_read_from_its_file(home: Path) -> None:
     (home / "auth.conf").write_text("key nothing\n")
     with pytest.raises(PortError, match=r"\[AUTH\]"):
         read_key()
+
+
+def test_a_client_can_not_fill_the_name_servers_memory() -> None:
+    with NameServer() as server:
+        server.answer("NAME_SERVER register /a")
+        for number in range(16):
+            server.answer(f"NAME_SERVER set /a key{number} value")
+        assert server.answer("NAME_SERVER set /a key0 other").startswith("port /a property key0 = other")
+        with pytest.raises(WireError, match="more than 16 properties of /a"):
+            server.answer("NAME_SERVER set /a key16 value")
+        with pytest.raises(WireError, match="a request of 3022 characters; valid: at most 2000"):
+            server.answer(f"NAME_SERVER register /{'a' * 3000}")

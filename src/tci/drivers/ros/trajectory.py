@@ -32,7 +32,7 @@ class Trajectory:
         names, points = fields["joint_names"], fields["points"]
         self._of = f"trajectory for {part}"
         if unknown := [name for name in names if name not in servos]:
-            raise CommandError(f"{self._of}: no joint {unknown[0]!r}; valid: {', '.join(servos)}")
+            raise CommandError(f"{self._of}: no joint {unknown[0][:60]!r}; valid: {', '.join(servos)}")
         if len(set(names)) != len(names):
             raise CommandError(f"{self._of}: a joint is named twice: {', '.join(names)}")
         if len(points) > MOST_POINTS:

@@ -250,15 +250,14 @@ def served(crossed: Crossed, via: str, *names: str) -> dict[str, Finding]:
 
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize(
-    ("wrong", "posture", "names", "faulty"),
+    ("via", "wrong", "posture", "names", "faulty"),
     [
-        ({"scale": {"LWristYaw": -1.0}}, None, ["LWristYaw", "LShoulderPitch"], "LWristYaw"),
-        ({"swap": ("LShoulderPitch", "LElbowYaw")}, STRAIGHT, ["LShoulderPitch"], "LShoulderPitch"),
-        ({"scale": {"HeadYaw": 1.0 / UNIT}}, None, ["HeadYaw"], "HeadYaw"),
+        ("yarp 4", {"scale": {"LWristYaw": -1.0}}, None, ["LWristYaw", "LShoulderPitch"], "LWristYaw"),
+        ("naoqi", {"swap": ("LShoulderPitch", "LElbowYaw")}, STRAIGHT, ["LShoulderPitch"], "LShoulderPitch"),
+        ("yarp 3", {"scale": {"HeadYaw": 1.0 / UNIT}}, None, ["HeadYaw"], "HeadYaw"),
     ],
     ids=["reversed", "swapped", "unit"],
 )
-@pytest.mark.parametrize("via", ["naoqi", "yarp 3", "yarp 4"])
 def test_the_same_is_found_through_a_middleware(
     via: str, wrong: Any, posture: Any, names: list[str], faulty: str
 ) -> None:

@@ -10,10 +10,12 @@ import tci
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from drivers.patient import patient
+from tci.runtime.real_time import real_time_where_permitted
 
 
 def main() -> None:
-    with tci.connect(patient("nao", *map(float, sys.argv[2:])), sys.argv[1], arm=True) as driver:
+    robot = patient("nao", *map(float, sys.argv[2:]))
+    with tci.connect(robot, sys.argv[1], arm=True) as driver, real_time_where_permitted():
         arm = driver.native("LArm")
         begun, told = arm.positions(driver.read().joints)["LElbowRoll"], False
         for now in driver.ticks():

@@ -15,6 +15,7 @@ from tci.drivers.simulated import SimulatedDriver
 from tci.robot.description import Robot
 from tci.robot.description.binding import Address, Binding
 from tci.runtime.loop import Tick
+from tci.runtime.real_time import real_time_where_permitted
 from tci.runtime.serve import serve
 
 PATIENCE = 0.5
@@ -50,7 +51,11 @@ def main() -> None:
             print(tick.sent.state.value, time.monotonic(), tick.sent.reason or "", flush=True)
 
     robot = patient("nao", *map(float, sys.argv[2:]))
-    with SimulatedDriver(robot, paced=True) as driver, open_server(driver, sys.argv[1]) as server:
+    with (
+        SimulatedDriver(robot, paced=True) as driver,
+        open_server(driver, sys.argv[1]) as server,
+        real_time_where_permitted(),  # as on a robot, whose loop waits for no other program
+    ):
         serve(server, observe=tell)
 
 

@@ -14,6 +14,7 @@ import psutil
 import pytest
 
 from drivers.held import left_behind
+from drivers.patient import PATIENCE as SILENCE
 from drivers.wires import BINDINGS, PEERS, Peer
 from tci.body.generic_body import GenericBody
 from tci.body.posture import home, to_platform
@@ -224,7 +225,7 @@ def test_a_run_after_one_that_ended_in_motion_is_obeyed(driver: Driver) -> None:
         second = run(
             driver,
             Once(bend(driver, goal, 0.3)),
-            duration=2.0,
+            duration=1.5,
             observe=lambda tick: refused.extend(map(str, tick.sent.refusals)),
         )
         if not refused and abs(elbow(driver) - goal) < 0.05:
@@ -353,10 +354,10 @@ def test_43_a_commander_that_is_killed_leaves_a_robot_at_rest(
         commander.kill()
         commander.communicate()
     with open_driver(arm=False) as driver:
-        driver.clock.sleep_until(driver.clock.now() + 2.0)
+        driver.clock.sleep_until(driver.clock.now() + 2.0 * SILENCE)
         there = elbow(driver)
         assert there < -0.5  # on its way, which takes 11 s
-        driver.clock.sleep_until(driver.clock.now() + 1.0)
+        driver.clock.sleep_until(driver.clock.now() + 0.5)
         assert elbow(driver) == pytest.approx(there, abs=0.02)
 
 

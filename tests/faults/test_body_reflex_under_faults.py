@@ -28,7 +28,8 @@ from tci.runtime.loop import Tick, run
 
 LEARNT = 5.0
 """Time [s] after which noise and rest values are estimated."""
-RATE = 50.0
+RATE = 25.0
+"""Rate [Hz] of commands and frames: low, as minutes are simulated."""
 FIELDS = {one.name: one for one in default_body_fields().field}
 PLACES: Mapping[str, tuple[str, str, BodyField]] = {
     "head": ("head", "head_skin", FIELDS["face"]),

@@ -139,7 +139,8 @@ class RosDriver(RemoteDriver):
         return ""
 
     def _is_tci(self, wait: float) -> bool:
-        """Returns True if a TCI process serves the robot. Raises DriverError when there is no publisher."""
+        """Returns True if a TCI process serves the robot. Raises DriverError when there is no publisher, and
+        soon for one of another type, which waiting would not change."""
         begin = time.monotonic()
         plain_since = np.inf
         while True:
@@ -148,11 +149,13 @@ class RosDriver(RemoteDriver):
                 self._wait()
                 return True
             # A TCI process offers its states before its joints, hence this order.
-            joints = JOINTS.name in self._node.types_of(self._names.joints)
+            offered = self._node.types_of(self._names.joints)
             shown = bool(self._node.types_of(self._names.state))
             now = time.monotonic()
-            plain_since = min(plain_since, now) if joints and not shown else np.inf
+            plain_since = min(plain_since, now) if offered and not shown else np.inf
             if now - plain_since > STATE_WAIT:
+                if JOINTS.name not in offered:
+                    raise DriverError(self._why_not(wait))
                 return False
             if now - begin > (max(wait, STARTING) if shown else wait):
                 silent = f"{self._names.state} is offered, but {self._why_silent()}"

@@ -29,6 +29,10 @@ class Health(IntEnum):
     """Far noisier than its patch: masked."""
 
 
+_HEALTHY, _DEAD, _STUCK, _NOISY = map(int, Health)
+"""Values of the states. Comparing an array with a member of an enumeration takes several times as long."""
+
+
 @dataclass(frozen=True, slots=True)
 class HealthSettings:
     """Thresholds at which taxels are masked. All figures are assumed; lower ones mask more healthy taxels,
@@ -82,13 +86,13 @@ class TaxelHealth:
     @property
     def healthy(self) -> NDArray[np.bool_]:
         """Mask (n,) of the taxels in use."""
-        healthy: NDArray[np.bool_] = self.state == Health.HEALTHY
+        healthy: NDArray[np.bool_] = self.state == _HEALTHY
         return healthy
 
     def revive(self, changed: NDArray[np.bool_]) -> None:
         """Trusts dead and stuck taxels that `changed` (n,) again, from the next frame on."""
-        self.state[changed & (self.state != Health.NOISY)] = Health.HEALTHY
-        self.muted &= ~(changed & (self.state == Health.HEALTHY))
+        self.state[changed & (self.state != _NOISY)] = _HEALTHY
+        self.muted &= ~(changed & (self.state == _HEALTHY))
 
     def judge(self, window: Window, baseline: Baseline, offset: Array) -> None:
         """Updates the health of every taxel (n,) by a window, its noise and threshold by the `baseline`, and
@@ -106,15 +110,15 @@ class TaxelHealth:
         frozen = ~changed & (noise >= s.fluctuating)
         if np.count_nonzero(frozen):
             touched = _touched(deviation, threshold)
-            self.state[frozen & touched & ~near(touched, self._neighbours)] = Health.STUCK
+            self.state[frozen & touched & ~near(touched, self._neighbours)] = _STUCK
         limit = max(s.noisy * middle, s.least_noise)
         present = window.second_difference / NOISE_GAIN
-        self.state[(noise > limit) & (self.state == Health.HEALTHY)] = Health.NOISY
+        self.state[(noise > limit) & (self.state == _HEALTHY)] = _NOISY
         # The noise of a masked taxel is no longer estimated, so the window itself decides on its release.
-        self.state[(present < limit / 2.0) & (self.state == Health.NOISY)] = Health.HEALTHY
-        stuck = self.state == Health.STUCK
-        self.constant = bool(np.count_nonzero((self.state == Health.DEAD) | stuck))
-        self.muted[:] = stuck | (self.state == Health.NOISY)
+        self.state[(present < limit / 2.0) & (self.state == _NOISY)] = _HEALTHY
+        stuck = self.state == _STUCK
+        self.constant = bool(np.count_nonzero((self.state == _DEAD) | stuck))
+        self.muted[:] = stuck | (self.state == _NOISY)
 
     def _judge_constant(
         self, constant: NDArray[np.bool_], deviation: Array, threshold: Array, middle: float
@@ -123,11 +127,11 @@ class TaxelHealth:
         alone = touched & ~near(touched, self._neighbours)
         # Constant values show a defect only on a patch that fluctuates at rest.
         if middle > self.settings.flicker:
-            self.state[constant & ~touched] = Health.DEAD
+            self.state[constant & ~touched] = _DEAD
             # A lasting press may saturate a taxel, but neither a single one nor a whole patch.
-            self.state[constant & (alone | (touched & bool(constant.all())))] = Health.STUCK
+            self.state[constant & (alone | (touched & bool(constant.all())))] = _STUCK
         else:
-            self.state[constant & alone & (deviation >= 0.9 * self._full)] = Health.STUCK
+            self.state[constant & alone & (deviation >= 0.9 * self._full)] = _STUCK
 
 
 def _touched(deviation: Array, threshold: Array) -> NDArray[np.bool_]:

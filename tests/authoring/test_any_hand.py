@@ -20,6 +20,7 @@ from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.kinematics import KinematicChain
 from tci.robot.xml import read_robot
 from tci.robot.xml.writer import write_robot
+from tci.skin.surfaces import build_surface
 
 EXPECTED = {
     "inspire": {
@@ -110,6 +111,20 @@ def test_fingers_of_each_kind_of_hand_are_found(kind: str, tmp_path: Path) -> No
                 assert way * (1.0 if finger in ("index", "middle") else -1.0) > 0.003, f"{finger} spreads"
         way = bent.moved("thumb", "thumb_spread", 0.3, thumb_flexion=0.5)
         assert palmar * way[1] - way[0] > 0.003, "the thumb opposes"
+
+
+def test_skin_on_hands_lies_on_the_palm_and_around_the_tips(tmp_path: Path) -> None:
+    path = handed(tmp_path, made_hands.dex3())
+    robot = propose(path, name="made", skin_on_hands=True)
+    assert not [patch for patch in propose(path, name="made").patches if "fingers" in patch.part]
+    for side, inward in (("left", -1.0), ("right", 1.0)):
+        own = [patch for patch in robot.patches if patch.part == f"{side}_fingers"]
+        names = [f"{side}_{name}" for name in ("thumb_tip", "index_tip", "middle_tip", "palm")]
+        assert [patch.name for patch in own] == names
+        surfaces = {patch.name: build_surface(robot, patch, KinematicChain(robot)) for patch in own}
+        palm = surfaces[f"{side}_palm"]
+        front = palm.positions[palm.normals[:, 1] * inward > 0.9]
+        assert len(front) > 5, "it faces the body, as the palm does"
 
 
 def test_followers_move_with_their_finger(tmp_path: Path) -> None:

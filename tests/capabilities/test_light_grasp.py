@@ -3,22 +3,38 @@ pull: on every robot with hands, by nine motors or one."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import tci
+from made_hands import allegro, with_hands
+from made_humanoid import MadeHumanoid
 from pressing import RISE, press
+from tci.authoring.proposal import propose
 from tci.capabilities.light_grasp import Grips, LightGrasp
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError
 from tci.messages import GenericCommand
+from tci.robot.description import Robot
 from tci.robot.generic_fingers import FLEXIONS
+from tci.robot.xml import read_robot
+from tci.robot.xml.writer import write_robot
 from tci.runtime.loop import Tick, run
 from tci.simulation.world import World
 from tci.testing import TouchedRobot
 
 HANDS = ("icub-hands", "nao-hands", "g1-hands")
 PART = "left_fingers"
+
+
+def proposed(folder: Path) -> Robot:
+    """Returns a made robot with four fingers, as `tci new-robot --hand-skin` writes it."""
+    model = with_hands(MadeHumanoid(legs=False).urdf(folder), allegro())
+    target = folder / "robot.xml"
+    target.write_text(write_robot(propose(model, name="made", skin_on_hands=True), file=model.name))
+    return read_robot(target)
 
 
 class Felt:
@@ -122,12 +138,12 @@ def test_settings_and_robots_that_do_not_fit_are_refused() -> None:
 @pytest.mark.parametrize(
     ("name", "ball", "thumb", "bent"),
     [("nao-hands", 0.012, (60.0, 20.0), 20.0), ("icub-hands", 0.018, (60.0, 70.0), 70.0),
-     ("g1-hands", 0.025, (90.0, 12.0), 58.0)],
+     ("g1-hands", 0.025, (90.0, 12.0), 58.0), ("proposed", 0.02, (60.0, 60.0), 76.0)],
 )  # fmt: skip
 def test_a_ball_in_the_palm_is_held_with_one_newton_and_let_go_on_a_pull(
-    name: str, ball: float, thumb: tuple[float, float], bent: float
+    name: str, ball: float, thumb: tuple[float, float], bent: float, tmp_path: Path
 ) -> None:
-    robot = tci.load_robot(name)
+    robot = proposed(tmp_path) if name == "proposed" else tci.load_robot(name)
     start = np.array(robot.part(PART).initial_posture)
     start[[0, *FLEXIONS]] = np.deg2rad([*thumb, *[bent] * 4])
     skin = [patch.name for patch in robot.patches if patch.part == PART]

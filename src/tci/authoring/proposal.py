@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from tci.authoring.find_limbs import FoundLimbs, find_limbs
+from tci.authoring.hand_skin import hand_skin
 from tci.authoring.initial_posture import check_reach, clear_of_body
 from tci.authoring.joint_facts import SLOWEST, JointFacts, driven, proposed_limits, read_facts
 from tci.authoring.link_points import LinkPoints
@@ -28,7 +29,7 @@ from tci.robot.model_format import model_format
 def propose(
     path: Path, *, name: str, package: str | None = None, mount: bool = False,
     meshes: str | None = None, arms: tuple[str, str] | None = None, elbow: Sign | None = None,
-    trust_fingers: Trust | None = None,
+    trust_fingers: Trust | None = None, skin_on_hands: bool = False,
 ) -> Robot:  # fmt: skip
     """Proposes the description of the robot whose URDF or MJCF is at `path`, for review by a person.
 
@@ -37,8 +38,9 @@ def propose(
     frame. `meshes` is a folder with meshes that are not where the model says, or "none". `arms` names the
     first joint of the left and of the right shoulder, `elbow` is the direction in which the left elbow's
     joint bends the arm, for a model that leaves them in doubt. `trust_fingers` decides where names and places
-    of fingers contradict each other. Raises DescriptionError for a file that is no model of a humanoid with
-    two arms, or in which they, their elbows, the ends of their forearms or their fingers are in doubt.
+    of fingers contradict each other. `skin_on_hands` adds assumed skin on palms and finger tips. Raises
+    DescriptionError for a file that is no model of a humanoid with two arms, or in which they, their elbows,
+    the ends of their forearms or their fingers are in doubt.
     """
     model = Model(
         format=model_format(path), path=str(path.resolve()), package=package, meshes=meshes, torso_link="?"
@@ -75,8 +77,10 @@ def propose(
         hand(draft, body, limb, arm, index) for limb, arm in zip(body.arms.values(), parts, strict=False)
     ]
     parts += [one for one in wrists if one is not None]
-    parts += [fingers(draft, body, side, found, facts, points) for side, found in hands.items()]
-    parts += [leg(draft, body, found, side, points, index) for side, found in body.legs.items()]
+    for side, found in hands.items():
+        parts.append(fingers(draft, body, side, found, facts, points))
+        patches += hand_skin(body, found, parts[-1], points) if skin_on_hands else []
+    parts += [leg(draft, body, one, side, points, index) for side, one in body.legs.items()]
     return draft.model_copy(update={"parts": tuple(parts), "patches": tuple(patches)})
 
 

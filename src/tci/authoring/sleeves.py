@@ -73,27 +73,33 @@ def sleeves(body: FoundLimbs, limb: Limb, part: GenericPart, points: LinkPoints)
                 "or a model whose shapes are around its joints"
             )
             raise DescriptionError(points.source, [Fault(0, message)])
-        link = part.segment(segment).link
-        R_RL, p_RL = points.link_pose(link)
-        z, y = -fit.axis, -bend
-        y = y - z * float(y @ z)
-        y /= np.linalg.norm(y)
-        R_LC = R_RL.T @ body.R_RH @ np.column_stack([np.cross(y, z), y, z])
-        rings = max(2, round(fit.length / PITCH) + 1)
-        per_ring = round(np.pi * (fit.r1 + fit.r2) / PITCH)
-        cone = TruncatedCone(
-            origin=three(R_RL.T @ (body.R_RH @ fit.origin - p_RL)),
-            rpy=rpy_of(R_LC),
-            length=fit.length, r1=fit.r1, r2=fit.r2, rings=rings, per_ring=per_ring,
-        )  # fmt: skip
-        patches.append(
-            Patch(
-                name=f"{part.side}_{segment}", part=part.name, segment=segment, link=link, rate=100.0,
-                channels=rings * per_ring, surface=cone,
-                sensor=Sensor(rest=240.0, pascal_per_count=-600.0, lowest=0.0, highest=255.0),
-            )
-        )  # fmt: skip
+        patches.append(cone_patch(f"{part.side}_{segment}", body, part, segment, fit, points, across=bend))
     return patches
+
+
+def cone_patch(
+    name: str, body: FoundLimbs, part: GenericPart, segment: str, fit: ConeFit, points: LinkPoints, *,
+    across: Array, pitch: float = PITCH,
+) -> Patch:  # fmt: skip
+    """Returns a cone of skin with a distance `pitch` [m] between taxels; its angles count from the plane of
+    its axis and of `across` (3,)."""
+    link = part.segment(segment).link
+    R_RL, p_RL = points.link_pose(link)
+    z, y = -fit.axis, -across
+    y = y - z * float(y @ z)
+    y /= np.linalg.norm(y)
+    R_LC = R_RL.T @ body.R_RH @ np.column_stack([np.cross(y, z), y, z])
+    rings = max(2, round(fit.length / pitch) + 1)
+    per_ring = max(6, round(np.pi * (fit.r1 + fit.r2) / pitch))
+    cone = TruncatedCone(
+        origin=three(R_RL.T @ (body.R_RH @ fit.origin - p_RL)),
+        rpy=rpy_of(R_LC),
+        length=fit.length, r1=fit.r1, r2=fit.r2, rings=rings, per_ring=per_ring,
+    )  # fmt: skip
+    return Patch(
+        name=name, part=part.name, segment=segment, link=link, rate=100.0, channels=rings * per_ring,
+        surface=cone, sensor=Sensor(rest=240.0, pascal_per_count=-600.0, lowest=0.0, highest=255.0),
+    )  # fmt: skip
 
 
 def slender(length: float) -> float:

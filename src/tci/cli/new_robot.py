@@ -68,6 +68,12 @@ def new_robot(
             help="Decision if names and places of fingers contradict each other, or no fingers.",
         ),
     ] = None,
+    hand_skin: Annotated[
+        bool,
+        typer.Option(
+            "--hand-skin", help="Add assumed skin on the palm and the finger tips of hands with fingers."
+        ),
+    ] = False,
     mount: Annotated[
         bool,
         typer.Option(
@@ -113,6 +119,7 @@ def new_robot(
         arms=_both(arms),
         elbow=_direction(elbow),
         trust_fingers=_trust(fingers),
+        skin_on_hands=hand_skin,
     )
     if target.exists() and not force:
         raise CommandError(f"{target} exists; valid: --out with another file, or --force to replace it")

@@ -46,9 +46,9 @@ def load_spec(model: Model) -> mujoco.MjSpec:
             spec = _read_mjcf(model)
         _mend_masses(spec)
     except (ValueError, etree.XMLSyntaxError) as error:
-        raise DescriptionError(
-            model.path, [Fault(0, f"not a readable {model.format} model: {error}")]
-        ) from error
+        words = " ".join(str(error).split())
+        message = f"not a readable {model.format} model: {words}; valid: a file that MuJoCo reads"
+        raise DescriptionError(model.path, [Fault(0, message)]) from error
     for attachment in model.attachments:
         _attach(spec, attachment)
     # MuJoCo discards visual geoms twice: when it parses and again when it compiles.

@@ -296,9 +296,7 @@ def test_the_projection_of_each_taxel_is_the_taxel(name: str) -> None:
     for patch in skin.robot.patches:
         surface = skin.surfaces[patch.name]
         there = surface.project(surface.positions)[0]
-        # Modules are on the hull that collides in the simulation.
-        most = 2e-3 if patch.surface.kind == "triangular_modules" else 1e-6
-        assert np.linalg.norm(there - surface.positions, axis=1).max() <= most
+        assert np.linalg.norm(there - surface.positions, axis=1).max() <= 1e-6
 
 
 def test_neighbours_are_as_far_apart_as_the_description_or_the_lattice_says(tmp_path: Path) -> None:

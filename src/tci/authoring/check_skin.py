@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +17,25 @@ from tci.robot.skin_files.reader import read_layout
 from tci.skin.surfaces import build_surface
 
 
-def check_skins(robot: Robot, file: Path | None = None, link: str | None = None) -> list[dict[str, Any]]:
+def check_skins(
+    robot: Robot,
+    file: Path | None = None,
+    link: str | None = None,
+    *,
+    progress: Callable[[str, int, int], None] = lambda skin, done, count: None,
+) -> list[dict[str, Any]]:
     """Returns the distances of one skin file from one link, or of every patch of a robot from its own link.
 
-    Each row is made of JSON values. Raises CommandError for a file without a link, a link without a file, and
-    a robot without skin.
+    Each row is made of JSON values. `progress` is called before each skin with its name, the number of those
+    done and of all. Raises CommandError for a file without a link, a link without a file, and a robot without
+    skin.
     """
     if (file is None) != (link is None):
         raise CommandError("--file and --link need each other; valid: --file FILE --link LINK")
     rows: list[dict[str, Any]] = []
     skins = _patches(robot) if file is None or link is None else [(file.name, link, _taxels(file))]
-    for title, where, taxels in skins:
+    for done, (title, where, taxels) in enumerate(skins):
+        progress(title, done, len(skins))
         row: dict[str, Any] = {"skin": title, "link": where, "taxels": len(taxels)}
         try:
             row |= _facts(register(taxels, link_surface(robot, where)))

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from tci.engine import mujoco
 from tci.errors import CommandError, DescriptionError, Fault
 from tci.frames import Array, apply, read_only, transform
-from tci.robot.description import Robot
+from tci.robot.description import Model, Robot
 from tci.robot.model_file import compiled, load_spec
 
 DENSITY = 200_000
@@ -25,8 +25,16 @@ DENSITY = 200_000
 OFFSETS = (-0.04, 0.0, 0.04)
 """Offsets [m] of the starts along each axis of the link. Assumed: about the radius of a limb, so that one
 start is near the solution."""
-KEPT = 25
-"""Number of best starts that are refined. Assumed; fewer may miss the solution, more take longer."""
+SEARCH = ((3, 120), (9, 25))
+"""Steps of each stage of the search, and number of best starts that are continued after it. Assumed: fewer
+starts may miss the solution, more take longer."""
+REFINED = 3
+"""Number of best poses that are refined with all points. Assumed: the best is among them, as they are refined
+with some points before."""
+COARSE = 10
+"""Every such point of the surface is used until the refinement. Assumed: on an arm they are 1.5 mm apart."""
+STILL = 1e-5
+"""Motion [rad, m] of a step at which refinement ends. Assumed: far below the distances between points."""
 FITS = 0.005
 """Mean distance [m] up to which a skin fits its link. Assumed: covers are a few millimetres thick."""
 
@@ -41,6 +49,11 @@ class LinkSurface:
     """Normals (m, 3) of the faces that the points lie on."""
     tree: cKDTree
     """Search tree of the points."""
+
+    def thinned(self, step: int) -> LinkSurface:
+        """Returns the surface with every `step`-th of its points, which were drawn in no order."""
+        points = self.points[::step]
+        return LinkSurface(points, self.normals[::step], cKDTree(points))
 
     def distances(self, points: Array) -> Array:
         """Returns the distances (n,) [m] of `points` (n, 3) [m] in the link from the surface."""
@@ -74,13 +87,18 @@ class Registration:
         return not self.fits and self.corrected_mean <= FITS
 
 
+@lru_cache(maxsize=1)  # of a robot with many patches
+def _compiled(file: Model) -> mujoco.MjModel:
+    return compiled(load_spec(file), file)
+
+
 @lru_cache(maxsize=8)
 def link_surface(robot: Robot, link: str) -> LinkSurface:
     """Returns the surface of a link. Raises DescriptionError without a model of the robot or mesh of the
     link."""
     if robot.model is None:
         raise DescriptionError(robot.source, [Fault(0, "no <model>: a surface needs a URDF or MJCF file")])
-    model = compiled(load_spec(robot.model), robot.model)
+    model = _compiled(robot.model)
     names = [model.body(index).name for index in range(model.nbody)]
     meshes = [
         _mesh(model, geom)
@@ -101,7 +119,7 @@ def link_surface(robot: Robot, link: str) -> LinkSurface:
 
 
 def register(points: Array, surface: LinkSurface) -> Registration:
-    """Compares `points` (n, 3) [m] with a link, and finds the correction that brings them onto it.
+    """Compares `points` (n, 3) [m] with a link, and finds the correction of those that do not fit.
 
     For a symmetric limb several corrections may be equally good; one of the best is returned. Raises
     CommandError for fewer than 10 points or ones that are not finite.
@@ -110,25 +128,25 @@ def register(points: Array, surface: LinkSurface) -> Registration:
     if points.ndim != 2 or points.shape[1:] != (3,) or len(points) < 10 or not np.isfinite(points).all():
         raise CommandError(f"points of shape {points.shape}; valid: at least 10 finite rows of x y z [m]")
     before = surface.distances(points)
+    if before.mean() <= FITS:
+        return _registration(before, np.eye(4), before)
+    coarse = surface.thinned(COARSE)
     some = points[np.random.default_rng(0).choice(len(points), min(60, len(points)), replace=False)]
-    starts = [(np.eye(3), np.zeros(3))]
-    for R in _right_angles():
-        for offset in product(OFFSETS, repeat=3):
-            starts.append((R, surface.points.mean(axis=0) + offset - R @ points.mean(axis=0)))
-    tried = []
-    for R, p in starts:
-        pose = _point_to_point(some, surface, transform(R, p), steps=12)
-        tried.append((float(surface.distances(apply(pose, some)).mean()), pose))
-    tried.sort(key=lambda one: one[0])
-    best, least = np.eye(4), float(before.mean())
-    for _, pose in tried[:KEPT]:
-        found = _point_to_plane(points, surface, _point_to_point(points, surface, pose, steps=10), steps=60)
-        mean = float(surface.distances(apply(found, points)).mean())
-        if mean < least:
-            best, least = found, mean
+    poses = _starts(points, surface)
+    for steps, kept in SEARCH:
+        poses = _best(_point_to_point(some, coarse, poses, steps=steps), some, coarse, kept)
+    poses = _best(_point_to_plane(some, coarse, poses, steps=20), some, coarse, REFINED)
+    (best,) = _best(_point_to_plane(points, surface, poses, steps=60), points, surface, 1)
     after = surface.distances(apply(best, points))
+    if after.mean() >= before.mean():
+        return _registration(before, np.eye(4), before)
+    return _registration(before, best, after)
+
+
+def _registration(before: Array, correction: Array, after: Array) -> Registration:
+    """Returns the result from distances (n,) [m] before and after a correction (4, 4)."""
     return Registration(
-        mean=float(before.mean()), largest=float(before.max()), correction=read_only(best),
+        mean=float(before.mean()), largest=float(before.max()), correction=read_only(correction),
         corrected_mean=float(after.mean()), corrected_largest=float(after.max()),
     )  # fmt: skip
 
@@ -159,31 +177,72 @@ def _right_angles() -> list[Array]:
     return found
 
 
-def _point_to_point(points: Array, surface: LinkSurface, pose: Array, *, steps: int) -> Array:
-    """Returns an improved pose (4, 4): moves nine tenths of the points, the nearest ones, to their
+def _starts(points: Array, surface: LinkSurface) -> Array:
+    """Returns poses (s, 4, 4) to start from: none moved, and all right angles with the centres offset."""
+    centre, theirs = points.mean(axis=0), surface.points.mean(axis=0)
+    return np.array(
+        [np.eye(4)]
+        + [
+            transform(R, theirs + offset - R @ centre)
+            for R in _right_angles()
+            for offset in product(OFFSETS, repeat=3)
+        ]
+    )
+
+
+def _best(poses: Array, points: Array, surface: LinkSurface, count: int) -> Array:
+    """Returns those `count` of `poses` (s, 4, 4) that bring points nearest to a surface."""
+    far = surface.tree.query(_placed(poses, points))[0].mean(axis=1)
+    best: Array = poses[np.argsort(far, kind="stable")[:count]]
+    return best
+
+
+def _placed(poses: Array, points: Array) -> Array:
+    """Returns points (s, n, 3) [m] at each of `poses` (s, 4, 4)."""
+    placed: Array = points @ poses[:, :3, :3].swapaxes(1, 2) + poses[:, None, :3, 3]
+    return placed
+
+
+def _nearest(distance: Array, share: float) -> Array:
+    """Returns weights (s, n, 1), 1 for the `share` of points at the least `distance` (s, n), else 0."""
+    last = max(0, int(np.ceil(share * distance.shape[1])) - 1)
+    farthest = np.partition(distance, last, axis=1)[:, last : last + 1]
+    return (distance <= farthest)[:, :, None].astype(np.float64)
+
+
+def _point_to_point(points: Array, surface: LinkSurface, poses: Array, *, steps: int) -> Array:
+    """Returns improved poses (s, 4, 4): each step moves nine tenths of the points, the nearest ones, to their
     neighbours."""
     for _ in range(steps):
-        distance, index = surface.tree.query(apply(pose, points))
-        near = distance <= np.quantile(distance, 0.9)
-        mine, theirs = points[near], surface.points[index[near]]
-        U, _, Vt = np.linalg.svd((mine - mine.mean(axis=0)).T @ (theirs - theirs.mean(axis=0)))
-        R = Vt.T @ np.diag([1.0, 1.0, np.linalg.det(Vt.T @ U.T)]) @ U.T
-        pose = transform(R, theirs.mean(axis=0) - R @ mine.mean(axis=0))
-    return pose
+        distance, index = surface.tree.query(_placed(poses, points))
+        weights, theirs = _nearest(distance, 0.9), surface.points[index]
+        total = weights.sum(axis=1)
+        here, there = (weights * points).sum(axis=1) / total, (weights * theirs).sum(axis=1) / total
+        spread = (weights * (points - here[:, None])).swapaxes(1, 2) @ (theirs - there[:, None])
+        U, _, Vt = np.linalg.svd(spread)
+        U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]  # no mirror images
+        R = (U @ Vt).swapaxes(1, 2)
+        poses = poses.copy()
+        poses[:, :3, :3], poses[:, :3, 3] = R, there - np.einsum("sij,sj->si", R, here)
+    return poses
 
 
-def _point_to_plane(points: Array, surface: LinkSurface, pose: Array, *, steps: int) -> Array:
-    """Returns an improved pose (4, 4) that moves points onto the planes of their nearest neighbours, where
-    they may slide."""
+def _point_to_plane(points: Array, surface: LinkSurface, poses: Array, *, steps: int) -> Array:
+    """Returns improved poses (s, 4, 4): each step moves points onto the planes of their nearest neighbours,
+    where they may slide."""
     for _ in range(steps):
-        here = apply(pose, points)
+        here = _placed(poses, points)
         distance, index = surface.tree.query(here)
-        near = distance <= np.quantile(distance, 0.95)
-        mine, normals = here[near], surface.normals[index[near]]
-        away = np.einsum("ij,ij->i", surface.points[index[near]] - mine, normals)
-        rows = np.hstack([np.cross(mine, normals), normals])
+        normals = surface.normals[index]
+        away = np.einsum("snj,snj->sn", surface.points[index] - here, normals)
+        rows = np.concatenate([np.cross(here, normals), normals], axis=2)
+        weighed = (_nearest(distance, 0.95) * rows).swapaxes(1, 2)
         # A round limb leaves the turn about its axis undetermined: damping makes it zero.
-        twist = np.linalg.solve(rows.T @ rows + 1e-9 * len(rows) * np.eye(6), rows.T @ away)
-        R = Rotation.from_rotvec(np.clip(twist[:3], -0.1, 0.1)).as_matrix()
-        pose = transform(R, twist[3:]) @ pose
-    return pose
+        square = weighed @ rows + 1e-9 * len(points) * np.eye(6)
+        twist = np.linalg.solve(square, weighed @ away[:, :, None])[:, :, 0]
+        turns = Rotation.from_rotvec(np.clip(twist[:, :3], -0.1, 0.1)).as_matrix()
+        moves = np.array([transform(R, p) for R, p in zip(turns, twist[:, 3:], strict=True)])
+        poses = moves @ poses
+        if np.abs(twist).max() < STILL:
+            break
+    return poses

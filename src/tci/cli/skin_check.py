@@ -28,12 +28,18 @@ def check(
 
     Example:  tci skin check icub --file right_arm.txt --link r_upper_arm
     """
+    from rich.progress import Progress
+
     from tci.authoring.check_skin import check_skins
     from tci.robot.catalogue import load_robot
 
     words = load_robot(robot)
-    with console.status("comparing taxels with meshes"):
-        rows = check_skins(words, file, link)
+    with Progress(console=console, transient=True, disable=as_json or not console.is_terminal) as bar:
+        task = bar.add_task("")
+        rows = check_skins(
+            words, file, link,
+            progress=lambda skin, done, of: bar.update(task, description=skin, completed=done, total=of),
+        )  # fmt: skip
     if as_json:
         print_json({"robot": words.name, "skins": rows})
     else:

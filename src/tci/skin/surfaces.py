@@ -21,7 +21,7 @@ from tci.robot.per_robot import per_robot
 from tci.robot.skin_files.file import MODULE_PITCH
 from tci.robot.skin_files.table import read_table
 from tci.skin.nearest import nearest_on_faces
-from tci.skin.triangulation import hull, outward, triangulate
+from tci.skin.triangulation import outward, triangulate
 
 NEIGHBOUR_DISTANCE = 0.015
 """Largest distance [m] up to which taxels are neighbours: the largest that an iCub's skinManager is set
@@ -68,8 +68,8 @@ class Surface:
     faces: NDArray[np.intp]
     """Triangles (f, 3) of taxels, anticlockwise seen from outside.
 
-    All taxels are corners, so that the projection of a taxel is the taxel; modules at frames of a model lie
-    on their hull. Taxels on one line have none.
+    All taxels are corners, so that the projection of a taxel is the taxel. What collides in the simulation is
+    their convex hull. Taxels on one line have none.
     """
     tangents: Array | None = None
     """Unit x axes (n, 3) of three-axis taxels in the link; y is normal x tangent. None stands for
@@ -105,7 +105,7 @@ def build_surface(robot: Robot, patch: Patch, kinematics: KinematicChain) -> Sur
         channels = np.arange(len(positions))
     elif isinstance(description, TriangularModules):
         positions, normals, areas, channels = _modules(robot, patch, description, kinematics)
-        faces = hull(positions, normals)
+        faces = triangulate(positions, normals)
     else:
         layout = read_table(robot, patch, description)
         channels = layout.taxels

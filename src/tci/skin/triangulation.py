@@ -1,15 +1,14 @@
 """Triangles between the taxels of a skin: of a sheet on a plane, of a limb unrolled around its axis.
 
-All taxels are corners, but for those of modules at frames of a model, which are on the convex hull. A convex
-hull would leave out those in hollows, and would put touches there up to 9 mm outside the skin of an iCub's
-forearm.
+All taxels are corners. A convex hull would leave out those in hollows, and would put touches there up to 9 mm
+outside the skin of an iCub's forearm.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
+from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from tci.frames import Array
 
@@ -48,22 +47,6 @@ def triangulate(positions: Array, normals: Array) -> NDArray[np.intp]:
     corners = positions[np.unique(faces)]
     whole = len(corners) > 0 and float(cKDTree(corners).query(positions)[0].max()) <= OFF
     return faces if whole else _NONE
-
-
-def hull(positions: Array, normals: Array) -> NDArray[np.intp]:
-    """Returns triangles (f, 3) of the convex hull of a limb's flat modules, or those of `triangulate` for a
-    sheet.
-
-    It is the shape that collides in the simulation, so that a poke's depth is that in the skin. Taxels in
-    hollows between an iCub's modules are up to 1.9 mm inside.
-    """
-    if is_sheet(normals):
-        return triangulate(positions, normals)
-    places, index = np.unique(positions, axis=0, return_index=True)
-    try:
-        return _skin_only(index[np.asarray(ConvexHull(places).simplices, dtype=np.intp)], positions, normals)
-    except QhullError:
-        return _NONE
 
 
 def outward(faces: NDArray[np.intp], positions: Array, normals: Array) -> NDArray[np.intp]:

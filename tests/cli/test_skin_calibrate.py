@@ -103,11 +103,9 @@ def test_a_force_sensor_beside_the_skin_finds_the_wrong_response(
     ]
     code, output = run(*words, "--json")
     assert code == 0
-    rows = json.loads(output)["loads"]
-    assert len(rows) >= 6
-    before, after = (np.mean([row[key] / row["force_N"] for row in rows]) for key in ("before_N", "after_N"))
-    assert before == pytest.approx(WRONG, rel=0.05)
-    assert after == pytest.approx(1.0, abs=0.03)
+    told = json.loads(output)["report"]
+    assert told["held_out_N"] <= told["held_out_one_gain_N"] < 0.5 * told["held_out_raw_sum_N"]
+    assert told["offset_N"] == pytest.approx(0.0, abs=0.1)
     # From then on the skin of that description measures newtons.
     assert felt(description) == pytest.approx(true_force(), rel=0.05)
 
@@ -136,7 +134,7 @@ def pressed() -> World:
         ("t,f\n1,2\n", "header time,force"),
         ("time,force\n1,2\n", "2 or more"),
         ("time,force\n0,1\n1,x\n", "line 3"),
-        ("time,force\n0,1\n0,1\n", "line 3"),
+        ("time,force\n0,1\n0,1\n", "later"),
         ("time,force\n0,1\nnan,1\n", "line 3"),
         ("time,force\n0,1\n1,2,3\n", "line 3"),
         ("time,force\n0,1\n1_0,2\n", "line 3"),

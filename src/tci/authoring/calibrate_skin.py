@@ -21,12 +21,6 @@ loads per piece."""
 STIFF = 0.03
 """Weight of the smoothing that keeps slopes of adjacent pieces equal. Assumed: small against that of the
 loads."""
-REST = 0.02
-"""Force [N] below which the force sensor counts as unloaded. Assumed: above such sensors' noise, far below a
-touch."""
-STEADY = 0.2
-"""Length [s] of one load in a force sensor's stream. Assumed; shorter averages less noise, longer needs a
-steadier hand."""
 FEWEST_FRAMES = 20
 """Least number of frames at rest. Assumed: a standard deviation of 20 frames is known to about 16 percent."""
 
@@ -64,33 +58,6 @@ def calibrate(
     return PatchCalibration(
         rest=tuple(level.tolist()), noise=tuple(noise.tolist()), response=response, report=report
     )
-
-
-def loads_of_stream(
-    stamps: Array, values: Array, times: Array, forces: Array
-) -> tuple[Array, tuple[Load, ...]]:
-    """Returns frames at rest (frames, n), and loads, from a stream recorded beside a force sensor.
-
-    The stream has frames (m, n) at `stamps` (m,) [s]; the sensor read `forces` (k,) [N] at `times` (k,) [s],
-    on the same clock. A frame is at rest if the sensor read less than `REST`; a load is an interval of
-    `STEADY` seconds in which it changed by less than a tenth. Raises TciError if the two do not overlap.
-    """
-    inside = (stamps >= times[0]) & (stamps <= times[-1])
-    if not inside.any():
-        raise TciError(
-            f"frames from {stamps.min():.3f} to {stamps.max():.3f} s, forces from {times[0]:.3f} to "
-            f"{times[-1]:.3f} s; valid: one clock for both"
-        )
-    stamps, values = stamps[inside], values[inside]
-    felt = np.interp(stamps, times, forces)
-    window = np.floor((stamps - stamps[0]) / STEADY)
-    loads = []
-    for one in np.unique(window):
-        own = window == one
-        mean = float(felt[own].mean())
-        if mean > REST and np.ptp(felt[own]) < 0.1 * mean:
-            loads.append(Load(mean, values[own]))
-    return values[np.abs(felt) < REST], tuple(loads)
 
 
 def _response(

@@ -5,7 +5,6 @@ The loads are weights that a person puts on, pokes of the simulated finger, or a
 
 from __future__ import annotations
 
-import csv
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -16,7 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.authoring.calibrate_skin import Load, calibrate, loads_of_stream
+from tci.authoring.calibrate_force import ForceFit, calibrate_to_force
+from tci.authoring.calibrate_skin import Load, calibrate
+from tci.authoring.force_log import read_force_log
 from tci.drivers.driver import Driver
 from tci.drivers.registry import connect
 from tci.drivers.simulated import SimulatedDriver
@@ -30,7 +31,6 @@ from tci.robot.skin_files.calibration import (
     SkinCalibration,
     calibration_path,
 )
-from tci.robot.xml.values import decimal
 from tci.simulation.finger import STIFFNESS
 from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface, build_surface
@@ -54,6 +54,8 @@ class PatchMeasurement:
     found: PatchCalibration
     loads: list[dict[str, float]]
     """For each load its force [N], and that measured with the description's and the calibrated response."""
+    force: ForceFit | None = None
+    """Fit to the log of a force sensor, if there was one."""
 
 
 def calibrate_patch(
@@ -75,7 +77,7 @@ def calibrate_patch(
         patch: Name of the patch.
         via: Driver, NAME or NAME:ADDRESS.
         weights: Known loads [N], light ones first.
-        force_log: Instead of weights, a log of forces beside a recording of the skin.
+        force_log: Instead of weights, a log of forces beside a recording, see `read_force_log`.
         frames: Number of frames to take at rest.
         out: File to write, by default beside the description.
         ask: Called with a request to the person beside the robot; returns when it is done.
@@ -100,7 +102,9 @@ def calibrate_patch(
     if not os.access(target if target.exists() else target.absolute().parent, os.W_OK):
         raise CommandError(f"{target} can't be written; valid: --out FILE in a folder that you may write to")
     before = read_json(target, SkinCalibration) if target.is_file() else None
-    loads: Sequence[Load]
+    loads: Sequence[Load] = ()
+    force: ForceFit | None = None
+    when = datetime.now(UTC).isoformat(timespec="seconds")
     with connect(robot, via, arm=False) as driver:
         session = _LoadSession(driver, patch, normal_channels(site, surface), ask=ask, progress=progress)
         if isinstance(driver, SimulatedDriver):
@@ -109,15 +113,14 @@ def calibrate_patch(
             session.ask("Take everything off the skin.")
             _, rest = session.take(frames, "at rest")
             loads = list(_pressed(session, surface, weights))
+            found = calibrate(site.sensor, surface.areas, rest, loads, when=when)
         else:
-            stamps, values = session.take_all()
-            rest, loads = loads_of_stream(stamps, values, *stream)
-    when = datetime.now(UTC).isoformat(timespec="seconds")
-    found = calibrate(site.sensor, surface.areas, rest, loads, when=when)
+            recorded = session.take_all()
+            found, force = calibrate_to_force(site.sensor, surface.areas, *recorded, *stream, when=when)
     patches = {} if before is None else dict(before.patches)
     write_json(target, SkinCalibration(robot=robot.name, date=when, patches=patches | {patch: found}))
     rows = [_compare(site.sensor, surface.areas, found, load) for load in loads]
-    return PatchMeasurement(target, found, rows)
+    return PatchMeasurement(target, found, rows, force)
 
 
 class _LoadSession:
@@ -213,35 +216,6 @@ def _pressed(session: _LoadSession, surface: Surface, weights: Sequence[float]) 
             places += 1
             if places == PLACES:
                 break
-
-
-def read_force_log(path: Path) -> tuple[Array, Array]:
-    """Reads stamps (n,) [s] and forces (n,) [N] from a CSV file `time,force`, on the driver's clock.
-
-    Raises TciError with the line of the fault.
-    """
-    try:
-        with path.open(newline="") as file:
-            rows = list(csv.reader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise TciError(f"{path} can't be read: {error}") from None
-    if not rows or [cell.strip().lower() for cell in rows[0]] != ["time", "force"]:
-        raise TciError(f"{path}: line 1; valid: the header time,force (in s and N)")
-    values: list[tuple[float, float]] = []
-    for line, row in enumerate(rows[1:], start=2):
-        try:
-            time, force = (decimal(cell.strip(" ")) for cell in row)
-        except ValueError:
-            raise TciError(
-                f"{path}: line {line}: {row}; valid: two numbers, time [s] and force [N]"
-            ) from None
-        if values and time <= values[-1][0]:
-            raise TciError(f"{path}: line {line}: {row}; valid: a time later than that of the line before")
-        values.append((time, force))
-    if len(values) < 2:
-        raise TciError(f"{path}: {len(values)} rows of numbers; valid: 2 or more")
-    stamps, forces = np.array(values).T
-    return stamps, forces
 
 
 def _compare(sensor: Any, areas: Array, found: PatchCalibration, load: Load) -> dict[str, float]:

@@ -17,6 +17,7 @@ from tci.cli.options import RobotName, Via
 from tci.errors import CommandError
 
 if TYPE_CHECKING:
+    from tci.authoring.calibrate_force import ForceFit
     from tci.authoring.load_skin import PatchMeasurement
 
 
@@ -30,7 +31,8 @@ def calibrate(
     force_log: Annotated[
         Path | None,
         typer.Option(
-            help="Instead of weights: readings of a force sensor, CSV with time,force on the driver's clock."
+            help="Instead of weights: log of a force/torque sensor beside the recording, CSV (time,force or "
+            "time,fx,fy,fz) or yarpdatadumper."
         ),
     ] = None,
     frames: Annotated[int, typer.Option(min=20, help="Number of frames to take at rest.")] = 200,
@@ -46,7 +48,7 @@ def calibrate(
 
     Example:  tci skin calibrate nao --patch left_forearm --weight 0.5 --weight 2 --out nao.skin.json
 
-    Example:  tci skin calibrate icub --patch left_forearm --via replay:loads.mcap --force-log force.csv
+    Example:  tci skin calibrate icub --patch left_forearm --via replay:stand.mcap --force-log data.log
     """
     from rich.progress import Progress
 
@@ -73,7 +75,7 @@ def calibrate(
         report = {"file": str(done.file), "patch": patch, "report": done.found.report, "loads": done.loads}
         print_json(report)
     else:
-        console.print(_table(patch, done))
+        console.print(_table(patch, done) if done.force is None else _fit_table(patch, done.force))
         console.print(f"calibration {done.file}", highlight=False, markup=False)
 
 
@@ -90,4 +92,25 @@ def _table(patch: str, done: PatchMeasurement) -> Table:
     for row in done.loads:
         error = 100.0 * (row["after_N"] / row["force_N"] - 1.0)
         table.add_row(*(f"{row[key]:.2f}" for key in ("force_N", "before_N", "after_N")), f"{error:+.1f}")
+    return table
+
+
+def _fit_table(patch: str, fit: ForceFit) -> Table:
+    gains = sorted(fit.gains.tolist())
+    low, high = gains[len(gains) // 20], gains[-1 - len(gains) // 20]
+    table = Table(
+        title=f"{patch}: {len(gains)} taxels against a force sensor, offset {fit.offset:.2f} N",
+        caption=f"gain: factor of the description's response, median {median(gains):.2f}, {low:.2f} to "
+        f"{high:.2f} for nine of ten taxels; error: root mean square, fitted to every other block of frames, "
+        "for the blocks between",
+        box=box.SIMPLE_HEAD,
+    )
+    table.add_column("measured by")
+    table.add_column("error \\[N]", justify="right")
+    for words, error in (
+        ("sum of raw values, gain and offset", fit.held_out_raw_sum),
+        ("one gain for the patch, offset", fit.held_out_one_gain),
+        ("calibration", fit.held_out),
+    ):
+        table.add_row(words, f"{error:.2f}")
     return table

@@ -81,7 +81,8 @@ class ContactFinder:
         self._waiting: Array = np.zeros((0, WAITING))
         if settings.isolated is not None:
             waits = settings.isolated.waits(layout.arrays.rate)
-            self._rules = np.array([waits, [one.pressure(SATURATED * one.full) for one in layout.patches]])
+            ends = [float(one.response(np.array(SATURATED * one.full))) for one in layout.patches]
+            self._rules = np.array([waits, ends])
 
     def find(
         self, state: SkinState, estimates: Estimates, poses: Callable[[], Array], posture: Mapping[str, Array]

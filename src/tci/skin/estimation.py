@@ -42,7 +42,7 @@ class PatchEstimator:
         self.sole = patch.description.segment == SOLE
         self.full = patch.full
         """Largest deviation [counts] that the sensor can send."""
-        self.gain, self.nodes = abs(sensor.pascal_per_count), patch.nodes
+        self._gain, self._nodes = patch.gain, patch.nodes
         self.baseline = Baseline(
             count,
             span=sensor.highest - sensor.lowest,
@@ -99,7 +99,7 @@ class PatchEstimator:
         estimates.muted[taxels] = self.health.muted
 
     def _pressure(self, counts: Array) -> Array:
-        pressure: Array = np.interp(counts, *self.nodes) if self.nodes.size else self.gain * counts
+        pressure: Array = self._gain * (np.interp(counts, *self._nodes) if self._nodes.size else counts)
         return pressure
 
     def masked(self) -> MappingProxyType[int, str]:

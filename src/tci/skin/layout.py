@@ -78,13 +78,17 @@ class SkinPatch:
         rises = sensor.pascal_per_count > 0.0
         return sensor.highest - sensor.rest if rises else sensor.rest - sensor.lowest
 
-    def pressure(self, counts: float) -> float:
-        """Returns the pressure [Pa] of a deviation [counts] along the normal, up to the last node at most."""
-        return float(
-            np.interp(counts, *self.nodes)
-            if self.nodes.size
-            else abs(self.description.sensor.pascal_per_count) * counts
-        )
+    @property
+    def gain(self) -> Array:
+        """Factor (n,) from `response` to each taxel's pressure."""
+        linear = 1.0 if self.nodes.size else abs(self.description.sensor.pascal_per_count)
+        measured = () if self.calibration is None else self.calibration.gain
+        return linear * np.array(measured) if measured else np.full(len(self.channels), linear)
+
+    def response(self, counts: Array) -> Array:
+        """Returns the response (n,) to deviations [counts] along the normal, before `gain`: up to the last
+        node at most."""
+        return np.interp(counts, *self.nodes) if self.nodes.size else counts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -213,17 +217,13 @@ def _arrays(patches: Sequence[SkinPatch], on: Places) -> LayoutArrays:
     entries = [one[2] + first for one, first in zip(grids, firsts[:-1], strict=True)]
     cells = np.cumsum([0, *_joined([np.diff(one[1]) for one in grids], 0)])
     channels = [one.channels + start for one, start in zip(patches, begin[:-1, CHANNEL], strict=True)]
-    gains = [
-        np.full(len(one.channels), 1.0 if one.nodes.size else abs(one.description.sensor.pascal_per_count))
-        for one in patches
-    ]
     made = LayoutArrays(
         begin=begin.astype(np.int64),
         sensor=np.array([_sensor(one) for one in patches], np.float32).reshape(-1, 5),
         rate=np.array([one.description.rate for one in patches], np.float64),
         channel=_joined(channels, 0).astype(np.int64),
         span=np.array([span for own in channels for span in _spans(own)], np.int64).reshape(-1, 3),
-        gain=_joined(gains, 0),
+        gain=_joined([one.gain for one in patches], 0),
         nodes=np.concatenate([np.zeros((2, 0)), *(one.nodes for one in patches)], axis=1),
         taxel=_joined([np.column_stack([s.positions, s.normals, s.areas]) for s in surfaces], (0, 7)),
         fill=_joined([_fill(one) for one in patches], (0, len(WIDTHS))),

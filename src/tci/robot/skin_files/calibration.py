@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 from tci.errors import TciError
@@ -19,17 +20,22 @@ class PatchCalibration(Description):
     """Standard deviation [counts] of each taxel at rest."""
     response: tuple[tuple[float, float], ...] = ()
     """Points (counts away from rest, pressure [Pa]) rising from 0, 0; empty: the description's response."""
+    gain: tuple[float, ...] = ()
+    """Factor of each taxel's pressure; empty: 1 for all."""
     report: dict[str, float | str]
     """Quality of the calibration: loads, largest relative error, ..."""
 
     def check(self, taxels: int) -> None:
-        """Raises TciError for another number of taxels, or a response that does not rise from 0, 0."""
+        """Raises TciError for another number of taxels, a response that does not rise from 0, 0, or a gain
+        that is not above 0."""
         if not len(self.rest) == len(self.noise) == taxels:
             raise TciError(f"a calibration of {len(self.rest)} taxels; valid: {taxels}, as in the patch")
         pairs = list(zip(self.response, self.response[1:], strict=False))
         rising = all(low[0] < high[0] and low[1] < high[1] for low, high in pairs)
         if self.response and (len(self.response) < 2 or self.response[0] != (0.0, 0.0) or not rising):
             raise TciError("a calibration's response must have two points or more that rise from 0, 0")
+        if self.gain and not (len(self.gain) == taxels and all(0.0 < one < math.inf for one in self.gain)):
+            raise TciError(f"a calibration's gains must be {taxels}, one a taxel, above 0 and finite")
 
 
 class SkinCalibration(Description):

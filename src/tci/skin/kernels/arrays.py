@@ -44,7 +44,7 @@ class LayoutArrays(NamedTuple):
     span: Places
     """First channel, last + 1, and 1 if the channels are consecutive (b, 3), of each block."""
     gain: Array
-    """Response (n,) [Pa per count]; 1 where `nodes` define it."""
+    """Response (n,) [Pa per count], where `nodes` define it a factor of theirs."""
     nodes: Array
     """Deviation [counts] and pressure [Pa] (2, m) at the nodes of piecewise linear responses."""
     taxel: Array

@@ -114,10 +114,10 @@ def reject_isolated(
     """Removes clusters of a single taxel that are no touch, see `IsolatedSettings`.
 
     An isolated taxel of a patch must be pressed for the first row of `rules` (2, p) [s], 0 for none, and
-    change if it reads the second [Pa] or more; `reach` [m] is that of the settings, `floor` [N] the least
-    force on a taxel of a contact. `before` (k,) are the taxels, among those of the whole skin, of all
-    contacts in the frame before, and `waiting` (w, WAITING) the isolated taxels then. Returns the number of
-    clusters left, the number of their taxels, and the number of rows of `fresh` (m, WAITING) that were
+    change if it reads the second, before `gain`, or more; `reach` [m] is that of the settings, `floor` [N]
+    the least force on a taxel of a contact. `before` (k,) are the taxels, among those of the whole skin, of
+    all contacts in the frame before, and `waiting` (w, WAITING) the isolated taxels then. Returns the number
+    of clusters left, the number of their taxels, and the number of rows of `fresh` (m, WAITING) that were
     written: the next `waiting`.
     """
     waits, kept, filled, c, begin = 0, 0, 0, 0, 0
@@ -135,7 +135,8 @@ def reject_isolated(
                     waits += 1
                     if not _wait_on(i, stamp, force, waiting, now):
                         now[LEFT] = _was_touched(i, before)
-                    must_change = estimates.fluctuating[i] or force >= end[p] * layout.taxel[i, AREA]
+                    full = end[p] * layout.gain[i] * layout.taxel[i, AREA]
+                    must_change = estimates.fluctuating[i] or force >= full
                     alive = now[CHANGED] >= ALIVE or not must_change or wait[p] <= 0.0
                     if stamp - now[SINCE] >= wait[p]:
                         keep = alive

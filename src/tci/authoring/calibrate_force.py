@@ -1,0 +1,199 @@
+"""Calibrates a patch against a force sensor beside it, from a recording as it is.
+
+Neither the sensor's bias nor the skin's rest need be known: the force is modelled as an offset and the sum of
+each taxel's force times a gain. The gains of taxels are drawn to that of the patch by a penalty, which
+cross-validation chooses, since a recording presses few places.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.errors import TciError
+from tci.frames import Array
+from tci.robot.description import Sensor
+from tci.robot.skin_files.calibration import PatchCalibration
+from tci.skin.baseline import BaselineSettings
+
+BLOCK = 10
+"""Number of consecutive frames that are used or held out together. Assumed: 0.2 s of an iCub's skin, so that
+a frame is not judged by its neighbours alone."""
+FEWEST = 8 * BLOCK
+"""Least number of frames. Assumed: two blocks for each part of the cross-validation."""
+REST = 0.05
+"""Fraction of frames, those in which the patch reads least, that rest values are taken from. Assumed: a
+robot that sways leaves each part of its skin that often."""
+PENALTIES = (np.inf, 100.0, 10.0, 1.0, 0.1, 0.01, 0.001)
+"""Penalties of gains that differ between taxels, relative to the mean square of their forces. Assumed: from
+one gain for all to gains that fit noise."""
+LEAST, MOST = 0.2, 5.0
+"""Range of a taxel's gain, relative to the patch's. Assumed: a recording that hardly presses a taxel must not
+silence it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ForceFit:
+    """Gains of a patch's taxels, and errors with frames that the gains were not fitted to."""
+
+    gains: Array
+    """Factor (n,) of each taxel's response in the description; zeros if the load does not grow with the
+    patch."""
+    offset: float
+    """Force [N] that the sensor read while the patch was at rest."""
+    penalty: float
+    """Penalty of gains that differ; infinite for one gain."""
+    held_out: float
+    """Root mean square error [N], fitted to every other block of frames, for the blocks between."""
+    held_out_one_gain: float
+    """Error [N] with one gain for all taxels."""
+    held_out_raw_sum: float
+    """Error [N] of the sum of all raw values with gain and offset."""
+
+
+def calibrate_to_force(
+    sensor: Sensor, areas: Array, stamps: Array, values: Array, times: Array, forces: Array, *,
+    when: str = "unknown",
+) -> tuple[PatchCalibration, ForceFit]:  # fmt: skip
+    """Calibrates a patch with what `fit_recording` finds. Raises TciError if it finds no gain."""
+    found, rest, noise = fit_recording(sensor, areas, stamps, values, times, forces)
+    if not found.gains.any():
+        raise TciError(
+            "the force does not grow with what the patch reads (held-out error "
+            f"{found.held_out:.3g} N, by the sum of raw values {found.held_out_raw_sum:.3g} N); valid: a "
+            "recording in which this patch is loaded and unloaded"
+        )
+    calibration = PatchCalibration(
+        rest=tuple(rest.tolist()), noise=tuple(noise.tolist()), gain=tuple(found.gains.tolist()),
+        report={
+            "date": when, "frames": float(len(stamps)), "offset_N": found.offset,
+            "held_out_N": found.held_out, "held_out_one_gain_N": found.held_out_one_gain,
+            "held_out_raw_sum_N": found.held_out_raw_sum,
+        },
+    )  # fmt: skip
+    return calibration, found
+
+
+def fit_recording(
+    sensor: Sensor, areas: Array, stamps: Array, values: Array, times: Array, forces: Array
+) -> tuple[ForceFit, Array, Array]:
+    """Fits gains of taxels with `areas` (n,) [m2] to raw `values` (m, n) at `stamps` (m,) [s].
+
+    The force sensor read `forces` (k, components) [N] at `times` (k,) [s], on the same clock. The load is the
+    component along which the force changes most, in the sense in which it grows with the patch. Returns the
+    fit, and rest values and noise (n,) [counts]. Raises TciError for data without a fit.
+    """
+    inside = (stamps >= times[0]) & (stamps <= times[-1])
+    if inside.sum() < FEWEST:
+        raise TciError(
+            f"{int(inside.sum())} frames while the force was recorded: frames from {stamps.min():.3f} to "
+            f"{stamps.max():.3f} s, forces from {times[0]:.3f} to {times[-1]:.3f} s; valid: {FEWEST} or "
+            "more, one clock for both"
+        )
+    stamps, values = stamps[inside], values[inside]
+    if not (np.isfinite(values).all() and np.isfinite(forces).all()):
+        raise TciError("frames or forces are not all finite")
+    sign = np.sign(sensor.pascal_per_count)
+    counts = sign * values
+    total = counts.sum(axis=1)
+    load = _along(np.stack([np.interp(stamps, times, one) for one in forces.T], axis=1), total)
+    rest, noise = _rest(counts), _noise(counts)
+    pressed = counts - rest
+    # Conditioning drops counts below its threshold.
+    pressed = np.where((pressed > 0.0) & (pressed >= BaselineSettings().threshold * noise), pressed, 0.0)
+    blocks = np.arange(len(counts)) // BLOCK
+    return fit_force(sensor.pressure(pressed) * areas, load, blocks, raw=total), sign * rest, noise
+
+
+def fit_force(parts: Array, load: Array, blocks: NDArray[np.intp], *, raw: Array) -> ForceFit:
+    """Fits gains to a `load` (m,) [N] from the taxels' forces `parts` (m, n) [N] by the description.
+
+    `blocks` (m,) are numbers of frames that are held out together; `raw` (m,) is the sum that the errors are
+    compared with.
+    """
+    train = blocks % 2 == 0
+    test, some = ~train, blocks[train] // 2
+    penalty = _choose(parts[train], load[train], some)
+    errors = [
+        _root_mean_square(_predict(parts[test], *_fit(parts[train], load[train], one)) - load[test])
+        for one in (penalty, np.inf)
+    ]
+    line = np.polynomial.Polynomial.fit(raw[train], load[train], 1)
+    penalty = _choose(parts, load, blocks)
+    gains, offset = _fit(parts, load, penalty)
+    return ForceFit(
+        gains, offset, penalty, errors[0], errors[1], _root_mean_square(line(raw[test]) - load[test])
+    )
+
+
+def _fit(parts: Array, load: Array, penalty: float) -> tuple[Array, float]:
+    """Returns gains (n,), zeros if the load does not grow with the patch, and the offset [N]."""
+    factors = _factors(parts, load, penalty)
+    total = parts @ factors
+    spread = total - total.mean()
+    square = float(spread @ spread)
+    gain = max(0.0, float(spread @ load) / square) if square > 0.0 else 0.0
+    return gain * factors, float(load.mean() - gain * total.mean())
+
+
+def _factors(parts: Array, load: Array, penalty: float) -> Array:
+    """Returns each taxel's gain (n,) relative to the patch's, by ridge regression whose penalty is on
+    differences."""
+    same = np.ones(parts.shape[1])
+    away, rest = parts - parts.mean(axis=0), load - load.mean()
+    inner = away @ away.T
+    if np.isinf(penalty) or not inner.any():
+        return same
+    inverse = np.linalg.inv(inner + penalty * np.trace(inner) / len(load) * np.eye(len(load)))
+    total = away @ same
+    one = float(total @ inverse @ rest) / float(total @ inverse @ total)
+    if not one > 0.0:
+        return same
+    factors: Array = np.clip(same + away.T @ (inverse @ (rest - one * total)) / one, LEAST, MOST)
+    return factors
+
+
+def _choose(parts: Array, load: Array, blocks: NDArray[np.intp], folds: int = 4) -> float:
+    """Returns the penalty with the least error on held-out blocks."""
+    errors = []
+    for penalty in PENALTIES:
+        left = [
+            _predict(parts[out], *_fit(parts[~out], load[~out], penalty)) - load[out]
+            for out in (blocks % folds == fold for fold in range(folds))
+        ]
+        errors.append(_root_mean_square(np.concatenate(left)))
+    return PENALTIES[int(np.argmin(errors))]
+
+
+def _predict(parts: Array, gains: Array, offset: float) -> Array:
+    predicted: Array = parts @ gains + offset
+    return predicted
+
+
+def _root_mean_square(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _along(forces: Array, total: Array) -> Array:
+    """Returns the component (m,) [N] of `forces` (m, components) that changes most, growing with `total`
+    (m,)."""
+    away = forces - forces.mean(axis=0)
+    load: Array = forces @ np.linalg.svd(away, full_matrices=False)[2][0]
+    return load if (load - load.mean()) @ (total - total.mean()) >= 0.0 else -load
+
+
+def _rest(counts: Array) -> Array:
+    """Returns rest values (n,) [counts]: medians over the frames in which the patch reads least."""
+    least = np.argsort(counts.sum(axis=1), kind="stable")[: max(BLOCK, int(REST * len(counts)))]
+    rest: Array = np.median(counts[least], axis=0)
+    return rest
+
+
+def _noise(counts: Array) -> Array:
+    """Returns the noise (n,) [counts]: the median over blocks of the standard deviation in each, as most are
+    quiet."""
+    whole = counts[: len(counts) // BLOCK * BLOCK].reshape(-1, BLOCK, counts.shape[1])
+    noise: Array = np.median(whole.std(axis=1, ddof=1), axis=0)
+    return noise

@@ -26,6 +26,7 @@ NEXT = {
     "doctor": "tci demo",
     "skin fit": "tci skin show icub",
     "skin check": "tci skin show icub",
+    "skin mount": "tci skin locate nao --patch left_forearm",
     "skin locate": "tci skin check icub",
     "skin calibrate": "tci doctor nao",
     "skin show": "tci skin fit icub",

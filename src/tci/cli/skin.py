@@ -1,4 +1,4 @@
-"""`tci skin`: fits, checks, locates, calibrates and draws skins."""
+"""`tci skin`: fits, checks, mounts, locates, calibrates and draws skins."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from tci.cli.skin_calibrate import calibrate
 from tci.cli.skin_check import check
 from tci.cli.skin_fit import fit
 from tci.cli.skin_locate import locate
+from tci.cli.skin_mount import mount
 
-app = typer.Typer(help="Skins: fit, check, locate, calibrate, draw.", no_args_is_help=True)
-for command in (fit, check, locate, calibrate):
+app = typer.Typer(help="Skins: fit, check, mount, locate, calibrate, draw.", no_args_is_help=True)
+for command in (fit, check, mount, locate, calibrate):
     app.command()(command)
 
 

@@ -109,11 +109,14 @@ def build_surface(robot: Robot, patch: Patch, kinematics: KinematicChain) -> Sur
     else:
         layout = read_table(robot, patch, description)
         channels = layout.taxels
-        across = None if layout.tangents is None else read_only(layout.tangents[channels])
+        across = None if layout.tangents is None else layout.tangents[channels]
         positions, normals, areas = (
             values[channels] for values in (layout.positions, layout.normals, layout.areas)
         )
         faces = triangulate(positions, normals)
+    mount = mount_of(patch)
+    positions, normals = apply(mount, positions), normals @ mount[:3, :3].T
+    across = None if across is None else read_only(across @ mount[:3, :3].T)
     needed = patch.sensor.axes * (int(channels.max()) + 1)
     if needed > patch.channels:
         message = f"patch {patch.name}: it has {patch.channels} channels; its taxels need {needed}"
@@ -141,6 +144,11 @@ def surfaces_of(robot: Robot) -> tuple[Surface, ...]:
     raise."""
     kinematics = KinematicChain(robot)
     return tuple(build_surface(robot, patch, kinematics) for patch in robot.patches)
+
+
+def mount_of(patch: Patch) -> Array:
+    """Returns the pose (4, 4) in the patch's link by which all its taxels are moved."""
+    return transform(rotation_rpy(*patch.rpy), np.array(patch.xyz))
 
 
 def tangents(normals: Array) -> Array:

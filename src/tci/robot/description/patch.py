@@ -79,6 +79,10 @@ class Patch(Description):
     """Frame rate [Hz]."""
     channels: int
     """Number of values in a raw frame."""
+    xyz: Vector = (0.0, 0.0, 0.0)
+    """Shift [m] of the skin in its link, from where its taxels are said to be (`tci skin mount`)."""
+    rpy: Vector = (0.0, 0.0, 0.0)
+    """Turn [rad] of the skin about the link's origin, before the shift."""
     sensor: Sensor
     surface: Annotated[TruncatedCone | TriangularModules | Table, Field(discriminator="kind")]
     rigid: bool = False

@@ -291,9 +291,9 @@ SURFACES = {
 PATCH = Element(
     "A piece of skin on one link; without a segment it is on no limb (head, hand). `rigid=\"true\"`: its "
     "taxels carry one rigid plate, as the load cells under a foot, so that all that are pressed are one "
-    "contact.",
+    "contact. `xyz` and `rpy` move all its taxels in the link: `tci skin mount` finds them.",
     needs={"name": NAME, "part": NAME, "link": NAME, "rate": RATE, "channels": Integer(1, 100_000)},
-    may={"segment": NAME, "rigid": Flag(), "neighbours": LENGTH},
+    may={"segment": NAME, "rigid": Flag(), "neighbours": LENGTH, "xyz": POINT, "rpy": ORIENTATION},
     once=SENSORS | SURFACES, describes=Patch,
 )  # fmt: skip
 

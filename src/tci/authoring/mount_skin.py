@@ -1,0 +1,216 @@
+"""Finds where a skin sits on its link from self-touch: one skin of a robot on another (Roncone et al. 2014).
+
+Kinematics tell where both links are. In each touch both skins meet at one point, so the places that a skin
+reports and those at which the other one was touched differ by the rigid error of the skin's mount. It needs
+no force: which taxels are pressed is enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lxml import etree
+from scipy.spatial.transform import Rotation
+
+from tci.body.generic_body import GenericBody
+from tci.errors import CommandError, TciError
+from tci.frames import Array, apply, invert, read_only, rpy_of, transform
+from tci.messages import Contact, Perception
+from tci.recording.perceived import perceive
+from tci.recording.recording import Recording
+from tci.robot.description import Robot
+from tci.skin.surfaces import Surface, mount_of
+
+FEWEST = 10
+"""Least number of touches. Assumed: three tell a pose, but single ones are off by the distance of taxels."""
+SPREAD = 0.005
+"""Least standard deviation [m] of the touches along their second main axis. Assumed: touches on a line leave
+a turn about it unknown."""
+OUTLIER, ROUNDS = 3.0, 10
+"""Residual, as a multiple of the median, beyond which a touch is left out, and number of rounds that decide.
+Assumed: a touch by something else is far off."""
+
+
+TURNS, SETTLED = 200, 1e-7
+"""Largest number of turns between pose and depth, and change [m] of the depth at which they end."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SelfTouch:
+    """One touch of a skin by another one of the same robot."""
+
+    reported: Array
+    """Place (3,) [m] of the touch in the link, by the skin whose mount is in doubt."""
+    normal: Array
+    """Outward unit normal (3,) of that skin there."""
+    met: Array
+    """Place (3,) [m] in the same link, by the other skin."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mount:
+    """Place of a skin on its link, found from touches."""
+
+    correction: Array
+    """Pose (4, 4) in the link of the frame that the skin was thought to be in."""
+    residual: float
+    """Root mean square distance [m] of the touches after the correction."""
+    depth: float
+    """Depth [m] to which the skins were pressed into each other, on average."""
+    before: float
+    """Root mean square distance [m] without correction."""
+    touches: int
+    """Number of touches that were used."""
+    left_out: int
+    """Number of touches that were left out as too far off."""
+
+    moved: float
+    """Mean distance [m] by which the correction moves the places that were touched."""
+
+    def facts(self) -> dict[str, Any]:
+        """Returns what was found as JSON values."""
+        turn = self.correction[:3, :3]
+        return {
+            "touches": self.touches, "left_out": self.left_out,
+            "residual_mm": 1e3 * self.residual,
+            "depth_mm": 1e3 * self.depth, "apart_mm": 1e3 * self.before, "moved_mm": 1e3 * self.moved,
+            "turned_deg": float(np.rad2deg(Rotation.from_matrix(turn).magnitude())),
+            "xyz_m": self.correction[:3, 3].tolist(), "rpy_deg": np.rad2deg(rpy_of(turn)).tolist(),
+        }  # fmt: skip
+
+
+def find_mount(touches: Iterable[SelfTouch]) -> Mount:
+    """Returns the rigid correction by which reported places meet those of the other skin, by least squares.
+
+    Raises TciError for fewer than FEWEST touches, or ones that lie on a line.
+    """
+    rows = [(touch.reported, touch.normal, touch.met) for touch in touches]
+    if len(rows) < FEWEST:
+        raise TciError(
+            f"{len(rows)} touches of this skin by another one; valid: {FEWEST} or more, better 100"
+        )
+    reported, normals, met = (np.array(vectors) for vectors in zip(*rows, strict=True))
+    used = np.ones(len(rows), dtype=bool)
+    for _ in range(ROUNDS):
+        correction, depth = _fit(reported[used], normals[used], met[used])
+        off = np.linalg.norm(apply(correction, reported - depth * normals) - met, axis=1)
+        kept = off <= OUTLIER * max(float(np.median(off)), 1e-6)
+        if (kept == used).all():
+            break
+        used = kept
+    spread = float(np.linalg.svd(reported[used] - reported[used].mean(axis=0))[1][1] / np.sqrt(used.sum()))
+    if used.sum() < FEWEST or spread < SPREAD:
+        raise TciError(
+            f"{int(used.sum())} touches that agree, spread by {1e3 * spread:.1f} mm; valid: {FEWEST} or "
+            f"more, spread by {1e3 * SPREAD:g} mm or more in two directions"
+        )
+    before = np.linalg.norm(reported - met, axis=1)[used]
+    return Mount(
+        read_only(correction), float(np.sqrt(np.mean(off[used] ** 2))), depth,
+        float(np.sqrt(np.mean(before**2))), int(used.sum()), int((~used).sum()),
+        float(np.linalg.norm(apply(correction, reported[used]) - reported[used], axis=1).mean()),
+    )  # fmt: skip
+
+
+def mount_in_recording(path: Path, robot: Robot, patch: str) -> Mount:
+    """Returns the mount of a patch from a recording of the robot in which it touches itself.
+
+    Raises UnknownNameError for a patch, RecordingError for a file, TciError for too few touches.
+    """
+    robot.patch(patch)
+    body, recording = GenericBody(robot), Recording(path)
+    perceived = (period.perception for period in perceive(recording, robot))
+    return find_mount(self_touches(body, patch, perceived))
+
+
+def write_mounted(robot: Robot, patch: str, mount: Mount, out: Path) -> None:
+    """Writes a description that extends the robot's and has the patch where it was found.
+
+    Raises CommandError if `out` exists or does not lie beside the robot's description.
+    """
+    source = Path(robot.source)
+    if out.absolute().parent != source.absolute().parent or out.exists():
+        raise CommandError(
+            f"{out} can't extend {source.name}; valid: a new file in {source.absolute().parent}, "
+            "or a copy of that folder"
+        )
+    moved = moved_patch(robot, patch, mount.correction).patch(patch)
+    root = etree.Element("generic_robot", version="1", name=robot.name, angle_unit="deg", extends=source.name)
+    rpy = np.rad2deg(moved.rpy)
+    etree.SubElement(
+        etree.SubElement(root, "skin"), "patch", name=patch,
+        xyz=" ".join(f"{value:.6f}" for value in moved.xyz), rpy=" ".join(f"{value:.4f}" for value in rpy),
+    )  # fmt: skip
+    etree.indent(root)
+    out.write_bytes(etree.tostring(root, xml_declaration=True, encoding="UTF-8") + b"\n")
+
+
+def self_touches(body: GenericBody, patch: str, perceptions: Iterable[Perception]) -> Iterator[SelfTouch]:
+    """Yields one touch for each uninterrupted time in which `patch` and one skin of another link are pressed.
+
+    Each must have one contact; of the time, the period with most pressed taxels counts.
+    """
+    surfaces, chain = body.skin.surfaces, body.skin.kinematics
+    link = surfaces[patch].link
+    best: tuple[int, SelfTouch] | None = None
+    for perception in perceptions:
+        own = [one for one in perception.contacts if one.patch == patch]
+        others = [one for one in perception.contacts if surfaces[one.patch].link != link]
+        if len(own) != 1 or len(others) != 1:
+            if best is not None:
+                yield best[1]
+            best = None
+            continue
+        size = len(own[0].taxels) + len(others[0].taxels)
+        if best is not None and size <= best[0]:
+            continue
+        other = surfaces[others[0].patch]
+        assert perception.joints is not None  # a Perceiver always sets them
+        poses = chain.poses(perception.joints.position, [link, other.link])
+        met = apply(invert(poses[link]) @ poses[other.link], _centre(other, others[0])[0])
+        best = size, SelfTouch(*_centre(surfaces[patch], own[0]), met)
+    if best is not None:
+        yield best[1]
+
+
+def moved_patch(robot: Robot, patch: str, correction: Array) -> Robot:
+    """Returns a robot whose `patch` is moved in its link by a pose (4, 4)."""
+    own = robot.patch(patch)
+    mount = correction @ mount_of(own)
+    moved = own.model_copy(update={"xyz": tuple(mount[:3, 3].tolist()), "rpy": rpy_of(mount[:3, :3])})
+    patches = tuple(moved if one is own else one for one in robot.patches)
+    return robot.model_copy(update={"patches": patches})
+
+
+def _centre(surface: Surface, contact: Contact) -> tuple[Array, Array]:
+    """Returns the point (3,) [m] of a surface amid the pressed taxels, whatever their force, and the normal
+    (3,) there."""
+    points, normals = surface.project(surface.positions[contact.taxels].mean(axis=0)[None])
+    return points[0], normals[0]
+
+
+def _fit(reported: Array, normals: Array, met: Array) -> tuple[Array, float]:
+    """Returns the pose (4, 4) and the depth [m] that together are best, found in turn.
+
+    Without the depth, a skin around half of a limb would seem to sit deeper. On a plane it is not found, and
+    stays 0.
+    """
+    depth = 0.0
+    for _ in range(TURNS):
+        pose, before = _rigid(reported - depth * normals, met), depth
+        away = reported - apply(invert(pose), met)
+        depth = float(np.einsum("ni,ni->n", away, normals).mean())
+        if abs(depth - before) < SETTLED:
+            break
+    return pose, depth
+
+
+def _rigid(reported: Array, met: Array) -> Array:
+    """Returns the pose (4, 4) that brings `reported` (n, 3) onto `met` (n, 3) (Kabsch 1976)."""
+    here, there = reported.mean(axis=0), met.mean(axis=0)
+    R = Rotation.align_vectors(met - there, reported - here)[0].as_matrix()
+    return transform(R, there - R @ here)

@@ -1,0 +1,89 @@
+"""`tci skin mount`: finds where a skin sits on its link, from touches by another skin of the robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tci.cli.console import console, print_json
+from tci.cli.options import AsJson, RobotName
+
+
+def mount(
+    robot: RobotName,
+    patch: Annotated[str, typer.Option(help="Patch of skin whose mount is in doubt.")],
+    touches: Annotated[
+        Path | None,
+        typer.Option(help="Recording in which the robot touches this patch with another one (.mcap)."),
+    ] = None,
+    count: Annotated[int, typer.Option(min=10, max=10000, help="Number of touches, in simulation.")] = 100,
+    wrong: Annotated[
+        float, typer.Option(min=0.0, max=0.05, help="Error \\[m] of the mount, in simulation.")
+    ] = 0.010,
+    turned: Annotated[
+        float, typer.Option(min=0.0, max=30.0, help="Error \\[deg] of the mount, in simulation.")
+    ] = 5.0,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Description to write, which extends the robot's and lies beside it (.xml)."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Find where a skin sits from self-touch: touches of one skin on the other, by which taxels are pressed.
+
+    Without --touches a simulated robot with a wrong mount touches itself, and the remaining error is printed.
+
+    Example:  tci skin mount nao --patch left_forearm
+
+    Example:  tci skin mount my_icub.xml --patch left_forearm --touches self-touch.mcap --out mended.xml
+    """
+    import numpy as np
+    from rich.progress import Progress
+
+    from tci.authoring.mount_skin import mount_in_recording, write_mounted
+    from tci.errors import CommandError
+    from tci.experiments.self_touch import mount_in_simulation
+    from tci.robot.catalogue import load_robot
+
+    words = load_robot(robot)
+    if touches is None:
+        if out is not None:
+            raise CommandError("--out without --touches; valid: a recording of the robot itself")
+        with Progress(console=console, disable=as_json or not console.is_terminal, transient=True) as bar:
+            task = bar.add_task("touching", total=count)
+            done = mount_in_simulation(
+                words, patch, touches=count, wrong=wrong, turned=np.deg2rad(turned),
+                progress=lambda made: bar.update(task, completed=made),
+            )  # fmt: skip
+        found = done.mount
+        simulated = {"before_mm": 1e3 * done.before, "after_mm": 1e3 * done.after}
+    else:
+        found, simulated = mount_in_recording(touches, words, patch), {}
+        if out is not None:
+            write_mounted(words, patch, found, out)
+    if as_json:
+        print_json({"patch": patch, **found.facts(), **simulated})
+        return
+    facts = found.facts()
+    console.print(
+        f"{patch}: {found.touches} touches, {found.left_out} left out; they meet within "
+        f"{facts['residual_mm']:.1f} mm (root mean square), {facts['apart_mm']:.1f} mm before",
+        highlight=False,
+    )
+    x, y, z = facts["xyz_m"]
+    roll, pitch, yaw = facts["rpy_deg"]
+    console.print(
+        f"correction in {words.patch(patch).link}: {facts['moved_mm']:.1f} mm where it was touched, "
+        f'{facts["turned_deg"]:.1f} degrees (xyz="{x:.5f} {y:.5f} {z:.5f}" '
+        f'rpy="{roll:.3f} {pitch:.3f} {yaw:.3f}")',
+        highlight=False, markup=False,
+    )  # fmt: skip
+    if simulated:
+        console.print(
+            f"taxels were {simulated['before_mm']:.1f} mm off, now {simulated['after_mm']:.1f} mm (median)",
+            highlight=False,
+        )
+    if out is not None:
+        console.print(f"description {out}", highlight=False, markup=False)

@@ -1,0 +1,208 @@
+"""Self-touch in simulation: a robot touches one of its skins with the skin of its other arm.
+
+Postures come from kinematics within the servos' limits; other links are not in the way. Taxels are pressed
+where the surfaces overlap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from tci.authoring.mount_skin import Mount, find_mount, moved_patch, self_touches
+from tci.body.generic_body import GenericBody
+from tci.body.perceiver import Perceiver
+from tci.errors import TciError
+from tci.frames import Array, apply, invert, read_only, transform
+from tci.messages import JointReading, Reading, SkinFrame
+from tci.robot.description import Robot
+from tci.robot.joint_map import initial_position
+from tci.robot.kinematics import KinematicChain
+from tci.skin.layout import normal_channels
+from tci.skin.surfaces import Surface
+
+DEPTH = 0.002
+"""Depth [m] to which both skins are pressed into each other. Assumed: their covers are 2 to 3 mm thick."""
+PERIOD = 0.02
+"""Period [s] of the skin."""
+REST, PRESSED = 3, 14
+"""Frames without and with a touch, so that one of a single taxel is felt too."""
+SHARE = 0.3
+"""Fraction of its range that a pressed taxel reads. Assumed; only which ones are pressed counts."""
+ENCODER = np.deg2rad(0.1)
+"""Standard deviation [rad] of the angles that are read. Assumed: backlash of such robots."""
+NEAR = 0.0005
+"""Largest distance [m] between the places that touch, for a posture to count."""
+TRIES = 30
+"""Largest number of postures tried for each touch. Assumed: one of some finds room within the limits."""
+
+
+FACING, OBLIQUE = 0.003, 0.8
+"""Weight [m] of the difference of facing normals, and largest such difference for a posture to count.
+Assumed: 0.8 is an angle of 47 degrees."""
+
+
+class _Places(NamedTuple):
+    """A taxel of one surface, and one of another."""
+
+    own: Surface
+    a: int
+    other: Surface
+    b: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundMount:
+    """Mount of a patch, found in simulation, where its true place is known."""
+
+    mount: Mount
+    before: float
+    """Median distance [m] of the taxels from their true places, by the wrong description."""
+    after: float
+    """Median distance [m] after the correction."""
+
+
+def mount_in_simulation(
+    robot: Robot,
+    patch: str,
+    *,
+    touches: int = 100,
+    wrong: float = 0.010,
+    turned: float = np.deg2rad(5.0),
+    seed: int = 0,
+    progress: Callable[[int], None] = lambda count: None,
+) -> FoundMount:
+    """Moves a patch of the description by `wrong` [m] and turns it by `turned` [rad], and finds its mount.
+
+    Raises TciError for a patch that the skin of the other arm does not reach.
+    """
+    random = np.random.default_rng(seed)
+    truth = GenericBody(robot)
+    places = truth.skin.surfaces[patch].positions
+    turn = Rotation.from_rotvec(turned * _direction(random)).as_matrix()
+    centre = places.mean(axis=0)
+    error = transform(turn, centre - turn @ centre + wrong * _direction(random))
+    body = GenericBody(moved_patch(robot, patch, error))
+    perceiver = Perceiver(body)
+    readings = self_touch_readings(robot, patch, touches=touches, seed=seed, progress=progress)
+    perceptions = (perceiver.step(reading, reading.joints.stamp) for reading in readings)
+    found = find_mount(self_touches(body, patch, perceptions))
+    believed = body.skin.surfaces[patch].positions
+    before, after = (
+        float(np.median(np.linalg.norm(one - places, axis=1)))
+        for one in (believed, apply(found.correction, believed))
+    )
+    return FoundMount(found, before, after)
+
+
+def _direction(random: np.random.Generator) -> Array:
+    vector: Array = random.normal(size=3)
+    return vector / np.linalg.norm(vector)
+
+
+def self_touch_readings(
+    robot: Robot,
+    patch: str,
+    *,
+    touches: int,
+    seed: int = 0,
+    progress: Callable[[int], None] = lambda count: None,
+) -> Iterator[Reading]:
+    """Yields what the robot reads while it touches itself `touches` times, with frames at rest between."""
+    body, random, number = GenericBody(robot), np.random.default_rng(seed), 0
+    for touch in range(touches):
+        position, other = _posture(body, patch, random)
+        pressed = _pressed(body, position, patch, other)
+        for frame in range(REST + PRESSED):
+            now, still = number * PERIOD, np.zeros(len(position))
+            read = read_only(position + random.normal(0.0, ENCODER, len(position)))
+            frames = _frames(body, pressed if frame >= REST else {}, now, number)
+            yield Reading(JointReading(now, number, read, read_only(still)), frames)
+            number += 1
+        progress(touch + 1)
+
+
+def _posture(body: GenericBody, patch: str, random: np.random.Generator) -> tuple[Array, str]:
+    """Returns angles (n,) [rad] at which a random taxel of `patch` meets one of another arm's patch, and that
+    patch's name."""
+    robot, surfaces, chain = body.robot, body.skin.surfaces, body.skin.kinematics
+    own = surfaces[patch]
+    arms = {part.name for part in robot.parts if part.kind == robot.part(robot.patch(patch).part).kind}
+    others = [surfaces[one.name] for one in robot.patches if one.part in arms - {robot.patch(patch).part}]
+    if not others:
+        raise TciError(
+            f"{patch}: {robot.name} has no skin on another limb of that kind; valid: a patch of an arm"
+        )
+    home = initial_position(robot)
+    limits = np.array([(servo.limits.lower, servo.limits.upper) for servo in robot.servos], dtype=float)
+    for _ in range(TRIES):
+        other = others[random.integers(len(others))]
+        moving = sorted({*chain.chain(own.link)} ^ {*chain.chain(other.link)})
+        low, high = limits[moving].T
+        a, b = (int(random.integers(len(one.positions))) for one in (own, other))
+        places = _Places(own, a, other, b)
+        found = least_squares(
+            _apart,
+            random.uniform(low, high),
+            bounds=(low, high),
+            max_nfev=60,
+            args=(chain, home, moving, places),
+        )
+        if np.linalg.norm(found.fun[:3]) <= NEAR and np.linalg.norm(found.fun[3:]) <= FACING * OBLIQUE:
+            position = home.copy()
+            position[moving] = found.x
+            return position, other.patch
+    raise TciError(
+        f"{patch}: no skin of the other arm reaches it in {TRIES} postures; valid: a patch in reach"
+    )
+
+
+def _apart(angles: Array, chain: KinematicChain, home: Array, moving: list[int], places: _Places) -> Array:
+    """Returns how far (6,) two taxels and their facing normals are from meeting."""
+    position = home.copy()
+    position[moving] = angles
+    own, a, other, b = places
+    here, there = chain.pose_array(position, (own.link, other.link))
+    gap = apply(here, own.positions[a] - DEPTH * own.normals[a]) - apply(there, other.positions[b])
+    facing = here[:3, :3] @ own.normals[a] + there[:3, :3] @ other.normals[b]
+    return np.concatenate([gap, FACING * facing])
+
+
+def _pressed(body: GenericBody, position: Array, patch: str, other: str) -> dict[str, Array]:
+    """Returns for both patches which taxels (n,) lie inside the other's skin."""
+    surfaces = body.skin.surfaces
+    one, two = surfaces[patch], surfaces[other]
+    here, there = body.skin.kinematics.pose_array(position, (one.link, two.link))
+    pressed = {}
+    for mine, theirs, pose in ((one, two, invert(there) @ here), (two, one, invert(here) @ there)):
+        points = apply(pose, mine.positions)
+        nearest, normals = theirs.project(points)
+        away = points - nearest
+        height = np.einsum("ni,ni->n", away, normals)
+        beside = np.linalg.norm(away - height[:, None] * normals, axis=1)
+        facing = np.einsum("ni,ni->n", mine.normals @ pose[:3, :3].T, normals) < 0.0
+        inside = (np.abs(height) < 2.0 * DEPTH) & (height < 0.0) & (beside < 0.008) & facing
+        if not inside.any():  # the nearest taxel bears what a plate with few taxels is pressed by
+            inside[np.argmin(np.linalg.norm(away, axis=1))] = True
+        pressed[mine.patch] = inside
+    return pressed
+
+
+def _frames(body: GenericBody, pressed: dict[str, Array], now: float, number: int) -> tuple[SkinFrame, ...]:
+    frames = []
+    for patch in body.robot.skin:
+        sensor = patch.sensor
+        values = np.full(patch.channels * sensor.axes, sensor.rest)
+        if patch.name in pressed:
+            end = sensor.highest if sensor.pascal_per_count > 0.0 else sensor.lowest
+            channels = normal_channels(patch, body.skin.surfaces[patch.name])[pressed[patch.name]]
+            values[channels] = np.rint(
+                sensor.rest + max(SHARE, 1.0 / abs(end - sensor.rest)) * (end - sensor.rest)
+            )
+        frames.append(SkinFrame(patch.name, now, number, read_only(values)))
+    return tuple(frames)

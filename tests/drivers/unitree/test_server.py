@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from tci.drivers.unitree import messages
 from tci.drivers.unitree.driver import slots_of
 from tci.drivers.unitree.motors import ARM_GAINS, MOTORS, NAMES
 from tci.drivers.unitree.server import VARIANT, UnitreeServer
-from tci.drivers.unitree.wire import COMMAND, WEIGHT, encode_command
+from tci.drivers.unitree.wire import COMMAND, WEIGHT, decode_state, encode_command
 from tci.frames import Array
 from tci.messages import Order, Perception, Reading
 
@@ -82,3 +83,20 @@ def test_a_stream_of_set_points_is_followed_without_a_second_start() -> None:
     assert abs(followed[-1] - angles[-1]) < 1e-4
     assert begins[1] / (2.0 * RATE) - begins[0] / RATE <= 0.008 + 1e-9
     assert followed.max() - angles[-1] < 0.002
+
+
+def test_a_reading_that_came_once_is_shown_once() -> None:
+    """States have no time of measurement: one that is sent again looks new, and its client moves on."""
+    shown: list[int] = []
+
+    def keep(state: bytes) -> None:
+        shown.append(int(decode_state(state)[0]["tick"]))
+
+    with SimulatedDriver(ROBOT, rate=RATE) as driver, UnitreeServer(driver, f"lo/{next(DOMAINS)}") as server:
+        server._states, reading = keep, driver.read()
+        for now in driver.ticks(duration=0.04):
+            reading = driver.read() if now < 0.02 else reading
+            joints = replace(reading.joints, stamp=now)
+            sent = driver.write(driver.gate.step((), joints, now))
+            server.publish(replace(reading, joints=joints), Perception(now, {}, ()), sent)
+    assert shown == [0, 4, 8, 12, 16]

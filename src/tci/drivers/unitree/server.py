@@ -27,7 +27,7 @@ from tci.drivers.unitree.switcher import SwitcherServer
 from tci.drivers.unitree.wire import STATE, WEIGHT, decode_command, encode_state
 from tci.errors import FrameError
 from tci.gate.safe_command import SafeCommand
-from tci.messages import Order, Perception, Reading
+from tci.messages import JointReading, Order, Perception, Reading
 from tci.reasons import Code, Reason
 
 RATE = 500.0
@@ -64,6 +64,7 @@ class UnitreeServer(Server):
         motors["temperature"][self._slots] = WARM
         self._due = Every(1.0 / RATE)
         self._own: Any = None
+        self._shown: int | None = None
         self._first = np.full(len(driver.robot.servos), np.nan)
         self._moved = np.zeros(len(driver.robot.servos), dtype=bool)
         self._silent: float | None = None
@@ -111,18 +112,23 @@ class UnitreeServer(Server):
         joints = reading.joints
         if self._own is None:
             self._own = np.array(joints.position)
-        now = self.driver.clock.now()
-        if not self._due.due(now):
+        if not self._due.due(self.driver.clock.now()):
             return
+        if joints.sequence != self._shown:  # a state that is sent again would look like a new one
+            self._shown = joints.sequence
+            self._show(joints)
+        for hand in self._hands:
+            hand.publish(joints, reading.skin)
+
+    def _show(self, joints: JointReading) -> None:
+        """Sends a state of the joints."""
         motors = self._state["motor"]
         body, slots = self._body, self._slots
         motors["q"][slots], motors["dq"][slots] = joints.position[body], joints.velocity[body]
         if joints.torque is not None:
             motors["tau_est"][slots] = joints.torque[body]
-        self._state["tick"] = int(now * 1e3) & 0xFFFFFFFF
+        self._state["tick"] = int(joints.stamp * 1e3) & 0xFFFFFFFF
         self._states(encode_state(self._state))
-        for hand in self._hands:
-            hand.publish(joints, reading.skin)
 
     def refuse(self, order: Order, reason: Reason) -> None:
         self.rejected[reason.text] += 1

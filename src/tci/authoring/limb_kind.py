@@ -55,7 +55,7 @@ def hangs_as(pair: Pair, centre_of_mass: float | None) -> Vote:
 
 
 def named_as(joints: Sequence[Joint], pair: Pair) -> Vote:
-    """Returns the kind that most names of a pair's joints and links tell."""
+    """Returns the kind that most names of a pair's joints and links suggest."""
     names = [
         name
         for limb in pair.values()

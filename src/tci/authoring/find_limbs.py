@@ -239,8 +239,8 @@ def _shared_link(model: mujoco.MjModel, bodies: list[int], path: str) -> str:
 def _median_chain(
     joints: Sequence[Joint], trunk: tuple[int, ...], used: set[int], *, above: float
 ) -> tuple[int, ...]:
-    """Returns the longest chain of joints on the torso that lies in the median plane and ends `above` a height
-    [m]."""
+    """Returns the longest chain of joints on the torso that lies in the median plane and ends `above` a
+    height [m]."""
     root, tolerance = trunk[0] if trunk else -1, MIRRORED * extent_of(joints)
     best: tuple[int, ...] = ()
     for index, joint in enumerate(joints):

@@ -34,7 +34,7 @@ EARLY, LATE = 0.0005, 0.0025
 """Window [s] before and after the time of a skin frame in which the frame is requested. Assumed; a wider one
 asks more often, a narrower one misses late frames."""
 STEP = 0.001
-"""Longest time [s] that a frame found at the first request is assumed to have been available before it."""
+"""Largest assumed age [s] of a frame that is already there at the first request."""
 FIRST = 0.003
 """Time [s] before a skin frame is due within which it is requested before the joints. Assumed: the length of
 the window of `EARLY` and `LATE`."""

@@ -48,10 +48,17 @@ class Quiet(SimpleHTTPRequestHandler):
         """Prints nothing."""
 
 
+class Server(ThreadingHTTPServer):
+    """Serves a browser that leaves pages before it has read all of them."""
+
+    def handle_error(self, *_: object) -> None:
+        """Prints nothing."""
+
+
 @contextmanager
 def served(folder: Path) -> Iterator[str]:
     """Serves a folder on this machine; yields its address. The search needs a server."""
-    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(folder)))
+    server = Server(("127.0.0.1", 0), partial(Quiet, directory=str(folder)))
     thread = threading.Thread(target=server.serve_forever)
     thread.start()
     try:

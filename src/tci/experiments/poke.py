@@ -110,9 +110,9 @@ class _Poke(Trial):
         trace.force.append(truth.force)
         if truth.force > 0.0:
             trace.center[tick.now] = truth.center
-        trace.point.append(world.skin_point(place.patch, place.p_L, place.n_L)[0])
+        now, normal = world.skin_point_in_world(place.patch, place.p_L, place.n_L)
+        trace.point.append(world.to_torso(now, normal)[0])
         point, outward = self._begun
-        now = world.skin_point_in_world(place.patch, place.p_L, place.n_L)[0]
         trace.away.append(float(outward @ (point - now)))
         joints = world.joints()
         trace.positions.append(joints.position)

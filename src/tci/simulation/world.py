@@ -242,7 +242,11 @@ class World:
         `place` is a taxel or a point (3,) [m] in the patch's link; `normal` (3,) in the link replaces that of
         the surface. Raises UnknownNameError, CommandError.
         """
-        return self._skin.to_torso(*self._skin.point(patch, place, normal))
+        return self.to_torso(*self._skin.point(patch, place, normal))
+
+    def to_torso(self, point: Array, normal: Array) -> tuple[Array, Array]:
+        """Transforms a point (3,) [m] and a direction (3,) from the world to the torso frame."""
+        return self._skin.to_torso(point, normal)
 
     def skin_point_in_world(
         self, patch: str, place: int | ArrayLike, normal: ArrayLike | None = None

@@ -167,3 +167,19 @@ def test_the_gain_is_lower_for_slow_readings() -> None:
     assert found[-1] == pytest.approx(1.0, abs=0.1)
     assert max(found) < 1.15
     assert all(b > a - 0.05 for a, b in pairwise(found))
+
+
+@pytest.mark.parametrize("field", ["position", "velocity"])
+def test_a_reading_that_is_none_is_forgotten(field: str) -> None:
+    observer = MomentumObserver(ROBOT, FRICTIONLESS)
+    readings = exact_motion(Dynamics(ROBOT, FRICTIONLESS), np.zeros(COUNT), seconds=0.04)
+    broken = np.array(getattr(readings[3], field))
+    broken[ARM_SERVOS[0]] = np.nan
+    readings[3] = replace(readings[3], **{field: read_only(broken)})
+    found = [observer.step(joints) for joints in readings]
+    assert found[3] is None
+    assert found[4] is None  # it starts anew
+    last = found[-1]
+    assert last is not None
+    assert np.isfinite(last.torque).all()
+    assert np.abs(last.torque).max() < 0.05

@@ -87,15 +87,16 @@ class MomentumObserver:
         self._inertia = self._integral = self._start = self._residual = np.zeros(0)
 
     def step(self, joints: JointReading) -> Residual | None:
-        """Takes a reading; returns the residual, or None for the first after a gap, and without torques.
+        """Takes a reading; returns the residual, or None for the first after a gap, without torques, and for
+        angles or speeds that are not finite.
 
         A robot that does not report its gravity counts as upright and still.
         """
         period, self._stamp = joints.stamp - self._stamp, joints.stamp
-        if joints.torque is None:
+        position, velocity = joints.position, joints.velocity
+        if joints.torque is None or not np.isfinite([position, velocity]).all():
             self._stamp = -np.inf
             return None
-        position, velocity = joints.position, joints.velocity
         inertia, bias = self._dynamics.at(position, velocity, joints.gravity)
         momentum = inertia @ velocity
         if not 0.0 < period <= GAP:

@@ -88,6 +88,14 @@ def test_a_healthy_robot_has_no_fault(made: Any) -> None:
     assert "150 ms old" in health.passing(1.15)
 
 
+def test_an_angle_that_is_none_does_not_become_a_target() -> None:
+    made = state(q=0.4)
+    health = judged(made)
+    health.see(state(q=np.nan), True, 1.1)
+    assert health.lasting
+    assert health.posture[3] == np.float32(0.4)
+
+
 def test_wrong_checksums_are_not_used() -> None:
     health = Health()
     assert not health.see(state(), False, 1.0)

@@ -34,6 +34,8 @@ class Health:
         self._simulation = simulation
         self.state: Any = None
         """Latest good state; None before the first."""
+        self.posture: Array = np.zeros(MOTORS)
+        """Latest angles (29,) [rad] of all motors; 0 for motors that this robot lacks."""
         self.wrong = 0
         """Number of states with a wrong checksum."""
         self.lasting = ""
@@ -48,6 +50,8 @@ class Health:
             self.wrong += 1
             return False
         before, self.state, self._heard = self.state, state, now
+        angles = state["motor"]["q"][:MOTORS]
+        self.posture = np.where(np.isfinite(angles), angles, self.posture)
         if before is None or before["mode_machine"] != state["mode_machine"]:
             if before is not None:
                 changed = f"from {before['mode_machine']} to {state['mode_machine']}"
@@ -60,11 +64,6 @@ class Health:
                 self.lasting = self.lasting or str(error)
         self.lasting = self.lasting or self._fault(state)
         return True
-
-    @property
-    def posture(self) -> Array:
-        """Angles (29,) [rad] of all motors in the latest state; 0 for motors that this robot lacks."""
-        return np.asarray(self.state["motor"]["q"][:MOTORS], dtype=float)
 
     def age(self, now: float) -> float:
         """Returns the age [s] of the latest good state at `now` [s]."""

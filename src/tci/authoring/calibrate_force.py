@@ -7,6 +7,7 @@ cross-validation chooses, since a recording presses few places.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,54 +118,57 @@ def fit_force(parts: Array, load: Array, blocks: NDArray[np.intp], *, raw: Array
     test, some = ~train, blocks[train] // 2
     penalty = _choose(parts[train], load[train], some)
     errors = [
-        _root_mean_square(_predict(parts[test], *_fit(parts[train], load[train], one)) - load[test])
-        for one in (penalty, np.inf)
+        _root_mean_square(_predict(parts[test], *fit) - load[test])
+        for fit in _fit(parts[train], load[train], (penalty, np.inf))
     ]
-    line = np.polynomial.Polynomial.fit(raw[train], load[train], 1)
+    columns = np.column_stack([raw, np.ones(len(raw))])
+    line = np.linalg.lstsq(columns[train], load[train], rcond=None)[0]
     penalty = _choose(parts, load, blocks)
-    gains, offset = _fit(parts, load, penalty)
+    ((gains, offset),) = _fit(parts, load, (penalty,))
     return ForceFit(
-        gains, offset, penalty, errors[0], errors[1], _root_mean_square(line(raw[test]) - load[test])
+        gains, offset, penalty, errors[0], errors[1], _root_mean_square(columns[test] @ line - load[test])
     )
 
 
-def _fit(parts: Array, load: Array, penalty: float) -> tuple[Array, float]:
-    """Returns gains (n,), zeros if the load does not grow with the patch, and the offset [N]."""
-    factors = _factors(parts, load, penalty)
-    total = parts @ factors
-    spread = total - total.mean()
-    square = float(spread @ spread)
-    gain = max(0.0, float(spread @ load) / square) if square > 0.0 else 0.0
-    return gain * factors, float(load.mean() - gain * total.mean())
+def _fit(parts: Array, load: Array, penalties: Sequence[float]) -> list[tuple[Array, float]]:
+    """Returns for each penalty the gains (n,), zeros if the load does not grow with the patch, and the offset
+    [N]."""
+    fits = []
+    for factors in _factors(parts, load, penalties):
+        total = parts @ factors
+        spread = total - total.mean()
+        square = float(spread @ spread)
+        gain = max(0.0, float(spread @ load) / square) if square > 0.0 else 0.0
+        fits.append((gain * factors, float(load.mean() - gain * total.mean())))
+    return fits
 
 
-def _factors(parts: Array, load: Array, penalty: float) -> Array:
-    """Returns each taxel's gain (n,) relative to the patch's, by ridge regression whose penalty is on
+def _factors(parts: Array, load: Array, penalties: Sequence[float]) -> Iterator[Array]:
+    """Yields each taxel's gain (n,) relative to the patch's, by ridge regression whose penalty is on
     differences."""
     same = np.ones(parts.shape[1])
-    away, rest = parts - parts.mean(axis=0), load - load.mean()
-    inner = away @ away.T
-    if np.isinf(penalty) or not inner.any():
-        return same
-    inverse = np.linalg.inv(inner + penalty * np.trace(inner) / len(load) * np.eye(len(load)))
-    total = away @ same
-    one = float(total @ inverse @ rest) / float(total @ inverse @ total)
-    if not one > 0.0:
-        return same
-    factors: Array = np.clip(same + away.T @ (inverse @ (rest - one * total)) / one, LEAST, MOST)
-    return factors
+    U, S, Vt = np.linalg.svd(parts - parts.mean(axis=0), full_matrices=False)
+    total, rest = S * (Vt @ same), U.T @ (load - load.mean())
+    for penalty in penalties:
+        weights = np.zeros(len(S))
+        if np.isfinite(penalty) and S.any():
+            weights = 1.0 / (S**2 + penalty * float(S @ S) / len(load))
+        along = float(total @ (weights * rest))
+        if not along > 0.0:
+            yield same
+            continue
+        one = along / float(total @ (weights * total))
+        yield np.clip(same + Vt.T @ (S * weights * (rest - one * total)) / one, LEAST, MOST)
 
 
 def _choose(parts: Array, load: Array, blocks: NDArray[np.intp], folds: int = 4) -> float:
     """Returns the penalty with the least error on held-out blocks."""
-    errors = []
-    for penalty in PENALTIES:
-        left = [
-            _predict(parts[out], *_fit(parts[~out], load[~out], penalty)) - load[out]
-            for out in (blocks % folds == fold for fold in range(folds))
-        ]
-        errors.append(_root_mean_square(np.concatenate(left)))
-    return PENALTIES[int(np.argmin(errors))]
+    squares = np.zeros(len(PENALTIES))
+    for fold in range(folds):
+        out = blocks % folds == fold
+        for k, fit in enumerate(_fit(parts[~out], load[~out], PENALTIES)):
+            squares[k] += float(np.sum((_predict(parts[out], *fit) - load[out]) ** 2))
+    return PENALTIES[int(np.argmin(squares))]
 
 
 def _predict(parts: Array, gains: Array, offset: float) -> Array:

@@ -1,12 +1,13 @@
 """Tries `tci new-robot`, `tci check --simulate` and `tci demo` on models that nobody prepared, one after the
 other, and writes docs/tables/robots-tried.md.
 
-    python tools/try_robots.py [FILE]... [--package NAME]... [--export STEM]... [--limit SECONDS] [--table]
+    python tools/try_robots.py [FILE]... [--package NAME]... [--export STEM]... [--limit SECONDS]
+        [--part I/N] [--table]
 
 A model that new-robot refuses for missing meshes is tried once more without meshes. --export also tries
 MuJoCo's own export, as MJCF, of the package's URDFs of these names. "Right" is the verdict of
 `judge_proposal`, which shares no code with the proposal. Results stay in OUT/robots-tried; --table makes the
-table of all of them.
+table of all of them. --part 1/2 and --part 2/2 share the models between two processes.
 """
 
 from __future__ import annotations
@@ -205,15 +206,18 @@ def main() -> None:
     parser.add_argument("--package", action="append", default=[], help="installed package: all its models")
     parser.add_argument("--only", action="append", default=[], help="only models of this name")
     parser.add_argument("--export", action="append", default=[], help="name of a URDF to export as MJCF")
-    parser.add_argument("--limit", type=float, default=300.0, help="seconds for each command")
+    parser.add_argument("--limit", type=float, default=600.0, help="seconds for each command")
+    parser.add_argument("--part", default="1/1", help="I/N: every Nth model, from the Ith on")
     parser.add_argument("--table", action="store_true", help="write the table of all results")
     options = parser.parse_args()
     results = out() / "robots-tried"
-    candidates = [Candidate(file.stem, file.resolve()) for file in options.files]
     packaged = [one for package in options.package for one in of_package(package)]
-    candidates += [exported(one, results / one.name) for one in packaged if one.name in options.export]
-    candidates += [one for one in packaged if not options.only or one.name in options.only]
-    for candidate in candidates:
+    jobs = [(Candidate(file.stem, file.resolve()), False) for file in options.files]
+    jobs += [(one, True) for one in packaged if one.name in options.export]
+    jobs += [(one, False) for one in packaged if not options.only or one.name in options.only]
+    part, parts = (int(word) for word in options.part.split("/"))
+    for given, as_mjcf in jobs[part - 1 :: parts]:
+        candidate = exported(given, results / given.name) if as_mjcf else given
         tried = attempt(candidate, results / candidate.name, options.limit)
         (results / f"{candidate.name}.json").write_text(json.dumps(asdict(tried), indent=2) + "\n")
         print(" | ".join(tried.row()), f"({tried.seconds:g} s)", flush=True)

@@ -70,15 +70,16 @@ def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
         found += [Finding(Level.OK, part, text), *_absent(part, axes)]
     for patch in patches:
         name = patch_port(robot, prefix, patch.name)
-        read = skin_port(name, spoken, network, compensated=options.skin == "comp")
         advice = f"leave it out: --via yarp:...,without={patch.name}"
-        if not network.lives(read):
-            found.append(Finding(Level.FAULT, patch.name, f"no port {read} answers", advice))
-            continue
         try:
+            read = skin_port(name, spoken, network, compensated=options.skin == "comp")
+            if not network.lives(read):
+                raise DriverError(f"no port {read} answers")
             check_order(SkinLayout.of(robot, patch), patch, prefix, network)
         except DriverError as error:
             found.append(Finding(Level.FAULT, patch.name, str(error), advice))
+        except YarpError as error:
+            return *found, _no_server(error)
     return tuple(found)
 
 

@@ -140,6 +140,7 @@ def _posture(body: GenericBody, patch: str, random: np.random.Generator) -> tupl
         )
     home = initial_position(robot)
     limits = np.array([(servo.limits.lower, servo.limits.upper) for servo in robot.servos], dtype=float)
+    limits = np.where(np.isnan(limits), [-np.pi, np.pi], limits)  # those that are not known
     for _ in range(TRIES):
         other = others[random.integers(len(others))]
         moving = sorted({*chain.chain(own.link)} ^ {*chain.chain(other.link)})

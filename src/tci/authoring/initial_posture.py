@@ -16,7 +16,7 @@ from tci.robot.model_file import compiled
 
 POSTURES = np.deg2rad([[25, 25, 0, 60, 0], [25, 25, 0, 75, 0], [35, 30, 0, 60, 0], [20, 40, 0, 60, 0],
                        [40, 20, 10, 70, 0], [25, 15, -15, 50, 0], [15, 15, 0, 45, 0], [30, 45, 0, 75, 0],
-                       [45, 45, 0, 60, 0], [30, 60, 0, 90, 0], [30, 60, 30, 90, 0]])  # fmt: skip
+                       [45, 45, 0, 60, 0], [30, 60, 0, 90, 0], [30, 45, 30, 75, 0]])  # fmt: skip
 """Candidates for the initial posture [rad]; the first that fits is taken. All values here are assumed."""
 ROOM = 0.1
 """Distance [rad] of the initial posture from limits that suffices."""

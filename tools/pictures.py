@@ -159,7 +159,7 @@ MAKERS: dict[str, Callable[[Path], None]] = {
     "demo": demo,
     "foot": foot,
     "same_touch": lambda _: draw_same_touch(IMAGES / "same-touch.png"),
-    "tactile": lambda _: draw_tactile(IMAGES / "tactile.png"),
+    "tactile": lambda _: draw_tactile(IMAGES),
     "plot": plot,
     "shrug": shrug,
     "notebook": notebook,

@@ -1,4 +1,4 @@
-"""Picture of what a three-axis sleeve tells of one touch: pressure image, shape, shear, and events."""
+"""Pictures of one touch on a three-axis sleeve: pressure image, shape, shear, and events."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def three_axes() -> tci.Robot:
     return nao.model_copy(update={"patches": (skin,)})
 
 
-def draw(path: Path) -> None:
-    """Writes the picture: left the pressure image with shape and shear, right forces and events over time."""
+def draw(folder: Path) -> None:
+    """Writes one picture for each question: pressure image, shape, shear, and events."""
     robot = three_axes()
     world, body = World(robot), GenericBody(robot)
     perceiver = Perceiver(body)
@@ -63,34 +63,75 @@ def draw(path: Path) -> None:
             shown = seen
     assert shown is not None
     assert shown.contacts
-    _draw(path, body, shown, rows, events)
+    felt = np.array([row[1] if len(row) > 1 else (0.0, 0.0) for row in rows])
+    times = np.array([row[0] for row in rows])
+    _draw_image(folder / "tactile-image.png", body, shown)
+    _draw_shape(folder / "tactile-shape.png", body, shown)
+    _draw_shear(folder / "tactile-shear.png", times, felt)
+    _draw_events(folder / "tactile-events.png", times, felt, events)
 
 
-def _draw(path, body, shown, rows, events) -> None:  # type: ignore[no-untyped-def]
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9.5, 3.4), layout="constrained")
-    image = pressure_image(shown, body, PATCH, pixel=0.001)
+def _axes(width: float, height: float):  # type: ignore[no-untyped-def]
+    return plt.subplots(figsize=(width, height), layout="constrained")
+
+
+def _show(axes, body, seen):  # type: ignore[no-untyped-def]
+    """Shows the pressure image of the sleeve, and returns it."""
+    image = pressure_image(seen, body, PATCH, pixel=0.001)
     height, width = image.pressure.shape
     x, y = (1e3 * edge for edge in image.corner)
     extent = (x, x + width * 1e3 * image.pixel, y, y + height * 1e3 * image.pixel)
-    left.imshow(pressure_pixels(image), extent=extent)
-    contact = shown.contacts[0]
+    axes.imshow(pressure_pixels(image), extent=extent)
+    axes.set(xlabel="around the forearm [mm]", ylabel="from the wrist [mm]")
+    return image
+
+
+def _draw_image(path, body, seen) -> None:  # type: ignore[no-untyped-def]
+    figure, axes = _axes(6.5, 2.9)
+    _show(axes, body, seen)
+    axes.set_title("pressure on the unrolled sleeve", fontsize=10)
+    figure.savefig(path, dpi=110)
+
+
+def _draw_shape(path, body, seen) -> None:  # type: ignore[no-untyped-def]
+    figure, axes = _axes(4.2, 3.4)
+    image = _show(axes, body, seen)
+    contact = seen.contacts[0]
     shape = contact_shape(contact, body)
-    centre = contact.taxel_forces @ image.places[contact.taxels] / contact.taxel_forces.sum()
+    centre = 1e3 * contact.taxel_forces @ image.places[contact.taxels] / contact.taxel_forces.sum()
     flat = _in_image(body, image, contact, shape.directions)
     angle = np.degrees(np.arctan2(*flat[0][::-1]))
-    left.add_patch(Ellipse(1e3 * centre, *(2e3 * shape.axes), angle=angle, fill=False, color="white"))
-    left.set(xlabel="around the forearm [mm]", ylabel="from the wrist [mm]")
-    left.set_title(f"{contact.force:.1f} N on {1e6 * shape.area:.0f} mm$^2$", fontsize=10)
-    times = [row[0] for row in rows]
-    felt = np.array([row[1] if len(row) > 1 else (0.0, 0.0) for row in rows])
-    right.plot(times, felt[:, 0], label="pressing")
-    right.plot(times, felt[:, 1], label="shear")
-    right.plot(times, FRICTION * felt[:, 0], "--", color="0.6", label=f"{FRICTION:g} of the pressing force")
+    axes.add_patch(Ellipse(centre, *(2e3 * shape.axes), angle=angle, fill=False, color="white"))
+    for half, direction in zip(1e3 * shape.axes, flat, strict=True):
+        axes.plot(*zip(centre, centre + half * direction, strict=True), color="white")
+        axes.annotate(f"{half:.0f} mm", centre + 1.6 * half * direction, color="white", ha="center", fontsize=8)
+    reach = 2e3 * shape.axes.max()
+    axes.set(xlim=(centre[0] - reach, centre[0] + reach), ylim=(centre[1] - reach, centre[1] + reach))
+    axes.set_title(f"{contact.force:.1f} N on {1e6 * shape.area:.0f} mm$^2$", fontsize=10)
+    figure.savefig(path, dpi=110)
+
+
+def _draw_shear(path, times, felt) -> None:  # type: ignore[no-untyped-def]
+    figure, axes = _axes(6.5, 2.9)
+    axes.plot(times, felt[:, 0], label="pressing force")
+    axes.plot(times, felt[:, 1], label="shear force")
+    axes.set(xlabel="time [s]", ylabel="force [N]")
+    axes.legend(frameon=False, fontsize=8)
+    figure.savefig(path, dpi=110)
+
+
+def _draw_events(path, times, felt, events) -> None:  # type: ignore[no-untyped-def]
+    figure, axes = _axes(6.5, 2.9)
+    pressed = felt[:, 0] > 0.0
+    ratio = np.full(len(times), np.nan)
+    ratio[pressed] = felt[pressed, 1] / felt[pressed, 0]
+    axes.plot(times, ratio, label="shear force / pressing force")
+    axes.axhline(FRICTION, color="0.6", linestyle="--", label=f"friction of the cover ({FRICTION:g}, assumed)")
+    axes.set(xlabel="time [s]", xlim=(0.0, END), ylim=(0.0, 1.15))
     for event in events:
-        right.axvline(event.stamp, color="0.4", linewidth=0.8)
-        right.text(event.stamp, right.get_ylim()[1], f" {event.kind}", fontsize=9, va="top")
-    right.set(xlabel="time [s]", ylabel="force [N]")
-    right.legend(frameon=False, fontsize=8)
+        axes.axvline(event.stamp, color="0.4", linewidth=0.8)
+        axes.text(event.stamp, 1.12, f" {event.kind}", fontsize=9, va="top")
+    axes.legend(frameon=False, fontsize=8, loc=(0.1, 0.7))
     figure.savefig(path, dpi=110)
 
 

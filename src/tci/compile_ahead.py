@@ -122,8 +122,9 @@ def _state(claims: Path, now: float) -> str:
     }
     done = [name for name in lengths if (claims / f"{name}.done").exists()]
     share = sum(lengths[name] for name in done) / max(sum(lengths.values()), 1)
-    left = f", about {now * (1.0 - share) / share:.0f} s left" if done else ""
-    return f"compiled {len(done)} of {len(lengths)} loops in {now:.0f} s{left}"
+    left = now * (1.0 - share) / share if done else 0.0
+    words = f", about {left:.0f} s left" if left >= 5.0 else ", the longest are under way" if done else ""
+    return f"compiled {len(done)} of {len(lengths)} loops in {now:.0f} s{words}"
 
 
 def modules_with_loops() -> list[str]:

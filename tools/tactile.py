@@ -104,7 +104,8 @@ def _draw_shape(path, body, seen) -> None:  # type: ignore[no-untyped-def]
     axes.add_patch(Ellipse(centre, *(2e3 * shape.axes), angle=angle, fill=False, color="white"))
     for half, direction in zip(1e3 * shape.axes, flat, strict=True):
         axes.plot(*zip(centre, centre + half * direction, strict=True), color="white")
-        axes.annotate(f"{half:.0f} mm", centre + 1.6 * half * direction, color="white", ha="center", fontsize=8)
+        beyond = centre + 1.6 * half * direction
+        axes.annotate(f"{half:.0f} mm", beyond, color="white", ha="center", fontsize=8)
     reach = 2e3 * shape.axes.max()
     axes.set(xlim=(centre[0] - reach, centre[0] + reach), ylim=(centre[1] - reach, centre[1] + reach))
     axes.set_title(f"{contact.force:.1f} N on {1e6 * shape.area:.0f} mm$^2$", fontsize=10)
@@ -126,7 +127,7 @@ def _draw_events(path, times, felt, events) -> None:  # type: ignore[no-untyped-
     ratio = np.full(len(times), np.nan)
     ratio[pressed] = felt[pressed, 1] / felt[pressed, 0]
     axes.plot(times, ratio, label="shear force / pressing force")
-    axes.axhline(FRICTION, color="0.6", linestyle="--", label=f"friction of the cover ({FRICTION:g}, assumed)")
+    axes.axhline(FRICTION, color="0.6", linestyle="--", label=f"friction ({FRICTION:g}, assumed)")
     axes.set(xlabel="time [s]", xlim=(0.0, END), ylim=(0.0, 1.15))
     for event in events:
         axes.axvline(event.stamp, color="0.4", linewidth=0.8)

@@ -179,7 +179,7 @@ def test_no_response_moves_nothing(name: str, where: str) -> None:
     depth = 0.008 if where == "outside" else 0.0002
     place = find_place(body.skin, "left_arm", "forearm", u, theta, joints)
     world.finger.poke(
-        place.patch, place.p_L, place.n_L, speed=0.2 if depth > 0.001 else 0.01, depth=depth, gap=0.001
+        place.patch, place.p_L, place.n_L, speed=0.2 if depth > 0.001 else 0.01, depth=depth, gap=0.003
     )
     seen: list[Tick] = []
     reflex = WithdrawalReflex(surround=()) if where == "outside" else WithdrawalReflex()

@@ -13,6 +13,7 @@ from tci.authoring.proposal import propose
 from tci.body.generic_body import GenericBody
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.errors import DescriptionError
 from tci.experiments.measure import measure
 from tci.experiments.patch_trials import patch_trials_of
 from tci.experiments.poke import Stimulus, poke
@@ -50,9 +51,21 @@ def test_a_proposed_robot_is_proved_as_it_is(name: str, tmp_path: Path) -> None:
     assert len(proof.trials) == 10
 
 
-def test_a_robot_without_shapes_and_with_wrong_limits_is_found_out(tmp_path: Path) -> None:
+def test_an_arm_whose_limits_keep_it_away_from_every_posture_is_refused(tmp_path: Path) -> None:
     file = "simple_humanoid_description/urdf/simple_humanoid.urdf"
-    proof = prove(proposed("simple", file, tmp_path))
+    with pytest.raises(DescriptionError, match="RARM_SHOULDER_R has 0 to 164 degrees and needs -15; valid"):
+        proposed("simple", file, tmp_path)
+
+
+def test_arms_without_skin_and_with_wrong_limits_are_found_out() -> None:
+    nao = load_robot("nao")
+    servos = tuple(
+        servo.model_copy(update={"limits": servo.limits.model_copy(update={"upper": -1.0})})
+        if servo.name == "LShoulderPitch"
+        else servo
+        for servo in nao.servos
+    )
+    proof = prove(nao.model_copy(update={"servos": servos, "patches": ()}))
     assert any("Check the signs (gamma) and offsets (sigma)" in fault for fault in proof.faults)
     assert any("so the reflex can't be tested" in fault for fault in proof.faults)
 

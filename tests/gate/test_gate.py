@@ -21,7 +21,7 @@ from gate.gate_checks import (
 from tci.errors import CommandError, DriverError, TciError
 from tci.gate.acceptance import SLOWEST
 from tci.gate.gate import Gate, GateSettings, GateState, SafeCommand
-from tci.messages import Mode, PlatformCommand
+from tci.messages import GenericCommand, Mode, PlatformCommand, PlatformSwitch
 from tci.reasons import Code
 from tci.robot.description import Limits
 
@@ -205,6 +205,15 @@ def test_a_command_for_a_whole_part_leaves_a_servo_that_can_not_be_moved_where_i
     for servos in ([3], [2, 3]):
         safe = driven.step(position_command(servos, [0.1] * len(servos)))
         assert "joint3 can't be moved" in safe.refusals[0].text
+    assert driven.step(PlatformSwitch(np.arange(6), Mode.POSITION)).refusals == ()
+    safe = driven.step(PlatformCommand(Mode.POSITION, np.arange(6), np.zeros(6), np.ones(5)))
+    assert "(5,) speeds" in safe.refusals[0].text
+
+
+def test_a_command_in_generic_joints_is_refused_whole() -> None:
+    safe = Driven(make_robot(), ZERO).step(GenericCommand("head", Mode.POSITION, np.zeros(3)))  # type: ignore[arg-type]
+    assert "a GenericCommand is not in the robot's own joints" in safe.refusals[0].text
+    assert safe.servos.size == 0
 
 
 def test_stiffness_and_damping_are_clamped_to_a_share() -> None:
@@ -408,6 +417,10 @@ def test_a_gate_without_a_watch_forgets_its_servos_too() -> None:
     gate.drop()
     assert gate.targets.size == 0
     assert gate.step([], reading(ZERO, PERIOD), PERIOD).servos.size == 0
+    gate.stop("the watch")
+    assert gate.step([], reading(ZERO, 2 * PERIOD), 2 * PERIOD).state is GateState.STOP
+    gate.reset()
+    assert gate.step([], reading(ZERO, 3 * PERIOD), 3 * PERIOD).state is GateState.RUN
 
 
 def test_stops_are_counted_and_have_a_reason() -> None:

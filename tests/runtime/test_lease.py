@@ -111,6 +111,20 @@ def test_26_a_forked_child_does_not_command_beside_its_parent(folder: Path) -> N
             pytest.fail("the child's end gave the lease away")
 
 
+def test_26_a_process_that_is_not_the_owner_is_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with lease(NAME) as held:
+        with monkeypatch.context() as patch:
+            patch.setattr("os.getpid", lambda: 1)
+            with pytest.raises(DriverError, match="which this one was forked from"):
+                held.check()
+        held.check()
+
+
+def test_26_without_file_locks_nothing_is_commanded(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tci.runtime.lease.fcntl", None)
+    refused("can't be commanded from this system")
+
+
 @pytest.mark.parametrize("make", [
     lambda path, other: path.symlink_to(other),
     lambda path, other: os.mkfifo(path),

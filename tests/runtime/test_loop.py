@@ -389,6 +389,7 @@ def test_28_a_guard_makes_the_robot_hold_as_long_as_it_says(driver: SimulatedDri
 
 
 def test_40_the_garbage_collector_is_as_before_after_a_run(driver: SimulatedDriver) -> None:
+    gc.unfreeze()  # what conftest.py froze
     frozen: list[int] = []
     run(driver, Swing(3, lambda: frozen.append(gc.get_freeze_count())), duration=0.05)
     assert frozen[0] > 1000
@@ -403,6 +404,7 @@ def test_40_the_garbage_collector_is_as_before_after_a_run(driver: SimulatedDriv
 
 
 def test_40_what_was_there_before_a_run_costs_no_collection_in_it(driver: SimulatedDriver) -> None:
+    gc.unfreeze()
     ballast: list[list[object]] = [[] for _ in range(200_000)]
     looked_at: list[int] = []
     run(driver, Swing(3, lambda: looked_at.append(len(gc.get_objects()))), duration=0.05)
@@ -497,6 +499,7 @@ def test_an_order_that_does_not_fit_is_told_with_the_refusals_and_the_others_pas
 
     ticks: list[Tick] = []
     run(driver, Wrong(), duration=0.05, observe=ticks.append)
+    assert ticks[0].skin is ticks[0].perception.skin
     assert "7" in ticks[0].sent.refusals[0].text
     assert len(ticks[0].sent.refusals) == 1
     assert speed(driver) > 0.05

@@ -79,7 +79,9 @@ class Tried:
         """Returns the row of the table."""
         start = self.name, self.model
         if self.refused:
-            return (*start, *[""] * 5, f"refused: {self.refused}", *[""] * 3)
+            faults = json.loads(self.refused).get("faults", ()) if self.refused.startswith("{") else ()
+            words = "; ".join(fault["message"] for fault in faults) or self.refused
+            return (*start, *[""] * 5, f"refused: {words}", *[""] * 3)
         proposed = "right" if not self.wrong else f"**wrong**: {'; '.join(self.wrong)}"
         check = "proved" if self.proved else f"{len(self.faults)} faults: {_short(self.faults)}"
         demo = f"{self.answered} of {self.pokes}"

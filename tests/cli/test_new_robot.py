@@ -32,5 +32,5 @@ def test_from_a_folder_and_from_a_package(tmp_path: Path) -> None:
     tci("new-robot", urdf.name, "--package", "example-robot-data", "--out", str(out), "--force")
     assert read_robot(out).parts == robot.parts
     told = tci("new-robot", "no.urdf", "--package", "example-robot-data", "--out", str(out), status=1)
-    assert "has 0 models 'no.urdf'; valid: " in told
+    assert "has no model 'no.urdf'" in told
     assert "g1_description/urdf/g1_29dof_rev_1_0.urdf" in told

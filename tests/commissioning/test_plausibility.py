@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 from cli.test_cli import tci
@@ -83,3 +84,17 @@ def test_a_speed_that_damping_makes_impossible_is_lowered_and_doubted(tmp_path: 
     wrong = slow.model_copy(update={"servos": free.servos, "digest": "as fast as without damping"})
     assert len(doubts(wrong)) == sum(one.servo is not None for part in slow.parts for one in part.servos)
     assert "friction and damping take 63.8 N m at the speed limit of 359.8 degrees/s" in doubts(wrong)[0]
+
+
+def test_one_limit_in_radians_among_degrees_is_told() -> None:
+    g1 = load_robot("g1")
+    at = next(servo for servo in g1.servos if "elbow" in servo.name)
+    assert at.limits.lower is not None
+    assert at.limits.upper is not None
+    small = {name: float(np.deg2rad(getattr(at.limits, name))) for name in ("lower", "upper")}
+    servos = [
+        servo.model_copy(update={"limits": at.limits.model_copy(update=small)}) if servo is at else servo
+        for servo in g1.servos
+    ]
+    found = doubts(g1.model_copy(update={"servos": tuple(servos), "digest": "small"}))
+    assert any(words.startswith(f"{at.name}: limits of") and "in radians" in words for words in found)

@@ -11,7 +11,7 @@ from rich.markup import escape
 
 from tci.cli.console import console, print_json
 from tci.cli.options import AsJson
-from tci.errors import CommandError
+from tci.errors import CommandError, meant
 
 if TYPE_CHECKING:
     from tci.authoring.proposed_arm import Sign
@@ -213,8 +213,10 @@ def _in_package(model: Path, package: str) -> tuple[Path, str]:
         if entry.parts[-len(model.parts) :] == model.parts or Path(str(entry.locate())).resolve() == path
     ]
     if len(found) != 1:
-        names = listed(("/".join(entry.parts[-3:]) for entry in found or models), most=60)
-        raise CommandError(f"the package {package!r} has {len(found)} models {str(model)!r}; valid: {names}")
+        names = listed(("/".join(entry.parts[-3:]) for entry in found or models), most=200)
+        how_many = f"{len(found)} models" if found else "no model"
+        near = "" if found else meant(model.name, (entry.name for entry in models))
+        raise CommandError(f"the package {package!r} has {how_many} {str(model)!r}{near}; valid: {names}")
     return Path(str(found[0].locate())).resolve(), "/".join(found[0].parts[-3:])
 
 

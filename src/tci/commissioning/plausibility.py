@@ -97,6 +97,14 @@ def _limits(robot: Robot) -> Iterator[str]:
         if "lower" in limits.assumed:
             continue
         lower, upper = ranges[servo.joint]
+        if upper - lower > BEYOND and np.allclose(
+            np.rad2deg([limits.lower, limits.upper]), [lower, upper], atol=BEYOND
+        ):
+            low, high = np.rad2deg([limits.lower, limits.upper])
+            yield (
+                f"{servo.name}: limits of {low:.3g} to {high:.3g} degrees are the model's in radians; valid: one "
+                "unit in the whole file"
+            )
         if limits.lower < lower - BEYOND or limits.upper > upper + BEYOND:
             own, given = np.rad2deg([limits.lower, limits.upper]), np.rad2deg([lower, upper])
             yield (

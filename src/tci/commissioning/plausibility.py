@@ -102,8 +102,8 @@ def _limits(robot: Robot) -> Iterator[str]:
         ):
             low, high = np.rad2deg([limits.lower, limits.upper])
             yield (
-                f"{servo.name}: limits of {low:.3g} to {high:.3g} degrees are the model's in radians; valid: one "
-                "unit in the whole file"
+                f"{servo.name}: limits of {low:.3g} to {high:.3g} degrees are the model's in radians; "
+                "valid: one unit in the whole file"
             )
         if limits.lower < lower - BEYOND or limits.upper > upper + BEYOND:
             own, given = np.rad2deg([limits.lower, limits.upper]), np.rad2deg([lower, upper])

@@ -123,6 +123,9 @@ def test_26_a_process_that_is_not_the_owner_is_refused(folder: Path, monkeypatch
 def test_26_without_file_locks_nothing_is_commanded(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tci.runtime.lease.fcntl", None)
     refused("can't be commanded from this system")
+    driver = SimulatedDriver(tci.load_robot("nao"))
+    with commanding(driver):
+        driver.write(driver.gate.step((), driver.read().joints, driver.clock.now()))
 
 
 @pytest.mark.parametrize("make", [

@@ -24,7 +24,7 @@ from tci.errors import DriverError
 
 try:
     import fcntl
-except ModuleNotFoundError:  # on Windows
+except ModuleNotFoundError:  # pragma: no cover - on Windows
     fcntl = None  # type: ignore[assignment]
 
 FOLDER = "TCI_LEASES"
@@ -138,7 +138,7 @@ def _let_go() -> None:
         held.close()
 
 
-if hasattr(os, "register_at_fork"):  # not on Windows, where no process forks
+if hasattr(os, "register_at_fork"):  # pragma: no branch - not on Windows, where no process forks
     os.register_at_fork(before=_LOCK.acquire, after_in_parent=_LOCK.release, after_in_child=_LOCK.release)
     os.register_at_fork(after_in_child=_let_go)
 

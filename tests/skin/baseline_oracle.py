@@ -18,9 +18,15 @@ class NumpyBaseline(Baseline):
         s = self.settings
         fluctuating = window.changes >= s.fluctuating
         noise = np.where(fluctuating, window.second_difference / NOISE_GAIN, 0.0)
+        initialised, rested, before, followed = self._estimates[3:]
+        frozen = (window.changes == 0.0) & initialised & (self.noise >= s.lively)
+        taught = healthy & ~frozen & ~before
+        self.offset -= np.where(frozen & ~before, followed, 0.0)
+        before[:] = frozen
         deviation = window.mean - self.offset
-        level = np.maximum(s.threshold * np.maximum(self.noise, noise), s.quiet)
-        quiet = healthy & (window.peak < level)
+        level = s.threshold * np.maximum(np.maximum(self.noise, noise), self.typical_noise)
+        low = window.peak < np.maximum(level, s.quiet)
+        quiet = taught & low
         if self._afresh:
             self.offset[quiet] = window.mean[quiet]
             self._afresh = False
@@ -30,10 +36,9 @@ class NumpyBaseline(Baseline):
             drift = min(max(float(np.median(deviation[quiet])), -most), most)
             self.offset += drift
             deviation -= drift
-        self._follow(window.elapsed, deviation, quiet, healthy)
+        self._follow(window.elapsed, deviation, quiet, healthy & ~low, taught)
         # Noise is cut off at the end of the range: an estimate from there may only raise it.
         cut = window.mean - np.maximum(4.0 * self.noise, 1.0) < self._floor
-        initialised, rested = self._estimates.initialised, self._estimates.rested
         contributes = quiet & fluctuating & ~(cut & initialised & (noise < self.noise))
         share = np.where(initialised, 1.0 - np.exp(-window.elapsed / s.noise), 1.0)
         self.noise += np.where(contributes, share * (noise - self.noise), 0.0)
@@ -44,16 +49,17 @@ class NumpyBaseline(Baseline):
         self.threshold[:] = s.threshold * np.maximum(self.noise, self.typical_noise)
 
     def _follow(
-        self, elapsed: float, deviation: Array, quiet: NDArray[np.bool_], healthy: NDArray[np.bool_]
-    ) -> None:
+        self, elapsed: float, deviation: Array, quiet: NDArray[np.bool_], loud: NDArray[np.bool_],
+        taught: NDArray[np.bool_],
+    ) -> None:  # fmt: skip
         """Tracks each taxel's own rest value.
 
         The weak edge of a touch looks quiet, so neighbours of touched taxels are excluded.
         """
         s = self.settings
-        touched = healthy & ~quiet & (deviation > 0.0)
-        own = quiet & ~near(touched, self._neighbours)
-        below = healthy & ~quiet & (deviation < 0.0)
+        own = quiet & ~near(loud & (deviation > 0.0), self._neighbours)
+        below = loud & taught & (deviation < 0.0)
         share = np.where(own, 1.0 - np.exp(-elapsed / s.own), 0.0)
         share[below] = 1.0 - np.exp(-elapsed / s.release)
-        self.offset += share * deviation
+        self._estimates.followed[:] = share * deviation
+        self.offset += self._estimates.followed

@@ -106,6 +106,28 @@ def test_the_same_frames_give_the_same_bits() -> None:
     np.testing.assert_array_equal(one.subject.baseline.offset, other.subject.baseline.offset)
 
 
+@pytest.mark.parametrize("begins", [0.0, 1.2, 3.7])
+@pytest.mark.parametrize("lasts", [12.0, 91.3])
+def test_a_taxel_that_was_frozen_keeps_its_rest_value(bench: Bench, begins: float, lasts: float) -> None:
+    """It freezes at a value beyond rest that no pressure gives, at any time of an estimation window."""
+    bench.feed(begins)
+    known = bench.subject.baseline.offset[100]
+    bench.feed(lasts, t100=252.0)
+    felt = bench.feed(20.0)
+    assert bench.subject.baseline.offset[100] == pytest.approx(known, abs=0.5)
+    assert not felt.any()
+
+
+def test_a_taxel_quieter_than_its_patch_is_at_rest_or_pressed(bench: Bench) -> None:
+    """A step of its rest value lies below its patch's threshold and above seven standard deviations of its
+    own."""
+    quiet = bench.subject.patch.sensor.rest + 0.4 * bench.generator.standard_normal(900)
+    for place, value in enumerate(quiet):
+        bench.feed(0.1, t100=np.rint(value - (4.5 if place > 200 else 0.0)))
+    assert 7.0 * bench.subject.baseline.noise[100] < 4.5 < bench.subject.baseline.threshold[100]
+    assert bench.subject.baseline.offset[100] > 3.0
+
+
 @pytest.mark.parametrize("bad", [{"constant": 0.0}, {"noisy": -1.0}, {"flicker": np.nan}])
 def test_settings_that_make_no_sense(bad: dict[str, float]) -> None:
     with pytest.raises(TciError, match="health"):

@@ -46,6 +46,9 @@ class BaselineSettings:
     """A taxel is active if its deviation exceeds this many standard deviations of its noise."""
     fluctuating: float = 0.2
     """A taxel counts as noisy if at least this fraction of its frames differs from the previous one."""
+    lively: float = 0.4
+    """Noise [counts] from which a taxel that stays constant for a window is frozen: a third of its frames
+    differ, so 50 equal ones occur by chance once in 1e5 windows."""
     share: float = 0.25
     """Least fraction of the healthy taxels that must be quiet before their median counts as drift."""
 
@@ -97,7 +100,12 @@ class Baseline:
         self.rested = np.zeros(count, dtype=bool)
         """True (n,) for taxels that have been at rest."""
         initialised = np.zeros(count, dtype=bool)
-        self._estimates = BaselineArrays(self.offset, self.noise, self.threshold, initialised, self.rested)
+        self.frozen = np.zeros(count, dtype=bool)
+        """True (n,) for taxels with a measured noise of `lively` or more that were constant in the latest
+        window. They teach nothing until they have changed for a whole window."""
+        self._estimates = BaselineArrays(
+            self.offset, self.noise, self.threshold, initialised, self.rested, self.frozen, np.zeros(count)
+        )
         self._room = np.zeros((ROOM, count))
         self._afresh = False
 
@@ -112,6 +120,7 @@ class Baseline:
     def rezero(self, signal: Array) -> None:
         """Takes `signal` (n,) [counts] as the new rest values; the next window makes them exact."""
         self.offset[:] = signal
+        self._estimates.followed[:] = 0.0
         self._afresh = True
 
     def update(self, window: Window, healthy: NDArray[np.bool_]) -> None:
@@ -119,7 +128,8 @@ class Baseline:
         s, elapsed = self.settings, window.elapsed
         weights = [1.0 - exp(-elapsed / constant) for constant in (s.own, s.release, s.noise)]
         numbers = np.array([
-            s.threshold, s.quiet, s.fluctuating, s.share, self._slew * elapsed, self._floor, *weights,
+            s.threshold, s.quiet, s.fluctuating, s.share, s.lively, self.typical_noise,
+            self._slew * elapsed, self._floor, *weights,
         ])  # fmt: skip
         self.typical_noise = update_baseline(
             self._estimates, window, healthy, self._neighbours, numbers, self._afresh, self._room

@@ -81,10 +81,10 @@ class PatchEstimator:
 
     def write(self, taxels: slice, estimates: Estimates) -> None:
         """Writes the estimates for the kernel, in single precision: exact for counts below 2^24."""
-        baseline, health = self.baseline, self.health
+        baseline = self.baseline
         estimates.offset[taxels] = baseline.offset
         estimates.threshold[taxels] = baseline.threshold
-        estimates.fluctuating[taxels] = baseline.noise >= health.settings.fluctuating
+        estimates.fluctuating[taxels] = baseline.noise >= baseline.settings.lively
         self.write_health(taxels, estimates)
 
     def write_health(self, taxels: slice, estimates: Estimates) -> None:

@@ -40,10 +40,6 @@ class HealthSettings:
 
     constant: float = 60.0
     """Time [s] for which a value may stay constant to the bit while others change."""
-    fluctuating: float = 0.4
-    """Noise [counts] above which an active taxel without active neighbours is stuck if it stays constant for
-    one window: a third of such a taxel's frames differ, so 50 equal ones occur by chance once in 1e5
-    windows."""
     noisy: float = 8.0
     """A taxel is masked if it is this many times as noisy as the median of its patch's taxels that were at
     rest, until it is half as noisy."""
@@ -107,10 +103,9 @@ class TaxelHealth:
         middle = baseline.typical_noise
         if np.count_nonzero(constant):
             self._judge_constant(constant, deviation, threshold, middle)
-        frozen = ~changed & (noise >= s.fluctuating)
-        if np.count_nonzero(frozen):
+        if np.count_nonzero(baseline.frozen):
             touched = _touched(deviation, threshold)
-            self.state[frozen & touched & ~near(touched, self._neighbours)] = _STUCK
+            self.state[baseline.frozen & touched & ~near(touched, self._neighbours)] = _STUCK
         limit = max(s.noisy * middle, s.least_noise)
         present = window.second_difference / NOISE_GAIN
         self.state[(noise > limit) & (self.state == _HEALTHY)] = _NOISY

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from tci.compiled import compiled, inlined, reads, record, writes
 from tci.frames import Array
 
-THRESHOLD, LEAST, FLUCTUATING, SHARE, DRIFT, FLOOR, OWN, RELEASE, NOISE = range(9)
-"""Indices of the numbers (9,): threshold [standard deviations] and [counts] below which a taxel is quiet,
-fraction of changes of a noisy one, least fraction of quiet taxels; largest drift and lowest signal [counts];
-weights of this window in the rest value of a quiet taxel, of one below its rest value, and in the noise."""
-ROOM = 5
+THRESHOLD, LEAST, FLUCTUATING, SHARE, LIVELY, TYPICAL, DRIFT, FLOOR, OWN, RELEASE, NOISE = range(11)
+"""Indices of the numbers (11,): threshold [standard deviations] and [counts] below which a taxel is quiet,
+fraction of changes of a noisy one, least fraction of quiet taxels; noise of one that never stays constant,
+typical noise so far, largest drift and lowest signal [counts]; weights of this window in the rest value of a
+quiet taxel, of one below its rest value, and in the noise."""
+ROOM = 6
 """Rows of the work space (ROOM, n)."""
 BESIDE = 2.0
 """Mark of a quiet taxel beside a touched one; that of other quiet ones is 1."""
@@ -36,6 +37,10 @@ class BaselineArrays(NamedTuple):
     """Taxels whose noise has been estimated."""
     rested: NDArray[np.bool_]
     """Taxels that have been at rest in a window."""
+    frozen: NDArray[np.bool_]
+    """Taxels that fluctuate at rest and were constant in the latest window. They teach nothing."""
+    followed: Array
+    """Change [counts] of the rest value in the latest window, beyond the common drift."""
 
 
 class Window(NamedTuple):
@@ -96,7 +101,10 @@ def _typical(estimates: BaselineArrays, room: Array) -> float:
 
 @compiled(
     float64(
-        record(BaselineArrays, writes(1), writes(1), writes(1), writes(1, boolean), writes(1, boolean)),
+        record(
+            BaselineArrays, writes(1), writes(1), writes(1), writes(1, boolean), writes(1, boolean),
+            writes(1, boolean), writes(1),
+        ),
         record(Window, float64, writes(1), writes(1), writes(1), writes(1)),
         reads(1, boolean), reads(2, int64), reads(1), boolean, writes(2),
     )
@@ -109,19 +117,26 @@ def update_baseline(
     [counts].
 
     `neighbours` (m, 2) are pairs of taxels. If the rest values are `afresh`, those of quiet taxels become the
-    window's mean. For `numbers` and `room` see `THRESHOLD` and `ROOM`.
+    window's mean. The last change of a taxel before it was constant for a window is taken back, since it may
+    have frozen meanwhile. For `numbers` and `room` see `THRESHOLD` and `ROOM`.
     """
     offset, noise, mean = estimates.offset, estimates.noise, window.mean
-    deviation, present, ordered, quiet, touched = room[0], room[1], room[2], room[3], room[4]
+    deviation, present, ordered, quiet, touched, taught = room[0], room[1], room[2], room[3], room[4], room[5]
     found, whole = 0, 0
     for i in range(len(offset)):
         fluctuates = window.changes[i] >= numbers[FLUCTUATING]
         present[i] = window.second_difference[i] / NOISE_GAIN if fluctuates else 0.0
-        level = max(numbers[THRESHOLD] * max(noise[i], present[i]), numbers[LEAST])
-        is_quiet = healthy[i] and window.peak[i] < level
+        frozen = window.changes[i] == 0.0 and estimates.initialised[i] and noise[i] >= numbers[LIVELY]
+        taught[i] = healthy[i] and not frozen and not estimates.frozen[i]
+        if frozen and not estimates.frozen[i]:
+            offset[i] -= estimates.followed[i]
+        estimates.frozen[i] = frozen
+        level = max(numbers[THRESHOLD] * max(noise[i], present[i], numbers[TYPICAL]), numbers[LEAST])
+        is_low = window.peak[i] < level
+        is_quiet = taught[i] > 0.0 and is_low
         if afresh and is_quiet:
             offset[i] = mean[i]
-        quiet[i], deviation[i] = is_quiet, mean[i] - offset[i]
+        quiet[i], deviation[i], touched[i] = is_quiet, mean[i] - offset[i], healthy[i] and not is_low
         if is_quiet:
             ordered[found] = deviation[i]
             found += 1
@@ -132,17 +147,21 @@ def update_baseline(
     for i in range(len(offset)):
         offset[i] += drift
         deviation[i] -= drift
-        touched[i] = healthy[i] and quiet[i] == 0.0 and deviation[i] > 0.0
+        taught[i] *= touched[i]
+        touched[i] *= deviation[i] > 0.0
     for k in range(len(neighbours)):  # the weak edge of a touch looks quiet
         one, other = neighbours[k, 0], neighbours[k, 1]
         if touched[one] + touched[other] == 1.0:
             beside = other if touched[one] == 1.0 else one
             quiet[beside] = min(quiet[beside], 1.0) * BESIDE
     for i in range(len(offset)):
+        weight = 0.0
         if quiet[i] == 1.0:
-            offset[i] += numbers[OWN] * deviation[i]
-        elif quiet[i] == 0.0 and healthy[i] and deviation[i] < 0.0:
-            offset[i] += numbers[RELEASE] * deviation[i]
+            weight = numbers[OWN]
+        elif taught[i] > 0.0 and deviation[i] < 0.0:
+            weight = numbers[RELEASE]
+        estimates.followed[i] = weight * deviation[i]
+        offset[i] += estimates.followed[i]
         # Noise is cut off at the end of the range: an estimate from there may only raise it.
         cut = mean[i] - max(4.0 * noise[i], 1.0) < numbers[FLOOR]
         less = cut and estimates.initialised[i] and present[i] < noise[i]

@@ -116,6 +116,38 @@ def test_start_outside_the_limits_moves_inward_only_and_slowly(mode: Mode) -> No
     assert driven.angles[2] <= 2.0
 
 
+@pytest.mark.parametrize("mode", [Mode.POSITION, Mode.IMPEDANCE, Mode.VELOCITY])
+def test_a_joint_outside_its_limits_comes_in_though_nobody_says_where_to(mode: Mode) -> None:
+    """It was held where it was, until a command named it."""
+    driven = Driven(make_robot(modes=(Mode.TORQUE, mode)), [0, 0, 2.3, 0, 0, 0])
+    driven.step(PlatformSwitch(np.array([2]), mode))
+    for _ in range(60):
+        driven.step()
+    driven.gate.hold("a pause")
+    driven.settle()
+    assert driven.angles[2] > 2.0, "it rests while the robot holds"
+    driven.step(PlatformSwitch(np.array([3]), mode))
+    driven.settle()
+    path = np.array(driven.path)[:, 2]
+    assert 1.9 < path[-1] <= 2.0
+    assert np.abs(np.diff(path)).max() / PERIOD <= 0.11 * 3.0
+    driven.assert_within_limits()
+
+
+@pytest.mark.parametrize("mode", [Mode.POSITION, Mode.VELOCITY])
+def test_a_joint_that_sags_does_not_wander_outside_however_often_it_starts_anew(mode: Mode) -> None:
+    """A G1's shoulder went out by its sag each time: it began where it had sagged to, and stayed."""
+    sag, farthest = 0.005, -np.inf
+    driven = Driven(make_robot(modes=(Mode.IMPEDANCE, mode)), [0, 0, 2.0, 0, 0, 0])
+    for turn in range(12):
+        driven.gate.drop()
+        driven.step(PlatformSwitch(np.array([2]), (mode, Mode.IMPEDANCE)[turn % 2]))
+        for _ in range(50):
+            farthest = max(farthest, driven.step().position[0])
+            driven.angles[2] += sag
+    assert 2.0 < farthest <= 2.0 + sag + 1e-9
+
+
 def test_speed_of_the_description_holds_beside_the_limit() -> None:
     driven = Driven(make_robot(), ZERO)
     driven.step(position_command([2], [1.5], speed=0.5))

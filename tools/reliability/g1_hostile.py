@@ -138,8 +138,10 @@ class _Sdk:
 class Robot:
     """The robot's own check of bytes, which shares no code with the driver.
 
-    Positions lie inside the limits, or no farther outside than a joint without stiffness was pushed. From one
-    message to the next a set-point moves no faster than the joint may, or lies where the joint is measured.
+    Positions lie inside the limits; those of a joint that was found outside lie no farther outside than it
+    was measured, and from there on move inward only. They lie no farther outside than a joint without
+    stiffness was pushed and one with stiffness sags. From one message to the next a set-point moves no faster
+    than the joint may, or lies where the joint is measured.
     """
 
     MOTORS = struct.Struct("<" + "B3x5fI" * 35)
@@ -153,7 +155,7 @@ class Robot:
             np.array([getattr(limit, name) for limit in mine], dtype=float)
             for name in ("lower", "upper", "velocity", "torque")
         )
-        self.beyond = np.zeros(len(mine))
+        self.beyond, self.least = np.zeros((2, len(mine)))
         self.before: Array | None = None
         self.faults: list[str] = []
 
@@ -166,12 +168,16 @@ class Robot:
         moved = np.abs(q - (q if self.before is None else self.before))
         near = np.minimum(moved, np.abs(q - measured))
         loose = kp == 0.0
-        outside = np.maximum(measured - self.upper, self.lower - measured)
-        self.beyond = np.where(loose, np.maximum(self.beyond, outside), self.beyond)
+        found, outside = self._outside(measured), self._outside(q)
+        self.beyond = np.where(loose, np.maximum(self.beyond, found), self.beyond)
+        starts = loose | (np.abs(q - measured) <= close)
+        least = np.where(starts, found, self.least)
+        self.least = np.minimum(least, outside)
         checks = {
             "not finite": ~np.isfinite(motors[self.slots]).all(axis=1),
             "not enabled": mode != 1,
-            "position": np.maximum(q - self.upper, self.lower - q) > self.beyond + SAG + WIGGLE + close,
+            "position": outside > self.beyond + SAG + WIGGLE + close,
+            "outward": outside > least + np.where(least > 0.0, WIGGLE, 0.0) + close,
             "jump": (near > self.speed * PERIOD * (1.0 + ROUNDING) + close) & ~loose,
             "speed": np.abs(dq) > self.speed * (1.0 + ROUNDING),
             "torque": np.abs(tau) > self.torque * (1.0 + ROUNDING),
@@ -186,6 +192,11 @@ class Robot:
         if motors[:12, 0].any():
             self.faults.append("a leg is enabled")
         self.before = q
+
+    def _outside(self, position: Array) -> Array:
+        """Returns the distance (k,) [rad] of joints at `position` (k,) [rad] outside their limits."""
+        beyond: Array = np.maximum(np.maximum(position - self.upper, self.lower - position), 0.0)
+        return beyond
 
 
 class _Attack(Attack):
@@ -204,7 +215,9 @@ class _Attack(Attack):
         self.servos = np.flatnonzero(self.slots >= 12)
         self.movable = [*self.servos.tolist(), int(np.argmin(self.slots))]  # one that is refused
         legs = {servo: "a leg" for servo, slot in enumerate(self.slots.tolist()) if slot < 12}
-        self.gate = PartialGate(robot, legs, period=PERIOD, stale_after=0.1)
+        # Its joints pass through each other: a check for that would hold them where no arm can be.
+        settings = self.gate.settings
+        self.gate = PartialGate(robot, legs, period=PERIOD, stale_after=0.1, settings=settings)
         self.wire, self.set_points = _Wire(sdk), SetPoints(self.slots, whole=False)
         self.socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         theirs.setblocking(False)

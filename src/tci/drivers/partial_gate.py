@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from tci.gate.gate import Gate, SafeCommand
+from tci.gate.gate import Gate, GateSettings, SafeCommand
 from tci.gate.immovable import Immovable
 from tci.messages import JointReading, PlatformOrder
 from tci.reasons import Code, Reason
@@ -18,10 +18,16 @@ class PartialGate(Gate):
     """
 
     def __init__(
-        self, robot: Robot, unreached: Mapping[int, str], *, period: float, stale_after: float
+        self,
+        robot: Robot,
+        unreached: Mapping[int, str],
+        *,
+        period: float,
+        stale_after: float,
+        settings: GateSettings | None = None,
     ) -> None:
         """Takes the reason for each servo that is not reached, by its index."""
-        super().__init__(robot, period=period, stale_after=stale_after)
+        super().__init__(robot, period=period, stale_after=stale_after, settings=settings)
         self._unreached = unreached
         servos = tuple(
             servo.model_copy(update={"limits": Limits()}) if servo.index in unreached else servo

@@ -54,6 +54,14 @@ class Bounds:
         )  # fmt: skip
         return point
 
+    def inside(self, position: Array) -> Array:
+        """Returns `position` (n,) [rad] with each angle outside its limits moved just inside of them."""
+        margin = np.minimum(MARGIN, (self.upper - self.lower) / 2)
+        nearest = np.clip(position, self.lower + margin, self.upper - margin)
+        outside = (position < self.lower) | (position > self.upper)
+        inside: Array = np.where(outside, nearest, position)
+        return inside
+
     def allowed_velocity(self, position: Array, velocity: Array) -> Array:
         """Returns `velocity` (n,) [rad/s], reduced where servos at `position` (n,) [rad] could not stop in
         time.

@@ -23,8 +23,8 @@ from tci.gate.stop_plan import StopPlanner, StopTrajectory
 from tci.reasons import Reason
 
 CREEP = 0.1
-"""Fraction of the speed limit at which a servo that starts outside its limits moves inward. Assumed: slow
-enough for a person to step in, since the surroundings there are unknown."""
+"""Fraction of the speed limit at which a servo outside its limits moves inward. Assumed: slow enough for a
+person to step in, since the surroundings there are unknown."""
 LEAST_SHARE = 1e-6
 """Least fraction of the longest distance of a straight motion that counts as one; ruckig needs limits above
 0."""
@@ -55,8 +55,8 @@ class OnlineTrajectory:
         self._guard = guard
         self.ended: Reason | None = None
         """Reason for which the guard ended the motion in the latest step; None if it did not."""
-        self.target = np.array(position)
-        """Target (n,) [rad]."""
+        self.target = bounds.inside(position)
+        """Target (n,) [rad], which is always inside the limits."""
         self._speed = np.array(bounds.velocity)
         self._drive = np.full(count, np.nan)
         self._stopping = False
@@ -148,10 +148,11 @@ class OnlineTrajectory:
     def drive_at(self, places: Sequence[int], velocity: Array) -> None:
         """Drives servos at `velocity` (k,) [rad/s], within the speed limit, until the next call.
 
-        NaN ends the drive of a servo, which must be at rest; it then stays.
+        NaN ends the drive of a servo, which must be at rest; it then stays. A servo outside its limits moves
+        inward, whatever its velocity.
         """
         self._drive[places] = velocity
-        self.target[places] = self._state[0][places]
+        self.target[places] = self.bounds.inside(self._state[0])[places]
         self._asked = True
         if not np.array_equal(self._driven, np.isfinite(self._drive)):
             self._set_interfaces()
@@ -161,7 +162,7 @@ class OnlineTrajectory:
     def halt(self) -> None:
         """Stops as fast as the bounds allow and forgets targets and velocities at once."""
         if not self._stopping:
-            self.target = self._stopper.end
+            self.target = self.bounds.inside(self._stopper.end)
             self._drive[self._driven] = 0.0
             self._asked = True
         self._stopping = True
@@ -204,9 +205,11 @@ class OnlineTrajectory:
             self._asked, self._creeps = False, self._outside
         if self._any_driven:
             allowed = self.bounds.allowed_velocity(here, np.nan_to_num(self._drive))
+            if self._outside:
+                inward = np.sign(self.bounds.inside(here) - here)
+                allowed = np.where(inward, CREEP * inward * self.bounds.velocity, allowed)
             self._driving = bool(allowed.any())
-            outside = (here < self.bounds.lower) | (here > self.bounds.upper)
-            self._input.target_velocity = (np.where(outside, CREEP, 1.0) * allowed).tolist()
+            self._input.target_velocity = allowed.tolist()
         try:
             result = self._otg.update(self._input, output)
             numbers = [*output.new_position, *output.new_velocity, *output.new_acceleration]

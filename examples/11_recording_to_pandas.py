@@ -4,9 +4,12 @@ import sys
 from pathlib import Path
 from tempfile import mkdtemp
 
-import pandas as pd
-
 import tci
+
+try:
+    import pandas as pd
+except ModuleNotFoundError:
+    sys.exit("this example needs pandas: pip install pandas")
 
 path = Path(sys.argv[1]) if sys.argv[1:] else Path(mkdtemp()) / "touch.mcap"
 if not sys.argv[1:]:

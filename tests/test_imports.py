@@ -46,6 +46,20 @@ def test_every_public_name_exists(name: str) -> None:
     assert getattr(tci, name) is not None
 
 
+def test_without_an_extra_introspection_works_and_an_import_names_the_extra() -> None:
+    """`help`, completion and mocks load each name of `dir(tci)`; an import must still say what to install."""
+    code = (
+        "import inspect, sys; sys.modules['py_trees'] = None; import tci\n"
+        "found = dict(inspect.getmembers(tci))\n"
+        "print('run' in found, 'BehaviourTree' in found)\n"
+        "try: from tci import BehaviourTree\n"
+        "except tci.MissingExtraError as error: print(error)"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert said.startswith("True False\na behaviour tree needs py_trees")
+    assert "pip install" in said
+
+
 ROOT = Path(__file__).parent.parent
 PAGES = [*ROOT.glob("docs/*.md"), ROOT / "README.md"]
 DEEP = re.compile(r"^\s*(?:from tci\.|import tci\.).*$", re.MULTILINE)

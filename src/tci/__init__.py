@@ -7,6 +7,7 @@ The names below are all a program needs; each is loaded when it is first used, s
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from tci.learning.registration import register_when_imported as _register_when_imported
@@ -226,6 +227,8 @@ _NAMES = {
     "tci.testing": ("TouchedRobot",),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
+_EXTRAS = {"tci.capabilities.behaviour_tree": "py_trees"}
+"""Package that a module of `_NAMES` needs, if an extra of TCI installs it."""
 
 
 def __getattr__(name: str) -> Any:
@@ -237,7 +240,9 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted([*_HOME, "__version__"])
+    """Lists the names that can be loaded: `help`, `inspect` and editors load each name that is listed."""
+    absent = {module for module, package in _EXTRAS.items() if find_spec(package) is None}
+    return sorted([*(name for name, module in _HOME.items() if module not in absent), "__version__"])
 
 
 _register_when_imported()

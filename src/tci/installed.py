@@ -7,9 +7,15 @@ The advice is made from the metadata of installed distributions. No distribution
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from importlib.metadata import Distribution, distribution, entry_points, packages_distributions
+from importlib.metadata import (
+    Distribution,
+    PackageNotFoundError,
+    distribution,
+    entry_points,
+    packages_distributions,
+)
 from typing import TYPE_CHECKING
 
 from tci.errors import MissingExtraError
@@ -45,6 +51,20 @@ def advice(extra: str, *, of: Distribution | None = None) -> str:
     if not any(marker.evaluate({"extra": extra}) for marker in markers):
         return f"it is not made for this machine; valid: {' or '.join(dict.fromkeys(map(str, markers)))}"
     return f"install it with: pip install '{name}[{extra}]'"
+
+
+def installed_by(extra: str) -> dict[str, str]:
+    """Returns the releases of the distributions that an extra of TCI requires and that are installed."""
+    from packaging.requirements import Requirement
+
+    found = own_distribution()
+    needs = map(Requirement, (found.requires or ()) if found is not None else ())
+    releases = {}
+    for need in needs:
+        if _names(need, extra):
+            with suppress(PackageNotFoundError):
+                releases[need.name] = distribution(need.name).version
+    return releases
 
 
 def _names(need: Requirement, extra: str) -> bool:

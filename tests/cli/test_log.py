@@ -36,7 +36,9 @@ def test_record_look_cut_export_and_replay(tmp_path: Path) -> None:
     description = Recording(path).about["description"]
     assert description.startswith("{")
     assert "_touch.csv" not in description, "files of this machine"
-    assert "/joint_states" in tci("log", "info", path)
+    shown = tci("log", "info", path)
+    assert "/joint_states" in shown
+    assert f"of WithdrawalReflex; all values: tci log info {path} --json" in shown.replace("\n", "")
 
     tci("log", "cut", path, str(tmp_path / "cut.mcap"), "--from", "0.2", "--to", "0.4")
     assert json.loads(tci("log", "info", str(tmp_path / "cut.mcap"), "--json"))["periods"] == 100

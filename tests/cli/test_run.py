@@ -20,7 +20,7 @@ from tci.drivers.driver import Driver
 from tci.drivers.faults.fault_list import FAULTS
 from tci.drivers.faults.injectors import INJECTORS
 from tci.drivers.simulated import SimulatedDriver
-from tci.errors import UnknownNameError
+from tci.errors import CommandError, UnknownNameError
 from tci.messages import Landmark
 from tci.robot.catalogue import load_robot
 from tci.runtime.arguments import load_capability
@@ -138,13 +138,13 @@ def test_clamps_are_told_as_refusals_are(capsys: pytest.CaptureFixture[str]) -> 
     told = json.loads(capsys.readouterr().out)
     assert [one["count"] for one in told["clamps"]] == [50]
     assert kinds(told)[:2] == ["clamped", "command"]
-    assert "HeadPitch: 85.94 degrees asked, clamped to" in told["events"][0]["words"]
+    assert "HeadPitch: 1.50 rad (85.94 degrees) asked, clamped to" in told["events"][0]["words"]
     assert [*told["moved_rad"]] == ["HeadPitch"]
     run_capability("cli.test_run:Far", "nao", duration=0.1)
     text = " ".join(capsys.readouterr().out.split())
-    assert "0.000 s clamped HeadPitch: 85.94 degrees asked" in text
+    assert "0.000 s clamped HeadPitch: 1.50 rad (85.94 degrees) asked" in text
     assert "nao: touched nowhere; moved HeadPitch" in text
-    assert "clamped 50 x, first at 0.000 s: HeadPitch: 85.94 degrees asked" in text
+    assert "clamped 50 x, first at 0.000 s: HeadPitch: 1.50 rad (85.94 degrees) asked" in text
 
 
 def test_a_class_that_is_not_in_its_module_is_answered_with_those_that_are() -> None:
@@ -152,6 +152,11 @@ def test_a_class_that_is_not_in_its_module_is_answered_with_those_that_are() -> 
         UnknownNameError, match=r"in cli.test_run named 'Nodd' \(did you mean 'Nod'\?\); valid: Nod, Lost"
     ):
         load_capability("cli.test_run:Nodd")
+
+
+def test_a_module_that_is_not_found_is_answered_with_the_places_that_were_searched() -> None:
+    with pytest.raises(CommandError, match=re.escape(f"searched: {Path.cwd()} and the installed packages")):
+        load_capability("no_such_file:Nod")
 
 
 def test_a_class_that_its_package_loads_on_first_use_is_found() -> None:

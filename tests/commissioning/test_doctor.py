@@ -176,6 +176,9 @@ def test_this_machine_names_drivers_robots_and_its_clock() -> None:
     assert found["driver sim"].level is Level.OK
     assert found["robot nao"].level is Level.OK
     assert found["clock"].figures["late_p99_us"] >= found["clock"].figures["late_p50_us"] >= 0.0
+    assert "allowed: 1 ms" in found["clock"].what
+    assert found["driver sim"].what == "ready; it needs no extra"
+    assert found["driver zenoh"].what.startswith("ready; its library: eclipse-zenoh 1.")
 
 
 def test_another_package_in_the_same_folder_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -481,7 +481,7 @@ def test_less_than_no_stiffness_is_none() -> None:
     driven = Driven(make_robot(), ZERO)
     safe = driven.step(PlatformCommand(Mode.DAMPING, np.array([0, 1]), np.array([-0.4, 0.7]), np.ones(2)))
     assert safe.damping == {0: 0.0, 1: 0.7}
-    assert [*map(str, safe.clamped)] == ["joint0: -0.40 damping asked, clamped to 0.00"]
+    assert [*map(str, safe.clamped)] == ["joint0: -0.40 damping asked, clamped to 0.00 damping"]
 
 
 def test_what_lies_ahead_is_where_the_robot_then_is() -> None:

@@ -78,7 +78,9 @@ def test_a_velocity_beyond_the_limit_is_clamped_and_reported() -> None:
     driven = Driven(ROBOT, ZERO)
     driven.step(switch([2], Mode.VELOCITY))
     safe = driven.step(velocity([2], [9.0]))
-    assert [*map(str, safe.clamped)] == ["joint2: 515.66 degrees/s asked, clamped to 154.70"]
+    assert [*map(str, safe.clamped)] == [
+        "joint2: 9.00 rad/s (515.66 degrees/s) asked, clamped to 2.70 rad/s (154.70 degrees/s)"
+    ]
     drive(driven, velocity([2], [9.0]), 300)
     driven.assert_within_limits()
 
@@ -197,7 +199,9 @@ def test_impedance_moves_its_equilibrium_within_the_limits() -> None:
     driven = Driven(ROBOT, ZERO)
     driven.step(switch([2], Mode.IMPEDANCE))
     safe = driven.step(command(Mode.IMPEDANCE, [2], [5.0]))
-    assert "joint2: 286.48 degrees asked, clamped to 114.59" in str(safe.clamped[0])
+    assert "joint2: 5.00 rad (286.48 degrees) asked, clamped to 2.00 rad (114.59 degrees)" in str(
+        safe.clamped[0]
+    )
     driven.settle()
     driven.assert_within_limits()
 
@@ -290,7 +294,7 @@ def test_a_torque_beyond_the_limit_is_clamped_and_reported() -> None:
     gate = Gate(ROBOT, period=PERIOD, stale_after=0.05)
     gate.step([switch([2], Mode.TORQUE)], reading(ZERO), 0.0)
     safe = gate.step([command(Mode.TORQUE, [2], [-7.0])], reading(ZERO, PERIOD), PERIOD)
-    assert [*map(str, safe.clamped)] == ["joint2: -7.00 N m asked, clamped to -5.00"]
+    assert [*map(str, safe.clamped)] == ["joint2: -7.00 N m asked, clamped to -5.00 N m"]
 
 
 def test_at_a_limit_no_torque_leads_outward() -> None:

@@ -100,7 +100,7 @@ def test_clamps_are_counted_and_the_first_is_logged(
     result = tci.run(driver, Ask(lambda count: head(1.5 + 0.01 * (count % 7), 0.0, 0.0)), duration=0.1)
     (clamp,) = result.clamps
     assert clamp.count == 50
-    assert "HeadPitch: 85.94 degrees asked, clamped to" in clamp.words
+    assert "HeadPitch: 1.50 rad (85.94 degrees) asked, clamped to" in clamp.words
     (said,) = warnings(caplog)
     assert clamp.words in said
     assert f"clamped 50 x, first at {clamp.time:.3f} s: {clamp.words}" in str(result)

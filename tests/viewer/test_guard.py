@@ -24,7 +24,7 @@ class Opened:
     """A running server, with requests to it."""
 
     def __init__(self, host: str) -> None:
-        self.server, self.guard, self.address = open_server(host, 0, label="test")
+        self.server, self.guard, self.address = open_server(host, 0, label="test", title="a <b> - TCI")
         self.port = int(self.address.split("?")[0].rstrip("/").rsplit(":", 1)[1])
 
     def get(self, path: str = "/", **headers: str) -> http.client.HTTPResponse:
@@ -77,6 +77,8 @@ def test_a_page_can_ask_whether_its_server_is_there(local: Opened) -> None:
         body = page.read()
         assert int(page.headers["Content-Length"]) == len(body)
         assert b"The viewer has ended" in body
+        assert b"<title>a &lt;b&gt; - TCI</title>" in body
+        assert body.count(b"<title>") == 1
 
 
 def test_53_elsewhere_a_token_is_needed(remote: Opened) -> None:

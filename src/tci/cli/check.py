@@ -9,7 +9,7 @@ import typer
 from rich.markup import escape
 
 from tci.cli import completion
-from tci.cli.console import console, print_json
+from tci.cli.console import console, print_json, told_here
 from tci.cli.options import AsJson, RobotName
 from tci.errors import CommandError
 
@@ -109,7 +109,8 @@ def _prove(robot: Robot, *, quiet: bool) -> Proof:
             if not quiet and not console.is_terminal:  # there is no bar in a file or a pipe
                 console.print(f"... {what}", highlight=False, markup=False)
 
-        return prove(robot, progress=show)
+        with told_here():  # it commands far beyond all limits on purpose, so the log would list clamps
+            return prove(robot, progress=show)
 
 
 def _print_proof(proof: Proof) -> None:

@@ -55,6 +55,8 @@ def info(file: RecordingFile, as_json: AsJson = False) -> None:
         table.add_row(escape(topic), str(count))
     console.print(table)
     for key, text in about.items():
+        if key == "settings" and not as_json and "(" in text:
+            text = f"of {text.partition('(')[0]}; all values: tci log info {file} --json"
         console.print(f"  {key:<20} {text[:200]}", highlight=False, markup=False)
 
 

@@ -14,7 +14,7 @@ from tci.clock import MonotonicClock, ticks
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.registry import driver_names, load_driver
 from tci.errors import MissingExtraError, TciError
-from tci.installed import clashes
+from tci.installed import clashes, installed_by
 from tci.robot.catalogue import load_robot, robot_names
 from tci.runtime.lease import FOLDER, lease
 
@@ -56,7 +56,13 @@ def _driver(name: str) -> Finding:
     except Exception as error:
         words = f"its module fails: {type(error).__name__}: {error}"
         return Finding(Level.FAULT, subject, words, "install its package again")
-    return Finding(Level.OK, subject, "installed")
+    return Finding(Level.OK, subject, f"ready; {_library(name)}")
+
+
+def _library(driver: str) -> str:
+    """Names the library that an extra installed for a driver, with its version."""
+    found = ", ".join(f"{name} {release}" for name, release in installed_by(driver).items())
+    return f"its library: {found}" if found else "it needs no extra"
 
 
 def _robots() -> Iterator[Finding]:
@@ -90,7 +96,10 @@ def _timing(duration: float) -> Iterator[Finding]:
     # Modulo PERIOD, a tick that is slightly early looks almost one period late.
     late = np.where(late > PERIOD * 0.999, 0.0, late)
     middle, worst = np.quantile(late, [0.5, 0.99])
-    text = f"wakes up {1e6 * middle:.0f} us late (median), {1e3 * worst:.2f} ms (p99)"
+    text = (
+        f"wakes up {1e6 * middle:.0f} us late (median), {1e3 * worst:.2f} ms (p99; "
+        f"allowed: {1e3 * LATE:g} ms)"
+    )
     figures = {"late_p50_us": 1e6 * float(middle), "late_p99_us": 1e6 * float(worst)}
     if worst > LATE:
         yield Finding(

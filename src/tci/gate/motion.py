@@ -144,7 +144,7 @@ class Motion:
                 self.groups.note(mode, servos, chains)
             sent = np.empty(len(servos))
             farthest = max([chain.aim(servos, values, speeds, sent) for chain in chains])
-            clamped = [] if farthest <= 2 * MARGIN else self.clamps(command, sent.tolist(), "degrees")
+            clamped = [] if farthest <= 2 * MARGIN else self.clamps(command, sent.tolist(), "rad")
         else:
             clamped = self._push(command) if mode is Mode.TORQUE else self._drive(command)
         self._fed[servos] = now
@@ -223,7 +223,7 @@ class Motion:
         for chain in self.groups.moving(servos):
             mine = [servo for servo in chain.servos if servo in wanted]
             chain.limiter.drive_at(chain.places(mine), np.array([wanted[servo] for servo in mine]))
-        return self.clamps(command, sent.tolist(), "degrees/s")
+        return self.clamps(command, sent.tolist(), "rad/s")
 
     def check_stiffness(self, command: PlatformCommand) -> None:
         """Raises CommandError if more stiffness would throw a yielding joint back to its equilibrium."""
@@ -249,8 +249,7 @@ class Motion:
             if abs(asked - allowed) > 2 * MARGIN:
                 name = self.robot.servos[servo].name
                 self._tally.clamps[name] += 1
-                factor = DEGREE if unit.startswith("degrees") else 1.0
-                text = f"{name}: {asked * factor:.2f} {unit} asked, clamped to {allowed * factor:.2f}"
+                text = f"{name}: {_amount(asked, unit)} asked, clamped to {_amount(allowed, unit)}"
                 clamped.append(Reason(Code.CLAMPED, text, (name,)))
         return clamped
 
@@ -279,3 +278,9 @@ class Motion:
         self.groups.switch(servos, switch.mode, loose)
         self._switched.update(servos)
         self._torque.set_servos(sorted(loose))
+
+
+def _amount(value: float, unit: str) -> str:
+    """Returns a value with its unit; an angle also in degrees, so that a caller who meant degrees notices."""
+    text = f"{value:.2f} {unit}"
+    return f"{text} ({value * DEGREE:.2f} {unit.replace('rad', 'degrees')})" if "rad" in unit else text

@@ -8,6 +8,7 @@ import sys
 from importlib import import_module
 from importlib.metadata import entry_points
 from inspect import isabstract
+from pathlib import Path
 from typing import Any
 
 from tci.capabilities.capability import Capability
@@ -77,7 +78,10 @@ def _from_module(module: str, name: str) -> object:
             raise ImportError("a path is no module")
         found = import_module(module)
     except (ImportError, ValueError) as error:
-        raise CommandError(f"{module}:{name}: {error}; valid: MODULE:CLASS, as in my_file:Shrug") from error
+        raise CommandError(
+            f"{module}:{name}: {error}; searched: {Path.cwd()} and the installed packages; valid: MODULE:CLASS, "
+            "such as my_file:Shrug for the class Shrug in my_file.py"
+        ) from error
     if not hasattr(found, name):
         words = dict.fromkeys([*vars(found), *dir(found)])  # a package may load its names on first use
         own = [word for word in words if _can_run(getattr(found, word, None))]

@@ -29,8 +29,9 @@ _log = logging.getLogger("tci")
 class RunResult(Generic[Memory]):
     """Result of a run that has ended. Prints as a few lines.
 
-    It is false if the robot was stopped, or if every command was refused. A STOP does not raise: the robot is
-    at rest by then, and an exception would keep the memory and the reasons from the caller.
+    It is false if the robot was stopped, or if every command was refused. Clamped commands leave it true: the
+    robot executed them within its limits, and `clamps` lists them. A STOP does not raise: the robot is at
+    rest by then, and an exception would keep the memory and the reasons from the caller.
     """
 
     memory: Memory

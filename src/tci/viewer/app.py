@@ -57,7 +57,8 @@ class Viewer:
         self.sources: Mapping[str, Source] = _by_key(sources)
         self.sessions = {key: source for key, source in self.sources.items() if isinstance(source, Session)}
         """The sessions, which are the sources that are not recorded, by key."""
-        self.server, self.guard, self.address = open_server(host, port, label="TCI")
+        names = " and ".join(dict.fromkeys(_title(source) for source in sources))
+        self.server, self.guard, self.address = open_server(host, port, label="TCI", title=f"{names} - TCI")
         self.pictures = 0
         """Number of pictures shown."""
         self._stop = threading.Event()

@@ -11,11 +11,13 @@ import asyncio
 import ipaddress
 import logging
 import os
+import re
 import secrets
 import socket
 import threading
 from collections.abc import Callable
 from contextlib import redirect_stdout
+from html import escape
 from http import HTTPStatus
 from io import StringIO
 from pathlib import Path
@@ -43,11 +45,12 @@ Answer = Callable[[Any, Request], Response | None]
 class Guard:
     """Checks each request before the server handles it."""
 
-    def __init__(self, host: str, token: str) -> None:
-        """Takes the `host` that the server listens on and the `token` that every client needs, empty for
-        none."""
+    def __init__(self, host: str, token: str, *, title: str = "TCI") -> None:
+        """Takes the `host` that the server listens on, the `token` that every client needs (empty for none)
+        and the `title` of the page."""
         self.local = host in LOOPBACK
         self.token = token
+        self.title = title
         self.refused = 0
         """Number of refused requests."""
         names = () if self.local else (host, socket.gethostname())
@@ -71,7 +74,7 @@ class Guard:
                 del request.headers["Accept-Encoding"]  # a script is added to the page
             response = answer(connection, request)
             if response is not None:
-                _add_script(response)
+                _adapt_page(response, self.title)
                 response.headers["X-Frame-Options"] = "DENY"
                 response.headers["Referrer-Policy"] = "no-referrer"
                 if self.token and _query_token(request):
@@ -169,12 +172,13 @@ def close_server(server: viser.ViserServer) -> None:
         server.stop()
 
 
-def _add_script(response: Response) -> None:
-    """Adds a script with which the page reports that its server has ended."""
+def _adapt_page(response: Response, title: str) -> None:
+    """Sets the title of the page, and adds a script with which it reports that its server has ended."""
     if not response.headers.get("Content-Type", "").startswith("text/html"):
         return
     script = f"<script>{SCRIPT}</script></head>".encode()
-    response.body = response.body.replace(b"</head>", script, 1)
+    named = re.sub(rb"<title>.*?</title>", b"", response.body, count=1)
+    response.body = named.replace(b"</head>", f"<title>{escape(title)}</title>".encode() + script, 1)
     del response.headers["Content-Length"]
     response.headers["Content-Length"] = str(len(response.body))
 
@@ -183,15 +187,18 @@ def _query_token(request: Request) -> str:
     return parse_qs(urlsplit(request.path).query).get("token", [""])[0]
 
 
-def open_server(host: str, port: int, *, label: str) -> tuple[viser.ViserServer, Guard, str]:
+def open_server(
+    host: str, port: int, *, label: str, title: str = "TCI"
+) -> tuple[viser.ViserServer, Guard, str]:
     """Opens a viser server behind a guard; returns the server, the guard, and the address to open.
 
+    `label` is the heading of the page's panel, `title` that of the browser's tab.
     If the host is not the loopback interface, a token is made. Raises DriverError for a port that is in use
     or a host that is not this machine's.
     """
     # The library refuses malformed requests of strangers itself; users need no traceback of each.
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
-    guard = Guard(host, "" if host in LOOPBACK else secrets.token_urlsafe(24))
+    guard = Guard(host, "" if host in LOOPBACK else secrets.token_urlsafe(24), title=title)
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         listener = socket.create_server((host, port), family=family)

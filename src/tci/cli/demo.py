@@ -176,9 +176,9 @@ def _table(report: Report, mode: str) -> Table:
     table = Table(
         title=f"One reflex on every robot, in {mode} mode: a finger pokes, the arm withdraws",
         caption="Times count from the first contact. command: first command of the reflex; motion: first "
-        "motion of a joint; lost: the finger no longer touches; peak: largest force of the finger; CoP: error "
-        "of the centre of pressure; away: distance that the skin withdrew; without: that distance with the "
-        "reflex switched off; limits broken: number of limits that a command or a motion exceeded.",
+        "motion of a joint; lost: the finger no longer touches; peak: largest force of the finger; CoP: "
+        "error of the centre of pressure; away: distance that the skin withdrew; without: that distance with "
+        "the reflex switched off; limits broken: number of limits that a command or a motion exceeded.",
         box=box.SIMPLE_HEAD,
         pad_edge=False,
         collapse_padding=True,

@@ -79,8 +79,8 @@ def _from_module(module: str, name: str) -> object:
         found = import_module(module)
     except (ImportError, ValueError) as error:
         raise CommandError(
-            f"{module}:{name}: {error}; searched: {Path.cwd()} and the installed packages; valid: MODULE:CLASS, "
-            "such as my_file:Shrug for the class Shrug in my_file.py"
+            f"{module}:{name}: {error}; searched: {Path.cwd()} and the installed packages; valid: "
+            "MODULE:CLASS, such as my_file:Shrug for the class Shrug in my_file.py"
         ) from error
     if not hasattr(found, name):
         words = dict.fromkeys([*vars(found), *dir(found)])  # a package may load its names on first use

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
+
 import pytest
 
 from tci.capabilities.withdrawal import WithdrawalReflex
@@ -20,6 +23,7 @@ def test_random_pokes_of_the_arms_are_answered(name: str) -> None:
     trials = pokes(name, WithdrawalReflex(), 8)
     assert not any(trial.towards for trial in trials)
     assert sum(trial.answered for trial in trials) >= 7
+    assert json.dumps([asdict(trial) for trial in trials])  # the scoreboard keeps each of them
 
 
 def test_the_five_fields_alone_leave_much_of_the_arm_unanswered() -> None:

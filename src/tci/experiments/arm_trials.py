@@ -63,7 +63,7 @@ def arm_trials_of(robot: Robot, reflex: WithdrawalReflex, *, count: int, seed: i
         moved = _moved(trace)
         right = {part for _, part in trace.commanded} == {patch.part}
         yield ArmTrial(
-            patch.name, taxel, force, right and moved[-1] >= AWAY, bool(moved.min() <= -AWAY),
+            patch.name, taxel, force, bool(right and moved[-1] >= AWAY), bool(moved.min() <= -AWAY),
             "; ".join(trace.notes),
         )  # fmt: skip
         done += 1

@@ -51,17 +51,25 @@ class Touched:
 
 
 def press(
-    world: World, patch: str, taxel: int, capability: Capability[Any], *, depth: float, watch: float = NEXT
+    world: World,
+    patch: str,
+    taxel: int,
+    capability: Capability[Any],
+    *,
+    depth: float,
+    watch: float = NEXT,
+    body: GenericBody | None = None,
 ) -> Touched:
     """Lets a finger come to rest `depth` [m] in the skin over a taxel and then runs a capability.
 
-    It runs for `watch` [s] after its first command. Raises TciError if the finger has no room.
+    It runs for `watch` [s] after its first command. `body` is the robot's, by default a new one. Raises
+    TciError if the finger has no room.
     """
     world.reset()
     surface = world.surfaces[patch]
     place = surface.positions[taxel], surface.normals[taxel]
     world.finger.poke(patch, *place, speed=0.25, depth=depth, gap=0.002)
-    driver, body = SimulatedDriver(world.robot, world=world), GenericBody(world.robot)
+    driver, body = SimulatedDriver(world.robot, world=world), body or GenericBody(world.robot)
     perceiver, memory = Perceiver(body), capability.init(body)
     first, before, rise, notes = None, 0.0, 0.0, dict[str, None]()
     with driver:
@@ -168,21 +176,21 @@ def tally(name: str, seed: int, count: int, folder: Path) -> Tally:
     chance = np.random.default_rng([seed, *name.encode()])
     answered = refused = touches = 0
     worst, rises = 0.0, []
+    bare = tci.load_robot(name)
     while touches < count:
-        robot = tci.load_robot(name)
         padded = touches % 2 == 0
-        if padded:
-            robot = any_pad(robot, chance, folder)
+        robot = any_pad(bare, chance, folder) if padded else bare
         worn = ["pad"] if padded else [patch.name for patch in robot.patches]
         posture = any_posture(robot, chance)
-        world = World(robot, posture=posture)
+        world, body = World(robot, posture=posture), GenericBody(robot)
         for _ in range(5):
             patch = robot.patch(worn[chance.integers(len(worn))])
             taxel = int(chance.integers(len(world.surfaces[patch.name].positions)))
             soft = chance.random() < 0.2
             reflex = SoftReaction(parts=(patch.part,)) if soft else capability_for(patch.part)
             try:
-                told = press(world, patch.name, taxel, reflex, depth=chance.uniform(0.002, 0.01))
+                depth = chance.uniform(0.002, 0.01)
+                told = press(world, patch.name, taxel, reflex, depth=depth, body=body)
             except tci.TciError:  # no room for the finger
                 continue
             touches += 1

@@ -13,11 +13,15 @@ from row import Row
 import tci
 from pressing import NEXT, tally
 
+TOUCHES = 10_000
+"""Number of touches at full size, over all robots."""
+
 
 def moves_away(full: bool) -> Row:
     """Checks reflexes and the soft reaction, on own skin and on pads at random places and angles."""
-    per_job = 50 if full else 5
-    jobs = [(name, seed, per_job) for seed in range(30 if full else 1) for name in tci.robot_names()]
+    names, per_job = tci.robot_names(), 50 if full else 5
+    seeds = -(-TOUCHES // (per_job * len(names))) if full else 1
+    jobs = [(name, seed, per_job) for seed in range(seeds) for name in names]
     done = gather("moves_away", _touch, jobs, full=full)
     touches, answered, refused = (sum(one[key] for one in done) for key in ("touches", "answered", "refused"))
     rises = [rise for one in done for rise in one["rises"]]
@@ -26,7 +30,7 @@ def moves_away(full: bool) -> Row:
     words += f", {worst:.2g} N at most"
     print(*rises, sep="\n")
     return Row(
-        f"reflexes move away, {len(tci.robot_names())} robots", touches, 10000, "touches", words,
+        f"reflexes move away, {len(names)} robots", touches, TOUCHES, "touches", words,
         f"0 raise the force within {NEXT * 1e3:.0f} ms", not rises and answered > 0,
     )  # fmt: skip
 

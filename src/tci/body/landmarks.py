@@ -52,6 +52,7 @@ class Landmarks:
     def __init__(self, skin: Skin) -> None:
         self._skin = skin
         self._found: dict[tuple[str, Landmark], _Reach | None] = {}
+        self._edges: dict[str, NDArray[np.intp]] = {}
         self._latest: tuple[Contact, tuple[NDArray[np.intp], Array]] | None = None
 
     def place(self, part: str, landmark: Landmark) -> Place:
@@ -112,7 +113,9 @@ class Landmarks:
         _, patch, point, normal = best
         surface = self._skin.surfaces[patch.name]
         place = Place(patch.name, read_only(point), read_only(normal))
-        return _Reach(place, _geodesics(surface, point, normal))
+        if patch.name not in self._edges:
+            self._edges[patch.name] = _edges(len(surface.positions), surface.faces)
+        return _Reach(place, _geodesics(surface, self._edges[patch.name], point, normal))
 
     def _direction(self, part: GenericPart, patch: Patch, landmark: Landmark) -> Array:
         """Returns the landmark's direction, a unit vector (3,), in the patch's link."""
@@ -127,13 +130,13 @@ class Landmarks:
         return direction
 
 
-def _geodesics(surface: Surface, point: Array, normal: Array) -> Array:
+def _geodesics(surface: Surface, edges: NDArray[np.intp], point: Array, normal: Array) -> Array:
     """Returns the distance (n,) [m] of every taxel from a point (3,) [m] of the surface, with its normal
-    (3,)."""
+    (3,), along its `edges` (m, 2)."""
     from scipy.sparse.csgraph import dijkstra  # slow to import, and sleeves do without
 
     count = len(surface.positions)
-    one, other = _edges(count, surface.faces).T
+    one, other = edges.T
     lengths = _lengths(
         surface.positions[one], surface.normals[one], surface.positions[other], surface.normals[other]
     )

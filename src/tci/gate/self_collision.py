@@ -17,7 +17,7 @@ from tci.frames import Array
 from tci.gate.kernels.clearance_bounds import come_near, follow, stand
 from tci.gate.kernels.solids import Solids
 from tci.reasons import Code, Reason
-from tci.robot.clearance import Clearance
+from tci.robot.clearance import Clearance, without_skin
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 from tci.skin.kernels.arrays import Indices
@@ -60,7 +60,7 @@ class SelfCollision:
         self._clearance = Clearance(robot)
         self._model = self._clearance.model
         self._data = mujoco.MjData(self._model)
-        s = self._solids = _solids(robot)
+        s = self._solids = _solids(without_skin(robot))
         self._arrays = (s.joints, s.shapes, s.points, s.poses, s.pairs, s.levers)
         joints, pairs = s.levers.shape
         self._left, self._axis, self._least = np.zeros(pairs, np.int32), np.zeros((pairs, 3)), np.zeros(pairs)

@@ -8,6 +8,7 @@ path of a description, or a function that returns it.
 from __future__ import annotations
 
 import os
+import weakref
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,6 +23,8 @@ GROUP = "tci.robots"
 FILE = "robot.xml"
 
 _FOLDER = Path(__file__).with_name("robots")
+_known: weakref.WeakValueDictionary[str, Robot] = weakref.WeakValueDictionary()
+"""The latest robot of each name that is still in use."""
 
 
 def robot_names() -> tuple[str, ...]:
@@ -33,6 +36,9 @@ def load_robot(name_or_path: str | os.PathLike[str]) -> Robot:
     """Returns a robot by its name, or by the path of its description (any text with a slash or that ends in
     .xml).
 
+    While a robot is in use its name gives the same object, as long as the description does not change: its
+    skin and collision geometry are then computed once.
+
     Raises UnknownNameError with the valid names, DescriptionError with every fault of the file,
     MissingExtraError when the robot's model is in a package that is not installed.
     """
@@ -43,11 +49,20 @@ def load_robot(name_or_path: str | os.PathLike[str]) -> Robot:
         return read_robot(text)
     packaged = _packaged()
     if text in packaged:
-        return read_robot(packaged[text])
+        return _shared(text, read_robot(packaged[text]))
     entries = _entries()
     if text in entries:
-        return read_robot(_path_of(entries[text]))
+        return _shared(text, read_robot(_path_of(entries[text])))
     raise UnknownNameError("robot", text, [*robot_names(), "or the path of a description (.xml)"])
+
+
+def _shared(name: str, robot: Robot) -> Robot:
+    """Returns the object that already stands for this name, if it is equal to `robot`."""
+    known = _known.get(name)
+    if known is not None and known == robot:
+        return known
+    _known[name] = robot
+    return robot
 
 
 def _is_path(text: str) -> bool:

@@ -44,6 +44,7 @@ class Clearance:
         Links that overlap in the initial posture are assumed to overlap by construction and are never
         checked.
         """
+        robot = without_skin(robot)
         self._model = _solid_model(robot)
         self._data = mujoco.MjData(self._model)
         self._count = len(robot.servos)
@@ -118,6 +119,11 @@ class Clearance:
     def _distance(self, pair: int, cutoff: float) -> float:
         one, other = self._pairs[pair]
         return float(mujoco.mj_geomDistance(self._model, self._data, int(one), int(other), cutoff, None))
+
+
+def without_skin(robot: Robot) -> Robot:
+    """Returns the robot without patches: its links are those of robots with other skin."""
+    return robot.model_copy(update={"patches": ()})
 
 
 @lru_cache(maxsize=8)

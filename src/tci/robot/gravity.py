@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from copy import copy
+from functools import lru_cache
+
 import numpy as np
 
 from tci.engine import mujoco
 from tci.errors import CommandError, DescriptionError, Fault, UnknownNameError
 from tci.frames import Array, read_only
-from tci.robot.description import Robot
-from tci.robot.kinematics import KinematicChain, bare_model, joints_of
+from tci.robot.description import Model, Robot
+from tci.robot.kinematics import KinematicChain, bare_model, joints_of, written
 from tci.robot.model_file import load_spec
 
 STANDARD_GRAVITY = 9.80665
@@ -83,13 +86,21 @@ def weighted_model(robot: Robot) -> tuple[mujoco.MjModel, int]:
     """
     if robot.model is None:
         raise DescriptionError(robot.source, [Fault(0, "no <model>: gravity needs a URDF or MJCF file")])
-    model = bare_model(robot.model)
+    model, torso = _weighted_model(robot.model, written(robot.model))
+    return copy(model), torso
+
+
+@lru_cache(maxsize=16)
+def _weighted_model(description: Model, _: int) -> tuple[mujoco.MjModel, int]:
+    """Returns the model of a file written at a time [ns], which nobody may modify; cached, because reading an
+    iCub's takes 60 ms."""
+    model = bare_model(description)
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
     links = [model.body(index).name for index in range(1, model.nbody)]
-    if robot.model.torso_link not in links:
-        raise UnknownNameError("link of the kinematic model", robot.model.torso_link, links)
-    torso = model.body(robot.model.torso_link).id
-    bodies = load_spec(robot.model).bodies
+    if description.torso_link not in links:
+        raise UnknownNameError("link of the kinematic model", description.torso_link, links)
+    torso = model.body(description.torso_link).id
+    bodies = load_spec(description).bodies
     heavy = {body.name for body in bodies if body.explicitinertial}
     shaped = {body.name for body in bodies if any(geom.mass != 0 and geom.density for geom in body.geoms)}
     faults = []
@@ -101,9 +112,9 @@ def weighted_model(robot: Robot) -> tuple[mujoco.MjModel, int]:
             of_robot = model.body_rootid[body] == model.body_rootid[torso]
             if model.body_jntnum[body]:
                 faults.append(Fault(0, f"link {name} moves and has no <inertial>"))
-            elif robot.model.format == "mjcf" and of_robot and name in shaped:
+            elif description.format == "mjcf" and of_robot and name in shaped:
                 fault = f"link {name} has shapes and no <inertial> that says their weight"
                 faults.append(Fault(0, fault))
     if faults:
-        raise DescriptionError(robot.model.path, faults)
+        raise DescriptionError(description.path, faults)
     return model, torso

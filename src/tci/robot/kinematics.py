@@ -276,13 +276,18 @@ def bare_model(model: Model) -> mujoco.MjModel:
 
 def _shared_model(model: Model) -> mujoco.MjModel:
     """Returns the shared model, which must not be modified."""
+    return _bare_model(model, written(model))
+
+
+def written(model: Model) -> int:
+    """Returns the time [ns] at which a model's file was last written; 0 without a file."""
     file = Path(model.path)
-    return _bare_model(model, file.stat().st_mtime_ns if file.is_file() else 0)
+    return file.stat().st_mtime_ns if file.is_file() else 0
 
 
 @lru_cache(maxsize=16)
-def _bare_model(model: Model, written: int) -> mujoco.MjModel:
-    """Returns the model of a file `written` at a time [ns]. Cached, because an iCub's takes 60 ms."""
+def _bare_model(model: Model, _: int) -> mujoco.MjModel:
+    """Returns the model of a file written at a time [ns]. Cached, because an iCub's takes 60 ms."""
     spec = load_spec(model)
     useless = (spec.sensors, spec.actuators, spec.equalities, spec.tendons, spec.pairs, spec.excludes)
     for element in [element for group in (*useless, spec.geoms, spec.meshes) for element in group]:

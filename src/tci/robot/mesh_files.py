@@ -24,6 +24,7 @@ class MeshFiles:
     def __init__(self, model: Path, folder: str | None) -> None:
         """Looks in `folder` for files that are not where the file `model` says."""
         self._model = model
+        self._above = model.resolve().parents
         self._own = {} if folder in (None, NO_MESHES) else _by_name(Path(str(folder)))
         self._faults: dict[str, Fault] = {}
 
@@ -32,7 +33,7 @@ class MeshFiles:
         model's parents."""
         relative = Path(name.removeprefix(_PACKAGE).lstrip("/"))  # some write package:///
         if name.startswith(_PACKAGE):
-            places = [folder / relative for folder in self._model.resolve().parents]
+            places = [folder / relative for folder in self._above]
         else:
             places = [(self._model.parent / name.removeprefix("file://")).resolve()]
         for file in places:

@@ -1,4 +1,4 @@
-"""Clocks. Every time comes from a clock that is handed in, so tests and simulations never wait."""
+"""Clocks. Functions get their clock as an argument, so that tests and simulations need not wait."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from collections.abc import Iterator
 from typing import Protocol
 
 ROUNDING = 1e-6
-"""Fraction of a period by which a time may fall short and still count as the next period. The time of a clock
-that has run for days is rounded to 1e-11 s, and no period must be served twice."""
+"""Fraction of a period by which a time may fall short and still count as the next period. Without this
+tolerance, rounding (1e-11 s on a clock that has run for days) could make a period occur twice."""
 TAIL = 150e-6
-"""Last part of a sleep [s] in which a thread does not yield to others. Assumed: longer than a usual late
-wake-up (about 120 us), as another thread might keep the processor beyond the deadline."""
+"""Last part of a sleep [s], in which a thread busy-waits. Assumed: longer than the usual delay of a wake-up
+(about 120 us)."""
 
 
 class Clock(Protocol):
@@ -32,9 +32,9 @@ class Clock(Protocol):
 class MonotonicClock:
     """The machine's monotonic clock, which does not follow changes of the date.
 
-    It sleeps with the finest timer slack and busy-waits for the last `tail` [s]. The median wake-up is then
-    less than 1 us late instead of about 120, at the cost of the processor time of the busy wait. Other
-    threads can run until the busy wait begins.
+    It sleeps with the finest timer slack and busy-waits for the last `tail` [s]. The median delay of a
+    wake-up is then below 1 us instead of about 120 us; the busy wait needs processor time. Other threads can
+    run until the busy wait begins.
     """
 
     def __init__(self, *, tail: float = TAIL) -> None:
@@ -89,7 +89,7 @@ def ticks(
 ) -> Iterator[float]:
     """Yields the current time [s] once per `period` [s] from `start` [s] on, by default from now.
 
-    Ends after `duration` [s], if given. A tick that comes too late is skipped, never caught up in a burst.
+    Ends after `duration` [s], if given. Ticks that were missed are skipped.
     """
     start = clock.now() if start is None else start
     count = 0
@@ -103,13 +103,13 @@ def ticks(
 
 
 class Every:
-    """Limits an action to once per period [s] on any clock. Periods missed in a pause are not caught up."""
+    """Limits an action to once per period [s] on any clock. Missed periods are skipped."""
 
     def __init__(self, period: float) -> None:
         self._period, self._next = period, -math.inf
 
     def due(self, now: float) -> bool:
-        """Returns True if the action is due at the time `now` [s]; it then counts as done."""
+        """Returns True if the action is due at the time `now` [s], and then counts it as done."""
         if now < self._next:
             return False
         self._next = max(self._next + self._period, now + 0.5 * self._period)

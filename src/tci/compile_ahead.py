@@ -1,8 +1,8 @@
 """Compiles all loops in parallel before the first one is used: once per installation and processor.
 
-Numba compiles one loop after the other, each for a second or more, without any output. Here one worker
-process per processor compiles the loops that no other has claimed yet into Numba's cache on disk, and a line
-on stderr shows the progress. The process that waited then loads machine code like any later one.
+Numba compiles one loop after another, each for a second or more, without any output. Here one worker process
+per processor compiles loops into Numba's cache on disk, each loop in one worker, and a line on stderr shows
+the progress. The process that waits then loads the machine code from the cache, as every later process does.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ def is_worker() -> bool:
 def compile_ahead(is_missing: Callable[[], bool]) -> None:
     """Compiles all loops into the cache, unless this process has tried before or `is_missing()` is False.
 
-    Other processes that start meanwhile wait at this folder instead of compiling the same loops, whichever
-    loop they import first. Loops that the workers could not compile are left to the caller.
+    Other processes that start meanwhile wait until the lock on this folder is released, instead of compiling
+    the same loops. The caller must compile loops for which the workers failed.
     """
     global _tried
     if _tried or not is_missing():
@@ -60,7 +60,8 @@ def compile_ahead(is_missing: Callable[[], bool]) -> None:
 
 @contextmanager
 def _alone() -> Iterator[None]:
-    """Waits until no other process compiles. Without file locks two may do the same work, without harm."""
+    """Waits until no other process compiles. On a system without file locks, two processes may do the same
+    work; this is harmless."""
     if fcntl is None:
         yield
         return
@@ -111,9 +112,11 @@ def _show_progress(claims: Path, workers: list[subprocess.Popen[bytes]]) -> None
 
 
 def _state(claims: Path, now: float) -> str:
-    """Returns the number of loops that are compiled `now` [s] after the begin, and the time left.
+    """Returns a text with the number of loops that are compiled `now` [s] after the start, and the remaining
+    time.
 
-    The time left supposes that a loop takes as long as its bytecode is long.
+    The remaining time is estimated under the assumption that compile time is proportional to the length of
+    the bytecode.
     """
     if not (claims / "all").exists():
         return "finding its loops"

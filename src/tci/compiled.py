@@ -1,12 +1,13 @@
 """Compiles loops ahead of time with numba, for one signature that all callers share.
 
-Loops are compiled once and cached on disk, until a source file that they depend on changes.
+Loops are compiled once. Their machine code is cached on disk until a source file that they depend on changes.
 
-Numba checks only the file of the loop itself, and only its date: after an update of a file with a called loop
-it would run the old machine code. Here the check is a hash of that file and of all files that it imports.
+Numba itself compares only the date of the file with the loop: after a change in a file with a called loop, it
+would run old machine code. TCI compares a hash of that file and of all files that it imports.
 
-Numba counts references to arrays with locked instructions, which took most of the time of small loops. A loop
-that allocates no array does not need them (`_nrt`, an option that numba's own loops use too).
+By default, Numba counts references to arrays with atomic instructions, which took most of the time of small
+loops. A loop that allocates no array does not need this (option `_nrt`, which Numba uses for its own loops
+too).
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ IMPORT = re.compile(r"^from (tci[\w.]*) import (?:\(([^)]*)\)|(.*))$", re.MULTIL
 def compiled(*signatures: Any, allocates: bool = False) -> Callable[[Callable[..., Any]], Any]:
     """Compiles a loop for these signatures now, or loads it from the cache.
 
-    Set `allocates` for a loop that makes or copies arrays: numba raises "NRT required" without it. If neither
-    the folder of the source nor the user's cache is writable, the loop is compiled at each start.
+    Set `allocates` for a loop that creates or copies arrays; otherwise Numba raises "NRT required". If
+    neither the folder of the source nor the user's cache is writable, the loop is compiled at each start.
     """
 
     def decorate(loop: Callable[..., Any]) -> Any:
@@ -59,7 +60,8 @@ def compiled(*signatures: Any, allocates: bool = False) -> Callable[[Callable[..
 def inlined(loop: Callable[..., Any]) -> Any:
     """Compiles a loop that only compiled loops call, and inlines it into them. It must not allocate arrays.
 
-    Inlining saves passing arrays: each is seven numbers or more, which a call would write and read again.
+    Inlining avoids passing arrays: an array argument consists of seven numbers or more, which a call writes
+    and reads.
     """
     return _jit(loop, _nrt=False, forceinline=True)
 
@@ -79,7 +81,8 @@ def _stamp(file: Path) -> str:
 
 
 def _sources(file: Path) -> set[Path]:
-    """Returns the files that a loop may depend on: loops and constants come from no others."""
+    """Returns the files that a loop may depend on: all files from which its module imports, directly or
+    indirectly."""
     found, new = {Path(__file__)}, [file]
     while new:
         found.add(one := new.pop())
@@ -128,8 +131,8 @@ def entry(loop: Any, signature: int = 0) -> Callable[..., Any]:
     """Returns the machine code of a compiled loop for one of its signatures, for arguments of exactly these
     types.
 
-    A call of it skips numba's check of the type of each array within the arguments, which takes 6 us for 30
-    arrays, longer than most loops.
+    A call of this machine code skips Numba's type check of each array within the arguments. For 30 arrays the
+    check takes 6 us, longer than most loops.
     """
     made = [*loop.overloads.values()]
     return made[signature].entry_point if made else loop  # type: ignore[no-any-return]

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from tci.frames import Array, frozen
 
 _set_writable: Any = np.ndarray.setflags
-"""Sets whether an array can be changed. By its keyword, a method takes three times as long."""
+"""Sets whether an array can be changed. Passing the argument of `setflags` by keyword would take three times
+as long."""
 
 
 class Frozen:
@@ -52,12 +53,13 @@ class Site(NamedTuple):
     part: str
     """Generic part that the patch belongs to."""
     segment: str
-    """Segment of that part: `upper_arm`, `forearm`; empty for skin on none of them."""
+    """Segment of that part: `upper_arm`, `forearm`; empty for skin on neither of them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contacts(Frozen, Sequence["Contact"]):
-    """Contacts of one frame as arrays; indexing returns row views. Patch by patch, strongest first."""
+    """Contacts of one frame as arrays; indexing returns row views. Contacts are in the order of patches, and
+    on each patch the strongest is first."""
 
     sites: tuple[Site, ...]
     """Names (p,) shared by rows."""
@@ -72,10 +74,10 @@ class Contacts(Frozen, Sequence["Contact"]):
     onset: Array
     """Time (c,) [s] of the first frame with the contact, on the driver's clock."""
     displacement: Array
-    """Distance (c,) [m] of its centre from the place of onset, in the patch's link."""
+    """Distance (c,) [m] between the centre of the contact now and at its onset, in the patch's link."""
     force: Array
-    """Force (c,) [N] of the touch: the sum over its taxels, divided by the fill factor of the skin there and
-    by the share of a touch that the sensor's resolution lets through."""
+    """Force (c,) [N] of the touch: the sum over its taxels, divided by the fill factor of the skin there, and
+    by the fraction of a touch that is above the threshold of the taxels."""
     peak: Array
     """Force (c,) [N] on its strongest taxel."""
     area: Array
@@ -107,8 +109,8 @@ class Contacts(Frozen, Sequence["Contact"]):
     taxel_point: Array
     """Position (k, 3) [limb lengths] of each taxel on the generic limb; NaN without a limb."""
     certainty: Array | None = None
-    """Probability (c,) that the place of a contact is right within 5 cm: 1 on skin, less if it is felt
-    through joints. None if all contacts are on skin."""
+    """Probability (c,) that the error of a contact's place is below 5 cm: 1 on skin, less for touches that
+    are felt through joints. None if all contacts are on skin."""
 
     def __len__(self) -> int:
         return len(self.site)
@@ -160,7 +162,7 @@ _NUMBERS = ("onset", "displacement", "force", "peak", "area", "u", "theta", "tax
 
 
 class _Number:
-    """A number of a contact: its element of the table's array of that name."""
+    """A number of a contact: the contact's element in the array of this name."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
@@ -170,7 +172,7 @@ class _Number:
 
 
 class _Vector(_Number):
-    """A vector (3,) of a contact: its row of the table's array of that name."""
+    """A vector (3,) of a contact: the contact's row in the array of this name."""
 
     def __get__(self, contact: Contact, owner: type) -> Array:  # type: ignore[override]
         vector: Array = getattr(contact.table, self.name)[contact.row]
@@ -179,7 +181,7 @@ class _Vector(_Number):
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """A cluster of active taxels (eq. 7): a row view of `Contacts`, which documents its numbers."""
+    """A cluster of active taxels (eq. 7). A row view of `Contacts`, whose fields document the numbers."""
 
     table: Contacts
     row: int
@@ -201,7 +203,7 @@ class Contact:
 
     @property
     def segment(self) -> str:
-        """Segment of that part: `upper_arm`, `forearm`; empty for skin on none of them."""
+        """Segment of that part: `upper_arm`, `forearm`; empty for skin on neither of them."""
         return self._site.segment
 
     @property
@@ -221,7 +223,8 @@ class Contact:
 
     @property
     def certainty(self) -> float:
-        """Probability (0..1) that its place is right within 5 cm: 1 on skin, less if felt through joints."""
+        """Probability (0..1) that the error of its place is below 5 cm: 1 on skin, less if felt through
+        joints."""
         return 1.0 if self.table.certainty is None else float(self.table.certainty[self.row])
 
     @property

@@ -18,7 +18,7 @@ class TciError(Exception):
     """Cause of the error, for programs."""
 
     def __init__(self, *words: object, code: Code | None = None) -> None:
-        """Takes `code` if it is more specific than the class's."""
+        """Stores a `code` that is more specific than that of the class, if given."""
         super().__init__(*words)
         if code is not None:
             self.code = code
@@ -34,7 +34,7 @@ class Fault:
     """One fault in a file."""
 
     line: int
-    """Line in the file, from 1; 0 for a fault that belongs to no line."""
+    """Line in the file, from 1; 0 for a fault without a line."""
     message: str
     """One sentence that names the fault and what would be valid."""
 
@@ -89,7 +89,7 @@ class FrameError(TciError):
 
 
 class DriverError(TciError):
-    """Driver that can't be opened, is closed, or was given a command that no gate created."""
+    """Driver that can't be opened, is closed, or got a command that its gate did not create."""
 
 
 class WireError(TciError):
@@ -97,7 +97,7 @@ class WireError(TciError):
 
 
 class RecordingError(TciError):
-    """Recording that can't be written, is not a recording, or does not belong to this robot."""
+    """Recording that can't be written, that is not a recording, or that was made with another robot."""
 
 
 class MissingExtraError(TciError):
@@ -110,4 +110,4 @@ class MissingExtraError(TciError):
 
 
 class ClashError(TciError):
-    """Package that can't be loaded, since another package has overwritten a part of it."""
+    """Package that can't be loaded because another package has overwritten some of its files."""

@@ -73,13 +73,13 @@ def angle_between(a: Array, b: Array) -> float:
 
 
 def frozen(values: NDArray[Any]) -> NDArray[Any]:
-    """Makes an array read-only and returns it, without a copy: for arrays that no one else holds."""
+    """Makes an array read-only and returns it, without a copy. No other code may refer to the array."""
     values.setflags(write=False)
     return values
 
 
 def doubles(values: NDArray[Any]) -> Array:
-    """Converts numbers to doubles. NaN stays NaN, and a signalling NaN raises no exception."""
+    """Converts numbers to doubles. NaN remains NaN; a signalling NaN raises no exception."""
     if values.dtype.kind != "f" or values.dtype.itemsize == 8:
         return values.astype(np.float64)
     with np.errstate(invalid="ignore"):
@@ -87,7 +87,7 @@ def doubles(values: NDArray[Any]) -> Array:
 
 
 def read_only(values: Any, dtype: Any = np.float64) -> NDArray[Any]:
-    """Returns a read-only copy of `values`, for data that crosses a layer."""
+    """Returns a read-only copy of `values`, for messages between layers."""
     result = np.array(values, dtype=dtype)
     result.setflags(write=False)
     return result

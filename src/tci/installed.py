@@ -1,6 +1,6 @@
 """The distribution that TCI was installed from, and installation advice for missing packages.
 
-The advice is made from the metadata of installed distributions. No distribution name is written here: on PyPI
+The advice uses the metadata of installed distributions, so this file contains no distribution name: on PyPI,
 `tci` is another package.
 """
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from packaging.requirements import Requirement
 
 OWN = "tci.cli.main:main"
-"""Value of the entry point that every distribution of TCI has."""
+"""Value of an entry point that identifies distributions of TCI."""
 
 
 def own_distribution() -> Distribution | None:
@@ -74,7 +74,7 @@ def _names(need: Requirement, extra: str) -> bool:
 
 @dataclass(frozen=True)
 class Clash:
-    """Distributions of different releases that install into the folder of one module."""
+    """Distributions of different releases that use the folder of one module."""
 
     module: str
     said: str
@@ -95,7 +95,8 @@ def clashes() -> tuple[Clash, ...]:
 
 
 def clash(module: str) -> Clash | None:
-    """Returns the clash of distributions that contain `module`; None if they are of one release at most."""
+    """Returns the clash of distributions that contain `module`; None if there are not two different
+    releases."""
     releases = {name: distribution(name).version for name in sorted(packages_distributions().get(module, ()))}
     if len(set(releases.values())) < 2:
         return None

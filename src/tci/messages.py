@@ -1,4 +1,4 @@
-"""All data that crosses a layer: frozen, with read-only arrays, in SI units and radians.
+"""All messages between layers: frozen, with read-only arrays, in SI units and radians.
 
 Data flows one way (docs/architecture.md):
 
@@ -56,7 +56,8 @@ class Mode(Enum):
 
 
 CONTROL_MODES = (Mode.POSITION, Mode.VELOCITY, Mode.TORQUE, Mode.IMPEDANCE)
-"""Modes that a servo can be in, one at a time. Stiffness and damping are settings in any of them."""
+"""Control modes of a servo, of which one is active at a time. Stiffness and damping can be set in each of
+them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,10 +77,11 @@ class JointReading:
     modes: tuple[Mode | None, ...] | None = None
     """Control mode (n,) that each servo reports; None if the robot does not report them."""
     powered: NDArray[np.bool_] | None = None
-    """True (n,) for each servo that is on; None if the robot does not report it."""
+    """True (n,) for each servo that is on; None if the robot does not report this."""
     gravity: Array | None = None
-    """Gravity minus acceleration (3,) [m/s2] of the root link of the robot's model, seen from that link: an
-    accelerometer there measures its opposite. None if the robot does not report it."""
+    """Gravity minus acceleration (3,) [m/s2] of the root link of the robot's model, in the frame of that
+    link. This is the negative reading of an accelerometer on that link. None if the robot does not report
+    it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,18 +110,20 @@ class Reading:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinState(Frozen):
-    """Pressure on the whole skin at one instant, sparse: only taxels above their threshold are listed."""
+    """Pressure on the whole skin at one instant. It lists only active taxels, which are those above their
+    threshold."""
 
     taxels: NDArray[np.int64]
-    """First taxel of each patch within the whole skin (p + 1,), in the robot's order."""
+    """Index (p + 1,) of each patch's first taxel within the whole skin, in the robot's order; the last
+    element is the number of taxels."""
     stamp: Array
     """Time (p,) [s] of each patch's latest frame; NaN before the first."""
     sequence: NDArray[np.int64]
     """Sequence (p,) of each patch's latest frame; -1 before the first."""
     begin: NDArray[np.int64]
-    """Start of each patch's active taxels (p + 1,)."""
+    """Index (p + 1,) of each patch's first active taxel in the arrays below."""
     active: NDArray[np.int32]
-    """Index (k,) of each active taxel within its patch, rising."""
+    """Index (k,) of each active taxel within its patch, in increasing order."""
     pressure: Array
     """Pressure (k,) [Pa] on each active taxel, positive."""
     vector: Array | None = None
@@ -144,14 +148,14 @@ class SkinState(Frozen):
 
 @dataclass(frozen=True, slots=True)
 class Landmark:
-    """A point of a part's skin on any robot: the one that a ray from the skin's middle reaches in a
-    direction."""
+    """A point of a part's skin on any robot: the point at which a ray from the middle of that skin, in a
+    given direction, reaches the skin."""
 
     segment: str
-    """Segment of the part that carries the skin; empty for skin on no segment."""
+    """Segment of the part that carries the skin; empty for skin without a segment."""
     towards: tuple[float, float, float]
-    """Direction (3,) with the part's generic joints at zero: x forward, y left (on a right side right), z
-    up."""
+    """Direction (3,) while the part's generic joints are at zero: x forward, y left (for parts of the right
+    side: right), z up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,36 +172,36 @@ class LimbPlace:
 
 @dataclass(frozen=True, slots=True)
 class Support:
-    """Static stability of a standing robot, if one of its legs moved."""
+    """Predicted static stability of a standing robot after a motion of one leg."""
 
     forces: Mapping[str, float]
     """Present force [N] on the soles of each leg, by part."""
     margin: float
-    """Distance [m] of the centre of mass from the edge of the polygon of the other legs' loaded soles, seen
-    along their normal: positive inside, negative outside, -inf without loaded soles or without masses in the
-    model."""
+    """Distance [m] of the centre of mass from the edge of the support polygon, projected along its normal:
+    positive inside, negative outside. The polygon is that of the other legs' loaded soles; -inf without
+    loaded soles, or without masses in the model."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Perception:
     """Everything a capability perceives at one instant. Plain data of the same form for every robot.
 
-    Questions about it that need the robot are answered by `GenericBody`.
+    `GenericBody` has methods for questions that depend on the robot.
     """
 
     stamp: float
-    """Time now [s], on the driver's clock."""
+    """Present time [s], on the driver's clock."""
     posture: Mapping[str, Array]
     """Generic joint angles (n,) [rad] of each generic part, by name (eqs. 1-2)."""
     contacts: Contacts
     """Contacts in the latest frames of the skin."""
     ended: tuple[int, ...] = ()
-    """Identities of contacts that were in the previous perception and are gone."""
+    """Identities of contacts that ended since the previous perception."""
     skin: SkinState | None = None
-    """Pressure on the whole skin; None if the perception was made without a robot."""
+    """Pressure on the whole skin; None if the perception was created without a robot."""
     joints: JointReading | None = None
-    """The robot's own joints, for the methods of `GenericBody`; a capability that reads them here is not
-    generic. None if the perception was made without a robot."""
+    """The robot's own joints, for the methods of `GenericBody`. A capability that reads them itself is not
+    generic. None if the perception was created without a robot."""
 
 
 def _take_mode(command: GenericCommand | SwitchMode | PlatformSwitch | PlatformCommand) -> None:
@@ -237,14 +241,14 @@ class CartesianCommand:
     """Position (3,) in the actuator's frame: [arm lengths] relative to the shoulder in the arm's mount frame,
     or [m] in the torso frame."""
     point: str = "hand"
-    """Name of the actuator: `hand` or `elbow` of an arm, or another one of the description."""
+    """Name of the actuator: `hand` or `elbow` of an arm, or one that the description defines."""
     nearest: bool = False
     """True to go to the nearest reachable place if the target is out of reach; otherwise it is refused."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SwitchMode:
-    """A capability's request to switch a generic part to another control mode. Nothing else switches
+    """A capability's request to switch a generic part to another control mode. Other commands never switch
     modes."""
 
     part: str
@@ -271,7 +275,8 @@ class PlatformSwitch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlatformCommand:
-    """A command in the robot's own joint space. It names only servos that the generic part maps to."""
+    """A command in the robot's own joint space. It contains only servos to which the generic part is
+    mapped."""
 
     mode: Mode
     """Quantity and unit of `values`."""
@@ -287,8 +292,8 @@ class PlatformCommand:
 
 
 Command = GenericCommand | CartesianCommand | SwitchMode
-"""All that a capability may return."""
+"""Types of command that a capability may return."""
 PlatformOrder = PlatformCommand | PlatformSwitch
-"""All that the gate accepts."""
+"""Types of command that the gate accepts."""
 Order = Command | PlatformOrder
-"""All that a capability or, through a server, another program may send."""
+"""Types of command from a capability or, through a server, from another program."""

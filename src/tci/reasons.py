@@ -9,7 +9,7 @@ from enum import IntEnum, unique
 from typing import Any
 
 MOST = 100
-"""Largest number of kinds that are kept apart. Assumed; nobody reads a longer list."""
+"""Largest number of kinds that are counted separately. Assumed: a longer list is not read."""
 OTHERS = "other reasons"
 """Text under which all further kinds are counted."""
 
@@ -18,7 +18,8 @@ OTHERS = "other reasons"
 class Code(IntEnum):
     """Cause of a refusal, a hold, a stop or a fault.
 
-    Wires and recordings carry the numbers: a new cause gets a new number, and no number is used again.
+    Messages on networks and recordings contain the numbers, so a new cause gets a new number, and no number
+    is reused.
     """
 
     OTHER = 0
@@ -27,11 +28,11 @@ class Code(IntEnum):
     JOINTS_STALE = 100
     """The joint data is too old, or the robot marks it as invalid."""
     JOINTS_MISFIT = 101
-    """The joint data has another number of joints than the robot, or angles that are not finite."""
+    """The joint data has a wrong number of joints, or angles that are not finite."""
     JOINTS_REPEATED = 102
-    """Identical joint data arrives under new stamps."""
+    """Identical joint data arrives with new stamps."""
     TIME_WENT_BACK = 103
-    """The clock of the commands went back."""
+    """The time of a command is before that of the previous one."""
 
     FOLLOWING_ERROR = 200
     """A servo does not follow its reference."""
@@ -46,7 +47,7 @@ class Code(IntEnum):
     SERVO_OFF = 205
     """A servo under command is switched off."""
     SERVO_MODE = 206
-    """A servo reports another control mode than the one it was switched to."""
+    """A servo reports a control mode that differs from the commanded one."""
 
     PERIODS_MISSED = 300
     """The loop missed periods."""
@@ -73,7 +74,8 @@ class Code(IntEnum):
     GATE_CLOSED = 502
     """The gate holds or has stopped for another reason."""
     WRONG_MODE = 503
-    """A servo is in another control mode than the command, or does not support the requested mode."""
+    """A command needs another control mode than that of the servo, or the servo does not support the
+    requested mode."""
     LIKELY_DEGREES = 504
     """Angles are so large that they may be degrees."""
     LIMITS_UNKNOWN = 505
@@ -81,7 +83,7 @@ class Code(IntEnum):
     LIMITS_EXCEEDED = 506
     """A servo is measured too far outside its limits, or from its equilibrium, to be commanded."""
     IN_MOTION = 507
-    """A servo would have to be at rest for this."""
+    """The command requires that the servo is at rest."""
     SELF_COLLISION = 508
     """Two links of the robot would come too close to each other."""
     OUT_OF_REACH = 509
@@ -108,7 +110,7 @@ class Code(IntEnum):
     OWNER_RESTARTED = 607
     """The process that owns the robot was restarted."""
     HALTED = 608
-    """The process that commands the robot called its own stop."""
+    """The process that commands the robot called `halt`, the driver's own stop."""
     MOVED_BY_ITSELF = 609
     """The robot moves by itself, or a program on it may move it."""
     ROBOT_REFUSES = 610
@@ -119,7 +121,7 @@ class Code(IntEnum):
     MOVED_TOO_FAR = 701
     """A servo moved much farther than commanded."""
     MOVED_ANOTHER = 702
-    """Another servo moved than the one commanded."""
+    """A servo moved that was not commanded."""
     NOT_ARRIVED = 703
     """A servo did not arrive in time."""
 
@@ -133,7 +135,7 @@ class Code(IntEnum):
 
 
 NO_REASON = 0xFFFF
-"""Number on wires and in recordings that stands for no reason."""
+"""Number that means "no reason" in messages and recordings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,15 +145,15 @@ class Reason:
     code: Code
     text: str
     names: tuple[str, ...] = ()
-    """Names of what it concerns, if it was made in this process: the servo of CLAMPED, the two links of
-    SELF_COLLISION."""
+    """Names of the servo (CLAMPED) or of the two links (SELF_COLLISION); empty for other codes, and for a
+    reason from another process."""
 
     def __str__(self) -> str:
         return self.text
 
     @classmethod
     def of(cls, given: Reason | str) -> Reason:
-        """Returns a reason unchanged; a bare text, as operators give it, gets the code OTHER."""
+        """Returns a reason unchanged. A text becomes a reason with the code OTHER."""
         return given if isinstance(given, Reason) else cls(Code.OTHER, str(given))
 
 
@@ -166,28 +168,28 @@ def text_of(reason: Reason | None) -> str:
 
 
 def reason_of(number: int, text: str) -> Reason | None:
-    """Returns the reason with a number and a text that were sent or recorded; None for NO_REASON."""
+    """Returns the reason for a received or recorded number and text; None for NO_REASON."""
     return None if number == NO_REASON else Reason(Code.of(number), text)
 
 
 def kind_of(reason: str) -> str:
-    """Returns a reason without its figures, so that the same reason with other figures is no new one. Names
-    keep their digits."""
+    """Returns the text without its figures, so that equal reasons with different figures count as one kind.
+    Digits in names are kept."""
     return re.sub(r"\b\d[\d.]*", "", reason)
 
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """One kind of reason: text and time of the first, and the number of all."""
+    """One kind of reason: text and time of its first occurrence, and the number of occurrences."""
 
     words: str
-    """Text of the first."""
+    """Text of the first occurrence."""
     time: float
-    """Time [s] of the first."""
+    """Time [s] of the first occurrence."""
     count: int
-    """Number of reasons of this kind."""
+    """Number of occurrences."""
     code: Code = Code.OTHER
-    """Code of the first."""
+    """Code of the first occurrence."""
 
     def __str__(self) -> str:
         return f"{self.count} x, first at {self.time:.3f} s: {self.words}"
@@ -203,7 +205,7 @@ class Notice:
 
 
 class ReasonCounter:
-    """Counts reasons by kind, at most MOST kinds and one for all others."""
+    """Counts reasons by kind: at most MOST kinds, and one kind for all others."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
@@ -211,7 +213,7 @@ class ReasonCounter:
         self._begun: dict[str, tuple[float, Code]] = {}
 
     def add(self, reason: Reason, now: float) -> bool:
-        """Counts a reason that came at `now` [s]. Returns True if it is the first of a kind that is kept."""
+        """Counts a reason that occurs at `now` [s]. Returns True if it is the first of its kind."""
         kind = kind_of(reason.text)
         is_new = kind not in self._first
         if is_new and len(self._first) >= MOST:

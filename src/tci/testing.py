@@ -1,4 +1,4 @@
-"""Perceptions for tests of capabilities: a robot that stays where it is, touched as the test asks."""
+"""Perceptions for tests of capabilities: a robot that does not move and is touched as the test requests."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from tci.skin.surfaces import Surface
 PERIOD = 0.02
 """Time [s] between perceptions. Assumed: skin at 50 Hz, the lowest rate among the described robots."""
 WIDTH = 0.6
-"""Standard deviation of a touch's pressure, relative to the distance of neighbouring taxels. Assumed: a
-fingertip presses one taxel most and its neighbours with a quarter of that."""
+"""Standard deviation of a touch's pressure, relative to the distance of neighbouring taxels. Assumed: under a
+fingertip the pressure on neighbouring taxels is a quarter of the largest."""
 
 
 def perception(
@@ -38,16 +38,16 @@ def perception(
 ) -> Perception:
     """Returns the perception of a robot that is touched on the patch `touch`, or nowhere.
 
-    See `TouchedRobot` for the other arguments, and for more than one perception of the same touch.
+    See `TouchedRobot` for the other arguments, and for several perceptions of one touch.
     """
     return TouchedRobot(robot, posture=posture).perceive(touch, taxel=taxel, force=force)
 
 
 class TouchedRobot:
-    """A robot that stays where it is and is touched as the test asks, without a simulation.
+    """A robot that does not move and is touched as the test requests, without a simulation.
 
-    Raw frames go through the conditioning and clustering of a real robot, so a contact keeps its identity
-    from one perception to the next.
+    Raw frames are conditioned and clustered as on a real robot, so a contact keeps its identity from one
+    perception to the next.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class TouchedRobot:
         """
         self.robot = robot if isinstance(robot, Robot) else load_robot(robot)
         self.body = GenericBody(self.robot)
-        """Answers questions about the perceptions."""
+        """The generic body of the robot."""
         self._perceiver = Perceiver(self.body)
         self._position = np.array(initial_position(self.robot))
         for part, angles in (posture or {}).items():
@@ -77,10 +77,9 @@ class TouchedRobot:
         """Returns the perception one `PERIOD` later, touched on the patch `touch` or nowhere.
 
         The touch is centred on `taxel`, or on the taxel nearest to the middle of the patch. It presses that
-        taxel, its neighbours and the gaps between them with `force` [N], as closely as the sensor can
-        resolve: a switch is only on or off, and a force below a taxel's threshold makes no contact. Raises
-        UnknownNameError for an unknown patch or taxel, CommandError for a force that is negative or not
-        finite.
+        taxel, its neighbours and the gaps between them with `force` [N], rounded as the sensor does: a switch
+        is only on or off, and a force below a taxel's threshold causes no contact. Raises UnknownNameError
+        for an unknown patch or taxel, CommandError for a force that is negative or not finite.
         """
         self._count += 1
         now = self._count * PERIOD

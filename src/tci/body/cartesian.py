@@ -1,6 +1,6 @@
-"""Cartesian actuators (§3.1): commands for the position of a point of a part, such as an arm's hand.
+"""Cartesian actuators (§3.1): commands for the position of a point of a part, such as the hand of an arm.
 
-The description says which points these are, and in which frame their targets count.
+The description defines these points and the reference frames of their targets.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from tci.robot.shoulder import shoulder_of
 from tci.skin.skin import segment_pose
 
 SETTINGS = InverseSettings(starts=6)
-"""Settings of the inverse kinematics: fewer starts than in motion planning, so that an unreachable target is
-found out sooner."""
+"""Settings of the inverse kinematics, with fewer starts than in motion planning, so that an unreachable
+target is recognised sooner."""
 WAYPOINTS = 9
-"""Number of postures on the way of the joints at which the speed of the point is bounded. Assumed: a joint
-turns by a few degrees between two of them, so its lever changes by a few percent."""
+"""Number of postures on the path of the joints at which the speed of the point is bounded. Assumed: between
+two postures a joint turns by a few degrees, which changes its lever arm by a few percent."""
 
 
 class Reach:
-    """Kinematics of one Cartesian actuator. Uses work space of its own: one per thread."""
+    """Kinematics of one Cartesian actuator. Contains work space, so each thread needs its own object."""
 
     def __init__(self, robot: Robot, part: str, point: str) -> None:
         """Builds the kinematics of the actuator `point` of a part.
@@ -46,9 +46,9 @@ class Reach:
             raise CommandError(f"point {point!r} of {part}; valid: {valid}")
         self.robot, self.part = robot, words
         self.actuator = actuators[point]
-        """Its description."""
+        """Description of the actuator."""
         self.length = 1.0
-        """Length [m] of the unit of its targets: the arm's (upper arm plus forearm), or 1 m."""
+        """Length [m] of the unit of its targets: that of the arm (upper arm plus forearm), or 1 m."""
         self.unit = "m"
         """Name of that unit."""
         self._origin, self._rotation = np.zeros(3), np.eye(3)
@@ -90,8 +90,8 @@ class Reach:
         """Returns the speed limits (k,) [rad/s] of the part's servos on the way from `start` to `end`, each
         (n_servos,) [rad].
 
-        Those of the generic joints; and, if the actuator has a speed, so low that the joints together, on the
-        straight way between the postures, move the point no faster.
+        They are those of the generic joints. If the actuator has a speed limit, they are reduced so that the
+        joints together do not move the point faster on the straight path between the postures.
         """
         limits = self._joints.speeds(start)
         if self.actuator.speed is None:
@@ -121,8 +121,8 @@ class Reach:
 def cartesian_to_platform(robot: Robot, command: CartesianCommand, position: Array) -> PlatformCommand:
     """Returns the command in the robot's own joints, which are at `position` (n_servos,) [rad].
 
-    Raises CommandError, which names the nearest place, for a target out of reach unless the command takes the
-    nearest; and the errors of Reach.
+    Raises CommandError, which names the nearest place, for a target out of reach unless the command has
+    `nearest`; and the errors of Reach.
     """
     reach = reach_of(robot, command.part, command.point)
     target = np.asarray(command.target, dtype=np.float64)
@@ -145,6 +145,6 @@ def cartesian_to_platform(robot: Robot, command: CartesianCommand, position: Arr
 
 @lru_cache(maxsize=64)
 def reach_of(robot: Robot, part: str, point: str) -> Reach:
-    """Returns the Reach of a Cartesian actuator. The first call takes a while, to read the model. Raises the
-    errors of Reach."""
+    """Returns the Reach of a Cartesian actuator. The first call is slow, because it reads the model. Raises
+    the errors of Reach."""
     return Reach(robot, part, point)

@@ -54,8 +54,7 @@ class Coverage:
         places: Sequence[LimbPlace | Landmark],
         radius: Array,
     ) -> Array:
-        """Returns the fraction (m,) of the taxels within `radius` (m,) of each place that are not `masked`
-        (n,).
+        """Returns for each place the fraction (m,) of taxels within `radius` (m,) that are not `masked` (n,).
 
         It is 1 where there are no taxels. `joints` determine the place of taxels on a limb.
         """

@@ -56,21 +56,21 @@ class BodySettings:
     conditioning: ConditioningSettings = field(default_factory=ConditioningSettings)
     """Conversion of raw frames to pressures."""
     calibration: SkinCalibration | None = None
-    """Measured rest values, noise and response of the taxels. None stands for the file that `tci skin
-    calibrate` wrote beside the description, if there is one."""
+    """Measured rest values, noise and response of the taxels. None means the file that `tci skin calibrate`
+    wrote beside the description, if there is one."""
     joints: JointTouchSettings = field(default_factory=JointTouchSettings)
-    """Conditions under which the torques of joints are a touch, on patches felt through joints."""
+    """Conditions under which torques of joints count as a touch, on patches that are felt through joints."""
     joint_calibration: JointCalibration | None = None
-    """Friction of the joints, and tools in hand. None stands for the file that `tci check --hardware` wrote
+    """Friction of the joints, and tools in the hands. None means the file that `tci check --hardware` wrote
     beside the description, if there is one."""
 
 
 @dataclass(frozen=True, eq=False)
 class GenericBody:
-    """The generic view of one robot: answers questions about its perceptions, and turns generic commands into
+    """The generic view of one robot: computes geometry for its perceptions, and converts generic commands to
     joint commands.
 
-    Immutable, and pickled as robot and settings. Everything that changes is in a `Perceiver`.
+    Immutable; pickled as robot and settings. All state that changes is in a `Perceiver`.
     """
 
     robot: Robot
@@ -89,7 +89,7 @@ class GenericBody:
     _coverage: Coverage = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Builds all tables that depend on the robot only.
+        """Builds all tables that depend only on the robot.
 
         Raises DescriptionError for a model or a skin that can't be used, TciError for a calibration that does
         not fit the robot.
@@ -132,8 +132,8 @@ class GenericBody:
         return self._has_joint[self.robot.part(part).name]
 
     def tied(self, part: str) -> tuple[tuple[int, ...], ...]:
-        """Returns the generic joints of a part that this robot has, in groups of those that move only
-        together, since they share motors. Raises UnknownNameError."""
+        """Returns the generic joints of a part that this robot has, in groups. The joints of a group share
+        motors, so they move only together. Raises UnknownNameError."""
         return self.joint_maps[self.robot.part(part).name].tied
 
     def posture(self, joints: JointReading) -> dict[str, Array]:
@@ -151,20 +151,20 @@ class GenericBody:
     def place(self, part: str, place: LimbPlace, joints: JointReading) -> Place:
         """Returns the point of the skin at a place of a part's generic limb.
 
-        Raises TciError when no skin is there, UnknownNameError for an unknown part or segment.
+        Raises TciError if there is no skin at that place, UnknownNameError for an unknown part or segment.
         """
         return find_place(self.skin, part, place.segment, place.u, place.theta, joints)
 
     def landmark(self, part: str, landmark: Landmark) -> Place:
         """Returns the point of a part's skin at a landmark.
 
-        Raises TciError if the part has no skin there, UnknownNameError for an unknown part.
+        Raises TciError if the part has no skin at that landmark, UnknownNameError for an unknown part.
         """
         return self._landmarks.place(part, landmark)
 
     def prepare(self, part: str, landmarks: Iterable[Landmark]) -> None:
-        """Computes the geodesic distance maps of landmarks in advance: it takes longer than a period of the
-        loop."""
+        """Computes the geodesic distance maps of landmarks in advance, since this takes longer than a period
+        of the loop."""
         for landmark in landmarks:
             self._landmarks.around(part, landmark, 0.0)
 
@@ -187,10 +187,10 @@ class GenericBody:
         return read_only(generic_columns(self.robot, contact.part, moved, position))
 
     def retreat(self, perception: Perception, part: str, target: Array, mode: Mode = Mode.POSITION) -> Array:
-        """Returns the displacement (2, k, c) [m] of each contact point while `part` goes to `target` (n,)
+        """Returns the displacement (2, k, c) [m] of each contact point while `part` moves to `target` (n,)
         [rad].
 
-        The motion is the one that the robot's limits allow in `mode`, see `Retreat.along`.
+        The motion respects the robot's limits in `mode`, see `Retreat.along`.
         """
         position = _joints(perception).position
         return self._retreat.along(position, perception.contacts, part, target, mode)
@@ -198,7 +198,8 @@ class GenericBody:
     def retreat_at_ends(self, perception: Perception, part: str, targets: Array) -> Array:
         """Returns the displacement (2, m, c) [m] of each contact point at the ends of motions of `part`.
 
-        These are the last of `retreat` for each of the `targets` (m, n) [rad], at a small part of its cost.
+        They equal the last displacements of `retreat` for each of the `targets` (m, n) [rad], and need much
+        less time.
         """
         return self._retreat.at_ends(_joints(perception).position, perception.contacts, part, targets)
 
@@ -212,8 +213,7 @@ class GenericBody:
     def coverage(
         self, perception: Perception, part: str, places: Sequence[LimbPlace | Landmark], radius: Array
     ) -> Array:
-        """Returns the fraction (m,) of the taxels within `radius` (m,) of each place of a part that are
-        trusted.
+        """Returns for each place of a part the fraction (m,) of taxels within `radius` (m,) that are trusted.
 
         It is 1 where there are no taxels. Radii are in limb lengths around a `LimbPlace`, geodesic [m] around
         a `Landmark`.
@@ -233,8 +233,8 @@ class GenericBody:
     ) -> tuple[list[PlatformOrder], list[Reason]]:
         """Converts orders to the robot's own joints, which are at `joints` (inverse of eqs. 1-2).
 
-        Also returns the reasons why other orders can't be converted. Raises UnknownNameError for an unknown
-        part.
+        Also returns the reasons for which other orders can't be converted. Raises UnknownNameError for an
+        unknown part.
         """
         platform: list[PlatformOrder] = []
         refused: list[Reason] = []
@@ -249,7 +249,7 @@ class GenericBody:
 def order_to_platform(robot: Robot, order: Order, position: Array) -> PlatformOrder:
     """Returns one order in the robot's own joints, whose servos are at `position` (n_servos,) [rad].
 
-    Orders that are in them already are returned unchanged. Raises CommandError.
+    Orders in the robot's own joints are returned unchanged. Raises CommandError.
     """
     match order:
         case PlatformCommand() | PlatformSwitch():

@@ -1,8 +1,8 @@
-"""Landmarks and distances on skin that lies on no limb: torso, head, palm, sole. Receptive fields there are
-discs.
+"""Landmarks and distances on skin without limb coordinates: torso, head, palm, sole. Receptive fields on such
+skin are discs.
 
 A field's centre is a landmark, its radius a geodesic distance: the length of the shortest path over the
-skin's faces, from taxel to taxel (Dijkstra 1959), which is at most some percent too long.
+skin's faces, from taxel to taxel (Dijkstra 1959), whose length is too long by a few percent at most.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from tci.skin.skin import Skin
 from tci.skin.surfaces import Surface
 
 NEAR = 0.04
-"""Distance [m] up to which points of a skin count as directly connected. Assumed; larger lets paths cross
-gaps where the robot has no skin, smaller splits patches whose modules lie apart."""
+"""Distance [m] up to which points of a skin count as directly connected. Assumed: with a larger value paths
+would cross gaps without skin, with a smaller one patches with gaps between modules would be split."""
 TURNED = 0.5
 """Least cosine between the normals of directly connected points. Assumed: 60 degrees, so that no path passes
 through a thin limb to its other side."""
 STEPS = 3
 """Number of face edges that one step of a path may span. Assumed: with 1 a path is up to 15 % too long, with
-3 some percent."""
+3 a few percent."""
 FACING = 0.2
-"""Least cosine between the normal at a landmark and its direction. Assumed: a palm has no back of the
-hand."""
+"""Least cosine between the normal at a landmark and its direction. Assumed: a direction towards the back of
+the hand then has no landmark on the palm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +47,7 @@ class _Reach:
 
 
 class Landmarks:
-    """Finds landmarks on one robot's skin. Caches their distance maps."""
+    """Finds landmarks on one robot's skin, and caches their distance maps."""
 
     def __init__(self, skin: Skin) -> None:
         self._skin = skin
@@ -65,8 +65,8 @@ class Landmarks:
         return reach.place
 
     def around(self, part: str, landmark: Landmark, radius: float) -> tuple[str, NDArray[np.bool_]] | None:
-        """Returns the patch of a landmark, and a mask (n,) of its taxels nearer than `radius` [m]; None
-        without skin."""
+        """Returns the patch of a landmark, and a mask (n,) of the patch's taxels nearer than `radius` [m];
+        None if the part has no skin there."""
         reach = self._reach(part, landmark)
         return None if reach is None else (reach.place.patch, reach.distances < radius)
 
@@ -167,7 +167,8 @@ def _lengths(one: Array, normal: Array, other: Array, its_normal: Array) -> Arra
     """Returns path lengths (n,) [m] between points (n, 3) [m] with unit normals (n, 3), on skin of constant
     curvature.
 
-    The chord of an arc that turns by 2 a is sin(a) / a of it; np.sinc(x) is sin(pi x) / (pi x).
+    The chord of an arc that turns by 2 a is shorter than the arc by the factor sin(a) / a; np.sinc(x) is
+    sin(pi x) / (pi x).
     """
     half = np.arccos(np.clip((normal * its_normal).sum(axis=-1), -1.0, 1.0)) / 2.0
     lengths: Array = np.linalg.norm(one - other, axis=-1) / np.sinc(half / np.pi)
@@ -175,7 +176,8 @@ def _lengths(one: Array, normal: Array, other: Array, its_normal: Array) -> Arra
 
 
 def _is_near(points: Array, normals: Array, point: Array, normal: Array) -> NDArray[np.bool_]:
-    """Returns a mask (n,) of points (n, 3) [m] that are directly connected to one (3,), see NEAR and TURNED.
+    """Returns a mask (n,) of points (n, 3) [m] that are directly connected to one point (3,), see NEAR and
+    TURNED.
 
     Unit normals are (n, 3) and (3,).
     """

@@ -18,18 +18,18 @@ from tci.skin.send_on_delta import HoldLast
 
 
 class Perceiver:
-    """Turns the readings of one robot into perceptions. The only object of the interface that changes.
+    """Converts the readings of one robot to perceptions. No other object of the interface changes.
 
-    It holds baselines, estimation windows and tracks of contacts, and has one owner. `copy` branches,
-    pickling keeps everything, and the same readings give the same perceptions bit for bit.
+    It contains baselines, estimation windows and tracks of contacts, and must have one owner. `copy` and
+    pickling preserve the whole state. Equal readings give equal perceptions, bit for bit.
     """
 
     def __init__(self, body: GenericBody, *, keep_alive: float | None = None) -> None:
         """Starts without estimates.
 
-        `keep_alive` [s] is set if senders omit unchanged skin frames: each patch sends at least one in that
-        time. None means that they send every frame. Perceptions are the same. Raises TciError unless it is
-        above 0 and finite.
+        `keep_alive` [s] is set if senders omit unchanged skin frames: each patch then sends at least one
+        frame in that time. None means that they send every frame. Perceptions do not depend on this. Raises
+        TciError unless it is above 0 and finite.
         """
         self.body = body
         self._held = None if keep_alive is None else HoldLast(body.robot, keep_alive)
@@ -98,7 +98,7 @@ class Perceiver:
 
 
 def _ended(before: Contacts, after: Contacts) -> tuple[int, ...]:
-    """Returns the identities of contacts that are gone."""
+    """Returns the identities of contacts that have ended."""
     if before is after or before.identity.tobytes() == after.identity.tobytes():
         return ()
     now = {*after.identity.tolist()}

@@ -1,4 +1,4 @@
-"""Places of the generic limb on a robot's own skin: (u, theta) to a point in a link."""
+"""Converts places (u, theta) of the generic limb to points of a robot's own skin, in the frame of a link."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class Place:
 def find_place(skin: Skin, part: str, segment: str, u: float, theta: float, joints: JointReading) -> Place:
     """Returns the point of the skin at (u, theta) of a limb segment, at the posture `joints`.
 
-    It is where the ray from the segment's axis at `u`, in direction `theta` [rad], leaves the skin: the
-    inverse of `limb_coordinates`. Raises TciError when no skin is there or the part is no arm,
-    UnknownNameError for an unknown part or segment.
+    At this point the ray from the segment's axis at `u`, in direction `theta` [rad], leaves the skin: the
+    inverse of `limb_coordinates`. Raises TciError if there is no skin at that place or the part is not an
+    arm, UnknownNameError for an unknown part or segment.
     """
     robot = skin.robot
     generic_part = robot.part(part)

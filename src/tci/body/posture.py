@@ -34,10 +34,10 @@ def generic_columns(robot: Robot, part: str, jacobian: Array, position: Array) -
 def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None = None) -> PlatformCommand:
     """Returns the command in the robot's own joints (inverse of eqs 1-2).
 
-    Only mapped servos are named: joints in excess are never commanded, and the value for a joint that the
-    robot lacks is dropped. With J = d generic / d servo, which is gamma for a linear transform, velocities
-    are mapped by its inverse and torques by its transpose, so that power is equal on both sides; stiffness
-    and damping are fractions and stay.
+    The command contains only mapped servos: other joints of the robot are never commanded, and values for
+    joints that the robot lacks are dropped. With J = d generic / d servo (gamma for a linear transform),
+    velocities are multiplied by the inverse of J and torques by its transpose, so that power is equal on both
+    sides. Stiffness and damping are fractions and stay unchanged.
 
     `position` (n_servos,) [rad] are the servo angles, by default the initial posture; linear transforms do
     not depend on them. Raises CommandError for a wrong number of values, one that is not finite, an angle
@@ -85,8 +85,8 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
 def speed_limits(robot: Robot, part: str, position: Array) -> Array:
     """Returns the speed limit (k,) [rad/s] of each servo of a part, with all at `position` (n_servos,) [rad].
 
-    No generic joint is then faster than its description allows; servos of a retargeted shoulder have that
-    limit themselves.
+    They keep each generic joint within the speed limit of the description. For the servos of a retargeted
+    shoulder, that limit applies directly.
     """
     return joint_map(robot, part).speeds(position)
 

@@ -1,7 +1,7 @@
-"""Exact retargeting: a posture of the generic arm in the torso frame, on any robot's shoulder.
+"""Exact retargeting: converts a posture of the generic arm in the torso frame to any robot's shoulder.
 
-A generic posture refers to each arm's own mount frame. If limbs must point the same way in the torso frame,
-the orientation of the shoulder's axes matters: iCub's are yawed by 15 degrees.
+A generic posture is relative to each arm's own mount frame. If limbs must have equal directions in the torso
+frame, the orientation of the shoulder's axes must be considered: iCub's have 15 degrees of yaw.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from tci.robot.joint_map import joint_map
 from tci.robot.shoulder import Shoulder, shoulder_of
 
 EXACT = 1e-9
-"""Rotation error [rad] below which a posture counts as reached: rounding."""
+"""Rotation error [rad] below which a posture counts as reached. Assumed: above rounding errors."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +31,7 @@ class Retargeted:
     upper_arm_error: float
     """Angle [rad] between the upper arm and the requested direction; 0 if limits allow it."""
     joint_errors: Array
-    """Part (2,) [rad] of the generic elbow angles, flexion and pronation, that limits do not allow."""
+    """Differences (2,) [rad] of elbow flexion and pronation from the requested angles, caused by limits."""
 
     @property
     def reached(self) -> bool:
@@ -42,10 +42,10 @@ class Retargeted:
 def retarget(robot: Robot, part: str, generic: Array, position: Array) -> Retargeted:
     """Returns the posture of an arm closest to generic angles (5,) [rad] in the torso frame.
 
-    `position` (n_servos,) [rad] are the angles of all servos; of two solutions the closer one is taken. It is
-    within limits and couplings; servos of other parts stay. Raises CommandError for another shape or a part
-    that is no arm, UnknownNameError for an unknown one, DescriptionError if the kinematic model lacks the
-    arm's shoulder or elbow.
+    `position` (n_servos,) [rad] are the angles of all servos; of two solutions, the one closer to them is
+    returned. It is within limits and couplings; servos of other parts keep their angles. Raises CommandError
+    for another shape or a part that is no arm, UnknownNameError for an unknown one, DescriptionError if the
+    kinematic model lacks the arm's shoulder or elbow.
     """
     words = robot.part(part)
     if words.kind != "arm" or np.shape(generic) != (5,) or not np.isfinite(generic).all():
@@ -114,14 +114,14 @@ def _within(robot: Robot, shoulder: Shoulder, wanted: Array, position: Array) ->
 
 
 def angle_between(one: Array, other: Array) -> float:
-    """Returns the angle [rad] between two rotations (3, 3); exact near zero, where the trace's arccos is
-    not."""
+    """Returns the angle [rad] between two rotations (3, 3). It is exact near zero, unlike the arccos of the
+    trace."""
     half = np.linalg.norm(one - other) / (2.0 * np.sqrt(2.0))
     return float(2.0 * np.arcsin(min(half, 1.0)))
 
 
 def with_retargeting(robot: Robot, part: str) -> Robot:
-    """Returns the robot with an arm whose generic angles are exact in the torso frame.
+    """Returns the robot with an arm whose generic angles are relative to the torso frame.
 
     Its shoulder has the transform `retarget`, and no mount. Raises UnknownNameError for an unknown part.
     """

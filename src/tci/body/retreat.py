@@ -1,8 +1,8 @@
-"""Displacement of contacts relative to the touch, on the path that the gate would take.
+"""Displacement of contact points relative to the touching object, on the path that the gate would execute.
 
-A motion is predicted as the gate would execute it: in the robot's own joints, within their limits and
-couplings, each with its own acceleration, from rest. It is measured from the robot's root, since a torso
-moves too.
+The motion is predicted as the gate would execute it: in the robot's own joints, within their limits and
+couplings, each with its own acceleration, from rest. Displacements are relative to the robot's root, since a
+torso moves too.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from tci.robot.kernels.links import retreats
 from tci.skin.skin import Skin
 
 EARLY = (0.01, 0.02)
-"""First times [s] of the prediction, the beginning of the motion. Assumed; joints accelerate differently, so
-a path may begin in another direction than it ends."""
+"""First times [s] of the prediction, at the beginning of the motion. Assumed: joints accelerate differently,
+so a path may begin and end in different directions."""
 SHARES = (0.25, 0.5, 0.75, 1.0)
 """Later times, as fractions of the motion's duration."""
 TIMES = len(EARLY) + len(SHARES)
 UNKNOWN = 100.0
-"""Stands for a limit [rad/s, rad/s2, rad/s3] that the robot does not state; its gate refuses such a
-motion."""
+"""Value for a limit [rad/s, rad/s2, rad/s3] that is not in the description; the gate refuses such a motion
+anyway."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,15 +46,15 @@ class _Motion:
     outside: Array
     """Coefficients (m, n_servos) of servos of other parts in its couplings."""
     free: NDArray[np.bool_]
-    """Mask (n,) of the servos that may leave a target that its couplings forbid: all."""
+    """Mask (n,), all True: every servo may deviate from a target that couplings forbid."""
     planner: Ruckig
     input: InputParameter
     trajectory: Trajectory
 
 
 class Retreat:
-    """Predicts for one robot how motions move its contacts. Threads may share it: each has planners of its
-    own."""
+    """Predicts for one robot the displacement of contacts by motions. Threads may share it, since each uses
+    separate planners."""
 
     def __init__(self, skin: Skin) -> None:
         robot = self._robot = skin.robot
@@ -68,12 +68,13 @@ class Retreat:
         self._motions()  # built in advance: the first touch must not wait for it
 
     def along(self, position: Array, contacts: Contacts, part: str, target: Array, mode: Mode) -> Array:
-        """Returns the displacement (2, k, c) [m] of each contact point at k times while `part` goes to
+        """Returns the displacement (2, k, c) [m] of each contact point at k times while `part` moves to
         `target` (n,).
 
-        (0, k, c) is along the inward normal, negative towards the touch; (1, k, c) is the length across it.
-        The robot's servos are at `position` (n_servos,) [rad]. In position and impedance mode they arrive
-        together, in others each as fast as it can. Raises UnknownNameError for an unknown part.
+        Element (0, k, c) is along the inward normal, negative towards the object; (1, k, c) is the length
+        perpendicular to the normal. The robot's servos are at `position` (n_servos,) [rad]. In position and
+        impedance mode they arrive together; in other modes each moves as fast as it can. Raises
+        UnknownNameError for an unknown part.
         """
         motion = self._motion(part)
         return self._displacements(self._angles(motion, position, target, mode), motion, contacts)
@@ -82,7 +83,7 @@ class Retreat:
         """Returns the displacement (2, m, c) [m] of each contact point at the ends of motions to `targets`
         (m, n), as `along` does for the last time of one.
 
-        It plans none of them. Raises UnknownNameError for an unknown part.
+        It does not plan the motions. Raises UnknownNameError for an unknown part.
         """
         motion = self._motion(part)
         angles = np.empty((len(targets) + 1, len(position)))

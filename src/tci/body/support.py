@@ -20,12 +20,12 @@ from tci.robot.joint_map import joint_map
 from tci.skin.skin import Skin
 
 LOADED = 1.0
-"""Force [N] above which a sole counts as loaded. Assumed; a resting foot presses with far more, noise with
-less."""
+"""Force [N] above which a sole counts as loaded. Assumed: a foot on the ground presses with far more, noise
+is below it."""
 
 
 class StaticStability:
-    """Predicts the static stability of one robot if a leg moved."""
+    """Predicts the static stability of one robot after a motion of a leg."""
 
     def __init__(self, skin: Skin) -> None:
         self._skin = skin
@@ -36,7 +36,8 @@ class StaticStability:
             self._gravity = None
 
     def support(self, contacts: Iterable[Contact], position: Array, part: str, target: Array) -> Support:
-        """Returns the support of the robot if the leg `part` went to generic angles `target` (n,) [rad].
+        """Returns the support of the robot after a motion of the leg `part` to generic angles `target` (n,)
+        [rad].
 
         Servos are at `position` (n_servos,) [rad]. Raises UnknownNameError for an unknown part.
         """
@@ -58,8 +59,8 @@ class StaticStability:
 
 
 def inside(point: Array, corners: Array, along: Array) -> float:
-    """Returns the distance [m] of a `point` (3,) from the edge of the hull of `corners` (n, 3), seen along a
-    direction (3,).
+    """Returns the distance [m] of a `point` (3,) from the edge of the hull of `corners` (n, 3), projected
+    along a direction (3,).
 
     It is positive inside, negative outside, and -inf if the corners span no area.
     """

@@ -1,6 +1,7 @@
-"""Questions about what is felt: the pressure image of a patch, the shape of a contact, shear, slip, events.
+"""Functions of tactile perception: the pressure image of a patch, the shape of a contact, shear, slip,
+events.
 
-Each is a function of perceptions; those about places also need the robot's body.
+Each takes perceptions; functions that compute places also take the robot's body.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from tci.skin.layout import AXES
 from tci.skin.triangulation import is_sheet
 
 FRICTION = 0.5
-"""Ratio of tangential to normal force at which skin slips. Assumed: between rubber on steel and on wood; that
-of a given cover and object is measured by a slow pull."""
+"""Ratio of tangential to normal force at which skin slips. Assumed: between the values for rubber on steel
+and rubber on wood. Measure it for your skin by a slow pull."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,15 +74,15 @@ class ContactShape:
     """Ellipse with the second moments of the pressure of a contact."""
 
     area: float
-    """Area [m2] of the ellipse: that of an evenly loaded one with the same moments."""
+    """Area [m2] of the ellipse that has these moments under an even load."""
     axes: Array
-    """Half of its length and of its width (2,) [m]."""
+    """Half of the length and half of the width (2,) [m] of the ellipse."""
     directions: Array
     """Unit vectors (2, 3) along its length and its width, in the patch's link."""
 
 
 def contact_shape(contact: Contact, body: GenericBody) -> ContactShape:
-    """Returns the shape of a contact in the plane that touches the skin at its centre.
+    """Returns the shape of a contact in the tangential plane of the skin at its centre.
 
     Each taxel counts as a square of its area, so that a contact of a single taxel has the shape of the taxel.
     Raises UnknownNameError for a contact of another robot.
@@ -106,17 +107,17 @@ class ShearForce:
     tangential: Array
     """Tangential force (3,) [N] on the skin, in the torso frame."""
     normal: float
-    """Force [N] that presses on the skin."""
+    """Normal force [N] on the skin."""
 
     @property
     def ratio(self) -> float:
-        """Returns the size of the tangential force per normal force; infinite if nothing presses."""
+        """Returns the ratio of tangential to normal force; infinite without normal force."""
         size = float(np.linalg.norm(self.tangential))
         return size / self.normal if self.normal > 0.0 else np.inf if size > 0.0 else 0.0
 
 
 def shear_force(contact: Contact, body: GenericBody) -> ShearForce | None:
-    """Returns the shear of a contact; None on skin whose taxels measure pressure only.
+    """Returns the shear of a contact; None on skin whose taxels measure only pressure.
 
     Raises UnknownNameError for a contact of another robot.
     """
@@ -141,10 +142,10 @@ class TouchEvent:
 def touch_events(
     before: Perception | None, now: Perception, body: GenericBody, *, friction: float = FRICTION
 ) -> tuple[TouchEvent, ...]:
-    """Returns what has happened to the contacts between two perceptions, by time.
+    """Returns the events of contacts between two perceptions, in order of time.
 
-    A contact on three-axis skin begins to slip when its shear reaches `friction` times its pressure. Raises
-    TciError unless `friction` is above 0.
+    A contact on three-axis skin begins to slip when its shear force reaches `friction` times its normal
+    force. Raises TciError unless `friction` is above 0.
     """
     if not 0.0 < friction < np.inf:
         raise TciError(f"touch events: friction {friction}; valid: above 0 and finite")
@@ -170,8 +171,8 @@ def _slips(contact: Contact, body: GenericBody, friction: float) -> bool:
 
 
 def _flattened(positions: Array, normals: Array) -> Array:
-    """Returns the coordinates (n, 2) [m] of points (n, 3) in their mean plane, the longer side first; seen
-    against the mean normal."""
+    """Returns the coordinates (n, 2) [m] of points (n, 3) in their mean plane, as seen from outside; the
+    first axis is that of the longer side."""
     centred = positions - positions.mean(axis=0)
     normal = normals.mean(axis=0)
     plane = centred - np.outer(centred @ normal, normal) / max(float(normal @ normal), 1e-12)

@@ -67,7 +67,7 @@ def touches(contacts: Contacts) -> Touches:
 
 @inlined
 def _felt(fields: Array, closest: int, contacts: Touches, c: int) -> float:
-    """Returns the force [N] of a contact that a field compares with its thresholds.
+    """Returns the force [N] of a contact, as a field compares it with its thresholds.
 
     For `weighted` that is the force of eq. 7, see `tci.skin.contacts.weighted_force`.
     """
@@ -89,7 +89,8 @@ def _felt(fields: Array, closest: int, contacts: Touches, c: int) -> float:
 
 @inlined
 def _squares(fields: Array, segment: float, u: float, y: float, z: float, squares: Array) -> None:
-    """Writes the `squares` (m,) of the distances of a contact to the centres of the fields that it lies in.
+    """Writes the `squares` (m,) of the distances of a contact from the centres of those fields that contain
+    the contact.
 
     Infinite for the other fields. The loop has no branch, so that the compiler vectorises it.
     """
@@ -119,14 +120,15 @@ def find_answers(
     nearest: NDArray[np.int64],
     gains: Array,
 ) -> None:
-    """Writes for each contact the index of the `nearest` field that it lies in, and the gain phi(F) psi(d).
+    """Writes for each contact the index of the `nearest` field that contains the contact, and the gain phi(F)
+    psi(d).
 
     Args:
         fields: Table (8, m) of `field_table`.
         cosine: Uses `psi_cosine` instead of `psi`.
         segments: Indices (p,) of the sites' segments, from `segments_of`.
         contacts: Arrays of c contacts.
-        beside: Index (c,) of a field that each contact must not choose; -1 for none.
+        beside: Index (c,) of a field that is excluded for each contact; -1 for none.
         squares: Scratch array (m,).
         nearest: Output (c,); -1 if the contact lies in no field.
         gains: Output (c,), 0..1.

@@ -1,4 +1,4 @@
-"""Capabilities composed in a behaviour tree, in the sense of the paper's task description language (TDL).
+"""Capabilities combined in a behaviour tree, which replaces the paper's task description language (TDL).
 
 The tree is one of py-trees, with selectors, sequences, parallels and decorators as in its manual. TCI adds
 leaves that run capabilities, and a capability that ticks the tree, which `run` takes like any other::
@@ -42,7 +42,7 @@ class Leaf(Behaviour):
         self.memory: Any = None
         """Memory of the capability."""
         self.seen: tuple[Perception, GenericBody] | None = None
-        """Perception of this tick and the body; None outside of a tree."""
+        """Perception of this tick, and the body; None outside of a tree."""
         self.orders: list[Order] = []
         """Orders of the capability in this tick."""
 
@@ -59,9 +59,11 @@ class Leaf(Behaviour):
 
 
 class Reflex(Leaf):
-    """A capability that is busy from time to time: its status is running while it is busy, failure otherwise.
+    """A leaf with a capability that is busy from time to time. Its status is running while the capability is
+    busy, else failure.
 
-    It sees touches only in the ticks that reach it, so it must come first, in a selector without memory.
+    The capability gets touches only in ticks that reach this leaf, so the leaf must come first, in a selector
+    without memory.
     """
 
     def __init__(self, name: str, capability: Capability[Any], *, busy: Callable[[Any], bool] = bool) -> None:
@@ -75,10 +77,10 @@ class Reflex(Leaf):
 
 
 class Task(Leaf):
-    """A capability that runs until it is done: its status is running, then success.
+    """A leaf with a capability that runs until it is done. Its status is running, then success.
 
-    Ticked after success it starts from the beginning. After an interruption it continues from its memory, and
-    its last motion of each part is commanded again.
+    If it is ticked after success, it starts from the beginning. After an interruption it continues with its
+    memory, and repeats its last command to each part.
     """
 
     def __init__(
@@ -112,7 +114,7 @@ class Task(Leaf):
 class BehaviourTree(Capability[Behaviour]):
     """A capability that ticks a behaviour tree. Raises TciError for a tree without a `Task` or a `Reflex`.
 
-    Its memory is the tree, which each step changes in place: begin a replay with `init`.
+    Its memory is the tree, which each step changes in place. So call `init` before a replay.
     """
 
     tree: Callable[[], Behaviour]
@@ -182,7 +184,8 @@ def _leaves(tree: Behaviour) -> Iterator[Leaf]:
 
 
 def _moved(order: Order) -> str:
-    """Returns the generic part that an order moves; empty if it moves none, or native joints."""
+    """Returns the generic part that an order moves; an empty text if it moves none, or moves the robot's own
+    joints."""
     if isinstance(order, CartesianCommand) or (
         isinstance(order, GenericCommand) and order.mode in CONTROL_MODES
     ):

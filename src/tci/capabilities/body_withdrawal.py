@@ -1,9 +1,9 @@
 """Withdrawal of head, torso, hands and legs (§4, beyond the arm): a touched part moves away (eqs 5-6).
 
-The distance d in eq. 5 is measured along the skin, since these parts are no limbs; the force F is the sum
-over all taxels of a contact. A leg that carries the robot must not give way. Legs respond only in two cases:
-the `stance` is supported and no sole measures the robot's weight; or other legs carry the robot, that is,
-their soles measure its weight and the centre of mass would stay above them.
+The distance d in eq. 5 is measured along the skin, since these parts have no limb coordinates. The force F is
+the sum over all taxels of a contact. A leg that carries the robot must not move. Legs respond only in two
+cases: the `stance` is "supported" and no sole measures the robot's weight; or other legs carry the robot,
+which means that their soles measure its weight and the centre of mass would stay above them.
 """
 
 from __future__ import annotations
@@ -32,31 +32,32 @@ ALONE = (
 
 
 BodyMemory = Withdrawals[BodyField]
-"""Current withdrawals by part, and the reasons why other touched parts do not move."""
+"""Current withdrawals by part, and the reasons for which other touched parts do not move."""
 
 
 @dataclass(frozen=True)
 class BodyWithdrawal(Capability[BodyMemory]):
     """Moves every touched head, torso, hand and leg away from the touch, once per touch.
 
-    Raises TciError for a setting out of range. The defaults are assumed, for the paper's reflex has arms
-    only; each says why it has its value.
+    Raises TciError for a setting out of range. The defaults are assumed, since the paper describes a reflex
+    of arms only.
     """
 
     fields: BodyFields = field(default_factory=default_body_fields)
     """Receptive fields; `load_body_fields` reads others from a file."""
     refractory: float = 0.5
-    """Time [s] without a response that ends a touch, after which the part can withdraw again. Assumed: a hand
-    that slides or shakes makes contact again sooner."""
+    """Time [s] without a response after which a touch has ended and the part can withdraw again. Assumed: a
+    hand that slides or shakes makes contact again sooner."""
     stance: Literal["standing", "supported"] = "standing"
-    """`standing`: the legs carry the robot. `supported`: it hangs, sits or lies, and they carry nothing."""
+    """`standing`: the legs carry the robot. `supported`: the robot hangs, sits or lies, so the legs carry
+    nothing."""
     weight: float = 15.0
-    """Force [N] on a sole from which its leg carries the robot, whatever `stance` is. Assumed: below half the
-    weight of the lightest robot, and above the touches of a sole that the reflex responds to."""
+    """Force [N] on a sole from which its leg counts as carrying the robot, for any `stance`. Assumed: below
+    half the weight of the lightest robot, and above touches of a sole to which the reflex responds."""
 
     margin: float = 0.01
-    """Least distance [m] of the centre of mass from the edge of the soles that stay on the ground, for a leg
-    of a standing robot to move. Assumed: covers the errors of the masses in a description."""
+    """Least distance [m] of the centre of mass from the edge of the soles on the ground for which a leg of a
+    standing robot may move. Assumed: larger than the error caused by wrong masses in a description."""
 
     def __post_init__(self) -> None:
         for name in ("refractory", "weight", "margin"):
@@ -73,7 +74,7 @@ class BodyWithdrawal(Capability[BodyMemory]):
     def step(
         self, memory: BodyMemory, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Order, ...], BodyMemory]:
-        """Returns one command for each part whose target changed, and the withdrawals that go on."""
+        """Returns one command for each part whose target changed, and the current withdrawals."""
         whole, heavy = perception, self._heavy(perception.contacts)
         if heavy:  # while the robot stands, the contacts of its soles are with the ground
             contacts = Contacts.of(touch for touch in perception.contacts if touch.segment != SOLE)
@@ -94,7 +95,7 @@ class BodyWithdrawal(Capability[BodyMemory]):
         return memory.notes
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """Returns a reason to stop if a field has lost half of its taxels or more; else None."""
+        """Returns a reason to stop if half of a field's taxels or more are not trusted; else None."""
         if perception.skin is None or perception.skin.masked is None:
             return None
         for part in perception.posture:
@@ -106,13 +107,14 @@ class BodyWithdrawal(Capability[BodyMemory]):
         return None
 
     def _own(self, part: str, body: GenericBody) -> list[BodyField]:
-        """Returns the fields of a part's kind for whose motion the robot has at least one joint."""
+        """Returns those fields of a part's kind for whose motion the robot has at least one joint."""
         has = body.has_joint(part)
         own = [one for one in self.fields.field if part in body.parts(one.kind)]
         return [one for one in own if len(one.motion) == len(has) and np.any(one.motion * has)]
 
     def _wishes(self, perception: Perception, body: GenericBody) -> dict[str, list[Wish[BodyField]]]:
-        """Returns the wishes of the contacts by part: the closest field that each lies in, and the gain."""
+        """Returns the wishes of the contacts by part. Each wish has the closest field that contains the
+        contact, and the gain."""
         wishes: dict[str, list[Wish[BodyField]]] = {}
         for index, touch in enumerate(perception.contacts):
             if touch.part not in perception.posture:
@@ -149,9 +151,10 @@ class BodyWithdrawal(Capability[BodyMemory]):
         perception: Perception,
         body: GenericBody,
     ) -> str:
-        """Returns the reason why a leg must not move to generic angles `target` (n,) [rad]; empty if it may.
+        """Returns the reason why a leg must not move to generic angles `target` (n,) [rad]; an empty text if
+        it may.
 
-        It may if the robot stands on no leg, or if the other legs carry it.
+        It may move if the robot does not stand, or if the other legs carry the robot.
         """
         if not heavy:
             return "" if self.stance == "supported" else ALONE.format(weight=self.weight)

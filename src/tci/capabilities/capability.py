@@ -15,9 +15,9 @@ Memory = TypeVar("Memory")
 
 
 class Capability(ABC, Generic[Memory]):
-    """A behaviour on the generic body. It does not depend on a robot, a clock or a middleware.
+    """A behaviour on the generic body, independent of robot, clock and middleware.
 
-    Settings are frozen in the object. All that changes is in the memory, which the caller passes in and gets
+    The object contains only frozen settings. All state is in the memory, which the caller passes in and gets
     back. Equal memory and perception give equal commands, bit for bit, so that recordings can be replayed.
     """
 
@@ -41,7 +41,8 @@ class Capability(ABC, Generic[Memory]):
         """Returns the memory before the first step."""
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
-        """Returns the orders to execute once before the first step, such as control modes. None by default.
+        """Returns the orders to execute once before the first step, such as switches of the control mode. By
+        default there are none.
 
         If the robot refuses one of them, the capability is not run.
         """
@@ -53,11 +54,11 @@ class Capability(ABC, Generic[Memory]):
     ) -> tuple[tuple[Order, ...], Memory]:
         """Returns the commands for this instant and the memory for the next one. Changes no argument.
 
-        A command is needed only when the target changes: the gate keeps moving towards the last one.
+        A command is needed only when the target changes: the gate continues to move towards the last target.
 
         Contacts may be on any part of the robot, also on one that this behaviour does not move, such as the
-        switches on NAO's head. Ignore those: use only contacts whose `part` is among the parts that you move,
-        and look up other parts with `.get`.
+        switches on NAO's head. Ignore such contacts: use only contacts whose `part` your behaviour moves, and
+        read other parts of the posture with `.get`.
         """
 
     def notes(self, memory: Memory) -> tuple[str, ...]:
@@ -65,6 +66,6 @@ class Capability(ABC, Generic[Memory]):
         return ()
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """Returns the reason why the robot must stop, such as blind skin that this behaviour depends on; None
-        if there is none."""
+        """Returns a reason to stop the robot, for example that skin on which this behaviour depends is blind;
+        None if there is none."""
         return None

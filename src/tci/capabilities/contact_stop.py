@@ -1,4 +1,4 @@
-"""A contact stop around another behaviour: a touched part stops, and continues after the touch."""
+"""A contact stop that wraps another behaviour: a touched part stops, and continues after the touch."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ class StopMemory(Generic[Memory]):
 
 @dataclass(frozen=True)
 class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
-    """Runs `behaviour`, but a part that is touched stops where it is.
+    """Runs `behaviour`, but stops each part while it is touched.
 
-    The behaviour continues meanwhile. Its last command for a stopped part is executed when the part is free
-    again. Raises TciError for a setting out of range.
+    The behaviour continues meanwhile. Its last command to a stopped part is executed after the touch. Raises
+    TciError for a setting out of range.
     """
 
     behaviour: Capability[Memory]
@@ -52,7 +52,7 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
     """Force [N] from which a contact stops its part. Assumed: a light push of a finger."""
     quiet: float = 0.5
     """Time [s] without touch after which a part continues. Assumed: a hand that slides or shakes makes
-    contact again sooner."""
+    contact again within this time."""
 
     def __post_init__(self) -> None:
         for name in ("threshold", "quiet"):
@@ -69,9 +69,10 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
     def step(
         self, memory: StopMemory[Memory], perception: Perception, body: GenericBody
     ) -> tuple[tuple[Order, ...], StopMemory[Memory]]:
-        """Returns the behaviour's commands without those for stopped parts. Raises what the behaviour raises.
+        """Returns the behaviour's commands without those for stopped parts. Raises the errors of the
+        behaviour.
 
-        Raises CommandError for a command in the robot's own joints, since its generic part is not known here.
+        Raises CommandError for a command in the robot's own joints, because its generic part is unknown.
         """
         now = perception.stamp
         touched = {part: since for part, since in memory.touched.items() if now - since < self.quiet}
@@ -112,7 +113,7 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
 
 
 def _hold(command: Motion, perception: Perception) -> GenericCommand:
-    """Returns the command that stops a part in the mode of its motion: present posture, zero velocity or
+    """Returns the command that stops a part in its control mode: its present posture, zero velocity or zero
     torque."""
     if isinstance(command, CartesianCommand):
         return GenericCommand(command.part, Mode.POSITION, perception.posture[command.part])

@@ -1,8 +1,8 @@
 """The force-distance model (eqs 5 and 6), one function per factor.
 
-Eq. 5 is printed without parentheses, as phi F psi d Theta. As a product it would be zero at the centre of a
-field and largest at its edge, which contradicts the text. TCI reads it as phi(F) psi(d) Theta, as the text
-says.
+Eq. 5 is printed without parentheses, as phi F psi d Theta. A product of these would be zero at the centre of
+a field and largest at its edge, which contradicts the paper's text. TCI computes phi(F) psi(d) Theta, in
+agreement with the text.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ import math
 def phi(force: float, threshold: float, saturation: float) -> float:
     """Returns the force discount, 0 to 1 (eq. 5): (F - delta_f) / (F_sat - delta_f), clipped.
 
-    All arguments in [N], saturation > threshold. 0 up to the threshold, 1 from the saturation on, 0 for NaN.
+    All arguments are in [N], with saturation > threshold. The result is 0 up to the threshold, 1 from the
+    saturation on, and 0 for NaN.
     """
     if not force > threshold:
         return 0.0

@@ -1,7 +1,7 @@
 """Receptive fields and their base motions (§4.1), read from TOML files.
 
-Fields of arms are circles on the generic limb, those of other parts discs on the skin around a landmark.
-One file of each kind serves every robot and both sides.
+Fields of arms are circles on the generic limb; fields of other parts are discs on the skin around a landmark.
+One file of each kind is valid for all robots and both sides.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ Motion = Annotated[tuple[float, ...], Field(strict=False), AfterValidator(_one_a
 
 
 class Circle(Description):
-    """Place and size of a field: the keys that the file and `ReceptiveField` share."""
+    """Place and size of a field: the fields that a table of the file and `ReceptiveField` have in common."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
     """Name of the field, unique in a set of fields."""
     segment: Literal["upper_arm", "forearm"]
-    """Segment of the arm that the field lies on."""
+    """Segment of the arm on which the field lies."""
     u: Annotated[float, Field(ge=0.0, le=1.0)]
     """Centre along the segment: 0 at the proximal joint, 1 at the distal joint."""
     radius: Annotated[float, Field(gt=0.0)]
@@ -79,8 +79,8 @@ class ReceptiveField(Circle):
     theta: float
     """Centre around the segment [rad]: 0 flexor, +pi/2 lateral, pi extensor, -pi/2 medial."""
     measure: Measure = "total"
-    """Force of a contact that is compared with `threshold` and `saturation`: that of the touch, the mean of
-    eq. 7, or the largest of one taxel."""
+    """Force of a contact that is compared with `threshold` and `saturation`: that of the whole touch, the
+    mean of eq. 7, or that of the strongest taxel."""
     threshold: Annotated[float, Field(ge=0.0)]
     """delta_f [N]: no response up to this force."""
     saturation: float
@@ -101,7 +101,7 @@ class BodyField(Description):
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
     """Name of the field, unique in a set of fields."""
     kind: BodyKind
-    """Kind of the generic part that the field lies on."""
+    """Kind of the generic part on which the field lies."""
     segment: str = ""
     """Segment of the part; empty for skin that belongs to no segment."""
     towards: Annotated[Vector, Field(strict=False)]
@@ -163,13 +163,13 @@ class _FieldsFile(Description):
 
 
 def default_fields(*, measure: Measure = "total") -> tuple[ReceptiveField, ...]:
-    """Returns the five fields that come with TCI. Their values are assumed: nobody has published any."""
+    """Returns TCI's five fields. Their values are assumed, since no values are published."""
     with as_file(files("tci.capabilities") / "withdrawal.toml") as path:
         return load_fields(path, measure=measure)
 
 
 def default_surround(*, measure: Measure = "total") -> tuple[ReceptiveField, ...]:
-    """Returns the wide fields around the five: together they cover forearm and upper arm."""
+    """Returns wide fields in addition to the five, which together cover forearm and upper arm."""
     with as_file(files("tci.capabilities") / "withdrawal.toml") as path:
         return load_fields(path, measure=measure, surround=True)
 
@@ -177,9 +177,10 @@ def default_surround(*, measure: Measure = "total") -> tuple[ReceptiveField, ...
 def load_fields(
     path: str | Path, *, measure: Measure = "total", surround: bool = False
 ) -> tuple[ReceptiveField, ...]:
-    """Reads the fields, or those of the `surround`, from a TOML file, with its thresholds for `measure`.
+    """Reads the fields, or with `surround` the wide fields, from a TOML file, with its thresholds for
+    `measure`.
 
-    Raises DescriptionError with every fault of the file at once.
+    Raises DescriptionError with all faults of the file.
     """
     raw = _read(path)
     faults = [*_structure_faults(raw, _FieldsFile, _FieldTable), *_repeated_names(raw)]
@@ -207,13 +208,13 @@ def load_fields(
 
 
 def default_body_fields() -> BodyFields:
-    """Returns the fields that come with TCI. Their values are assumed: nobody has published any."""
+    """Returns TCI's fields. Their values are assumed, since no values are published."""
     with as_file(files("tci.capabilities") / "body_withdrawal.toml") as path:
         return load_body_fields(path)
 
 
 def load_body_fields(path: str | Path) -> BodyFields:
-    """Reads the fields from a TOML file. Raises DescriptionError with every fault of the file at once."""
+    """Reads the fields from a TOML file. Raises DescriptionError with all faults of the file."""
     raw = _read(path)
     if faults := _structure_faults(raw, BodyFields, BodyField):
         raise DescriptionError(str(path), [Fault(0, fault) for fault in faults])
@@ -233,7 +234,7 @@ def _read(path: str | Path) -> dict[str, Any]:
 
 
 def _structure_faults(raw: dict[str, Any], whole: type[Description], field: type[Description]) -> list[str]:
-    """Returns the faults of a file that holds a `whole` with tables of one `field` each."""
+    """Returns the faults of a file whose content has the type `whole`, with tables of the type `field`."""
     try:
         whole.model_validate(raw)
     except ValidationError as error:

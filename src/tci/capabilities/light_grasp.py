@@ -1,8 +1,9 @@
-"""A light grasp reflex: a hand whose palm is touched closes, holds with little force, and opens on a pull.
+"""A light grasp reflex: a hand whose palm is touched closes, holds with little force, and opens when a finger
+is pulled.
 
-It is the palmar grasp of an infant, made gentle: the force on each finger is controlled by the flexion of
-that finger (integral force control, Raibert & Craig 1981). It needs generic fingers with skin on palm and
-tips, and nothing else of the robot: fingers that share a motor close until the first of them presses enough.
+It imitates the palmar grasp of an infant. The flexion of each finger controls the force on that finger
+(integral force control, Raibert & Craig 1981). The robot needs generic fingers with skin on palm and tips.
+Fingers that share a motor close until the first of them presses enough.
 """
 
 from __future__ import annotations
@@ -20,13 +21,14 @@ from tci.messages import GenericCommand, Mode, Order, Perception
 from tci.robot.generic_fingers import FINGERS, FLEXIONS, PALM
 
 LEAD = 0.1
-"""Angle [rad] by which a finger's target may lead its joint. Assumed: a blocked finger must not wind up."""
+"""Largest angle [rad] between a finger's target and its joint. Assumed: prevents integrator windup if a
+finger is blocked."""
 OPPOSES = 2.0
-"""Speed of the thumb's opposition as a multiple of that of the flexions. Assumed: it is across the palm
-before the fingers are."""
+"""Speed of the thumb's opposition as a multiple of the speed of flexions. Assumed: the thumb is then across
+the palm before the fingers."""
 LONGEST = 0.1
-"""Longest time [s] between two perceptions that counts. Assumed: after a gap a hand goes on, and does not
-jump."""
+"""Longest time [s] between two perceptions by which targets move. Assumed: after a longer gap a hand
+continues without a jump."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +46,7 @@ class Grip:
     felt: float = -np.inf
     """Latest time [s] at which palm or fingers were touched."""
     rested: float = -np.inf
-    """Latest time [s] at which nothing pulled."""
+    """Latest time [s] without a pull."""
 
 
 Grips = Mapping[str, Grip]
@@ -53,30 +55,31 @@ Grips = Mapping[str, Grip]
 
 @dataclass(frozen=True)
 class LightGrasp(Capability[Grips]):
-    """Closes each touched hand. Raises TciError for a setting out of range.
+    """Closes each hand whose palm is touched. Raises TciError for a setting out of range.
 
-    The defaults are assumed: nobody has published such values for these robots.
+    The defaults are assumed, since no values are published for these robots.
     """
 
     force: float = 1.0
-    """Force [N] with which each finger presses: enough to feel what is held, and harmless."""
+    """Force [N] with which each finger presses: enough to measure a held object, and harmless."""
     touch: float = 0.3
     """Force [N] on the palm from which the hand closes."""
     pull: float = 2.5
-    """Force [N] on a finger from which the hand opens, as it does when what it holds leaves the palm."""
+    """Force [N] on a finger from which the hand opens. It also opens when a held object leaves the palm."""
     speed: float = 0.3
-    """Speed [rad/s] of the flexion. Assumed: a faster finger presses too much before its skin tells so."""
+    """Speed [rad/s] of the flexion. Assumed: a faster finger would press too much before its skin measures
+    it."""
     gain: float = 0.05
-    """Speed [rad/s] of a finger that presses, per missing force [N]. Assumed: stiff fingers, whose skin tells
-    of a change some 20 ms later, must not begin to oscillate."""
+    """Speed [rad/s] of a pressing finger per missing force [N]. Assumed: stiff fingers must not oscillate,
+    although their skin reports a change about 20 ms later."""
     opposition: float = 1.2
     """Angle [rad] of the thumb across the palm while the hand is closed."""
     patience: float = 0.15
-    """Time [s] for which a pull must last. Assumed: longer than the impact of a finger."""
+    """Least duration [s] of a pull. Assumed: longer than the impact of a finger."""
     quiet: float = 0.5
     """Time [s] without any touch after which the hand opens, and after which an open one may close again."""
     most: float = 1.5
-    """Largest flexion [rad]: a finger that meets nothing stops there."""
+    """Largest flexion [rad], at which a finger stops that touches nothing."""
 
     def __post_init__(self) -> None:
         for name in ("force", "touch", "pull", "speed", "gain", "opposition", "patience", "quiet", "most"):
@@ -105,7 +108,7 @@ class LightGrasp(Capability[Grips]):
         return tuple(commands), grips
 
     def _grip(self, before: Grip, perception: Perception, body: GenericBody, part: str, rest: Array) -> Grip:
-        """Returns the next state of a hand that is open at `rest` (n,) [rad]."""
+        """Returns the next state of a hand whose open posture is `rest` (n,) [rad]."""
         now = perception.stamp
         pressed = dict.fromkeys((*FINGERS, PALM), 0.0)
         for contact in perception.contacts:
@@ -128,7 +131,7 @@ class LightGrasp(Capability[Grips]):
     def _flexion(
         self, before: Grip, perception: Perception, body: GenericBody, part: str, pressed: Mapping[str, float]
     ) -> Array:
-        """Returns targets (n,) [rad] that bring the force on each finger nearer to the one to hold with."""
+        """Returns targets (n,) [rad] that bring the force on each finger closer to the setting `force`."""
         here = perception.posture[part]
         elapsed = min(max(perception.stamp - before.stamp, 0.0), LONGEST)
         target = np.array(before.flexion)

@@ -1,6 +1,7 @@
-"""Checked calls of `Capability.begin` and `step`, for the loop and for capabilities that run others.
+"""Calls of `Capability.begin` and `step` with checks of their results, for the loop and for capabilities that
+wrap others.
 
-A single command is accepted as a tuple of one. Any other type is refused.
+A single command is accepted and becomes a tuple. Any other type is refused.
 """
 
 from __future__ import annotations
@@ -36,9 +37,9 @@ def step_of(
 
 
 def as_orders(given: object, source: str) -> tuple[Order, ...]:
-    """Returns the commands of a capability as a tuple, also a single one.
+    """Returns the commands of a capability as a tuple, also if it returned a single command.
 
-    `source` names the capability and its method. Raises CommandError for an object that is no command.
+    `source` names the capability and its method. Raises CommandError for an object that is not a command.
     """
     if isinstance(given, tuple) and not given:
         return given

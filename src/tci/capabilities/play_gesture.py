@@ -1,4 +1,4 @@
-"""Playback of a gesture (the paper's second example of a capability), which a reflex may interrupt.
+"""Playback of a gesture (the paper's second example of a capability); a reflex may interrupt it.
 
 While a reflex moves a part, the gesture is paused. Afterwards the parts return to the posture at which it was
 paused, and the gesture continues from there.
@@ -57,13 +57,14 @@ class PlayGesture(Capability[GestureMemory]):
     fitted: Fitted
     """The gesture, fitted to the robot (`tci.gestures.gesture.fit`)."""
     reflex: Capability[Any] | None = None
-    """Reflex that may interrupt the gesture. Iterating its memory must give the parts that it moves now."""
+    """Reflex that may interrupt the gesture. Iterating over its memory must yield the parts that it currently
+    moves."""
     near: float = float(np.deg2rad(1.0))
-    """Distance [rad] of every joint below which the gesture begins or continues. Assumed: it is not
-    visible."""
+    """Largest distance [rad] of any joint from its target at which the gesture begins or continues. Assumed:
+    such a distance is not visible."""
     patience: float = 3.0
-    """Longest time [s] of an approach; then the gesture continues anyway. Assumed: an obstacle may keep a
-    part from its posture for ever."""
+    """Longest time [s] of an approach; then the gesture continues anyway. Assumed: an obstacle may prevent a
+    part from reaching its posture."""
     ease: float = 0.4
     """Time [s] over which the gesture accelerates to its full speed. Assumed: a faster start looks like a
     jerk."""
@@ -129,8 +130,8 @@ class PlayGesture(Capability[GestureMemory]):
         return None if self.reflex is None else self.reflex.fault(perception, body)
 
     def _lead(self, time: float, pace: float) -> tuple[Order, ...]:
-        """Returns commands to the posture at `time` [s]. They lead it by the fraction `pace` of the stopping
-        distance, since the gate brings the robot to rest at every target."""
+        """Returns commands to the posture at `time` [s]. The targets are ahead of this posture by the
+        fraction `pace` of the stopping distance, since the gate plans a stop at every target."""
         here, ahead = self.gesture.at(time), self.fitted.targets.at(time)
         return tuple(
             GenericCommand(part, Mode.POSITION, read_only(angles + pace * (ahead[part] - angles)))

@@ -1,7 +1,7 @@
-"""Check of a motion in response to a touch: it must not press the skin into an object that touches it.
+"""Checks a motion in response to a touch: the motion must not press the skin into a touching object.
 
-Each capability that responds to touches asks here first. The direction "away" is that of the contact normals,
-not that of the receptive fields, and does not depend on the shape of the generic body.
+Every capability that responds to touches calls this check first. The direction "away" is defined by the
+normals of contacts, not by receptive fields, so it does not depend on the shape of the generic body.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from tci.frames import Array
 from tci.messages import Mode, Perception
 
 PRESSED = 1e-5
-"""Depth [m] up to which a motion counts as tangential to the skin: rounding."""
+"""Depth [m] up to which a motion counts as tangential to the skin. Assumed: above rounding errors."""
 LEAST = 1e-3
-"""Least distance [m] that the contact point must move away from the object. Assumed: less would not end the
-contact with a soft object."""
+"""Least distance [m] by which the contact point must move away from the object. Assumed: a smaller one would
+not end the contact with a soft object."""
 STEEP = 0.2
-"""Least ratio of the motion away from the object to the motion across it. Assumed: the friction coefficient
-of skin is larger, so a flatter motion would drag the object along."""
+"""Least ratio of the motion away from the object to the tangential motion. Assumed: the friction coefficient
+of skin is larger, so a motion with a smaller ratio would drag the object along."""
 
 
 def why_not(
@@ -33,11 +33,12 @@ def why_not(
     mode: Mode = Mode.POSITION,
     answers: Sequence[int] = (),
 ) -> str:
-    """Returns the reason why a part must not move to generic angles `target` (n,) [rad]; empty if it may.
+    """Returns the reason why a part must not move to generic angles `target` (n,) [rad]; an empty text if it
+    may.
 
-    No contact of the robot, on any part, may be pressed anywhere on the way. Of the contacts that the motion
-    `answers`, given by their indices in `perception.contacts`, at least one must get away. `mode` is the
-    control mode of the motion.
+    The motion may press no contact, on any part, anywhere on its path. `answers` are the indices in
+    `perception.contacts` of the contacts to which the motion responds; at least one of them must move away
+    from its object. `mode` is the control mode of the motion.
     """
     inwards, across = body.retreat(perception, part, target, mode)
     if not inwards.size:
@@ -61,10 +62,10 @@ def are_hopeless(
     targets: Array,
     answers: Sequence[Sequence[int]],
 ) -> list[bool]:
-    """Returns True for each motion that `why_not` would refuse for its end alone.
+    """Returns True for each motion that `why_not` would refuse because of its end.
 
-    Each has a row of `targets` (m, n) [rad] and the contacts that it `answers`. The others need a closer
-    look.
+    Each motion has a row of `targets` (m, n) [rad] and the contacts that it `answers`. The other motions must
+    be checked by `why_not`.
     """
     inwards = body.retreat_at_ends(perception, part, targets)[0]
     pressed = inwards.min(axis=1, initial=np.inf) < -PRESSED
@@ -75,7 +76,7 @@ def are_hopeless(
 
 
 def _why_kept(patch: str, way: Array, across: Array) -> str:
-    """Returns the reason why a contact point does not get away from the object; empty if it does.
+    """Returns the reason why a contact point does not move away from the object; an empty text if it does.
 
     Args:
         patch: Patch of the contact.

@@ -1,4 +1,4 @@
-"""A soft reaction: a touched part yields in the direction of the force, like a limb that is pushed.
+"""A soft reaction: a touched part yields in the direction of the force.
 
 The transposed Jacobian turns the contact force into torques of the generic joints, tau = J^T f (Khatib 1987).
 In torque mode these torques are sent. In velocity mode, which every robot has, the joint velocities are
@@ -34,9 +34,9 @@ class Posture:
     angles: Array
     """Last generic angles (n,) [rad]."""
     home: Array
-    """Generic angles (n,) [rad] that torque mode holds: those at the end of the last touch."""
+    """Generic angles (n,) [rad] at the end of the last touch, which torque mode holds."""
     refused: str = ""
-    """Reason why the touched part does not yield; empty if it yields."""
+    """Reason why the touched part does not yield; an empty text if it yields."""
 
 
 Postures = Mapping[str, Posture]
@@ -45,7 +45,7 @@ Postures = Mapping[str, Posture]
 
 @dataclass(frozen=True)
 class SoftReaction(Capability[Postures]):
-    """Lets its parts yield to touches. Raises TciError for a setting out of range.
+    """Lets parts yield to touches. Raises TciError for a setting out of range.
 
     The defaults are assumed: nobody has published such values for these robots.
     """
@@ -57,14 +57,14 @@ class SoftReaction(Capability[Postures]):
     mobility: float = 3.0
     """Velocity per torque [rad/s per N m], in velocity mode."""
     gain: float = 1.0
-    """Commanded torque as a multiple of the torque of the touch, in torque mode. It adds to the touch, so
-    that the part yields more easily than by the push alone."""
+    """Commanded torque as a multiple of the torque of the touch, in torque mode. It is added to the torque of
+    the push, so that the part yields more easily."""
     stiffness: float = 8.0
-    """Stiffness [N m/rad] with which torque mode holds a part that is not touched."""
+    """Stiffness [N m/rad] with which a part in torque mode is held while it is not touched."""
     damping: float = 0.4
     """Damping [N m s/rad] of all motion in torque mode."""
     threshold: float = 0.3
-    """Least force [N] of a contact that is answered."""
+    """Least force [N] of a contact to which a part yields."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mode", Mode.of(self.mode))
@@ -85,7 +85,7 @@ class SoftReaction(Capability[Postures]):
     def step(
         self, memory: Postures, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Command, ...], Postures]:
-        """Returns a command for each part. Raises TciError for a part that the robot does not have."""
+        """Returns a command for each part. Raises TciError for a part that the robot lacks."""
         commands, postures = [], {}
         for part in self.parts:
             if part not in perception.posture:

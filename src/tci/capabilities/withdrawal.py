@@ -1,6 +1,6 @@
 """The protective withdrawal reflex (§4): a touched arm moves away from the touch (eqs 5-7).
 
-It moves once per touch and never towards the object: see `withdrawal_rule`.
+The arm moves once per touch and never towards the object: see `withdrawal_rule`.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Answer:
     """Response to one contact."""
 
     field: ReceptiveField
-    """The closest of the fields that the contact lies in."""
+    """Closest field among those that contain the contact."""
     gain: float
     """phi(F) psi(d), above 0 and at most 1 (eq. 5)."""
 
@@ -64,16 +64,17 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     fields: Sequence[ReceptiveField] = field(default_factory=default_fields)
     """Receptive fields; `load_fields` reads others from a file. Without fields there is no reflex."""
     surround: Sequence[ReceptiveField] | None = None
-    """Wide fields that respond where none of `fields` does, or where its response is refused: the closest,
-    then the next. None: `default_surround` around the default fields, and nothing around others."""
+    """Wide fields that respond if none of `fields` does, or if the response of `fields` is refused: first the
+    closest, then the next. None means `default_surround` if `fields` are the default fields, else no wide
+    fields."""
     refractory: float = 0.5
-    """Time [s] without a response that ends a touch, after which the arm can withdraw again. Assumed: a hand
-    that slides or shakes makes contact again sooner."""
+    """Time [s] without a response after which a touch has ended and the arm can withdraw again. Assumed: a
+    hand that slides or shakes makes contact again sooner."""
     distance_discount: Literal["linear", "cosine"] = "linear"
     """Form of psi in eq. 5: 1 - d / r, or cos^2(pi d / 2 r)."""
     mode: Mode = Mode.POSITION
-    """Control mode of the arms. All three withdraw to the same target; in impedance mode the arms are soft
-    and also yield to the touch at once."""
+    """Control mode of the arms. The target is equal in all three modes; in impedance mode the arms are soft
+    and also yield to the touch immediately."""
     approach: float = 0.08
     """Time constant [s] with which an arm in velocity mode approaches its target. Assumed: twice the
     longest control period of a driver, so that the loop stays stable."""
@@ -120,7 +121,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     def step(
         self, memory: WithdrawalMemory, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Command, ...], WithdrawalMemory]:
-        """Returns the commands and the withdrawals that go on.
+        """Returns the commands and the current withdrawals.
 
         There is one command for each arm whose target changed; in velocity mode, one for each arm that
         withdraws. Raises CommandError if a touched part does not have the five joints of a base motion.
@@ -153,15 +154,15 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         return None
 
     def answer(self, contact: Contact) -> Answer | None:
-        """Returns the response to one contact of the closest field that it lies in (eqs 5-7), or of the
-        closest of the surround; None if there is none.
+        """Returns the response to one contact (eqs 5-7): that of the closest field which contains the
+        contact, or else of the closest such field of the surround; None if there is no such field.
 
-        Only one field responds, since the sum over overlapping fields would have no bound.
+        Only one field responds, since the sum over overlapping fields would not be bounded.
         """
         return self.answers((contact,))[0]
 
     def answers(self, contacts: Sequence[Contact]) -> list[Answer | None]:
-        """Returns the response to each of some contacts, as if it were the only one."""
+        """Returns the response to each contact, as if it were the only contact."""
         wishes = self._wishes(Contacts.of(contacts), around={one.part for one in contacts})
         found: list[Answer | None] = [None] * len(contacts)
         for wish in (one for part in wishes.values() for one in reversed(part)):
@@ -169,7 +170,8 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         return found
 
     def _asking(self, memory: WithdrawalMemory, contacts: Contacts) -> set[str]:
-        """Returns the touched arms that the surround may move: those at rest, and those that it moves."""
+        """Returns the touched arms to which the surround may respond: arms at rest, and arms that the
+        surround already moves."""
         parts, own = parts_of(contacts.sites), memory.motions
         touched = {parts[site] for site in {*contacts.site.tolist()}}
         return {part for part in touched if part not in own or own[part].field.name in self._around}
@@ -181,10 +183,11 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     def _wishes(
         self, contacts: Contacts, *, around: Collection[str], moving: Collection[str] = ()
     ) -> dict[str, list[Wish[ReceptiveField]]]:
-        """Returns the responses that the contacts ask for, by part, the first of a contact first: that of the
-        closest field, then, on parts `around`, those of the two closest of the surround.
+        """Returns the requested responses by part. For each contact the first one is that of the closest
+        field; for parts in `around`, those of the two closest fields of the surround follow.
 
-        Parts that are `moving` respond to the strongest of each field only, so the others are left out.
+        For parts that are `moving`, only the strongest response of each field is used, so the others are left
+        out.
         """
         wishes: dict[str, list[Wish[ReceptiveField]]] = {}
         segments, felt, parts = segments_of(contacts.sites), touches(contacts), parts_of(contacts.sites)
@@ -213,6 +216,6 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
 
     @cached_property
     def _tables(self) -> list[tuple[tuple[int, ...], Sequence[ReceptiveField], Array]]:
-        """Returns the ranks of the fields, and those of the surround, with their tables."""
+        """Returns the fields and the wide fields of the surround, each with its rank and its table."""
         sets = ((0,), self.fields), ((1, 2), self.surround or ())
         return [(ranks, fields, field_table(fields)) for ranks, fields in sets if fields]

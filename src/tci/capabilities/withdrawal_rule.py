@@ -1,8 +1,8 @@
-"""The rules of a withdrawal of any part: once per touch, and never towards the object that touches it.
+"""The rules of a withdrawal of any part: once per touch, and never towards the touching object.
 
-A touch in a receptive field starts a *withdrawal* of its part. Until the part has been free of such touches
-for the refractory period, every touch of it counts as one touch: the gain may grow, at most to 1, but no
-other field responds and no motion is added twice.
+A touch in a receptive field starts a *withdrawal* of the touched part. The withdrawal lasts until the part
+has had no such touch for the refractory period. During this time all touches of the part count as one: the
+gain may grow, at most to 1, but no other field responds, and no motion is added twice.
 """
 
 from __future__ import annotations
@@ -21,11 +21,12 @@ from tci.messages import GenericCommand, Mode, Perception
 from tci.reasons import Code, Reason
 
 ANEW = 0.02
-"""Time [s] after which a refusal is computed again although no skin frame has come: the robot may have moved.
-Assumed: one frame of the slowest skin."""
+"""Time [s] after which a refusal is computed again even without a new skin frame, because the robot may have
+moved. Assumed: one frame of the slowest skin."""
 
 LEAST_COVERAGE = 0.5
-"""Fraction of healthy taxels below which a field is blind. Assumed: most touches of it are then missed."""
+"""Fraction of healthy taxels below which a field is blind. Assumed: most touches of the field are then
+missed."""
 
 
 class Field(Protocol):
@@ -44,7 +45,7 @@ F = TypeVar("F", bound=Field)
 
 
 class Wish(NamedTuple, Generic[F]):
-    """The response that one contact asks for."""
+    """The response that one contact requests."""
 
     field: F
     """The closest of the fields that the contact lies in."""
@@ -53,7 +54,7 @@ class Wish(NamedTuple, Generic[F]):
     contact: int
     """Index in `Perception.contacts`."""
     rank: int = 0
-    """Place in the order in which responses of other fields are tried: 0 is first."""
+    """Position in the order in which the responses of several fields are tried, from 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,11 +72,12 @@ class Withdrawal(Generic[F]):
     touched: float
     """Time [s] of the latest touch in a field of this part."""
     quiet: bool = False
-    """True if there has been a step without such a touch since."""
+    """True if there has been a step without such a touch since then."""
     met: frozenset[int] = frozenset()
-    """Identities of the contacts at the latest check, which the motion does not press."""
+    """Identities of the contacts at the latest check; the motion presses none of them."""
     ended: Array | None = None
-    """Generic posture (n,) [rad] at which an object in the way ended the motion; None if there was none."""
+    """Generic posture (n,) [rad] at which an object on the path ended the motion; None if the motion was not
+    ended."""
 
     @property
     def target(self) -> Array:
@@ -85,20 +87,22 @@ class Withdrawal(Generic[F]):
         return frozen(self.origin + self.gain * np.array(self.field.motion))
 
     def touched_again(self, now: float) -> Withdrawal[F]:
-        """Returns it after a touch at `now` [s]; written out, since `replace` takes three times as long."""
+        """Returns the withdrawal after a touch at `now` [s]. It calls the constructor, since `replace` takes
+        three times as long."""
         return Withdrawal(
             self.field, self.origin, self.gain, self.started, now, met=self.met, ended=self.ended
         )
 
     def goes_as(self, before: Withdrawal[F] | None) -> bool:
-        """Returns True if the target is that of the withdrawal `before`."""
+        """Returns True if the target equals that of the withdrawal `before`."""
         if before is None or before.ended is not self.ended:
             return False
         return (before.started, before.gain) == (self.started, self.gain)
 
 
 class Refusal(NamedTuple):
-    """Reason why a touched part does not move. It is kept, so that a touch is not checked in each period."""
+    """Reason why a touched part does not move. It is stored, so that a touch need not be checked in each
+    period."""
 
     reason: str
     frames: bytes
@@ -107,7 +111,8 @@ class Refusal(NamedTuple):
     """Time [s] of the check."""
 
     def stands(self, perception: Perception) -> bool:
-        """Returns True if no new check is needed: it is recent, and no skin frame has come since."""
+        """Returns True if no new check is needed: the last check is recent, and no skin frame has arrived
+        since then."""
         return perception.stamp - self.stamp < ANEW and _frames(perception) == self.frames
 
 
@@ -117,7 +122,7 @@ class Withdrawals(Mapping[str, Withdrawal[F]]):
 
     motions: Mapping[str, Withdrawal[F]]
     refused: Mapping[str, Refusal]
-    """Reasons by part, for the latest touch of it."""
+    """Reasons by part, for the latest touch of each part."""
 
     def __getitem__(self, part: str) -> Withdrawal[F]:
         return self.motions[part]
@@ -150,15 +155,15 @@ def withdraw_all(
 
     Args:
         memory: Withdrawals before.
-        wishes: Responses that the contacts ask for, by part.
+        wishes: Responses that the contacts request, by part.
         perception: Perception of this instant.
         body: The generic body.
-        refractory: Time [s] without such a contact that ends a touch.
+        refractory: Time [s] without such a contact after which a touch has ended.
         mode: Control mode of the motions.
         forbids: Function of a part and its target (n,) [rad] that returns a further reason why the part must
-            not move there; empty if it may.
+            not move to this target; an empty text if it may.
 
-    Raises CommandError for a touched part whose number of joints is not that of a base motion.
+    Raises CommandError if the number of joints of a touched part differs from that of the base motion.
     """
     if not memory.motions and not wishes:
         return memory
@@ -229,8 +234,8 @@ def withdraw(
 ) -> tuple[Withdrawal[F] | None, Refusal | None]:
     """Returns the withdrawal of one part after this instant, and the reason if a requested motion is refused.
 
-    `met` are the identities of all contacts; `refused` is the last refusal, which is kept while it `stands`.
-    Other arguments as in `withdraw_all`.
+    `met` are the identities of all contacts; `refused` is the last refusal, which is kept while
+    `Refusal.stands` returns True. The other arguments are those of `withdraw_all`.
     """
     now = perception.stamp
     stands = refused if refused is not None and refused.stands(perception) else None
@@ -287,7 +292,8 @@ def _begin(
     met: frozenset[int],
     mode: Mode,
 ) -> tuple[Withdrawal[F] | None, str]:
-    """Starts the strongest wish whose motion is permitted; else returns the reason for the strongest."""
+    """Starts the strongest wish whose motion is permitted. If there is none, returns the reason for which the
+    strongest wish is refused."""
     posture, first = perception.posture[part], ""
     if not np.isfinite(posture).all():
         return None, ""
@@ -326,7 +332,7 @@ def _meet(
 ) -> tuple[Withdrawal[F], str]:
     """Ends a withdrawal at the present posture if its remaining motion would press a new contact.
 
-    Returns the withdrawal, and the reason if it was ended, else `reason`.
+    Returns the withdrawal, and the reason why it was ended, else `reason`.
     """
     if withdrawal.ended is not None or met <= withdrawal.met:
         return withdrawal, reason
@@ -336,7 +342,7 @@ def _meet(
 
 
 def _frames(perception: Perception) -> bytes:
-    """Returns the sequence numbers of the skin frames, as bytes, which compare by value."""
+    """Returns the sequence numbers of the skin frames as bytes, so that they can be compared."""
     return b"" if perception.skin is None else perception.skin.sequence.tobytes()
 
 

@@ -49,10 +49,10 @@ def check(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Check a robot description. Lists every fault at once, each with its line and the valid values.
+    """Check a robot description. Prints all faults, each with its line and the valid values.
 
-    It is also compared with its kinematic model, and its left with its right side. This finds what is valid
-    and yet doubtful: a limit, a sign, a link, a place or a unit.
+    Also compares the description with its kinematic model, and its left side with the right one. This finds
+    values that are valid but doubtful: a limit, a sign, a link, a place or a unit.
 
     --simulate compares the axes of its arms with the generic arm, commands both arms far outside their
     limits, and pokes every receptive field of the withdrawal reflexes and the middle of every patch. The
@@ -60,8 +60,8 @@ def check(
 
     --hardware tests the robot itself. It first reads joints and skin. Then it asks before each motion, moves
     one joint by 2 degrees, slowly, and asks what you saw. Then it asks you to press the skin. This finds
-    wrong signs, zeros, limits and units. --friction then sweeps the joints of limbs without skin by 10
-    degrees, twice, slowly, after asking.
+    wrong signs, zeros, limits and units. With --friction it then moves each joint of limbs without skin by 10
+    degrees and back, slowly, at two speeds, after asking.
 
     Exit status: 0 if the file is valid and the tests passed, else 1.
 
@@ -154,7 +154,7 @@ def _print_check(name: str, robot: Robot, notes: list[str], doubtful: list[str])
 
 
 def remarks(robot: Robot) -> list[str]:
-    """Lists valid but notable properties of a description, such as a servo that has no limits.
+    """Lists properties of a description that are valid but notable, such as a servo without limits.
 
     The gate refuses to move such a servo.
     """

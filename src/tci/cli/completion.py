@@ -1,4 +1,5 @@
-"""Shell completion of names. It reads entry points and file names and loads none, so that Tab is fast."""
+"""Shell completion of names. It reads only entry points and file names, and imports no driver, so that Tab is
+fast."""
 
 from __future__ import annotations
 

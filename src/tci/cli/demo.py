@@ -58,12 +58,12 @@ def demo(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Poke simulated robots: the same withdrawal reflex answers on each of them.
+    """Poke simulated robots. One withdrawal reflex responds on all of them.
 
-    A compliant finger pokes five sites of both arms, with the reflex and without it. The table lists what was
-    measured. OUT/demo.png shows it and OUT/report.json has every number.
+    A compliant finger pokes five sites of both arms, with the reflex and without it. The table lists the
+    measurements. OUT/demo.png shows them, and OUT/report.json contains every number.
 
-    --fault pokes one robot once, injects that fault, and prints what happens as it happens.
+    --fault pokes one robot once, injects that fault, and prints each event as it happens.
 
     --via serves the robot as tci serve does, in real time; the reflex then runs in another process.
 
@@ -111,8 +111,8 @@ def _run_trials(
 ) -> None:
     """Runs every trial on every robot, then prints, draws and writes the measurements.
 
-    Raises UnknownNameError for a mode that the reflex does not have and for a middleware that a robot has no
-    binding for, and the errors of `try_server`.
+    Raises UnknownNameError for a mode that the reflex does not support and for a middleware without a binding
+    in a robot's description, and the errors of `try_server`.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 

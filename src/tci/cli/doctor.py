@@ -32,10 +32,10 @@ def doctor(
     duration: Annotated[float, typer.Option(help="Time to read the robot \\[s].", min=0.1)] = 2.0,
     as_json: AsJson = False,
 ) -> None:
-    """Find out what works, what does not, and how to mend it. Nothing moves.
+    """Find faults of this machine or of the connection to a robot, with advice. Moves nothing.
 
-    Without a robot it examines this machine. With a robot it examines the connection: what can be reached,
-    rates, lost frames, age of the data, and differences between robot and description.
+    Without a robot it examines this machine. With a robot it examines the connection: each step of
+    connecting, rates, lost frames, age of the data, and differences between robot and description.
 
     Exit status 1 if there is a fault.
 
@@ -59,7 +59,7 @@ def doctor(
 def _examine(
     robot: Robot, via: str, duration: float, *, quiet: bool
 ) -> tuple[tuple[Finding, ...], tuple[Stream, ...]]:
-    """Examines the way to the robot, then the robot through its driver for `duration` [s].
+    """Examines the connection to the robot, then reads the robot through its driver for `duration` [s].
 
     Returns the findings and the streams that were measured; no streams where the driver can't be opened.
     """
@@ -137,5 +137,6 @@ def _table(title: str, findings: Sequence[Finding]) -> Table:
 
 
 def _finite(value: object) -> object:
-    """Returns None for an infinite value, which JSON lacks: the age of a source that never sent anything."""
+    """Returns None for an infinite value, which JSON lacks, such as the age of a source that never sent
+    data."""
     return None if isinstance(value, float) and value in (float("inf"), float("-inf")) else value

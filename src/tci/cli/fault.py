@@ -7,21 +7,21 @@ import typer
 from tci.cli.options import AsJson
 
 app = typer.Typer(
-    help="Faults: the reaction that is expected, the test that shows it, the name that injects it.",
+    help="Faults: the expected reaction, its test, and the name that injects the fault.",
     no_args_is_help=True,
 )
 
 
 @app.callback()
 def fault() -> None:
-    """Faults: the reaction that is expected, the test that shows it, the name that injects it."""
+    """Faults: the expected reaction, its test, and the name that injects the fault."""
 
 
 @app.command("list")
 def list_faults(
     as_json: AsJson = False,
 ) -> None:
-    """List the catalogue of faults. Inject one that has a name with --fault NAME@TIME."""
+    """List the catalogue of faults. A fault with a name can be injected by --fault NAME@TIME."""
     from rich import box
     from rich.table import Table
 

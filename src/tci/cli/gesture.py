@@ -164,7 +164,7 @@ def play(
 
 
 def _writable(path: Path) -> None:
-    """Raises CommandError if a gesture can't be written to `path`, before anybody moves a robot."""
+    """Raises CommandError if a gesture can't be written to `path`. Called before the robot is moved."""
     if path.suffix.lower() != ".csv" or not path.parent.is_dir():
         raise CommandError(f"{path} can't hold a gesture; valid: a .csv file in a folder that exists")
     if path.exists():

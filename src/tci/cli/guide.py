@@ -1,4 +1,4 @@
-"""The commands to try first, and the command to try after each other one, which ends its help."""
+"""The commands to try first, and for each command the next one to try, which its help names at the end."""
 
 import os
 import shutil
@@ -10,7 +10,7 @@ FIRST = (
     ("tci run withdrawal nao --poke", "run the withdrawal reflex and see each of its decisions"),
     ("tci doctor", "find out what is missing on this machine"),
 )
-"""Commands to try first, each with its purpose: they need no robot and no option."""
+"""Commands to try first, each with its purpose. They need neither a robot nor an option."""
 
 NEXT = {
     "demo": "tci view",
@@ -45,7 +45,8 @@ NEXT = {
 
 
 def next_command(after: str) -> str:
-    """Returns the command to try after another one. Begins with the way to make the shell find `tci`."""
+    """Returns the command to try after another one, preceded by the activation of the environment if the
+    shell does not find `tci`."""
     if shutil.which("tci"):
         return NEXT[after]
     folder = os.path.relpath(os.path.join(sys.prefix, "bin", "activate"))

@@ -50,9 +50,10 @@ class Terminal:
 
 
 class Simulation:
-    """The operator of a simulated robot: its finger presses the skin, and each answer is the expected one.
+    """The operator of a simulated robot: the simulated finger presses the skin, and each answer is the
+    expected one.
 
-    The encoders of the simulation report the angles of the physics, so nobody needs to look.
+    The simulated encoders report true angles, so no person needs to look.
     """
 
     def __init__(self, driver: SimulatedDriver) -> None:
@@ -81,18 +82,20 @@ class Simulation:
 def check_hardware(
     name: str, *, via: str, parts: list[str], taxels: int, friction: Path | None, as_json: bool
 ) -> None:
-    """Reads the robot, moves its joints after asking, and has its skin pressed. Exit status 1 after a fault.
+    """Reads the robot, moves its joints after asking, and asks the operator to press the skin. Exit status 1
+    after a fault.
 
     Args:
         name: Robot by name or description file.
         via: Driver that reaches it.
         parts: Parts, joints or patches to test; empty for all.
         taxels: Taxels to press on each patch; -1 for all, 0 for none.
-        friction: File for the friction of the joints that feel touches; None to measure none.
+        friction: File for the friction of the joints through which touches are felt; None to skip this
+            measurement.
         as_json: Prints JSON instead of text.
 
-    Raises DriverError when the robot can't be reached or armed, UnknownNameError for a part that it lacks,
-    CommandError when nobody answers a question, and for friction of a robot that feels no touch through
+    Raises DriverError if the robot can't be reached or armed, UnknownNameError for a part that it lacks, and
+    CommandError if a question is not answered, or for `friction` of a robot that feels no touches through
     joints.
     """
     import numpy as np

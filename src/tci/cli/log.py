@@ -16,7 +16,7 @@ app.command("import")(import_)
 
 @app.command()
 def info(file: RecordingFile, as_json: AsJson = False) -> None:
-    """Show the contents of a recording, and if it is complete or was cut off.
+    """Show the contents of a recording, and whether it is complete or was cut off.
 
     Example:  tci log info touch.mcap
     """
@@ -68,7 +68,8 @@ def cut(
     end: End = float("inf"),
     as_json: AsJson = False,
 ) -> None:
-    """Copy a time span of a recording to a new, compressed file. Without a span, mend one that was cut off.
+    """Copy a time span of a recording to a new, compressed file. Without a span, repair a recording that was
+    cut off.
 
     Example:  tci log cut touch.mcap poke.mcap --from 0.2 --to 0.9
     """

@@ -107,7 +107,8 @@ def _facts(fit: TableFit) -> dict[str, Any]:
 
 
 def _sentence(fit: TableFit) -> str:
-    """Returns the line that tells if a part's contacts are at their places, and the tables that fit."""
+    """Returns a line that states if the contacts of a part fit the robot's taxels, and the position files
+    that fit."""
     said = {
         "fits": "the robot's taxels are where they were recorded",
         "wrong": f"the robot's taxels are {1e3 * fit.off:.1f} mm from where they were recorded (median): "

@@ -78,7 +78,7 @@ def main_options(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print TCI's version.")
     ] = False,
 ) -> None:
-    """Options that stand before a command. Without a command, prints the commands to try first."""
+    """Options that are written before a command. Without a command, prints the commands to try first."""
     if context.invoked_subcommand is None:
         print(first_steps())
 
@@ -88,7 +88,8 @@ INTERRUPTED = 130
 
 
 def _message(error: TciError | OSError) -> str:
-    """Returns the message of an error; of a file error the file's name and the system's message."""
+    """Returns the message of an error. For an error with a file it consists of the file's name and the
+    system's message."""
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return f"{error.filename}: {error.strerror}"
     return str(error)
@@ -100,7 +101,7 @@ def _printable(text: str) -> str:
 
 
 def main() -> None:
-    """Entry point. Prints errors of TCI and of files as one message, with exit status 1.
+    """Entry point. Prints an error of TCI or of a file as one message, and then exits with status 1.
 
     SIGTERM acts as Ctrl-C.
     """
@@ -126,7 +127,7 @@ def main() -> None:
 
 
 def _print_fields(fields: dict[str, Any]) -> None:
-    """Prints JSON. If that fails, as on a full disk, prints the error as text instead."""
+    """Prints JSON. If this fails, for example on a full disk, prints the error as text instead."""
     try:
         print(json.dumps(fields, indent=2), flush=True)
     except OSError:

@@ -88,8 +88,7 @@ def new_robot(
     """Propose the description of a humanoid from its URDF or MJCF.
 
     Finds arms, hands, fingers, head, torso and legs by their geometry, reads limits from the file and puts
-    sleeves of skin around the arms. Review the result: values that the file does not have are marked as
-    assumed in it.
+    sleeves of skin around the arms. Review the result: values that the model lacks are marked as assumed.
 
     Example:  tci new-robot my_robot.urdf
     """
@@ -221,7 +220,8 @@ def _in_package(model: Path, package: str) -> tuple[Path, str]:
 
 
 def _found(robot: Robot) -> list[str]:
-    """Lists the parts, joint maps and patches that were found, one line each, to compare with the robot."""
+    """Lists the parts, joint maps and patches that were found, one line each, for a comparison with the
+    robot."""
     import numpy as np
 
     assert robot.model is not None

@@ -21,7 +21,7 @@ def record(
 ) -> None:
     """Record the raw sensor data of a robot. Nothing is commanded and the robot stays unarmed.
 
-    To record a behaviour too, use tci run --record. Replay a recording with --via replay:FILE.
+    To record a robot with a behaviour, use tci run --record. Replay a recording with --via replay:FILE.
 
     Example:  tci record touch.mcap nao --duration 10
     """

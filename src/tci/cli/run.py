@@ -96,7 +96,7 @@ def run_capability(
         record: Recording to write.
         film: Film to write.
         as_json: Prints JSON instead of text.
-        rehearsal: Runs as long as the faults need, with noise on the simulated skin as on a real one.
+        rehearsal: Runs for the time that the faults need, with realistic noise on the simulated skin.
 
     Raises UnknownNameError, DriverError, CommandError for invalid times of a fault or for a poke of a real
     robot, and the errors of the capability.

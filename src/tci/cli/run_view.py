@@ -26,13 +26,13 @@ COLOURS = {
 
 
 class RunView:
-    """Shows a run on the terminal; nothing if `quiet`, as for programs."""
+    """Shows a run on the terminal; shows nothing if `quiet`."""
 
     def __init__(self, *, quiet: bool) -> None:
         self._live = None if quiet else Live(console=console, refresh_per_second=10, transient=True)
 
     def shown(self) -> AbstractContextManager[object]:
-        """Returns the context in which the line with the state is shown."""
+        """Returns a context manager that shows the line with the state."""
         return self._live or nullcontext()
 
     def event(self, event: Event) -> None:
@@ -41,7 +41,7 @@ class RunView:
             console.print(_row(f"{event.now:8.3f} s", event.kind, event.words, _colour(event.kind)))
 
     def tick(self, tick: Tick, session: Session) -> None:
-        """Renews the line with the state."""
+        """Updates the line with the state."""
         if self._live is None:
             return
         line = Text(f"{tick.now:8.3f} s  ")
@@ -89,7 +89,7 @@ def conclude(session: Session) -> None:
 
 
 def _periods(session: Session) -> str:
-    """Returns the numbers of periods that were served and missed."""
+    """Returns the numbers of executed and missed periods, as text."""
     report = session.report
     if not (report.missed or isinstance(session.source.clock, MonotonicClock)):
         return (

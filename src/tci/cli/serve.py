@@ -1,4 +1,4 @@
-"""`tci serve`: offers a robot to other programs, behind the gate of this process."""
+"""`tci serve`: offers a robot to other programs. The gate of this process checks their commands."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def serve(
     duration: Duration = None,
     as_json: AsJson = False,
 ) -> None:
-    """Offer a robot, real or simulated, to other programs. Their commands pass the gate of this process.
+    """Offer a robot, real or simulated, to other programs. The gate of this process checks their commands.
 
     A real robot is only read, unless you give --arm. Exit status 1 when the robot had to stop.
 

@@ -32,7 +32,7 @@ def show(
     out: Annotated[Path, typer.Option(help="Picture to write (.png).")] = Path("skin.png"),
     as_json: AsJson = False,
 ) -> None:
-    """Draw an unrolled skin: x along the limb, theta around it, each taxel with the number of its channel.
+    """Draw an unrolled skin: x along the limb, theta around the limb, and each taxel with its channel number.
 
     Example:  tci skin show left_forearm.txt --out forearm.png
     """

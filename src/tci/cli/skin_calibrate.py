@@ -1,5 +1,5 @@
-"""`tci skin calibrate`: measures rest values, noise and response of a patch, with weights that a person puts
-on."""
+"""`tci skin calibrate`: measures rest values, noise and response of a patch, with weights that a person
+places on it."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ def calibrate(
 ) -> None:
     """Measure a patch's rest values and noise, and its response to known loads, step by step.
 
-    Without loads the response in the description is kept. A simulated robot is pressed by the simulated
-    finger. The result is stored beside the description and used from then on.
+    Without loads, the response in the description is kept. In simulation the simulated finger presses. The
+    result is stored beside the description and used from then on.
 
     Example:  tci skin calibrate nao --patch left_forearm --weight 0.5 --weight 2 --out nao.skin.json
 

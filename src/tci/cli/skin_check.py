@@ -21,7 +21,7 @@ def check(
     link: Annotated[str | None, typer.Option(help="Link that carries the skin of the file.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Measure the distances of taxels from the surface of their link, and find the correction of a wrong
+    """Measure the distances of taxels from the surface of their link, and compute the correction of a wrong
     frame.
 
     Exit status 1 if a skin does not fit its link.
@@ -69,7 +69,7 @@ def _table(robot: str, rows: list[dict[str, Any]]) -> Table:
 
 
 def _advise(row: dict[str, Any]) -> None:
-    """Prints the correction of a skin in a wrong frame, or the reason why there is none."""
+    """Prints the correction of a skin whose frame is wrong, or the reason why there is no correction."""
     if row["verdict"] == "not checked":
         console.print(f"{row['skin']}: {row['reason']}", style="yellow", highlight=False, markup=False)
     elif row["verdict"] == "wrong" and row["correction"]["mends"]:

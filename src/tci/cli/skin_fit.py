@@ -36,8 +36,8 @@ def fit(
 ) -> None:
     """Fit the paper's truncated cone to a skin, and print the distances of the taxels from it.
 
-    There are three fits: the axis is kept; it may move sideways; it may also tilt. The axes of a robot are
-    those of its segments.
+    There are three fits: with the given axis, with an axis that may move sideways, and with one that may also
+    tilt. For a robot the given axes are those of its segments.
 
     Example:  tci skin fit left_forearm.txt --axis 0.9659 0 0.2588
 

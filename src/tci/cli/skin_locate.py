@@ -29,7 +29,8 @@ def locate(
 ) -> None:
     """Find the positions of taxels from touches at known places (spatial self-calibration).
 
-    Without --touches a simulated probe touches a skin with a wrong map, and the remaining error is printed.
+    Without --touches, a simulated probe touches a skin with wrong positions, and the remaining error is
+    printed.
 
     Example:  tci skin locate nao --patch left_forearm
     """

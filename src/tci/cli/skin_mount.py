@@ -1,4 +1,4 @@
-"""`tci skin mount`: finds where a skin sits on its link, from touches by another skin of the robot."""
+"""`tci skin mount`: finds the pose of a skin on its link, from touches by another skin of the robot."""
 
 from __future__ import annotations
 
@@ -31,9 +31,11 @@ def mount(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find where a skin sits from self-touch: touches of one skin on the other, by which taxels are pressed.
+    """Find the pose of a skin on its link from self-touch: touches by another skin of the robot, of which
+    only the pressed taxels are used.
 
-    Without --touches a simulated robot with a wrong mount touches itself, and the remaining error is printed.
+    Without --touches, a simulated robot whose skin is mounted wrongly touches itself, and the remaining error
+    is printed.
 
     Example:  tci skin mount nao --patch left_forearm
 

@@ -26,11 +26,12 @@ if TYPE_CHECKING:
 REPLAY = "replay:"
 SIMULATED = {"step": 0.002, "rate": 100.0}
 """Physics step [s] and control rate [Hz] of simulated robots in the viewer. The rate is that of NAO's skin,
-the faster of the paper's two: no frame is lost, and a faster loop would only take time from drawing."""
+the faster skin of the paper's two robots: no frame is lost, and a faster loop would leave less time for
+drawing."""
 
 
 def needs_viewer() -> None:
-    """Raises MissingExtraError without the extra."""
+    """Raises MissingExtraError if the extra `viewer` is not installed."""
     with needs("tci view", "viewer"):
         import viser  # noqa: F401
 
@@ -144,7 +145,8 @@ def _player(file: str, robot: str | None) -> Player:
 
 
 def _one_each(vias: Sequence[str], robots: int) -> list[str]:
-    """Returns one `via` for each robot. Raises CommandError unless there is one for all or one for each."""
+    """Returns one `via` for each robot. Raises CommandError unless there is one for all robots or one for
+    each."""
     if len(vias) == 1:
         return list(vias) * robots
     if len(vias) != robots:

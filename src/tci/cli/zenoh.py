@@ -28,7 +28,7 @@ def secure(
     watcher: Users = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write certificates, passwords and configuration files: who may command or only read which robot.
+    """Write certificates, passwords and configuration files, which define who may command or read each robot.
 
     Example:  tci zenoh secure keys kitchen --endpoint tls/10.0.0.1:7447 --commander reflex=kitchen
     """
@@ -56,7 +56,7 @@ def secure(
 def router(
     file: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="Configuration file of Zenoh.")],
 ) -> None:
-    """Run a router until Ctrl-C. It does the work of zenohd, for machines that have no zenohd."""
+    """Run a router until Ctrl-C. It replaces zenohd on machines that do not have it."""
     _needs_zenoh()
     from tci.drivers.remote.address import RemoteAddress
     from tci.drivers.zenoh.session import close_session, open_session

@@ -20,12 +20,12 @@ OFF = 0.15
 """Deviation of a skin's median from its rest value, as a fraction of the sensor's range, above which it gets
 a warning. Assumed: well above drift, and below an inverted or compensated sensor."""
 TURN = 2.0 * np.pi
-"""Largest plausible joint angle [rad]: no joint of a humanoid turns further than once."""
+"""Largest plausible joint angle [rad]: no joint of a humanoid turns by more than a full turn."""
 
 
 def judge(driver: Driver, seen: Observation) -> tuple[Finding, ...]:
     """Returns findings about an observed driver, together with those of `Driver.diagnose`. Raises DriverError
-    when the robot does not answer."""
+    if the robot does not respond."""
     return (
         *driver.diagnose(),
         *_joint_stream(driver, seen.streams[0], seen.cost),

@@ -12,7 +12,7 @@ from tci.robot.joint_map import joint_map
 from tci.robot.kinematics import KinematicChain
 
 VISIBLE = 5e-4
-"""Displacement [m] below which the rotation is described instead. Assumed: smaller ones are hardly
+"""Displacement [m] below which the rotation is described instead. Assumed: smaller displacements are hardly
 visible."""
 _WAYS = (("forward", "backward"), ("left", "right"), ("up", "down"))
 _TURNS = (
@@ -20,7 +20,7 @@ _TURNS = (
     ("its top goes forward", "its top goes backward"),
     ("its front goes to the left", "its front goes to the right"),
 )
-"""Right-handed rotations about x (forward), y (left) and z (up) of the torso: positive, negative."""
+"""Words for positive and negative rotations about the torso's axes x (forward), y (left) and z (up)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +67,7 @@ def expected_motion(
 
 
 def _generic(robot: Robot, position: Array, servo: Servo, change: float) -> str:
-    """Returns the name and change of the generic joint that changes most; empty if none does."""
+    """Returns the name and change of the generic joint that changes most; an empty text if none changes."""
     after = np.array(position)
     after[servo.index] += change
     for part in robot.parts:

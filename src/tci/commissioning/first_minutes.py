@@ -22,10 +22,11 @@ from tci.runtime.lease import commanding
 LOOK = 1.0
 """Time [s] for which the robot is observed first. Assumed: at least ten frames of every patch."""
 STIFFNESS = 0.8
-"""Stiffness, as a fraction of the full one, of servos that are switched on. Assumed: enough for small
-motions, and a person can still hold the joint back."""
+"""Stiffness, as a fraction of full stiffness, of servos that are switched on. Assumed: enough for small
+motions, and low enough for a person to hold the joint back."""
 POWER = 2.0
-"""Longest time [s] to wait until servos are on. Assumed: a servo reports its state several times a second."""
+"""Longest time [s] to wait until servos are on. Assumed: a servo reports its state several times per
+second."""
 
 
 def first_minutes(
@@ -39,10 +40,10 @@ def first_minutes(
 ) -> tuple[tuple[Finding, ...], float]:
     """Checks `servos`, then `taxels` of each of `patches` (None: all of them), with the operator's consent.
 
-    Calls `show` with each finding at once. Does not move a robot part for which the observation found a fault
-    or warning, and moves nothing after a general fault. Returns all findings, and the largest motion [rad]
-    that was measured. Raises DriverError if another program commands the robot or the robot disconnects, and
-    what the operator raises.
+    Calls `show` immediately with each finding. Does not move a robot part for which the observation found a
+    fault or warning, and moves no part after a general fault. Returns all findings, and the largest motion
+    [rad] that was measured. Raises DriverError if another program commands the robot or the robot
+    disconnects, and the errors of the operator.
     """
     found: list[Finding] = []
 
@@ -78,7 +79,8 @@ def first_minutes(
 
 
 def wanted(robot: Robot, names: Sequence[str]) -> tuple[list[Servo], list[Patch]]:
-    """Returns servos and patches by name, or by the robot's or generic part they belong to; all by default.
+    """Returns servos and patches by their names, or by the names of their robot parts or generic parts. By
+    default returns all.
 
     Raises UnknownNameError.
     """
@@ -110,7 +112,7 @@ def _left_out(servo: Servo) -> Finding:
 
 
 def _postures(driver: Driver, operator: Operator, servos: Sequence[Servo]) -> Iterator[Finding]:
-    """Asks whether the posture agrees with the encoders, which checks zero, sign and unit of all joints."""
+    """Asks if the posture agrees with the encoders. This checks zero, sign and unit of all joints."""
     names = {servo.name for servo in servos}
     posture = generic_posture(driver.robot, driver.read().joints)
     for part in driver.robot.parts:

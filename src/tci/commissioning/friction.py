@@ -1,7 +1,7 @@
-"""Identifies the friction of a joint by two slow sweeps: there and back, at two speeds.
+"""Identifies the friction of a joint by slow sweeps in both directions, at two speeds.
 
-Errors of the model's masses are the same on the way there and back, so they cancel; friction changes its
-sign.
+Friction changes its sign with the direction, while errors of the model's masses do not, so these errors
+cancel.
 """
 
 from __future__ import annotations
@@ -26,30 +26,33 @@ from tci.robot.kinematics import KinematicChain
 from tci.runtime.lease import commanding
 
 SPAN = float(np.deg2rad(10.0))
-"""Length [rad] of a sweep. Assumed: longer than the pattern of a gear's teeth."""
+"""Length [rad] of a sweep. Assumed: longer than the period of a gear's teeth."""
 SPEEDS = tuple(np.deg2rad([5.0, 20.0]).tolist())
-"""Speeds [rad/s] of the two sweeps. Assumed: slow enough that inertia does not count, and apart enough to
-tell dry from viscous friction."""
+"""Speeds [rad/s] of the two sweeps. Assumed: slow enough to neglect inertia, and different enough to separate
+dry from viscous friction."""
 STEADY = 0.7
-"""Least fraction of the commanded speed of a sample. Assumed: slower ones accelerate or stick."""
+"""Least speed of a sample, as a fraction of the commanded speed. Assumed: in slower samples the joint
+accelerates or sticks."""
 PATIENCE = 5.0
-"""Time [s] beyond that of a sweep after which it has failed."""
+"""Time [s] after the planned end of a sweep from which the sweep has failed."""
 LEAST = 20
-"""Least number of samples in each direction of each sweep. Assumed: noise of currents averages out."""
+"""Least number of samples in each direction of each sweep. Assumed: enough to average the noise of
+currents."""
 
 
 class FrictionSweeps:
-    """Sweeps one servo after another, if the operator permits it, and keeps what was found."""
+    """Sweeps one servo after another, if the operator permits it, and stores the friction found."""
 
     def __init__(self, driver: Driver, operator: Operator, calibration: JointCalibration) -> None:
-        """Takes the `calibration` so far, whose tools and rotors count. Raises what `Dynamics` raises."""
+        """Takes the present `calibration`, of which tools and rotors are used. Raises the errors of
+        `Dynamics`."""
         self.driver, self.operator = driver, operator
         self.calibration = calibration
         """Calibration with the friction found so far."""
         self._dynamics = Dynamics(driver.robot, calibration)
 
     def sweep(self, servo: Servo) -> Finding:
-        """Sweeps one servo there and back at each of `SPEEDS`, and identifies its friction."""
+        """Sweeps one servo in both directions at each of `SPEEDS`, and identifies its friction."""
         limits, here = servo.limits, float(self.driver.read().joints.position[servo.index])
         if limits.lower is None or limits.upper is None or limits.upper - limits.lower < 2.0 * SPAN:
             return Finding(Level.NOTE, servo.name, "friction not measured: its limits leave no room")
@@ -78,7 +81,7 @@ class FrictionSweeps:
         return Finding(Level.OK, servo.name, words, figures=figures)
 
     def _move(self, servo: Servo, target: float, speed: float) -> tuple[list[JointReading], str]:
-        """Sends a servo to `target` [rad]; returns what was read, and the reason for an early end, if any."""
+        """Moves a servo to `target` [rad]; returns the readings, and the reason for an early end, if any."""
         driver, seen = self.driver, list[JointReading]()
         command = PlatformCommand(
             Mode.POSITION, np.array([servo.index]), np.array([target]), np.array([speed])
@@ -100,10 +103,10 @@ class FrictionSweeps:
 def measure_friction(
     driver: Driver, operator: Operator, servos: Sequence[Servo], file: Path
 ) -> tuple[Finding, ...]:
-    """Sweeps those of `servos` through which the robot feels touches, and writes their friction into a file.
+    """Sweeps those `servos` through which the robot feels touches, and writes their friction into a file.
 
-    The calibration that the robot has so far stays otherwise. Raises what `joint_calibration`, `Dynamics` and
-    `write_json` raise.
+    Other values of the robot's calibration are kept. Raises the errors of `joint_calibration`, `Dynamics` and
+    `write_json`.
     """
     robot = driver.robot
     sweeps = FrictionSweeps(driver, operator, joint_calibration(robot))
@@ -116,15 +119,15 @@ def measure_friction(
 
 
 def feeling_servos(robot: Robot, kinematics: KinematicChain) -> list[Servo]:
-    """Returns the servos through which a robot feels touches: those of the robot parts that carry a patch
-    without taxels."""
+    """Returns the servos through which a robot feels touches: those of robot parts with a patch without
+    taxels."""
     felt = [patch.link for patch in robot.patches if patch.through_joints]
     boards = {robot.servos[servo].robot_part for link in felt for servo in kinematics.chain(link)}
     return [one for one in robot.servos if one.robot_part in boards and one.joint is not None]
 
 
 def steady(seen: Sequence[JointReading], servo: int, speed: float) -> list[JointReading]:
-    """Returns the readings with a torque in which a servo moves at `speed` [rad/s], either way."""
+    """Returns the readings with a torque in which a servo moves at `speed` [rad/s], in either direction."""
     return [
         one
         for one in seen
@@ -137,8 +140,7 @@ def steady(seen: Sequence[JointReading], servo: int, speed: float) -> list[Joint
 def identify(seen: Sequence[JointReading], servo: int, dynamics: Dynamics) -> JointFriction:
     """Returns dry and viscous friction of a servo from readings of steady motions, by least squares.
 
-    Beside friction the fit has a torque that changes linearly with the angle: the error of the model's
-    masses.
+    The fit also contains a torque that depends linearly on the angle, for errors of the model's masses.
     """
     rows, torques = [], []
     for one in seen:

@@ -1,8 +1,8 @@
-"""Moves one servo after another by 2 degrees, slowly, and asks a person whether the motion was right.
+"""Moves one servo after another by 2 degrees, slowly, and asks a person if the motion was right.
 
-An encoder can't show an error of sign, zero, unit or assignment that command and encoder share, so the
-operator is asked what moved. Every command passes the gate. At the first sign of a wrong motion the robot's
-own stop (`Driver.halt`) ends it.
+If command and encoder have one wrong sign, zero, unit or assignment in common, the encoder can't show it, so
+the operator is asked which link moved. Every command passes the gate. The robot's own stop (`Driver.halt`)
+ends a wrong motion as soon as it is detected.
 """
 
 from __future__ import annotations
@@ -33,19 +33,20 @@ SETTLE = 0.3
 ARRIVE = 8.0
 """Longest time [s] of one step. Assumed: far above the half second that a step takes."""
 HOLDS = 2.0
-"""Longest total time [s] of gate holds during one step. Assumed: short holds, as for a late frame, are
-harmless."""
+"""Longest total time [s] of gate holds during one step. Assumed: short holds, such as those after a late
+frame, are harmless."""
 STRAY = float(np.deg2rad(0.4))
-"""Motion [rad] of another servo, or in the wrong direction, that ends a step. Assumed: above NAO's play."""
+"""Motion [rad] of another servo, or in the wrong direction, that ends a step. Assumed: above the backlash of
+NAO's joints."""
 RATIO = (0.6, 1.4)
-"""Range of measured over commanded motion of a healthy servo, by its encoder. Assumed: play and sag explain
-up to 40 % of a motion of 2 degrees."""
+"""Range of the ratio of measured to commanded motion of a healthy servo. Assumed: backlash and sag cause up
+to 40 % of a motion of 2 degrees."""
 UNIT = 180.0 / np.pi
 ADVICE = {
     Code.MOVED_WRONG_WAY: "command and encoder have opposite signs: correct the robot's driver",
     Code.MOVED_TOO_FAR: "a unit is wrong: degrees and radians differ by 57.3",
 }
-"""Advice to the operator, by the code of the reason why a motion ended early."""
+"""Advice to the operator, by the code of the reason for which a motion ended early."""
 ELSE = "check cables, and the order of joints in the binding, before anything else"
 """Advice for every other code."""
 
@@ -61,7 +62,7 @@ class ServoCheck:
         """Largest motion [rad] of any servo measured so far."""
 
     def check(self, servo: Servo) -> Finding:
-        """Moves one servo a little and back, if the operator permits it."""
+        """Moves one servo by a small angle and back, if the operator permits it."""
         limits = servo.limits
         if None in (limits.lower, limits.upper, limits.velocity, limits.acceleration, limits.jerk):
             return Finding(Level.NOTE, servo.name, "not moved: its description lacks limits")
@@ -98,7 +99,7 @@ class ServoCheck:
         return _verdict(self.driver.robot, servo, way * moved, reason, noise, seen)
 
     def _out(self, servo: Servo, start: Array, way: float, noise: float) -> tuple[Array, Reason | None]:
-        """Moves a servo outward in STEPS. Returns the final motion (n,) [rad] of every servo, and the reason
+        """Moves a servo outward in STEPS. Returns the total motion (n,) [rad] of every servo, and the reason
         for an early end."""
         moved = np.zeros(len(start))
         here = start[servo.index]
@@ -125,7 +126,7 @@ class ServoCheck:
     def _move(
         self, servo: Servo, target: float, way: float, start: Array, noise: float
     ) -> tuple[Array, Reason | None]:
-        """Sends a servo to `target` [rad] and waits; `way` is the sign of its motion away from `start`.
+        """Moves a servo to `target` [rad] and waits; `way` is the sign of the motion from `start`.
 
         Returns the motion (n,) [rad] of all servos from `start`, and the reason for an early end.
         """
@@ -169,7 +170,8 @@ class ServoCheck:
     def _stray(
         self, moved: Array, servo: Servo, way: float, others: NDArray[np.bool_], noise: float
     ) -> Reason | None:
-        """Returns the reason to end a motion now: another servo, the wrong direction, or too far."""
+        """Returns a reason to end a motion now: another servo moves, the direction is wrong, or the motion is
+        too large."""
         robot = self.driver.robot
         away = np.abs(moved) > max(STRAY, 3.0 * noise)
         if (away & others).any():
@@ -194,7 +196,8 @@ class ServoCheck:
 def _verdict(
     robot: Robot, servo: Servo, moved: Array, reason: Reason | None, noise: float, seen: bool | None
 ) -> Finding:
-    """Judges a servo after a motion by `moved` (n,) [rad], positive in the commanded direction."""
+    """Returns the finding about a servo after a motion of all servos by `moved` (n,) [rad], positive in the
+    commanded direction."""
     own = float(moved[servo.index])
     ratio = own / float(STEPS[-1])
     figures = {"commanded_deg": float(np.rad2deg(STEPS[-1])), "measured_deg": float(np.rad2deg(own))}

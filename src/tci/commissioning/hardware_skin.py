@@ -20,13 +20,14 @@ REST = 0.5
 """Time [s] over which rest values are averaged before a touch. Assumed: at least five frames of every
 patch."""
 PRESS = 10.0
-"""Longest time [s] to wait for a touch, and for its end. Assumed: the operator has to find the place."""
+"""Longest time [s] to wait for a touch, and for its end. Assumed: enough for the operator to find the
+place."""
 LEAST = 0.02
-"""Least change that counts as a touch, as a fraction of the sensor's range; six times the noise if that is
-more. Assumed: a fingertip causes more than 2 % of the range."""
+"""Least change that counts as a touch, as a fraction of the sensor's range, or six times the noise if that is
+more. Assumed: a fingertip changes the value by more than 2 % of the range."""
 NEAR = 0.02
-"""Largest distance [m] of a response from the pressed taxel. Assumed: size of a fingertip and a skin
-module."""
+"""Largest distance [m] of a response from the pressed taxel. Assumed: the size of a fingertip plus that of a
+skin module."""
 _WAYS = (("forward", "backward"), ("left", "right"), ("up", "down"))
 _SIDES = ("front (the flexor side)", "outer side", "back (the extensor side)", "inner side")
 
@@ -103,8 +104,7 @@ class SkinCheck:
     def _responses(
         self, rest: dict[str, Array], noise: dict[str, Array], reading: Reading
     ) -> dict[str, Array]:
-        """Returns the change (taxels,) [counts], positive with pressure, of the taxels of patches with a
-        response."""
+        """Returns the change (taxels,) [counts] of each patch with a response, positive with pressure."""
         found = {}
         for name, values in self._values(reading).items():
             if name in rest:
@@ -132,7 +132,7 @@ class SkinCheck:
         return rest, noise
 
     def _settle(self) -> None:
-        """Reads for 0.1 s, since the first values of a touch do not yet show its place."""
+        """Reads for 0.1 s, because the first values of a touch do not show its place."""
         for _ in self.driver.ticks(duration=0.1):
             self.driver.read()
 

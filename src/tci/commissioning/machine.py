@@ -19,9 +19,9 @@ from tci.robot.catalogue import load_robot, robot_names
 from tci.runtime.lease import FOLDER, lease
 
 PERIOD = 0.002
-"""Period [s] in the test of the clock: that of the simulated robots."""
+"""Period [s] in the test of the clock, equal to that of simulated robots."""
 LATE = 1e-3
-"""Wake-up delay [s] above which the clock gets a warning. Assumed: half of PERIOD."""
+"""Delay [s] of wake-ups (p99) above which the clock gets a warning. Assumed: half of PERIOD."""
 
 
 def examine_machine(*, duration: float = 0.4) -> tuple[Finding, ...]:

@@ -1,5 +1,5 @@
-"""Comparison of a description with its kinematic model and of its left with its right side: finds mistakes
-that are valid but wrong, such as a sign, a limit, a link or a unit."""
+"""Compares a description with its kinematic model, and its left side with the right one. Finds values that
+are valid but wrong, such as a sign, a limit, a link or a unit."""
 
 from __future__ import annotations
 
@@ -23,30 +23,32 @@ from tci.skin.surfaces import build_surface
 MIDDLE = {"pitch": (0.0, 1.0, 0.0), "roll": (1.0, 0.0, 0.0), "yaw": (0.0, 0.0, 1.0)}
 """Positive axes of head and torso, in the torso frame."""
 CONTRARY = -0.5
-"""Cosine between a joint's axis and the generic one below which its sign is wrong. Assumed: hips and necks
-are slanted by 30 degrees, not by 60."""
+"""Cosine of the angle between a joint's axis and the generic axis below which its sign is wrong. Assumed:
+axes of hips and necks are slanted by 30 degrees, not by 60."""
 BEYOND = np.deg2rad(1.0)
-"""Angle [rad] by which a limit may exceed the model's. Assumed: above rounding to degrees."""
+"""Angle [rad] by which a limit may exceed that of the model. Assumed: above rounding to degrees."""
 UNEVEN = np.deg2rad(5.0)
-"""Largest difference [rad] of generic limits on both sides. Assumed: above the tolerances of real arms."""
+"""Largest difference [rad] between generic limits on the left and on the right. Assumed: above the tolerances
+of real arms."""
 FORWARD = np.deg2rad([90.0, 0.0, 0.0, 0.0, 0.0])
 """Generic angles [rad] of an arm that is stretched out forward."""
 APART = 0.012
-"""Largest distance [m] of a place on the left from the mirror image of that on the right. Assumed: above the
-asymmetry of real arms, below any offset that matters."""
+"""Largest distance [m] of a place on the left from the mirror image of its counterpart on the right. Assumed:
+above the asymmetry of real arms, below any relevant offset."""
 WIDER = 1.25
 """Largest ratio of the extents of a patch and its mirror image. Assumed: real patches of a pair differ by a
 few percent."""
 SHARE, AWAY = 0.25, 0.03
-"""Fraction of a patch's taxels that must be within a distance [m] of the shapes of its link and those joined
-to it. Assumed: models leave out covers (soles of NAO: 21 mm) and pieces of forearms (alex: 27 mm)."""
+"""Fraction of a patch's taxels that must be within a distance [m] of the shapes of its link and of adjacent
+links. Assumed: models lack covers (soles of NAO: 21 mm) and pieces of forearms (alex: 27 mm)."""
 PRESSURE = (3e3, 1e7)
-"""Least and largest pressure [Pa] that a sensor's full range may mean. Assumed: a light touch is 3 kPa, and
-10 MPa breaks a skin."""
+"""Least and largest pressure [Pa] at the end of a sensor's range. Assumed: a light touch is 3 kPa, and 10 MPa
+destroy a skin."""
 
 
 def doubts(robot: Robot) -> list[str]:
-    """Returns the places where a description contradicts its model or itself, one sentence each."""
+    """Returns one sentence for each contradiction within a description, or between a description and its
+    model."""
     found = [*_sensors(robot)]
     if robot.model is None:
         return found
@@ -114,7 +116,7 @@ def _limits(robot: Robot) -> Iterator[str]:
 
 
 def _mirrored_limits(robot: Robot) -> Iterator[str]:
-    """Compares the limits of generic joints on the left and on the right, where the model gives none."""
+    """Compares the limits of generic joints on the left and on the right if the model has no limits."""
     assert robot.model is not None
     model = bare_model(robot.model)
     given = {model.joint(j).name for j in range(model.njnt) if model.jnt_limited[j]}
@@ -141,8 +143,8 @@ def _mirrored_limits(robot: Robot) -> Iterator[str]:
 
 
 def _torso(robot: Robot, chain: KinematicChain) -> str | None:
-    """Returns what is wrong with the torso frame: joints of other parts between it and an arm, or shoulders
-    that are not on its left and right."""
+    """Returns faults of the torso frame: joints of other parts between torso and arm, or shoulders that are
+    not on its left and right."""
     assert robot.model is not None
     others = {servo.servo: part.name for part in robot.parts if part.kind != "arm" for servo in part.servos}
     centres = {}
@@ -169,7 +171,7 @@ def _torso(robot: Robot, chain: KinematicChain) -> str | None:
 
 
 def _signs(robot: Robot, chain: KinematicChain, position: Array) -> Iterator[str]:
-    """Compares axes of head, torso, hands and legs with the generic ones."""
+    """Compares axes of head, torso, hands and legs with the generic axes."""
     for part in robot.parts:
         axes = {"head": MIDDLE, "torso": MIDDLE, "hand": HAND, "leg": LEG}.get(part.kind)
         if axes is None:
@@ -215,7 +217,7 @@ def _segments(
 
 
 def _patches(robot: Robot, chain: KinematicChain, postures: list[Array]) -> Iterator[str]:
-    """Compares each patch on the left with its counterpart on the right, arms hanging."""
+    """Compares each patch on the left with its counterpart on the right, while the arms hang."""
     named = {patch.name: patch for patch in robot.patches}
     for left in robot.patches:
         right = named.get(left.name.replace("left", "right", 1))
@@ -234,7 +236,7 @@ def _patches(robot: Robot, chain: KinematicChain, postures: list[Array]) -> Iter
 
 
 def _distances(robot: Robot, chain: KinematicChain, *, without: set[str]) -> Iterator[str]:
-    """Compares the places of taxels with the shapes of their links, of patches that no other doubt names."""
+    """Compares the places of taxels with the shapes of their links, for patches without other doubts."""
     assert robot.model is not None
     if robot.model.meshes == NO_MESHES or not robot.skin:
         return
@@ -264,13 +266,13 @@ def _cloud(robot: Robot, patch: Patch, chain: KinematicChain, position: Array) -
 
 
 def _apart(left: Array, right: Array) -> float:
-    """Returns the distance [m] of a point (3,) on the left from the mirror image of one on the right."""
+    """Returns the distance [m] of a point (3,) on the left from the mirror image of a point on the right."""
     return float(np.linalg.norm(left - right * [1.0, -1.0, 1.0]))
 
 
 def _torques(robot: Robot) -> Iterator[str]:
-    """Compares torque limits with the weight of the arms, stretched out forward, and with the friction and
-    damping of joints at their speed limits."""
+    """Compares torque limits with the weight of arms that are stretched out forward, and with the friction
+    and damping of joints at their speed limits."""
     assert robot.model is not None
     gravity, model = Gravity(robot), bare_model(robot.model)
     position = np.array(initial_position(robot))
@@ -304,7 +306,7 @@ def _arms(robot: Robot) -> list[GenericPart]:
 
 
 def _pairs(robot: Robot) -> Iterator[tuple[GenericPart, GenericPart]]:
-    """Yields the left and the right part of each kind."""
+    """Yields each pair of a left and a right part of one kind."""
     for left in robot.parts:
         for right in robot.parts:
             if left.side == "left" and right.side == "right" and left.kind == right.kind:

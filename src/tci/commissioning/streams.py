@@ -24,11 +24,13 @@ class Stream:
     frames: int
     """Number of different frames that were read."""
     sent: int
-    """Number of frames that the robot sent in that time, by its sequence numbers."""
+    """Number of frames that the robot sent during the observation, computed from sequence numbers."""
     rate: float
-    """Rate [Hz] at which the robot sent frames, by its sequence numbers; 0 for fewer than two frames."""
+    """Rate [Hz] at which the robot sent frames, computed from sequence numbers; 0 for fewer than two
+    frames."""
     lost: int
-    """Number of frames that were sent and not read; 0 if the driver was read too seldom to read all."""
+    """Number of frames that were sent but not read; 0 if the driver was read too seldom to read all
+    frames."""
     older: int
     """Number of frames that arrived after a newer one."""
     age: float
@@ -58,15 +60,16 @@ class Observation:
     streams: tuple[Stream, ...]
     """Statistics of the joints first, then of the patches in the order of the description."""
     readings: tuple[Reading, ...]
-    """At most HISTORY readings, evenly spaced in time, the newest last."""
+    """At most HISTORY readings, evenly spaced in time; the last one is the newest."""
     cost: Array
     """Duration (n,) [s] of each `read`, on this machine's clock."""
 
 
 HISTORY = 50
-"""Number of readings that an observation keeps. Assumed: enough for statistics of values; bounds memory."""
+"""Number of readings that an observation stores. Assumed: enough for statistics of values; the number bounds
+memory."""
 ENOUGH = 1.5
-"""Ratio of read to frame rate from which missing frames count as lost. Assumed: a margin for uneven
+"""Ratio of read rate to frame rate from which missing frames count as lost. Assumed: a margin for irregular
 reading."""
 
 
@@ -87,7 +90,7 @@ class _Count:
         self.ages.append(now - stamp)
 
     def stream(self, name: str, expected: float | None, elapsed: float, reads: int) -> Stream:
-        """Returns the statistics; a source that never sent anything has rate 0 and infinite age."""
+        """Returns the statistics. A source that never sent data has rate 0 and infinite age."""
         if not self.seen:
             return Stream(name, expected, 0, 0, 0.0, 0, self.older, np.inf, np.inf)
         (first, begin), (last, end) = self.seen[0], self.seen[-1]

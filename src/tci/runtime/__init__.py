@@ -1,5 +1,5 @@
 """The control loop and its watchdogs.
 
-`loop` reads, perceives, decides and writes once per period. Watchdogs, heartbeat and lease end it safely;
-`serve` runs it for orders that come from other programs.
+`loop` reads, perceives, decides and writes once per period. Watchdogs, heartbeat and lease end the loop
+safely; `serve` runs the loop for orders from other programs.
 """

@@ -1,5 +1,5 @@
-"""Checks of user-supplied arguments: accepted if their meaning is clear, otherwise refused with what is
-valid."""
+"""Checks of user-supplied arguments: accepted if their meaning is clear, otherwise refused with the valid
+values."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def as_driver(given: object) -> Driver:
 
 
 def as_capability(given: Any) -> Capability[Any]:
-    """Returns a capability; from its class one with its default settings. Raises TciError."""
+    """Returns a capability. For a class, returns an instance with default settings. Raises TciError."""
     if isinstance(given, Capability):
         return given
     if isinstance(given, type) and issubclass(given, Capability):
@@ -52,8 +52,8 @@ def as_capability(given: Any) -> Capability[Any]:
 
 
 def load_capability(name: str) -> Capability[Any]:
-    """Returns a capability with its default settings, by the name of its entry point or by MODULE:CLASS,
-    where the module may be in the working directory.
+    """Returns a capability with its default settings, by the name of its entry point or by MODULE:CLASS. The
+    module may be in the working directory.
 
     Raises UnknownNameError for an unknown name, CommandError for a module that can't be imported and for an
     object that is no subclass of Capability, TciError for a class that is abstract or needs settings.

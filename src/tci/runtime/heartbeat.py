@@ -1,7 +1,7 @@
 """Heartbeats between TCI processes on one machine, as small datagrams.
 
-A process that is needed sends beats; the process that owns the driver listens and holds the robot when a beat
-is missing for `TIMEOUT`. Pass `Listener.fault` to `run` as its `guard`.
+A required process sends beats. The process that owns the driver listens, and holds the robot if no beat
+arrives for `TIMEOUT`. Pass `Listener.fault` to `run` as its `guard`.
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ from tci.errors import DriverError, TciError
 from tci.reasons import Code, Reason
 
 TIMEOUT = 0.08
-"""Silence [s] after which a process counts as dead: with one control period more it is below 100 ms."""
+"""Time [s] without a beat after which a process counts as dead. Together with one control period it is below
+100 ms."""
 INTERVAL = 0.02
 """Time [s] between two beats. Assumed: four beats fit into `TIMEOUT`."""
 _FORM = struct.Struct("<4sQ16sI")
 _MAGIC = b"TCIb"
 _PER_CALL = 64
-"""Datagrams read per call, which bounds the time that a flood costs."""
+"""Largest number of datagrams read per call, which bounds the time in case of a flood."""
 
 
 def encode(name: str, sequence: int) -> bytes:
@@ -73,7 +74,7 @@ class Sender:
 
 
 class Listener:
-    """Tracks which of the needed processes are alive. One that never sent a beat counts as dead."""
+    """Tracks which required processes are alive. A process that never sent a beat counts as dead."""
 
     def __init__(
         self,
@@ -83,15 +84,15 @@ class Listener:
         timeout: float = TIMEOUT,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Listens on `port` of the loopback interface, or on a free one. Raises DriverError when it is in
-        use."""
+        """Listens on `port` of the loopback interface, or on a free port. Raises DriverError for a port that
+        is in use."""
         if not timeout > 0.0:
             raise TciError(f"heartbeat timeout {timeout} s; valid: above 0")
         self._timeout = timeout
         self._clock = clock
         self._last_beats: dict[str, tuple[float, int]] = {name: (-float("inf"), -1) for name in needed}
         self.rejected = 0
-        """Number of datagrams that were no beats of a needed process, or old ones."""
+        """Number of datagrams that were not beats of a required process, or were old."""
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         try:
@@ -103,7 +104,7 @@ class Listener:
         """Port to which senders send."""
 
     def fault(self) -> Reason | None:
-        """Returns the reason why the robot should hold: the needed processes that are silent. None if all are
+        """Returns a reason to hold that names the silent processes; None if all required processes are
         alive."""
         for _ in range(_PER_CALL):
             try:

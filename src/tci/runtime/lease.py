@@ -1,10 +1,10 @@
-"""One commander per robot: the holder of the lease may write, a second process gets an error.
+"""One commander per robot: only the process that holds the lease may write; a second process gets an error.
 
-The lease is a locked file, which the system releases when its process ends, for any reason. It is effective
+The lease is a lock on a file; the system releases it when the process ends for any reason. The lease is valid
 between the processes of one user on one machine, and between threads: the file is in /tmp/tci-UID,
-independent of TMPDIR and XDG_RUNTIME_DIR. It is not effective for other users, other machines, and containers
-that have a /tmp of their own. For a robot that `tci serve` serves, the serving process is the one commander:
-clients that command it over YARP and NAOqi are not distinguished.
+independent of TMPDIR and XDG_RUNTIME_DIR. It is not valid for other users, other machines, and containers
+with a separate /tmp. For a served robot (`tci serve`), the serving process holds the lease; clients over YARP
+and NAOqi are not distinguished.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class Lease:
     """A held lease. A forked child does not inherit it, and removing its file does not end it."""
 
     def __init__(self, name: str) -> None:
-        """Takes the lease. Raises DriverError when it is held already, for a folder that others may write to,
-        for a file that can't be locked, and on a system without such locks."""
+        """Acquires the lease. Raises DriverError if another process holds it, if other users may write to the
+        folder, if the file can't be locked, and on a system without file locks."""
         if fcntl is None:
             raise DriverError(
                 f"{name} can't be commanded from this system, which lacks the file locks (flock) that keep "
@@ -53,10 +53,11 @@ class Lease:
         self._take()
 
     def check(self) -> None:
-        """Checks that the lease is still held; call it before each write. If the file was removed or its
-        folder renamed, takes the lease again.
+        """Checks that this process still holds the lease; call it before each write. If the file was removed
+        or its folder renamed, acquires the lease again.
 
-        Raises DriverError when another process took it first, in a forked child, and as the constructor.
+        Raises DriverError if another process has acquired it, in a forked child process, and as the
+        constructor does.
         """
         if os.getpid() != self._owner:
             raise DriverError(
@@ -157,7 +158,7 @@ def lease(name: str) -> Iterator[Lease]:
 def commanding(driver: Driver) -> Iterator[None]:
     """Holds the lease on the robot of `driver` inside the block; the driver's `write` checks it each time.
 
-    A system without file locks needs none for simulations and recordings, which belong to this process.
+    Simulations and recordings belong to this process, so on a system without file locks they need no lease.
     Raises DriverError as `Lease` does.
     """
     if fcntl is None and driver.info.lease_name.partition(":")[0] in HARMLESS:
@@ -181,7 +182,7 @@ def _folder() -> Path:
 
 
 def _make(folder: Path) -> None:
-    """Makes a folder if it is missing. Raises DriverError for one that is not the user's own."""
+    """Creates a folder if it does not exist. Raises DriverError for a folder of another user."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = folder.lstat()

@@ -1,7 +1,8 @@
-"""The loop: read, perceive, decide, gate, write; once per period of the driver.
+"""The loop: once per period of the driver it reads, perceives, decides, passes the gate and writes.
 
-Missed periods are skipped and counted. After three in a row the gate holds the robot. However the loop ends,
-the robot is brought to rest; errors of the capability, an observer or a thread are raised afterwards.
+Missed periods are skipped and counted. After three in a row the gate holds the robot. At every end of the
+loop, also after an error, the robot is brought to rest first; then errors of the capability, an observer or a
+thread are raised.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ REST = 0.5
 """Longest time [s] that the loop waits for the robot to come to rest when it ends. Assumed: robots stop
 sooner within their limits."""
 LET_GO = 0.1
-"""Last part [s] of `REST`, in which nothing is read. The gate ends torques that are not based on fresh data;
+"""Last part [s] of `REST`, in which the loop does not read. Without new data the gate ends all torques;
 otherwise a joint in torque mode would keep its last torque."""
 STILL = 1e-6
 """Speed [rad/s] below which a reference counts as at rest. Assumed: above rounding errors, far below any
@@ -59,7 +60,8 @@ class Tick:
     reading: Reading
     """Reading of the robot."""
     perception: Perception
-    """Perception of the capability; the previous one if this reading's skin did not fit the robot."""
+    """Perception for the capability; the previous one if the skin frames of this reading do not fit the
+    robot."""
     commands: tuple[Order, ...]
     """Orders of the capability."""
     sent: SafeCommand
@@ -86,23 +88,22 @@ def run(
 ) -> RunResult[Memory]:
     """Runs a capability on a robot for `duration` [s], or until interrupted, and returns the result.
 
-    The result holds the memory, and is false if the robot was stopped or every command was refused; neither
-    raises, since an exception would keep memory and reasons from the caller. The first refusal and the first
-    clamp of each kind, and each hold and stop, are logged as they occur (`logging`, logger `tci`).
+    The result contains the memory. It is false if the robot was stopped or every command was refused. In
+    these cases `run` raises no exception, so that the caller gets memory and reasons. The first refusal and
+    the first clamp of each kind, and each hold and stop, are logged as they occur (`logging`, logger `tci`).
 
-    `observe` is called after each tick, `sensed` before its reading is processed; the loop waits for both.
-    `guard` is called in each period and returns a reason to hold (`heartbeat.Listener.fault`), or None.
-    `report` is filled during the run. Without `write` nothing is sent, and the driver need not be armed. The
-    run ends early when `until` returns True for the capability's memory.
+    `observe` is called after each tick, `sensed` before the reading of a tick is processed; the loop waits
+    for both. `guard` is called in each period and returns a reason to hold (`heartbeat.Listener.fault`), or
+    None. `report` is filled during the run. With `write=False` no command is sent, and the driver need not be
+    armed. The run ends early when `until` returns True for the capability's memory.
 
-    However it ends, the robot is brought to rest within `REST`; unfinished motions are cut short. SIGINT and
-    SIGTERM also end the run so, and raise KeyboardInterrupt or SystemExit.
+    At every end of the run, the robot is brought to rest within `REST`; unfinished motions are cut short.
+    This includes SIGINT and SIGTERM, after which `run` raises KeyboardInterrupt or SystemExit.
 
-    Raises CommandError, before anything moves, when the robot refuses the capability's first commands;
-    TciError for an invalid duration or argument, also before anything moves; CommandError, once the robot is
-    at rest, for a step that returns no pair of commands and memory; DriverError when another process commands
-    the robot; and the errors of driver, capability, observer and threads, after the gate has stopped and the
-    robot is at rest.
+    Before the robot moves, raises TciError for an invalid duration or argument, CommandError if the robot
+    refuses the capability's first commands, and DriverError if another process commands the robot. After the
+    robot has come to rest, raises CommandError for a step that does not return commands and memory, and the
+    errors of driver, capability, observer and threads.
     """
     check_duration(duration)
     driver, capability = as_driver(driver), as_capability(capability)
@@ -166,7 +167,7 @@ class _Loop(Generic[Memory]):
         self._sent: SafeCommand | None = None
 
     def begin(self, now: float) -> None:
-        """Makes the first period due at `now` [s]; its own tick may already be late."""
+        """Sets the start of the first period to `now` [s]; the first tick may already be late."""
         self._start = now
 
     def tick(self, now: float) -> None:
@@ -205,7 +206,7 @@ class _Loop(Generic[Memory]):
         self.report.work.add(time.perf_counter() - begin)
 
     def end(self, duration: float | None) -> None:
-        """Counts the periods of `duration` [s] that were missed after the last one served."""
+        """Counts the missed periods between the last tick and the end of `duration` [s]."""
         if duration is None or self._before is None:
             return
         missed = math.ceil(duration / self.driver.period - ROUNDING) - self._period_of(self._before) - 1
@@ -235,7 +236,8 @@ class _Loop(Generic[Memory]):
         return int((now - self._start) / self.driver.period + ROUNDING)
 
     def _perceive(self, reading: Reading, now: float) -> Perception | None:
-        """Returns the perception; None for a reading that does not fit. The robot stops if that persists."""
+        """Returns the perception; None for a reading that does not fit the robot. If such readings continue,
+        the gate stops."""
         try:
             self._perception = self.perceiver.step(reading, now)
         except FrameError as error:
@@ -248,8 +250,8 @@ class _Loop(Generic[Memory]):
         return self._perception
 
     def finish(self) -> None:
-        """Brings moving joints to rest, since nothing would renew or end their commands, and clears the
-        loop's hold."""
+        """Brings moving joints to rest, because no later tick would end their motion, and clears the loop's
+        hold."""
         if self._sent is None or not _moves(self._sent):
             return
         gate = self.driver.gate
@@ -261,7 +263,8 @@ class _Loop(Generic[Memory]):
                 return
 
     def stop(self, reason: str, cause: BaseException) -> None:
-        """Stops the gate and brings the robot to rest. Errors on the way are added to `cause` as notes."""
+        """Stops the gate and brings the robot to rest. Errors that occur meanwhile are added to `cause` as
+        notes."""
         self.driver.gate.stop(Reason(Code.PROGRAM_FAILED, reason))
         try:
             self._rest()
@@ -269,8 +272,8 @@ class _Loop(Generic[Memory]):
             cause.add_note(f"and the robot could not be brought to rest: {error}")
 
     def _rest(self, halt: Callable[[], None] | None = None) -> None:
-        """Calls `halt` in each period until the references stand still, and long enough for other processes
-        to receive it."""
+        """Calls `halt` in each period until all references are at rest, and long enough for other processes
+        to receive this."""
         for count, sent in enumerate(self._writes(halt), start=1):
             if count > MISSED and not _moves(sent):
                 return
@@ -278,7 +281,8 @@ class _Loop(Generic[Memory]):
     def _writes(self, halt: Callable[[], None] | None = None) -> Iterator[SafeCommand]:
         """Writes the gate's output for no commands once per period, for at most `REST`.
 
-        An error of writing is raised at the end, if it persists: other parts of the robot may still obey.
+        If writing fails until the end, raises the error only then, since other parts of the robot may still
+        receive commands.
         """
         driver = self.driver
         failure: Exception | None = None
@@ -302,5 +306,5 @@ class _Loop(Generic[Memory]):
 
 
 def _moves(sent: SafeCommand) -> bool:
-    """Returns True if a command moves or pushes a joint."""
+    """Returns True if a command sets a speed or a torque other than zero."""
     return bool(np.any(np.abs(sent.velocity) >= STILL) or np.any(sent.torque))

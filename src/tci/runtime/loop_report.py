@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 FINEST = 1e-6
 """Upper edge [s] of the first bin. Assumed: shorter than any step of the loop."""
 PER_DOUBLING = 16
-"""Number of bins in which times double."""
+"""Number of bins per doubling of the time."""
 BINS = 512
 
 
@@ -53,11 +53,11 @@ class LoopReport:
     """Statistics of a run. Pass one to `run` to read it during the loop and after it."""
 
     ticks: int = 0
-    """Number of periods that were served."""
+    """Number of periods with a tick."""
     missed: int = 0
     """Number of periods that were skipped because an earlier one took too long or the process slept."""
     overruns: int = 0
-    """Number of such interruptions."""
+    """Number of interruptions by missed periods."""
     rejected: int = 0
     """Number of readings whose skin did not fit the robot."""
     lateness: Histogram = field(default_factory=Histogram)

@@ -10,18 +10,18 @@ from contextlib import ExitStack, contextmanager, suppress
 from tci.errors import TciError
 
 PRIORITY = 50
-"""Priority as in ros2_control: that of the kernel's interrupt threads. 99 is reserved for its own
-watchdogs."""
+"""Priority, equal to that of ros2_control and of the kernel's interrupt threads. The kernel uses 99 for its
+own watchdogs."""
 
 
 @contextmanager
 def real_time(*, priority: int = PRIORITY, processor: int | None = None) -> Iterator[None]:
-    """Runs the block's thread with priority over all that is not real time (SCHED_FIFO), on one `processor`
-    if given.
+    """Runs the block's thread with priority over all threads without real-time priority (SCHED_FIFO), on one
+    `processor` if given.
 
-    Threads and processes that are started inside inherit the priority. A capability that never ends blocks
-    its processor for all others. Raises TciError, before anything is changed, if the system does not permit
-    it.
+    Threads and processes that are started inside inherit the priority. A capability that does not return then
+    blocks its processor for all other programs. Raises TciError, before anything is changed, if the system
+    does not permit it.
     """
     if sys.platform != "linux":
         raise TciError(f"real time on {sys.platform}; valid: on Linux")

@@ -17,9 +17,9 @@ from tci.reasons import Notice, Reason, ReasonCounter, text_of
 from tci.runtime.loop_report import LoopReport
 
 MOVED = float(np.deg2rad(1.0))
-"""Travel [rad] from which a servo counts as moved. Assumed: less is how far gravity makes a servo sag."""
+"""Least motion [rad] of a servo that counts as moved. Assumed: gravity makes a servo sag by less."""
 SHOWN = 6
-"""Number of servos, and of notices of each kind, that are printed. Assumed: more is no longer read."""
+"""Number of servos, and of notices of each kind, that are printed. Assumed: longer lists are not read."""
 
 Memory = TypeVar("Memory")
 _log = logging.getLogger("tci")
@@ -49,13 +49,13 @@ class RunResult(Generic[Memory]):
     moved: Mapping[str, float]
     """Distance [rad] between the extreme angles of each servo that moved, by name, largest first."""
     accepted: int
-    """Number of commands that the gate accepted, without those that the capability began with."""
+    """Number of commands that the gate accepted, without the capability's first orders (`begin`)."""
     refusals: tuple[Notice, ...]
     """Commands that were refused, by kind."""
     clamps: tuple[Notice, ...]
     """Commands that were clamped or cut short, by kind."""
     holds: tuple[Notice, ...]
-    """Reasons for which the gate held the robot, by kind, with the periods that it held."""
+    """Reasons for which the gate held the robot, by kind, with the number of periods."""
 
     @property
     def ended(self) -> str:
@@ -91,7 +91,8 @@ class RunResult(Generic[Memory]):
         return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:
-        """Returns plain values of all but the memory; times in seconds, in the report in milliseconds."""
+        """Returns all fields except the memory as plain values. Times are in seconds, those of the loop in
+        milliseconds."""
         return {
             "robot": self.robot,
             "ok": bool(self),
@@ -122,8 +123,9 @@ class Account:
         self._stopped: Reason | None = None
 
     def add(self, seen: Perception | None, position: Array, sent: SafeCommand, *, opening: bool) -> None:
-        """Adds one period: `seen` is None if the reading did not fit the robot, else the servos are at
-        `position` (n_servos,) [rad]. `opening` commands are those that the capability begins with."""
+        """Adds one period. `seen` is the perception, None if the reading did not fit the robot; `position`
+        (n_servos,) [rad] are the servo angles. `opening` is True for the capability's first orders
+        (`begin`)."""
         if seen is not None:
             if seen.contacts is not self._contacts:
                 self._touch(seen)

@@ -23,10 +23,10 @@ MEANING = {
     GateState.STOP: "the robot stops and stays stopped until an operator resets it",
 }
 LULL = 0.5
-"""Time [s] that a place must be free of contact before its next touch is printed. Assumed: a hand that
-slides makes and breaks contact faster."""
+"""Time [s] that a place must be free of contact before its next touch is printed. Assumed: a sliding hand
+makes and breaks contact faster."""
 STILL = 1e-6
-"""Commanded speed [rad/s] below which a joint counts as at rest: rounding only."""
+"""Commanded speed [rad/s] below which a joint counts as at rest. Assumed: above rounding errors."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class RunLog:
         self._ended: float | None = None
 
     def see(self, tick: Tick) -> None:
-        """Tells the changes of one tick of the loop."""
+        """Reports the changes of one tick of the loop."""
         self.tell_faults(tick.now)
         self._touches(tick)
         self._skin(tick)
@@ -88,7 +88,7 @@ class RunLog:
                 self._command(tick.now, command)
 
     def tell_faults(self, now: float) -> None:
-        """Tells the faults that began or ended since the last call."""
+        """Reports the faults that began or ended since the last call."""
         if not isinstance(self._driver, FaultInjector):
             return
         for plan in self._driver.begun[len(self._begun) :]:

@@ -1,4 +1,4 @@
-"""Serving a robot to other programs: the loop, with a server instead of a capability.
+"""Serves a robot to other programs: the control loop with a server instead of a capability.
 
 Gate, lease and watchdog of this process apply to all orders.
 """
@@ -42,8 +42,8 @@ def serve(
     """Serves the robot of `server.driver` for `duration` [s], or until interrupted; read-only unless the
     driver is armed.
 
-    An order that does not fit the robot is refused and changes nothing. `clock` is that of the clients, by
-    default the machine's. Raises the errors of `run`.
+    An order that does not fit the robot is refused and has no effect. `clock` is the clock of the clients, by
+    default that of the machine. Raises the errors of `run`.
     """
     orders = _Orders(server, served if served is not None else Served(), clock or MonotonicClock())
 

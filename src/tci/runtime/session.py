@@ -32,13 +32,15 @@ from tci.skin.skin import Skin
 REHEARSAL = 1.5
 """Shortest run [s] with an injected fault: long enough for one poke and the response."""
 FLICKER = 0.4
-"""Noise [counts] of the simulated skin in a rehearsal: most rounded values stay, some change by one."""
+"""Noise [counts] of the simulated skin in a rehearsal. Assumed: most rounded values stay constant, some
+change by one."""
 POKE_DELAY = 0.3
 """Time [s] from the start of the run to the finger's touch. The robot is at rest by then."""
 
 
 class Session:
-    """One run of a capability on an open driver. `run` runs it; the rest tells how it went."""
+    """One run of a capability on an open driver. `run` executes the run; the other members report its
+    result."""
 
     def __init__(
         self,
@@ -83,7 +85,8 @@ class Session:
     def run(self, duration: float | None = None) -> None:
         """Runs the capability for `duration` [s], or until interrupted.
 
-        An error after the begin of the run, and a signal, is kept in `error`. Raises errors from before.
+        Stores a signal, or an error that occurs after the start of the run, in `error`. Raises earlier
+        errors.
         """
         notes, clock, log = ReasonCounter(), self.driver.clock, self.log
 
@@ -121,7 +124,7 @@ class Session:
             log.write(clock.now(), "NOTE", "further notes are not shown")
 
     def to_json(self) -> dict[str, Any]:
-        """Returns all that is known of the run as JSON values."""
+        """Returns all results of the run as JSON values."""
         counts = self.driver.gate.counts
         fields: dict[str, Any] = {
             "state": self.driver.gate.state.value,
@@ -144,7 +147,8 @@ class Session:
         return fields
 
     def _place(self, error: BaseException) -> str:
-        """Returns the file and line of an error in the capability's own file; empty for one elsewhere."""
+        """Returns the file and line of an error in the capability's own file; empty for an error in another
+        file."""
         file = sys.modules[type(self._capability).__module__].__file__
         frames = traceback.extract_tb(error.__traceback__)
         lines = [frame.lineno for frame in frames if frame.filename == file]

@@ -1,4 +1,5 @@
-"""Watchdogs of the loop: silent skin, stalls, signals, failed threads; and the garbage collector."""
+"""Watchdogs of the loop, for silent skin, stalls, signals and failed threads; and control of the garbage
+collector."""
 
 from __future__ import annotations
 
@@ -22,23 +23,22 @@ PERIODS = 3.0
 """Number of periods of a patch without a frame after which it is silent. Assumed: one or two frames may be
 lost."""
 LEAST_SILENCE = 0.25
-"""Lower bound [s] on the time without a frame after which a patch is silent. Assumed: data may be delayed
-that long on a busy network."""
+"""Least time [s] without a frame after which a patch is silent. Assumed: a busy network may delay data by
+this time."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 TURN = 0.0001
 """Time [s] after which Python switches between busy threads. Assumed: far below a period; Python's own value
 is 5 ms."""
 STOOD = 0.3
-"""Delay [s] of the next period from which the process counts as stalled. Assumed: the load of a machine
-causes shorter delays."""
+"""Delay [s] of a period from which the process counts as stalled. Assumed: other programs cause shorter
+delays."""
 PILED_UP = 0.3
-"""Time [s] in which the data that queued up during a stall has been read. Assumed: as long as the shortest
-stall."""
+"""Time [s] after a stall until all queued data has been read. Assumed: as long as the shortest stall."""
 
 
 @contextmanager
 def attentive() -> Iterator[None]:
-    """Gives other threads their turn while the loop computes, not only when it waits."""
+    """Lets other threads run while the loop computes, not only while it waits."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(min(before, TURN))
     try:
@@ -48,12 +48,12 @@ def attentive() -> Iterator[None]:
 
 
 class SkinWatchdog:
-    """Detects skin that sent frames and has fallen silent while the joints continue: touches are then not
+    """Detects skin that has stopped sending frames while joint data still arrives: touches are then not
     measured."""
 
     def __init__(self, robot: Robot, *, stale_after: float, keep_alive: float | None = None) -> None:
-        """Takes `stale_after` [s], the age from which joint data is too old, and `keep_alive` [s] if the skin
-        is sent on change (send-on-delta): each patch sends at least once in that time."""
+        """Takes `stale_after` [s], the age from which joint data is too old. `keep_alive` [s] is given if
+        skin is sent on change (send-on-delta): each patch then sends at least once in that time."""
         least = max(stale_after, LEAST_SILENCE, PERIODS * (keep_alive or 0.0))
         self._longest = {patch.name: max(PERIODS / patch.rate, least) for patch in robot.patches}
         self._last_frames: dict[str, tuple[int, float]] = {}
@@ -62,8 +62,8 @@ class SkinWatchdog:
         self._torques = TorqueWatchdog(robot, stale_after=stale_after)
 
     def fault(self, reading: Reading, now: float) -> Reason | None:
-        """Returns a reason to hold that names the patch without a new frame, or torques, for too long at
-        `now` [s]; or None."""
+        """Returns a reason to hold if a patch had no new frame, or no new torques, for too long at `now` [s];
+        else None."""
         if reading.skin is not self._skin:
             self._skin = reading.skin
             for frame in reading.skin:
@@ -84,9 +84,9 @@ class SkinWatchdog:
 
 
 class TorqueWatchdog:
-    """Detects joints that reported torques and do so no more, where a robot feels touches through them.
+    """Detects that joints through which a robot feels touches have stopped reporting torques.
 
-    Torques that stay bit-identical while the joints move are not new either.
+    Torques that stay exactly constant while the joints move do not count as new.
     """
 
     def __init__(self, robot: Robot, *, stale_after: float) -> None:
@@ -102,8 +102,7 @@ class TorqueWatchdog:
         self._stamp = -np.inf
 
     def fault(self, joints: JointReading, now: float) -> Reason | None:
-        """Returns a reason to hold that names the part without new torques for too long at `now` [s], or
-        None."""
+        """Returns a reason to hold if a part had no new torques for too long at `now` [s]; else None."""
         if joints.stamp != self._stamp and joints.torque is not None:
             for part, servos in self._servos.items():
                 torque, position = joints.torque[servos], joints.position[servos]
@@ -124,10 +123,11 @@ class TorqueWatchdog:
 
 
 class StallDetector:
-    """Detects that this process stood still: frozen, swapped out or starved. Data that was sent meanwhile
-    waits in sockets and looks new, so the robot holds until it has been read.
+    """Detects that this process did not run for a while: frozen, swapped out, or without processor time. Data
+    that was sent meanwhile is still in the sockets and looks new, so the robot holds until this data has been
+    read.
 
-    It uses the machine's clock, since a simulation's clock stands still with the process.
+    It uses the machine's clock, since the clock of a simulation stops with the process.
     """
 
     def __init__(self, clock: Clock, *, stale_after: float) -> None:
@@ -176,8 +176,8 @@ class Interruption:
 def interruptions() -> Iterator[Interruption]:
     """Catches signals (in the main thread) and exceptions of any thread inside the block.
 
-    The first signal is recorded for the loop, which brings the robot to rest; a second one interrupts at
-    once, for a capability that hangs, unless the robot is already being brought to rest.
+    The first signal is stored for the loop, which brings the robot to rest. A second signal interrupts a
+    capability that does not return, but not the motion to rest.
     """
     found = Interruption()
 
@@ -229,7 +229,7 @@ def _leave_threads(found: Interruption) -> None:
 
 @contextmanager
 def frozen_garbage() -> Iterator[None]:
-    """Excludes existing objects from garbage collection, whose pauses grow with their number."""
+    """Excludes existing objects from garbage collection, since its pauses grow with the number of objects."""
     if gc.get_freeze_count():
         yield
         return

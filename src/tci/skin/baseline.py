@@ -1,8 +1,9 @@
 """Estimates of each taxel's rest value and noise, window by window.
 
-Warmth moves all taxels of a patch alike, a touch moves only a few: the median deviation of the quiet taxels
-is therefore drift, and is added to the rest values of touched taxels too. Otherwise the rest value of a
-touched taxel stays constant, however long the touch lasts.
+A change of temperature shifts all taxels of a patch by similar amounts, while a touch changes only a few
+taxels. So the median deviation of the quiet taxels is drift, and is added to the rest values of all taxels,
+also of touched ones. Apart from this, the rest value of a touched taxel stays constant during a touch of any
+length.
 """
 
 from __future__ import annotations
@@ -20,17 +21,18 @@ from tci.skin.kernels.baseline import ROOM, BaselineArrays, Window, update_basel
 
 @dataclass(frozen=True, slots=True)
 class BaselineSettings:
-    """Settings of the baseline. Times are in seconds, so the frame rate plays no part.
+    """Settings of the baseline. Times are in seconds, so results do not depend on the frame rate.
 
-    All figures are assumed, since drift and noise differ from sensor to sensor. Shorter times follow drift
-    sooner and let slow touches become rest sooner.
+    All figures are assumed, since drift and noise differ from sensor to sensor. With shorter times the
+    baseline follows drift faster, and a slow touch becomes rest sooner.
     """
 
     window: float = 1.0
-    """Least length [s] of an estimation window: longer follows drift later, shorter estimates noise worse."""
+    """Least length [s] of an estimation window: a longer one follows drift later, a shorter one estimates
+    noise less exactly."""
     frames: int = 50
-    """Least number of frames in an estimation window: with fewer, single readings of a touch look like
-    noise."""
+    """Least number of frames in an estimation window. With fewer frames, single readings of a touch would
+    look like noise."""
     drift_rate: float = 5e-4
     """Upper bound on common drift [fraction of the sensor's range per second]; faster change is a touch."""
     own: float = 30.0
@@ -41,7 +43,7 @@ class BaselineSettings:
     noise: float = 20.0
     """Time constant [s] of the noise estimate."""
     quiet: float = 2.0
-    """Deviation [counts] below which a taxel counts as quiet, however small its noise."""
+    """Deviation [counts] below which a taxel always counts as quiet, even if its noise is smaller."""
     threshold: float = 7.0
     """A taxel is active if its deviation exceeds this many standard deviations of its noise."""
     fluctuating: float = 0.2
@@ -54,7 +56,7 @@ class BaselineSettings:
 
     step: float = 30.0
     """Time [s] after which pressure on nearly all taxels counts as a step of the baseline, and becomes rest.
-    Soles are excepted: they may carry weight for any time."""
+    Soles are excepted, since they may carry weight for any time."""
     step_share: float = 0.9
     """Least fraction of the healthy taxels that counts as nearly all."""
 
@@ -66,7 +68,7 @@ class BaselineSettings:
 
 
 class Baseline:
-    """The rest values of one patch, as deviations [counts] from the description's."""
+    """The rest values of one patch, as deviations [counts] from the rest value in the description."""
 
     def __init__(
         self,
@@ -78,22 +80,23 @@ class Baseline:
         neighbours: NDArray[np.intp],
         settings: BaselineSettings,
     ) -> None:
-        """Starts at the description's rest values.
+        """Starts with the rest value in the description.
 
         `span` [counts] is the sensor's range, `floor` [counts] the lowest signal that it can send, `noise`
         [counts] the initial standard deviation, `neighbours` (m, 2) are pairs of neighbouring taxels.
         """
         self.settings = settings
         self.offset = np.zeros(count)
-        """Rest value (n,) [counts] beyond the description's, positive with pressure."""
+        """Rest value (n,) [counts] relative to that in the description, positive with pressure."""
         self.noise = np.full(count, noise)
         """Standard deviation (n,) [counts] of the noise."""
         self.threshold = settings.threshold * self.noise
         """Deviation (n,) [counts] above which a taxel is active."""
         self.typical_noise = float(noise)
-        """Median standard deviation [counts] of the taxels that have been at rest, of all if none has.
+        """Median standard deviation [counts] of the taxels that have been at rest, or of all taxels if none
+        has.
 
-        Under a load from the start, such as the robot's own weight, the others are not known yet."""
+        The noise of taxels that were loaded from the start, for example by the robot's weight, is unknown."""
         self._floor = floor
         self._slew = settings.drift_rate * span
         self._neighbours = np.ascontiguousarray(neighbours, np.int64)
@@ -102,7 +105,7 @@ class Baseline:
         initialised = np.zeros(count, dtype=bool)
         self.frozen = np.zeros(count, dtype=bool)
         """True (n,) for taxels with a measured noise of `lively` or more that were constant in the latest
-        window. They teach nothing until they have changed for a whole window."""
+        window. Their windows are not used for estimates until they have changed for a whole window."""
         self._estimates = BaselineArrays(
             self.offset, self.noise, self.threshold, initialised, self.rested, self.frozen, np.zeros(count)
         )
@@ -118,13 +121,13 @@ class Baseline:
         self.typical_noise = float(np.median(self.noise))
 
     def rezero(self, signal: Array) -> None:
-        """Takes `signal` (n,) [counts] as the new rest values; the next window makes them exact."""
+        """Makes `signal` (n,) [counts] the new rest values; the next window refines them."""
         self.offset[:] = signal
         self._estimates.followed[:] = 0.0
         self._afresh = True
 
     def update(self, window: Window, healthy: NDArray[np.bool_]) -> None:
-        """Updates rest values and noise from a window, by its `healthy` taxels (n,) only."""
+        """Updates rest values and noise from a window, of the `healthy` taxels (n,) only."""
         s, elapsed = self.settings, window.elapsed
         weights = [1.0 - exp(-elapsed / constant) for constant in (s.own, s.release, s.noise)]
         numbers = np.array([

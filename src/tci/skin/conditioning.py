@@ -1,8 +1,8 @@
 """Conditioning: turns raw frames of all patches into pressure on their taxels.
 
 Polarity, range and response of each sensor come from the description, rest values and noise are estimated,
-and taxels that can't be trusted are masked. All that follows works in pascal, whatever the sensor (§3.2:
-readings are normalised in layer L3). The result is deterministic, bit for bit.
+and taxels that can't be trusted are masked. All later stages use pascal, for every sensor (§3.2: readings are
+normalised in layer L3). The result is deterministic, bit for bit.
 """
 
 from __future__ import annotations
@@ -48,8 +48,9 @@ from tci.skin.layout import AXES, SkinLayout
 from tci.skin.shear import Shear
 
 RESTART = 1.0
-"""A frame with a lower sequence that is this much newer [s] means that its sender restarted. Assumed; shorter
-could take a frame out of order for a restart, longer ignores a restarted sender for that time."""
+"""If a frame has a lower sequence number but is newer by this time [s], its sender has restarted. Assumed:
+with a shorter time, a frame out of order could look like a restart; with a longer time, a restarted sender
+would be ignored for longer."""
 
 
 SETS = 16
@@ -67,8 +68,8 @@ class ConditioningSettings:
     health: HealthSettings = field(default_factory=HealthSettings)
     """Conditions under which taxels are masked."""
     latency: float = 0.0
-    """Time constant [s] of the low-pass filter on pressures, which delays them by at most as much; 0 for
-    none."""
+    """Time constant [s] of the low-pass filter on pressures, which is also their largest delay; 0 for no
+    filter."""
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.latency < np.inf:
@@ -84,13 +85,14 @@ class PatchHealth:
     masked: Mapping[int, str]
     """Reason for each taxel that is not in use, by index: `dead`, `stuck` or `noisy`."""
     saturated: int
-    """Number of taxels at the end of their range now. Their touch is valid, its force a lower bound."""
+    """Number of taxels that are at the end of their range now. Their touch is valid; its force is a lower
+    bound."""
     dropped: int
     """Number of values so far that were not finite or outside the sensor's range."""
 
 
 class Conditioner:
-    """Turns raw frames into pressures. Holds the statistics and estimates of all taxels of one skin."""
+    """Converts raw frames to pressures. Contains the statistics and estimates of all taxels of one skin."""
 
     def __init__(self, layout: SkinLayout, settings: ConditioningSettings = ConditioningSettings()) -> None:
         self.layout, self.settings = layout, settings
@@ -172,10 +174,11 @@ class Conditioner:
         return copy.deepcopy(self)
 
     def step(self, frames: Sequence[SkinFrame]) -> bool:
-        """Takes the frames that are newer than the last of their patch. Returns False if there are none.
+        """Processes those frames that are newer than the last frame of their patch. Returns False if there
+        are none.
 
-        Of frames out of order the newest counts. Raises FrameError, and changes nothing, if a frame does not
-        fit its patch.
+        If frames are out of order, the newest one is used. Raises FrameError, and changes nothing, if a frame
+        does not fit its patch.
         """
         names = [frame.patch for frame in frames]
         if names != self._names:
@@ -205,8 +208,8 @@ class Conditioner:
     def update(self) -> bool:
         """Updates the estimates by half of an ended estimation window. Returns False if none has ended.
 
-        The next frame would do it otherwise, with an equal result; here it costs time when there is some to
-        spare.
+        Otherwise the next frame would do this, with an equal result. A caller uses this method when it has
+        time to spare.
         """
         if not self._ended:
             return False
@@ -234,8 +237,8 @@ class Conditioner:
             self._restart(p)
 
     def _arrange(self, names: list[str]) -> None:
-        """Prepares for frames of these patches. Slow patches are in every few frames of the fast ones, so few
-        sets of patches come in turn."""
+        """Prepares for frames of this set of patches. Few different sets occur: slow patches send together
+        with every n-th frame of fast ones."""
         places = self.layout.places
         found = self._arranged.get(key := tuple(names))
         if found is None:
@@ -251,7 +254,7 @@ class Conditioner:
         self._names = names
 
     def _step_each(self, frames: Sequence[SkinFrame]) -> bool:
-        """Takes several frames of one patch, one after the other."""
+        """Processes several frames of one patch, one after another."""
         for frame in frames:
             self._arrange([frame.patch])
             self._check([np.asarray(frame.values)])
@@ -263,8 +266,8 @@ class Conditioner:
         return frame.sequence > known or not frame.stamp <= stamp + RESTART
 
     def _check(self, values: list[NDArray[np.generic]]) -> None:
-        """Raises FrameError unless all fit their patches; switches the buffer to float32 if their dtype needs
-        it."""
+        """Raises FrameError unless all frames fit their patches. Switches the buffer to float32 if their
+        dtype requires it."""
         if [one.shape for one in values] != self._sizes:
             for name, one, size in zip(self._names, values, self._sizes, strict=True):
                 if one.shape != size:
@@ -332,8 +335,8 @@ class Conditioner:
         self._vectors[p] = self._shears[p].force(frame.values, pressure, frame.stamp)[active]
 
     def _vector(self) -> NDArray[np.float64] | None:
-        """Returns the force (k, 3) [N] on each active taxel, along the inward normal where no sensor measures
-        its direction."""
+        """Returns the force (k, 3) [N] on each active taxel. It is along the inward normal if the sensor does
+        not measure a direction."""
         if not self._shears:
             return None
         out, parts = self._out, []
@@ -360,7 +363,7 @@ class Conditioner:
                     self._note_anew(p)
 
     def _count_repeats(self, p: int) -> None:
-        """Adds repeated frames, which were only counted, to the statistics."""
+        """Adds repeated frames, which so far were only counted, to the statistics."""
         memory, begin, own = self._memory, self.layout.arrays.begin, self.layout.taxels[p]
         blocks = memory.blocks[begin[p, BLOCK] : begin[p + 1, BLOCK]]
         repeats = blocks[:, REPEATS] + max(int(memory.patches[p, CONSTANT]), 0)
@@ -372,7 +375,7 @@ class Conditioner:
         memory.patches[p, CONSTANT] = min(memory.patches[p, CONSTANT], 0.0)
 
     def _note_anew(self, p: int) -> None:
-        """Makes the next frame be read in full, also the blocks that do not change."""
+        """Marks all blocks so that the next frame is processed in full, also unchanged blocks."""
         self._count_repeats(p)
         begin = self.layout.arrays.begin
         self._memory.blocks[begin[p, BLOCK] : begin[p + 1, BLOCK], REPEATED] = 0

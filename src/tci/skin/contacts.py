@@ -1,7 +1,7 @@
 """Contacts: clusters of active taxels with their centre of pressure on the skin (eq. 7).
 
-Taxels are clustered first: over the whole skin, the mean of eq. 7 would put two touches of a limb onto the
-untouched skin between them, or inside the limb.
+Taxels are clustered first. If two places of a limb are touched, the mean of eq. 7 over the whole skin would
+be on the untouched skin between them, or inside the limb.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ from tci.skin.tracking import Tracker
 _NONE = Contacts.of(())
 _cluster, _describe, _reject_isolated = entry(cluster), entry(describe), entry(reject_isolated)
 Measure = Literal["total", "weighted", "peak"]
-"""Scalar force of a contact: that of the touch, the mean F-bar of eq. 7, or that of the strongest taxel."""
+"""Scalar force of a contact: that of the whole touch, the mean F-bar of eq. 7, or that of the strongest
+taxel."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,11 +41,11 @@ class ContactSettings:
     touch: float = 0.1
     """Least force [N] on the strongest taxel of a contact. Assumed: 3 counts on an iCub's forearm."""
     light: float = 0.05
-    """Least force [N] on a strongest taxel whose noise is known and which reads two counts or more. Assumed:
-    below two counts of all packaged sleeves, so that each feels what its sensor can resolve."""
+    """Least force [N] on the strongest taxel if its noise is known and it reads two counts or more. Assumed:
+    below two counts on all described sleeves, so that the resolution of the sensor decides."""
     floor: float = 0.01
-    """Least force [N] on a taxel that joins a contact, so that the weak edge of a touch is kept. Assumed:
-    below one of an iCub's counts; a sensor that flickers at rest needs more."""
+    """Least force [N] on a taxel that is added to a contact, low enough to include the weak edge of a touch.
+    Assumed: below one count of an iCub's sensor; a sensor that flickers at rest needs more."""
     isolated: IsolatedSettings | None = field(default_factory=IsolatedSettings)
     """Conditions under which a single active taxel is a contact; None accepts all."""
 
@@ -60,7 +61,7 @@ class ContactSettings:
 
 
 class ContactFinder:
-    """Finds the contacts in each state of one skin and gives them their identities."""
+    """Finds the contacts in each state of one skin and assigns identities to them."""
 
     def __init__(self, layout: SkinLayout, settings: ContactSettings = ContactSettings()) -> None:
         self.layout, self.settings = layout, settings
@@ -87,11 +88,12 @@ class ContactFinder:
     def find(
         self, state: SkinState, estimates: Estimates, poses: Callable[[], Array], posture: Mapping[str, Array]
     ) -> Contacts:
-        """Returns all contacts of the skin, patch by patch in the robot's order, the strongest first.
+        """Returns all contacts of the skin in the robot's order of patches; on each patch the strongest
+        contact is first.
 
-        `estimates` are those by which the state was made, `poses` those of `SkinLayout.links`; `posture`
-        holds the generic angles (n,) [rad] of each part that carries skin. Raises UnknownNameError when the
-        posture lacks a part that is touched.
+        `estimates` are those with which the state was computed, `poses` those of `SkinLayout.links`.
+        `posture` contains the generic angles (n,) [rad] of each part with skin. Raises UnknownNameError if
+        the posture lacks a touched part.
         """
         layout, clusters, settings = self.layout, self._clusters, self.settings
         active = ActiveTaxels(state.stamp, state.begin, state.active, state.pressure)
@@ -118,9 +120,9 @@ class ContactFinder:
     def _reject(
         self, active: ActiveTaxels, estimates: Estimates, settings: IsolatedSettings, single: int
     ) -> tuple[int, int, Array]:
-        """Removes single-taxel clusters that are no touch.
+        """Removes clusters of a single taxel that are not a touch.
 
-        Returns the number of clusters left, the number of their taxels, and the taxels that wait (w,
+        Returns the number of remaining clusters, the number of their taxels, and the taxels that wait (w,
         WAITING).
         """
         arrays, before = self.layout.arrays, self.contacts
@@ -167,10 +169,9 @@ def describe_touches(
     poses: Array,
     posture: Mapping[str, Array],
 ) -> ContactArrays:
-    """Returns a contact for each of some `touches` (patch, taxel, force [N]), which rise by their patch.
+    """Returns a contact for each of `touches` (patch, taxel, force [N]), which are sorted by patch.
 
-    `poses` and `posture` are those of `ContactFinder.find`. Identity, onset and displacement are left to the
-    caller.
+    `poses` and `posture` are those of `ContactFinder.find`. The caller sets identity, onset and displacement.
     """
     count = len(touches)
     patches, taxels, forces = zip(*touches, strict=True)
@@ -204,7 +205,7 @@ def single_contact(
     site: Site, taxels: ArrayLike, forces: ArrayLike, *, u: float, theta: float, taxel_u: ArrayLike,
     taxel_theta: ArrayLike, stamp: float = 0.0, sequence: int = 0, area: float = 0.0, **vectors: ArrayLike,
 ) -> Contact:  # fmt: skip
-    """Returns a contact that belongs to no skin, of `taxels` (k,) with `forces` (k,) [N].
+    """Returns a contact without a skin, of `taxels` (k,) with `forces` (k,) [N].
 
     `vectors` are its p_L, n_L, p_T, n_T and f_T (3,), see `Contacts`.
     """
@@ -232,7 +233,7 @@ def single_contact(
 def centre_of_pressure(positions: Array, forces: Array) -> Array:
     """Returns P-bar (3,) [m] of eq. 7, the mean of `positions` (k, 3) [m] weighted by `forces` (k,) [N].
 
-    On a curved limb it lies below the skin; an even grip all around puts it on the axis.
+    On a curved limb this point is below the skin; for an even grip around the limb it is on the axis.
     """
     centre: Array = forces @ positions / forces.sum()
     return centre
@@ -241,10 +242,11 @@ def centre_of_pressure(positions: Array, forces: Array) -> Array:
 def weighted_force(contact: Contact, radius: float, *, measure: Measure = "weighted") -> float:
     """Returns F-bar [N] of eq. 7, the mean taxel force weighted by 2 r minus the distance of P_t and P.
 
-    `radius` r [limb lengths] is that of the receptive field. Taxels farther than 2 r from the centre, to
-    which eq. 7 gives negative weights, are left out; without any weight the result is 0. The weighted mean
-    falls when weak taxels join a strong one, and it follows the area of a taxel; `measure` "total" does
-    neither, "peak" not the first. Raises UnknownNameError for another measure.
+    `radius` r [limb lengths] is that of the receptive field. Eq. 7 has negative weights for taxels farther
+    than 2 r from the centre; these taxels are left out. If no taxel has a positive weight, the result is 0.
+    The weighted mean decreases when weak taxels are added to a strong one, and it is proportional to the area
+    of a taxel. With `measure` "total" it has neither property, with "peak" only the second. Raises
+    UnknownNameError for another measure.
     """
     if measure == "total":
         return contact.force

@@ -27,10 +27,11 @@ from tci.skin.kernels.condition import (
 from tci.skin.layout import SkinPatch
 
 SATURATED = 0.9
-"""Fraction of the range above which a taxel counts as saturated, so that its reading is a press and no step
-of the baseline. Assumed; 1 would miss taxels whose noise takes them below the end now and then."""
+"""Fraction of the range above which a taxel counts as saturated, which means that it is pressed and its
+baseline has not stepped. Assumed: 1 would miss taxels whose noise is below the end of the range at times."""
 TWO_COUNTS = 1.5
-"""Deviation [counts] of a value two counts from rest, at least: the rest value may lie between two counts."""
+"""Least deviation [counts] of a value that is two counts from rest, since the rest value may be between two
+counts."""
 
 
 class PatchEstimator:
@@ -41,7 +42,7 @@ class PatchEstimator:
         count, sign = len(patch.surface.areas), float(np.sign(sensor.pascal_per_count))
         self.sole = patch.description.segment == SOLE
         self.full = patch.full
-        """Largest deviation [counts] that the sensor can send."""
+        """Largest deviation [counts] within the sensor's range."""
         self._gain, self._nodes = patch.gain, patch.nodes
         self.baseline = Baseline(
             count,
@@ -63,8 +64,8 @@ class PatchEstimator:
         """Processes half of an ended window: first rest values and noise, then health. Returns True after the
         second.
 
-        It is halved because both together are the longest piece of work in one period of a loop at 1 kHz.
-        `statistics` (ROWS, n) and `status` (PATCH_COLUMNS,) are the patch's, see `kernels.condition`.
+        The work is divided into halves because it is the longest computation in a period of a loop at 1 kHz.
+        `statistics` (ROWS, n) and `status` (PATCH_COLUMNS,) are those of the patch, see `kernels.condition`.
         """
         if self._half is None:
             self._half = self._estimate(statistics, status)
@@ -76,11 +77,12 @@ class PatchEstimator:
         return True
 
     def rezero(self, statistics: Single) -> None:
-        """Takes the present readings as rest: after a step of the baseline, or at an operator's request."""
+        """Makes the present readings the rest values: after a step of the baseline, or at an operator's
+        request."""
         self.baseline.rezero(statistics[SIGNAL].astype(np.float64))
 
     def write(self, taxels: slice, estimates: Estimates) -> None:
-        """Writes the estimates for the kernel, in single precision: exact for counts below 2^24."""
+        """Writes the estimates for the kernel in single precision, which is exact for counts below 2^24."""
         baseline = self.baseline
         estimates.offset[taxels] = baseline.offset
         estimates.threshold[taxels] = baseline.threshold
@@ -88,8 +90,8 @@ class PatchEstimator:
         self.write_health(taxels, estimates)
 
     def write_health(self, taxels: slice, estimates: Estimates) -> None:
-        """Writes which taxels are muted, the pressure above which the others are active: at least one count,
-        and the pressure below which they measure nothing: at least half a count."""
+        """Writes the muted taxels; for the others the pressure above which they are active (at least one
+        count), and the pressure below which they measure nothing (at least half a count)."""
         threshold = self.baseline.threshold
         least = self._pressure(np.maximum(threshold, 1.0))
         estimates.least[taxels] = np.where(self.health.healthy, least, np.inf)
@@ -126,9 +128,10 @@ class PatchEstimator:
         return window, before, raised
 
     def _is_step(self, raised: NDArray[np.bool_], elapsed: float) -> bool:
-        """Returns True if nearly all taxels have been `raised` (n,) for so long that it is rest, not touch.
+        """Returns True if nearly all taxels have been `raised` (n,) for so long that this is rest and not a
+        touch.
 
-        A sole is excepted: the robot's weight presses all of it for as long as the robot stands.
+        A sole is excepted, since the robot's weight presses all its taxels while the robot stands.
         """
         settings, healthy = self.baseline.settings, self.health.healthy
         least = settings.step_share * max(int(np.count_nonzero(healthy)), 1)

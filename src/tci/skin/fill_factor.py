@@ -1,7 +1,7 @@
 """The fill factor of a skin: the fraction of the surface around a place that its taxels measure.
 
-In the gaps between modules nothing is measured, nor beyond the end of a sleeve. The forces on the taxels of a
-touch are therefore divided by the fill factor, averaged over an area as wide as the touch.
+Taxels measure neither the gaps between modules nor the area beyond the end of a sleeve. So the force of a
+touch is divided by the fill factor, averaged over an area as wide as the touch.
 """
 
 from __future__ import annotations
@@ -16,18 +16,20 @@ from tci.skin.triangulation import is_sheet
 
 WIDTHS = 2e-3 * 2.0 ** np.arange(4)
 """Standard deviations [m] of the Gaussians by which the fill factor is averaged, each twice the one before.
-Assumed: from the sharpest touch that a lattice of 5 mm resolves to a palm's."""
+Assumed: from the sharpest touch that taxels at distances of 5 mm resolve, to the touch of a palm."""
 REACH = 2.5
-"""Distance [standard deviations] at which the Gaussians end. Assumed: 4 % of them lies beyond."""
+"""Distance [standard deviations] at which the Gaussians are cut off. Assumed: this leaves out 4 % of their
+weight."""
 SPARSE = 2
-"""Number of neighbours within `NEIGHBOUR_DISTANCE` below which a taxel measures a place, not a surface
-(switches, bumpers, load cells): its fill factor is 1. That of isolated taxels, see `IsolatedSettings`."""
+"""Number of neighbours within `NEIGHBOUR_DISTANCE` below which a taxel measures a single place (switches,
+bumpers, load cells). The fill factor of such a taxel is 1. Isolated taxels have the same bound, see
+`IsolatedSettings`."""
 _CHUNK = 8192
 
 
 def is_surface(surface: Surface) -> NDArray[np.bool_]:
-    """Returns which taxels (n,) measure a surface on which a touch fades: not those of a sheet, nor sparse
-    ones."""
+    """Returns True for each taxel (n,) on a surface where the pressure of a touch decreases gradually: not on
+    a sheet, and not for sparse taxels."""
     if is_sheet(surface.normals):
         return np.zeros(len(surface.positions), np.bool_)
     tree = cKDTree(surface.positions)
@@ -36,11 +38,13 @@ def is_surface(surface: Surface) -> NDArray[np.bool_]:
 
 
 def fill_factors(surface: Surface) -> Array:
-    """Returns the fill factor (n, WIDTHS) around each taxel of a patch, 1 where the skin has no gap.
+    """Returns the fill factor (n, WIDTHS) around each taxel of a patch. It is 1 at places without gaps
+    nearby.
 
-    That of a sheet (a palm, a sole, a cap) is 1: its body ends where it does, and its plate carries a load to
-    the taxels. The other side of a thin limb does not count, and distances follow the arc between two taxels.
-    A taxel counts as a Gaussian with the second moment of a disc of its area.
+    On a sheet (a palm, a sole, a cap) the fill factor is 1: the part of the body ends at the edge of the
+    sheet, and a rigid plate passes the load to the taxels. Taxels on the other side of a thin limb are not
+    included, and distances are those along the arc between two taxels. A taxel has the weight of a Gaussian
+    with the second moment of a disc of the taxel's area.
     """
     if is_sheet(surface.normals):
         return np.ones((len(surface.positions), len(WIDTHS)))

@@ -20,34 +20,35 @@ class Health(IntEnum):
     HEALTHY = 0
     """In use."""
     DEAD = 1
-    """At rest and constant for long, although its patch fluctuates: masked."""
+    """At rest and constant for a long time, although its patch fluctuates: masked."""
     STUCK = 2
-    """Active without an active neighbour and constant: for long, or for one window if it fluctuated before;
-    or constant for long together with its whole patch. On a patch without noise, only at the end of its
-    range: masked."""
+    """Masked because it is active and constant: without an active neighbour, for a long time or, if it
+    fluctuated before, for one window; or together with its whole patch for a long time. On a patch without
+    noise only at the end of the range."""
     NOISY = 3
-    """Far noisier than its patch: masked."""
+    """Much noisier than its patch: masked."""
 
 
 _HEALTHY, _DEAD, _STUCK, _NOISY = map(int, Health)
-"""Values of the states. Comparing an array with a member of an enumeration takes several times as long."""
+"""Values of the states, since comparing an array with a member of an enumeration takes several times as
+long."""
 
 
 @dataclass(frozen=True, slots=True)
 class HealthSettings:
-    """Thresholds at which taxels are masked. All figures are assumed; lower ones mask more healthy taxels,
-    higher ones trust broken taxels for longer."""
+    """Thresholds at which taxels are masked. All figures are assumed. With lower figures more healthy taxels
+    are masked, with higher ones broken taxels are trusted for longer."""
 
     constant: float = 60.0
-    """Time [s] for which a value may stay constant to the bit while others change."""
+    """Time [s] for which a value may stay exactly constant while others change."""
     noisy: float = 8.0
-    """A taxel is masked if it is this many times as noisy as the median of its patch's taxels that were at
-    rest, until it is half as noisy."""
+    """A taxel is masked if its noise is this many times the median noise of its patch's taxels that were at
+    rest, until its noise is half of that."""
     least_noise: float = 1.0
     """Noise [counts] below which no taxel counts as noisy."""
     flicker: float = 0.2
-    """Median noise [counts] of a patch above which a constant taxel counts as broken: where no taxel
-    fluctuates, being constant means nothing."""
+    """Median noise [counts] of a patch above which a constant taxel counts as broken. On a patch without
+    fluctuations, healthy taxels are constant too."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -71,8 +72,8 @@ class TaxelHealth:
         self.state = np.zeros(count, dtype=np.int8)
         """`Health` of each taxel (n,)."""
         self.muted = np.zeros(count, dtype=bool)
-        """Taxels (n,) whose pressure is ignored. Dead ones are not among them: they read none, and if one
-        changes it is trusted at once."""
+        """Taxels (n,) whose pressure is ignored. Dead taxels are not included: they read no pressure, and are
+        trusted again immediately when their value changes."""
         self.constant = False
         """True if any taxel is dead or stuck."""
         self._full = full
@@ -91,8 +92,8 @@ class TaxelHealth:
         self.muted &= ~(changed & (self.state == _HEALTHY))
 
     def judge(self, window: Window, baseline: Baseline, offset: Array) -> None:
-        """Updates the health of every taxel (n,) by a window, its noise and threshold by the `baseline`, and
-        the rest values `offset` (n,) [counts] before it.
+        """Updates the health of every taxel (n,) from a window, the noise and thresholds of the `baseline`,
+        and the rest values `offset` (n,) [counts] before the window.
         """
         s, noise, threshold = self.settings, baseline.noise, baseline.threshold
         deviation = window.mean - offset

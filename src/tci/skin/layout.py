@@ -1,4 +1,4 @@
-"""All taxels of one robot in the arrays that the stages of perception read."""
+"""Arrays with all taxels of one robot, as the stages of perception read them."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ from tci.skin.surfaces import Surface, surfaces_of
 AXES = 3
 """Number of values of a three-axis taxel: x and y along the skin, z outward."""
 CELLS_PER_FACE = 8
-"""Upper bound on the number of grid cells per face. Assumed; more cells cost memory and save no time."""
+"""Upper bound on the number of grid cells per face. Assumed: more cells need memory and save no time."""
 
 
 def normal_channels(patch: Patch, surface: Surface) -> NDArray[np.intp]:
-    """Returns the place (n,) in the raw frame of the value along each taxel's normal.
+    """Returns the index (n,) in the raw frame of the value along each taxel's normal.
 
     A three-axis taxel sends x, y and z in turn: two along the skin, one outward.
     """
@@ -54,13 +54,13 @@ class SkinPatch:
     surface: Surface
     part: GenericPart
     segment: Segment | None
-    """The limb segment it lies on; None if it lies on none."""
+    """The limb segment with the patch; None if it is on no limb segment."""
     calibration: PatchCalibration | None = None
     """Measured rest values, noise and response; None to use the description's."""
 
     @property
     def channels(self) -> NDArray[np.intp]:
-        """Place (n,) in the raw frame of the value along each taxel's normal."""
+        """Index (n,) in the raw frame of the value along each taxel's normal."""
         return normal_channels(self.description, self.surface)
 
     @property
@@ -86,8 +86,8 @@ class SkinPatch:
         return linear * np.array(measured) if measured else np.full(len(self.channels), linear)
 
     def response(self, counts: Array) -> Array:
-        """Returns the response (n,) to deviations [counts] along the normal, before `gain`: up to the last
-        node at most."""
+        """Returns the response (n,) to deviations [counts] along the normal, without `gain`. Deviations
+        beyond the last node count as the last node."""
         return np.interp(counts, *self.nodes) if self.nodes.size else counts
 
 
@@ -114,15 +114,15 @@ class SkinLayout:
     starts: Places
     """First taxel (p + 1,) of each patch within the whole skin."""
     dtype: np.dtype[Any]
-    """Dtype of raw values: uint8 if it holds every sensor's range, else float32."""
+    """Dtype of raw values: uint8 if it can represent the range of every sensor, else float32."""
     arrays: LayoutArrays
 
     @staticmethod
     def of_robot(robot: Robot, calibration: SkinCalibration | None = None) -> SkinLayout:
         """Builds the layout of a robot's skin with a `calibration`.
 
-        None stands for the file that `tci skin calibrate` wrote beside the description, if there is one.
-        Raises TciError for a calibration that does not fit the robot.
+        None means the file that `tci skin calibrate` wrote beside the description, if there is one. Raises
+        TciError for a calibration that does not fit the robot.
         """
         beside = calibration_path(Path(robot.source))
         if calibration is None and beside.is_file():
@@ -185,7 +185,7 @@ def _layout(robot: Robot, measured: Mapping[str, PatchCalibration]) -> SkinLayou
 
 @per_robot
 def _as_described(robot: Robot) -> SkinLayout:
-    """Returns the layout of a robot whose skin nobody has calibrated."""
+    """Returns the layout of a robot's skin without calibration."""
     return _layout(robot, {})
 
 
@@ -240,7 +240,8 @@ def _arrays(patches: Sequence[SkinPatch], on: Places) -> LayoutArrays:
 
 
 def _fill(one: SkinPatch) -> Array:
-    """Returns the rows of `LayoutArrays.fill` of a patch. What is felt through joints is felt whole."""
+    """Returns the rows of `LayoutArrays.fill` of a patch. They are 1 for a patch that is felt through
+    joints."""
     if one.description.through_joints:
         return np.ones((len(one.surface.areas), len(WIDTHS)))
     return fill_factors(one.surface)

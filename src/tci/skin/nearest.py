@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tci.frames import Array
 
 FLAT = 1e-12
-"""Squared sine of a face's angle at its first corner below which the face has no area."""
+"""Squared sine of a face's angle at its first corner below which the face counts as having no area."""
 
 
 def nearest_on_faces(
@@ -16,8 +16,8 @@ def nearest_on_faces(
 ) -> tuple[NDArray[np.intp], Array, Array]:
     """Finds the nearest face's corners (k, 3), weights (k, 3) and point (k, 3) for each of `points` (k, 3).
 
-    The point is the corners' mean with these weights, which are barycentric: 0..1, sum 1. `vertices` (n, 3)
-    and `points` are in one frame, `faces` (f, 3) are indices of vertices.
+    The point is the mean of the corners with these weights, which are barycentric: 0..1, with sum 1.
+    `vertices` (n, 3) and `points` are in one frame, `faces` (f, 3) are indices of vertices.
     """
     points = np.asarray(points, dtype=np.float64)
     a, b, c = vertices[faces].transpose(1, 0, 2)

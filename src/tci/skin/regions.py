@@ -1,4 +1,4 @@
-"""Regions: named groups of taxels with statistics of their own, as in Skinware (Youssefi et al. 2015)."""
+"""Regions: named groups of taxels with statistics, as in Skinware (Youssefi et al. 2015)."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class RegionState:
     force: float
     """Sum of its taxels' forces [N]."""
     peak_pressure: float
-    """Pressure [Pa] on the taxel with the highest."""
+    """Largest pressure [Pa] on a taxel."""
     mean_pressure: float
     """Mean pressure [Pa] over active taxels; 0 if there are none."""
     area: float
@@ -39,14 +39,14 @@ class RegionState:
     active: int
     """Number of active taxels."""
     coverage: float
-    """Fraction (0..1) of its taxels in use: not masked, and on patches that have sent a frame."""
+    """Fraction (0..1) of its taxels that are in use: not masked, and on patches that have sent a frame."""
 
 
 def region(skin: Skin, name: str, taxels: Mapping[str, ArrayLike]) -> Region:
     """Returns a region of taxels, given by their indices on each patch.
 
-    Raises TciError for no taxels, an index out of range or one that occurs twice; UnknownNameError for an
-    unknown patch.
+    Raises TciError for an empty region, and for an index that is out of range or occurs twice;
+    UnknownNameError for an unknown patch.
     """
     found = {}
     for patch, indices in taxels.items():
@@ -77,8 +77,9 @@ def limb_region(
 ) -> Region:  # fmt: skip
     """Returns the taxels within `radius` [limb lengths] of a place (u, theta [rad]) on the generic limb.
 
-    This is the shape of a receptive field. The taxels are those at the posture `joints` and stay the same
-    when a limb's own rotation turns its skin. Raises TciError if no taxel is that near.
+    This is the shape of a receptive field. The taxels are computed for the posture `joints` and do not change
+    when a rotation of the limb about its axis turns its skin. Raises TciError if there is no taxel within the
+    radius.
     """
     near = {}
     for patch in skin.robot.patches:

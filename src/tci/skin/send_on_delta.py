@@ -1,10 +1,10 @@
 """Event-driven skin (send-on-delta): only frames that changed are sent, and the receiver repeats the last
 one.
 
-A patch's sensor counts its frames at a constant rate. The sender omits frames that equal the one before,
-except for one every `keep_alive` seconds, which distinguishes an unchanged patch from a dead one. The
-receiver fills in omitted frames with the same array object, which `Conditioner` only counts. Perception is
-equal to the bit where stamps are exact numbers; elsewhere rounding of summed times can end an estimation
+The sensor of a patch numbers its frames at a constant rate. The sender omits frames that equal the previous
+one, except for one frame every `keep_alive` seconds, which distinguishes an unchanged patch from a dead one.
+The receiver replaces omitted frames by the same array object, which `Conditioner` only counts. Perceptions
+are equal, bit for bit, if stamps are exact numbers. Otherwise rounding of summed times can end an estimation
 window one frame earlier or later.
 """
 
@@ -19,7 +19,7 @@ from tci.messages import SkinFrame
 from tci.robot.description import Robot
 
 _EARLY = 1e-6
-"""Fraction of a period that a frame may be early, for rounding of its stamp."""
+"""Fraction of a period by which a frame may be early, to allow for rounding of its stamp."""
 
 
 class SendOnDelta:
@@ -31,7 +31,7 @@ class SendOnDelta:
         self._sent: dict[str, SkinFrame] = {}
 
     def select(self, frames: Iterable[SkinFrame]) -> tuple[SkinFrame, ...]:
-        """Returns the `frames` that differ from the last one sent of their patch, or are due for
+        """Returns those `frames` that differ from the last frame sent of their patch, or are due for
         keep-alive."""
         return tuple(frame for frame in frames if self._is_due(frame))
 
@@ -48,7 +48,7 @@ class SendOnDelta:
 
 
 class HoldLast:
-    """Receiver's side: holds the latest frame of each patch and fills in those that were not sent."""
+    """Receiver's side: stores the latest frame of each patch and repeats it for frames that were not sent."""
 
     def __init__(self, robot: Robot, keep_alive: float) -> None:
         """Raises TciError unless `keep_alive` [s] is above 0 and finite."""
@@ -58,10 +58,10 @@ class HoldLast:
         self._before = self._known
 
     def fill(self, arrived: Iterable[SkinFrame], now: float) -> tuple[SkinFrame, ...]:
-        """Returns the latest frames at `now` [s] of a sender at constant rate, given those that `arrived` so
-        far.
+        """Returns the latest frames at `now` [s] as a sender at constant rate would send them, given the
+        frames that `arrived` so far.
 
-        A patch that sent nothing for `keep_alive` plus one period is dead: its last frame stays.
+        A patch that sent nothing for `keep_alive` plus one period is dead: its last frame is not repeated.
         """
         self._before = self._known
         known = self._known = {**self._known}
@@ -84,7 +84,7 @@ class HoldLast:
         return tuple(frames)
 
     def undo(self) -> None:
-        """Takes back the last `fill`, whose frames were refused: none of them may be repeated."""
+        """Undoes the last `fill`, whose frames were refused, so that none of them is repeated."""
         self._known = self._before
 
 

@@ -1,7 +1,7 @@
-"""One acquisition, many readers, each at its own rate; none slows the acquisition.
+"""One writer and many readers of skin states. Each reader has its own rate, and none slows the writer.
 
-The writer publishes every state of the skin into a ring buffer and waits for nobody; each reader has an index
-of its own (as in Skinware, Youssefi et al. 2015). States that a slow reader misses are counted.
+The writer puts every state of the skin into a ring buffer and never waits; each reader has its own index (as
+in Skinware, Youssefi et al. 2015). States that a slow reader misses are counted.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ class SkinService:
     """Publishes the states of one skin. One thread may call `publish`, any thread may read."""
 
     def __init__(self, skin: Skin, *, depth: int = DEPTH) -> None:
-        """Starts with an empty ring of `depth` states, the largest lag of a reader that misses none. Raises
-        TciError below 1."""
+        """Starts with an empty ring of `depth` states. A reader that lags by more states misses some. Raises
+        TciError for a depth below 1."""
         if depth < 1:
             raise TciError(f"a ring of {depth} states; valid: 1 or more")
         self.skin = skin
@@ -43,8 +43,8 @@ class SkinService:
         return self._published
 
     def publish(self, state: SkinState) -> None:
-        """Publishes a new state. The cost does not depend on the number of readers, and it never waits for
-        one."""
+        """Publishes a new state. The time does not depend on the number of readers, and the call never waits
+        for a reader."""
         if self._published and state is self._ring[(self._published - 1) % len(self._ring)]:
             return
         self._ring[self._published % len(self._ring)] = state
@@ -56,14 +56,15 @@ class SkinService:
     def reader(self, mode: Mode = "every", *, region: Region | None = None, step: float = 0.0) -> SkinReader:
         """Returns a new reader, which starts with the next state to be published.
 
-        `every`: each state in turn. `latest`: the newest one, skipping those between. `change`: the newest
-        one in which the force on any patch (or the region's) differs by more than `step` [N] from the last
-        one it read. Raises UnknownNameError for another mode, TciError for a negative or infinite step.
+        Mode `every`: the reader gets each state in turn. `latest`: it gets the newest state and skips earlier
+        ones. `change`: it gets the newest state in which the force on any patch (or on the region) differs by
+        more than `step` [N] from the last state it read. Raises UnknownNameError for another mode, TciError
+        for a negative or infinite step.
         """
         return SkinReader(self, mode, region, step)
 
     def _get(self, index: int) -> SkinState | None:
-        """Returns state `index`; None when the ring has moved on."""
+        """Returns state `index`; None if it is no longer in the ring."""
         state = self._ring[index % len(self._ring)]
         # The index is checked after reading: a writer that overwrote the slot meanwhile has moved it on.
         return state if self._published - index < len(self._ring) else None
@@ -91,7 +92,7 @@ class SkinService:
 
 
 class SkinReader:
-    """A reader's position in the ring. An object serves one thread."""
+    """A reader's position in the ring. Each thread needs its own reader."""
 
     def __init__(self, service: SkinService, mode: Mode, region: Region | None, step: float) -> None:
         if mode not in MODES:
@@ -108,7 +109,7 @@ class SkinReader:
         self._forces: dict[str, float] | None = None
 
     def read(self, timeout: float | None = None) -> SkinState | None:
-        """Returns the next state for this reader; None if none came within `timeout` [s] (None: wait
+        """Returns the next state for this reader; None if there was none within `timeout` [s] (None: wait
         indefinitely)."""
         end = None if timeout is None else time.monotonic() + timeout
         while True:
@@ -128,8 +129,8 @@ class SkinReader:
                 return state
 
     def figures(self, state: SkinState) -> RegionState:
-        """Returns the statistics of this reader's region in `state`. Raises TciError for a reader without
-        one."""
+        """Returns the statistics of this reader's region in `state`. Raises TciError for a reader without a
+        region."""
         if self._region is None:
             raise TciError("this reader has no region; valid: reader(region=...)")
         return region_state(self._service.skin, self._region, state)

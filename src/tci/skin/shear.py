@@ -14,14 +14,14 @@ from tci.skin.surfaces import Surface, tangents
 
 SETTLE = 10.0
 """Time constant [s] with which the rest values of an untouched taxel are tracked. Assumed: slower than a
-touch, faster than warmth."""
+touch, faster than a change of temperature."""
 GAP = 1.0
-"""Upper bound [s] on the frame interval that counts towards rest values. Assumed; without it, the first frame
-after a gap would replace the mean of those before."""
+"""Upper bound [s] on the frame interval in the estimate of rest values. Assumed: without a bound, the first
+frame after a gap would replace the mean of earlier frames."""
 
 
 class Shear:
-    """Turns the x and y values of one patch into forces; holds their rest values."""
+    """Converts the x and y values of one patch to forces. Contains their rest values."""
 
     def __init__(self, patch: Patch, surface: Surface) -> None:
         self._sensor = patch.sensor
@@ -39,7 +39,7 @@ class Shear:
 
         `pressure` (taxels,) [Pa] comes from conditioning the same frame: a taxel without pressure has no
         tangential force, and its rest values are updated. A value that is not finite or outside the sensor's
-        range counts as rest.
+        range is replaced by the rest value.
         """
         sensor = self._sensor
         raw = doubles(values[self._channels])

@@ -21,12 +21,12 @@ FrameName = Literal["link", "limb", "torso"]
 
 
 class Skin:
-    """The whole skin of one robot. Immutable; methods take the posture that they answer for."""
+    """The whole skin of one robot. Immutable; methods take the posture as an argument."""
 
     def __init__(self, robot: Robot) -> None:
         """Builds the surface of every patch, once for each robot.
 
-        Raises what KinematicChain and build_surface raise.
+        Raises the errors of KinematicChain and build_surface.
         """
         self.robot = robot
         self.kinematics = KinematicChain(robot)
@@ -52,7 +52,7 @@ class Skin:
     def limb(self, patch: str, joints: JointReading) -> tuple[Array, Array, Array]:
         """Returns u, theta [rad] and r [m] (taxels,) of the taxels on their segment (eq. 3, x = u L).
 
-        Raises UnknownNameError for an unknown patch, TciError for one that lies on no limb.
+        Raises UnknownNameError for an unknown patch, TciError for a patch that is not on a limb.
         """
         points_S = self.positions(patch, joints, frame="limb")
         description = self.robot.patch(patch)
@@ -68,7 +68,7 @@ class Skin:
     def segment_pose(self, part: str, segment: str, joints: JointReading, posture: Array) -> Array:
         """Returns `T_TS` (4, 4) of a part's segment at the generic angles `posture` (n,) [rad].
 
-        Raises UnknownNameError for an unknown part or segment, TciError for one that is on no generic limb.
+        Raises UnknownNameError for an unknown part or segment, TciError for a segment without a generic limb.
         """
         description = self.robot.part(part)
         place = description.segment(segment)
@@ -95,9 +95,9 @@ class Skin:
 def segment_pose(part: GenericPart, segment: Segment, T_TL: Array, posture: Array) -> Array:
     """Returns `T_TS` (4, 4) of a segment, given the pose of the link that its origin refers to.
 
-    S does not turn with the segment's own axial rotation: iCub's forearm skin turns with pronation, NAO's
-    sleeve does not, and (u, theta) must mean the same place of the body on both. Raises TciError for a part
-    that is no arm.
+    The frame S does not turn with a rotation of the segment about its axis: iCub's forearm skin turns with
+    pronation, NAO's sleeve does not, and (u, theta) must mean the same place of the body on both robots.
+    Raises TciError for a part that is not an arm.
     """
     if part.kind != "arm" or part.side is None:
         raise TciError(f"the {segment.name} of {part.name} is on no generic limb; valid: segments of an arm")

@@ -24,15 +24,16 @@ from tci.skin.nearest import nearest_on_faces
 from tci.skin.triangulation import outward, triangulate
 
 NEIGHBOUR_DISTANCE = 0.015
-"""Largest distance [m] up to which taxels are neighbours: the largest that an iCub's skinManager is set
-to."""
+"""Upper bound [m] on the distance of neighbouring taxels: the largest value in the settings of iCub's
+skinManager."""
 
 PITCHES = 2.3
-"""Distance up to which taxels are neighbours, as a multiple of the pitch of a dense lattice. Assumed: beyond
-two steps of the lattice, so that a taxel that fails divides no contact, and 15 mm on an iCub."""
+"""Largest distance of neighbouring taxels, as a multiple of the pitch of a dense lattice. Assumed: more than
+two steps of the lattice, so that a failed taxel does not divide a contact; this is 15 mm on an iCub."""
 
 GAP = 0.025
-"""Widest gap [m] in a skin across which taxels are neighbours. Assumed: the widest of an iCub's is 19 mm."""
+"""Widest gap [m] in a skin across which taxels are neighbours. Assumed: the widest gap in an iCub's skin is
+19 mm."""
 
 CHANNELS_PER_MODULE = 12
 
@@ -42,7 +43,7 @@ _LATTICE = {
 }  # fmt: skip
 """Place of each taxel on a module, in steps along two lattice axes 60 degrees apart; 3 is the centre.
 
-Channels 6 and 10 are thermal pads. Derived from pyCub's positions: every module there fits to 0.03 mm.
+Channels 6 and 10 are thermal pads. Derived from the positions in pyCub: every module fits within 0.03 mm.
 """
 
 
@@ -61,26 +62,26 @@ class Surface:
     areas: Array
     """Area (n,) [m2] that each taxel represents."""
     channels: NDArray[np.intp]
-    """Place (n,) of each taxel in the raw frame."""
+    """Index (n,) of each taxel in the raw frame."""
     neighbours: NDArray[np.intp]
-    """Pairs (m, 2) of neighbouring taxels, each once: near, and on the same side of a thin limb; all pairs of
-    those that carry one rigid plate."""
+    """Pairs (m, 2) of neighbouring taxels, each pair once. Neighbours are near and on the same side of a thin
+    limb; taxels under one rigid plate are all neighbours."""
     faces: NDArray[np.intp]
     """Triangles (f, 3) of taxels, anticlockwise seen from outside.
 
-    All taxels are corners, so that the projection of a taxel is the taxel. What collides in the simulation is
-    their convex hull. Taxels on one line have none.
+    All taxels are corners, so that the projection of a taxel is the taxel itself. In simulation the convex
+    hull of the faces collides. Taxels on one line have no faces.
     """
     tangents: Array | None = None
-    """Unit x axes (n, 3) of three-axis taxels in the link; y is normal x tangent. None stands for
+    """Unit x axes (n, 3) of three-axis taxels in the link; y is normal x tangent. None means the default,
     `tangents`."""
 
     def project(self, points: Array) -> tuple[Array, Array]:
         """Returns the nearest points (k, 3) [m] of the surface to `points` (k, 3) [m] and its normals (k, 3)
         there.
 
-        All are in the link. Points inside the limb are valid: that is where a centre of pressure lies.
-        Without faces it returns the nearest taxel.
+        All are in the frame of the link. Points inside the limb are valid, since a centre of pressure is
+        there. For a surface without faces it returns the nearest taxel.
         """
         if not len(self.faces):
             near = cKDTree(self.positions).query(points)[1]
@@ -93,9 +94,9 @@ class Surface:
 def build_surface(robot: Robot, patch: Patch, kinematics: KinematicChain) -> Surface:
     """Builds the surface of one patch.
 
-    Raises DescriptionError when a table can't be read, a module's frame is not fixed to the patch's link, or
-    the patch has fewer channels than its taxels need; UnknownNameError for a link or frame that the model
-    lacks.
+    Raises DescriptionError if a table can't be read, if the frame of a module is not fixed to the patch's
+    link, or if the patch has fewer channels than its taxels need; UnknownNameError for a link or frame that
+    the model lacks.
     """
     description = patch.surface
     across: Array | None = None
@@ -140,8 +141,8 @@ def build_surface(robot: Robot, patch: Patch, kinematics: KinematicChain) -> Sur
 
 @per_robot
 def surfaces_of(robot: Robot) -> tuple[Surface, ...]:
-    """Returns the surface of every patch, in the robot's order. Raises what KinematicChain and build_surface
-    raise."""
+    """Returns the surface of every patch, in the robot's order. Raises the errors of KinematicChain and
+    build_surface."""
     kinematics = KinematicChain(robot)
     return tuple(build_surface(robot, patch, kinematics) for patch in robot.patches)
 
@@ -154,8 +155,8 @@ def mount_of(patch: Patch) -> Array:
 def tangents(normals: Array) -> Array:
     """Returns default x axes (n, 3) of taxels, unit vectors perpendicular to `normals` (n, 3).
 
-    They are projections of the link's x axis, or of its y axis where x is within 18 degrees of the normal.
-    Assumed: descriptions without axes do not define them.
+    They are projections of the link's x axis, or of its y axis if the x axis is within 18 degrees of the
+    normal. Assumed, since the description does not define axes.
     """
     steep = np.abs(normals[:, :1]) > 0.95
     guide = np.where(steep, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0])
@@ -165,8 +166,8 @@ def tangents(normals: Array) -> Array:
 
 
 def _cone(cone: TruncatedCone) -> tuple[Array, Array, Array, NDArray[np.intp]]:
-    """Returns positions, normals, areas and faces of a cone's taxels; its first and last ring are its two
-    ends.
+    """Returns positions, normals, areas and faces of a cone's taxels. The first and the last ring are at the
+    ends of the cone.
 
     In the cone's frame a taxel at x and theta is at (r(x) cos theta, r(x) sin theta, -x) (eqs 3-4).
     """
@@ -244,8 +245,8 @@ def _frames(
 
 def lattice_pitch(positions: Array) -> float:
     """Returns the pitch [m] of the lattice of taxels at `positions` (n, 3) [m]: the median distance to the
-    third nearest one. The nearest are too near where a file has rounded positions. Infinite for fewer than
-    four."""
+    third nearest one. Distances to nearer taxels can be too small in files with rounded positions. It is
+    infinite for fewer than four taxels."""
     places = np.unique(positions, axis=0)
     if len(places) < 4:
         return float("inf")
@@ -253,17 +254,17 @@ def lattice_pitch(positions: Array) -> float:
 
 
 def neighbour_distance(positions: Array) -> float:
-    """Returns the distance [m] up to which taxels at `positions` (n, 3) [m] are neighbours, unless the
-    description has another one."""
+    """Returns the default of the largest distance [m] of neighbours among taxels at `positions` (n, 3)
+    [m]."""
     return min(PITCHES * lattice_pitch(positions), NEIGHBOUR_DISTANCE)
 
 
 def find_neighbours(positions: Array, normals: Array, distance: float | None = None) -> NDArray[np.intp]:
-    """Returns pairs (m, 2), lower index first, of taxels that are near and face the same way.
+    """Returns pairs (m, 2), lower index first, of taxels that are near and have similar normals.
 
-    They are near up to `distance` [m], None for `neighbour_distance`, and across a wider gap between modules
-    if no other taxel lies in the ball between them (Gabriel and Sokal 1969): one finger on the gap presses
-    both. With a `distance` a gap is no wider than that.
+    Taxels are near if their distance is at most `distance` [m] (None: `neighbour_distance`). With
+    `distance=None`, taxels across a wider gap between modules are also near if the ball between them contains
+    no other taxel (Gabriel and Sokal 1969), since one finger on the gap presses both.
     """
     tree = cKDTree(positions)
     near = neighbour_distance(positions) if distance is None else distance

@@ -1,4 +1,4 @@
-"""Identities of contacts: each lasts from the frame in which a contact began to its end."""
+"""Identities of contacts, constant from the first frame of a contact to its end."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class TrackSettings:
     assumed."""
 
     reach: float = 0.03
-    """Largest distance [m] that a contact's centre may move between frames. Larger joins separate touches,
-    smaller splits a fast slide."""
+    """Largest distance [m] by which the centre of a contact may move between frames. A larger value joins
+    separate touches, a smaller one splits a fast slide."""
     linger: float = 0.1
     """Longest time [s] for which a contact may vanish and keep its identity."""
 
@@ -33,7 +33,7 @@ class TrackSettings:
 
 
 class Tracker:
-    """Gives contacts their identities; holds the tracks of one skin."""
+    """Assigns identities to contacts. Contains the tracks of one skin."""
 
     def __init__(self, settings: TrackSettings = TrackSettings()) -> None:
         self.settings = settings
@@ -43,8 +43,8 @@ class Tracker:
     def follow(self, contacts: ContactArrays, stamps: Array) -> None:
         """Writes identity, onset and displacement of the contacts of a frame.
 
-        `stamps` (p,) [s] are the times of the patches' frames. The nearest pairs of a track and a contact, up
-        to `reach`, are matched; contacts left over are new.
+        `stamps` (p,) [s] are the times of the patches' frames. Tracks and contacts are matched, nearest pairs
+        first, up to `reach`; contacts without a match are new.
         """
         tracks = np.empty((len(self._tracks) + len(contacts.site), TRACK))
         best = np.empty((len(contacts.site), 3))

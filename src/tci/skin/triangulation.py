@@ -1,7 +1,8 @@
-"""Triangles between the taxels of a skin: of a sheet on a plane, of a limb unrolled around its axis.
+"""Triangles between the taxels of a skin, computed on a plane for a sheet, and on the unrolled surface for a
+limb.
 
-All taxels are corners. A convex hull would leave out those in hollows, and would put touches there up to 9 mm
-outside the skin of an iCub's forearm.
+All taxels are corners. A convex hull would leave out taxels in hollows; touches in the hollows of an iCub's
+forearm would then be up to 9 mm outside its skin.
 """
 
 from __future__ import annotations
@@ -13,13 +14,13 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 from tci.frames import Array
 
 SHEET = 0.3
-"""Least cosine between each normal of a skin and their mean for it to be a sheet: 72 degrees. Assumed; a
-limb's normals point all around, a palm's or a sole's stay well within."""
+"""Least cosine between each normal of a sheet and their mean: 72 degrees. Assumed: normals of a limb point in
+all directions around it; those of a palm or a sole are well within this angle."""
 OFF = 1e-3
-"""Largest distance [m] of a taxel from its projection. Assumed: the figure that skin files are rounded to."""
+"""Largest distance [m] of a taxel from its projection. Assumed: the rounding of skin files."""
 TIE = 1e-6
-"""Standard deviation [m] of shifts that decide between equally good triangles. Without them those of a
-regular lattice differ from one turn of an unrolled limb to the next."""
+"""Standard deviation [m] of small shifts of taxels that decide between equally good triangles. Without these
+shifts, the triangles of a regular lattice would differ from one turn of an unrolled limb to the next."""
 
 _NONE = np.zeros((0, 3), np.intp)
 
@@ -34,7 +35,8 @@ def is_sheet(normals: Array) -> bool:
 def triangulate(positions: Array, normals: Array) -> NDArray[np.intp]:
     """Returns triangles (f, 3) between taxels at `positions` (n, 3) [m] with `normals` (n, 3).
 
-    There are none for taxels on one line, or if their normals leave one of them out by more than OFF.
+    There are none for taxels on one line, or if a taxel is farther than OFF from its projection onto the
+    triangles.
     """
     places, index = np.unique(positions, axis=0, return_index=True)
     if len(places) < 3 or np.linalg.matrix_rank(places - places.mean(axis=0), tol=1e-6) < 2:
@@ -50,13 +52,13 @@ def triangulate(positions: Array, normals: Array) -> NDArray[np.intp]:
 
 
 def outward(faces: NDArray[np.intp], positions: Array, normals: Array) -> NDArray[np.intp]:
-    """Orients triangles anticlockwise, seen from the side that the taxels' normals point to."""
+    """Orients triangles anticlockwise, seen from the side to which the taxels' normals point."""
     inward = np.einsum("fi,fi->f", _unit_normals(faces, positions), normals[faces].mean(axis=1)) < 0.0
     return np.where(inward[:, None], faces[:, ::-1], faces)
 
 
 def _on_plane(places: Array, normals: Array) -> NDArray[np.intp]:
-    """Returns triangles (f, 3) of a sheet, seen along the mean of its normals."""
+    """Returns triangles (f, 3) of a sheet, computed in the plane perpendicular to its mean normal."""
     across = np.linalg.svd(normals.mean(axis=0, keepdims=True))[2][1:]
     return _delaunay(places @ across.T)
 
@@ -64,7 +66,8 @@ def _on_plane(places: Array, normals: Array) -> NDArray[np.intp]:
 def _around_axis(places: Array, normals: Array) -> NDArray[np.intp]:
     """Returns triangles (f, 3) of a limb from its unrolled skin.
 
-    Its axis has the direction in which the normals vary least, and is nearest to the lines along them.
+    The axis has the direction in which the normals vary least, and the least distance from the lines along
+    the normals.
     """
     axes = np.linalg.eigh(np.cov(normals.T))[1].T
     along, flat, out = places @ axes[0], places @ axes[1:].T, normals @ axes[1:].T
@@ -87,7 +90,7 @@ def _around_axis(places: Array, normals: Array) -> NDArray[np.intp]:
 
 
 def _skin_only(faces: NDArray[np.intp], places: Array, normals: Array) -> NDArray[np.intp]:
-    """Returns the `faces` (f, 3) without those over a limb's open ends, which carry no skin."""
+    """Returns the `faces` (f, 3) without those that close the open ends of a limb, where there is no skin."""
     towards = normals[faces].mean(axis=1)
     across = np.abs(np.einsum("fi,fi->f", _unit_normals(faces, places), towards))
     result: NDArray[np.intp] = faces[across > 0.5 * np.linalg.norm(towards, axis=1)]

@@ -34,13 +34,13 @@ def count_taxels(
     places: Array,
     counts: Array,
 ) -> None:
-    """Counts the taxels of some patches, and those of them that are `masked` (n,), around each of the
-    `places` (5, m).
+    """Counts the taxels of some patches around each of the `places` (5, m), and how many of them are `masked`
+    (n,).
 
-    The numbers are added to `counts` (2, m). `poses` (l, 4, 4) are `T_TL` of links, `on` (p, 2) the indices
-    there of each patch's link and of its segment's, `limb` (p, 15) its numbers, `posture` (n,) [rad] that of
-    the part; `positions` (n, 3) [m] are those of the taxels in their links, patch by patch from `begins` (p +
-    1,) on.
+    The numbers are added to `counts` (2, m). `poses` (l, 4, 4) are `T_TL` of all links. `on` (p, 2) are the
+    indices in `poses` of each patch's link and of its segment's link, `limb` (p, 15) the numbers of its limb.
+    `posture` (n,) [rad] is that of the part. `positions` (n, 3) [m] are those of the taxels in their links;
+    those of patch i begin at `begins[i]` (p + 1,).
     """
     for p in range(len(on)):
         x_S, y_S, z_S = limb_pose(poses[on[p, 0]], poses[on[p, 1]], limb[p], posture)

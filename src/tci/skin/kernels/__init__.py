@@ -1,1 +1,1 @@
-"""Compiled stages of perception (numba). Each is tested against a plain NumPy twin."""
+"""Compiled stages of perception (Numba). Tests compare each stage with a version in NumPy."""

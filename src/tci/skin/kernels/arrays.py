@@ -27,11 +27,12 @@ AREA = 6
 LINK, LIMB_LINK, POSTURE = range(3)
 """Columns of `LayoutArrays.on`."""
 BLOCK_SIZE = 64
-"""Taxels per block. A block whose raw values equal those of the frame before is only counted."""
+"""Taxels per block. If the raw values of a block equal those of the previous frame, the frame is only counted
+for this block."""
 
 
 class LayoutArrays(NamedTuple):
-    """All taxels (n,) of a robot, patch (p,) by patch. Constant."""
+    """Constant properties of all taxels (n,) of a robot, in the order of patches (p,)."""
 
     begin: Places
     """First taxel, channel, block, cell and node (p + 1, 5) of each patch."""
@@ -40,11 +41,11 @@ class LayoutArrays(NamedTuple):
     rate: Array
     """Frames per second (p,) [Hz]."""
     channel: Places
-    """Place (n,) of each taxel in the buffer of raw values."""
+    """Index (n,) of each taxel in the buffer of raw values."""
     span: Places
     """First channel, last + 1, and 1 if the channels are consecutive (b, 3), of each block."""
     gain: Array
-    """Response (n,) [Pa per count], where `nodes` define it a factor of theirs."""
+    """Response (n,) [Pa per count]; for a response that `nodes` define, a factor of it."""
     nodes: Array
     """Deviation [counts] and pressure [Pa] (2, m) at the nodes of piecewise linear responses."""
     taxel: Array
@@ -80,14 +81,14 @@ class Estimates(NamedTuple):
     fluctuating: NDArray[np.bool_]
     """Taxels so noisy that their values never stay constant for long."""
     onset: Array
-    """Pressure [Pa] of two counts, from which a light touch begins; infinite while the noise is not known."""
+    """Pressure [Pa] of two counts, at which a light touch begins; infinite while the noise is unknown."""
     hidden: Array
-    """Pressure [Pa] below which the edge of a touch is not measured; 0 where a touch has none (sheets,
-    switches)."""
+    """Pressure [Pa] below which the edge of a touch is not measured; 0 for sheets and switches, on which a
+    touch has no gradual edge."""
 
 
 class SkinMemory(NamedTuple):
-    """Statistics of the running estimation windows and the data that they are computed from."""
+    """Statistics of the current estimation windows, and the data for computing them."""
 
     statistics: Single
     """Per taxel (6, n), see `kernels.condition`."""
@@ -102,7 +103,8 @@ class SkinMemory(NamedTuple):
     counts: Places
     """Number of active taxels (p,) of each patch."""
     active: Indices
-    """Indices (n,) of active taxels within their patch, each patch's from its first taxel on."""
+    """Indices (n,) of active taxels within their patch. Those of a patch begin at the index of its first
+    taxel."""
     pressure: Array
     """Pressures (n,) [Pa] of the active taxels, in the same order."""
 
@@ -138,7 +140,8 @@ class Clusters(NamedTuple):
     bound: Indices
     """Start of each cluster's members (n + 1,)."""
     member: Indices
-    """Members (n,) of all clusters, as taxels of the whole skin, rising within each cluster."""
+    """Members (n,) of all clusters, as indices of taxels within the whole skin, in increasing order within
+    each cluster."""
     member_force: Array
     """Force (n,) [N] on each member."""
 
@@ -192,4 +195,4 @@ CONTACTS = record(
     ContactArrays, writes(1, int64), writes(1, int64), _C, _C, _C, _C, _C, _V, _V, _V, _V, _V, _C, _C, _V,
     writes(1, int64), writes(1, int64), _C, _V,
 )  # fmt: skip
-"""Types of the above; `float64` where nothing is said."""
+"""Numba types of these tuples; fields without another type are `float64`."""

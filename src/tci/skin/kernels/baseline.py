@@ -1,4 +1,4 @@
-"""Kernel of an estimation window's end: rest values and noise of the taxels of one patch."""
+"""Kernel for the end of an estimation window: updates rest values and noise of the taxels of one patch."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ quiet taxel, of one below its rest value, and in the noise."""
 ROOM = 6
 """Rows of the work space (ROOM, n)."""
 BESIDE = 2.0
-"""Mark of a quiet taxel beside a touched one; that of other quiet ones is 1."""
+"""Mark of a quiet taxel beside a touched one; other quiet taxels have the mark 1."""
 NOISE_GAIN = float(np.sqrt(6.0) * np.sqrt(2.0 / np.pi))
-"""Mean size of the second difference of normal noise, in standard deviations of the noise."""
+"""Mean absolute second difference of Gaussian noise, in standard deviations of the noise."""
 
 
 class BaselineArrays(NamedTuple):
     """Estimates of the taxels (n,) of one patch."""
 
     offset: Array
-    """Rest value [counts] beyond the description's, positive with pressure."""
+    """Rest value [counts] relative to that in the description, positive with pressure."""
     noise: Array
     """Standard deviation [counts] of the noise."""
     threshold: Array
@@ -88,7 +88,7 @@ def median(values: Array) -> float:
 
 @inlined
 def _typical(estimates: BaselineArrays, room: Array) -> float:
-    """Returns the median noise of the taxels that have been at rest, of all if none has."""
+    """Returns the median noise of the taxels that have been at rest, or of all taxels if none has."""
     found, any_rested = 0, False
     for i in range(len(room)):
         any_rested = any_rested or estimates.rested[i]

@@ -49,8 +49,8 @@ not added yet (-1 if the next may not be counted only), length [s] of the window
 frames."""
 ROWS, BLOCK_COLUMNS, PATCH_COLUMNS = 6, 4, 9
 GAP = 1.0
-"""Upper bound [s] on the frame interval that counts towards an estimation window. Assumed: a longer pause is
-not time in which the patch was observed."""
+"""Upper bound [s] on the frame interval that is added to the length of an estimation window. Assumed: during
+a longer pause the patch was not observed."""
 _STEP = 256
 
 
@@ -84,8 +84,8 @@ def _gather(raw: NDArray[Any], layout: LayoutArrays, block: int, begin: int, val
 def _note(
     values: Single, sensor: Single, estimates: Estimates, statistics: Single, begin: int, frames: int
 ) -> tuple[int, int, int]:
-    """Updates the statistics of one block without branches, so that the processor handles eight taxels at
-    once.
+    """Updates the statistics of one block. The loop has no branches, so that the processor handles eight
+    taxels at once.
 
     Returns the number of values dropped, of saturated taxels, and 1 if any taxel is active.
     """
@@ -127,7 +127,8 @@ def _note(
 
 @inlined
 def _response(counts: float, nodes: Array, first: int, end: int) -> float:
-    """Returns the pressure [Pa], linear between the nodes from `first` to `end` and beyond the last."""
+    """Returns the pressure [Pa] by linear interpolation between the nodes from `first` to `end`, and linear
+    extrapolation beyond the last node."""
     k = first + 1
     while k < end - 1 and counts > nodes[0, k]:
         k += 1
@@ -235,10 +236,11 @@ def condition(
 ) -> int:
     """Turns new raw frames of the patches `which` (k,) into active taxels and their pressure [Pa].
 
-    A block of 64 taxels whose raw values equal the previous frame is only counted; its sums are caught up
-    when it changes or the estimation window ends, with an equal result. `raw` (c,) holds all channels, `last`
-    (c,) those of the previous frame, `stamps` (k,) [s]. `latency` [s] is the time constant of smoothing.
-    Returns the number of patches whose window has ended.
+    If the raw values of a block of 64 taxels equal those of the previous frame, the frame is only counted.
+    The sums of the block are updated when its values change or the estimation window ends, with an equal
+    result. `raw` (c,) contains all channels, `last` (c,) those of the previous frame, `stamps` (k,) [s] the
+    times of the frames. `latency` [s] is the time constant of smoothing. Returns the number of patches whose
+    window has ended.
     """
     ended = 0
     for k in range(len(which)):

@@ -1,4 +1,5 @@
-"""Contact kernels: active taxels to clusters, clusters to position, normal and force (eqs 3-4, 6-7)."""
+"""Contact kernels: find clusters of active taxels, and compute position, normal and force of each cluster
+(eqs 3-4, 6-7)."""
 
 from __future__ import annotations
 
@@ -33,12 +34,15 @@ from tci.skin.kernels.nearest import nearest
 FORCE, PEAK, AREA_SUM, U, THETA, Y, Z, POINT, NORMAL, SUMMARY = 0, 1, 2, 3, 4, 5, 6, 7, 10, 13
 """Columns of a summary, and their number."""
 NARROW = 0.5
-"""Least width of a touch [taxel pitches], for one that few taxels show. Assumed: measured widths of touches
-between 3 and 5 mm are then about right on lattices of 6 to 10 mm."""
+"""Least width of a touch [distances of neighbouring taxels], since the width can't be measured with few
+taxels. Assumed: widths of touches between 3 and 5 mm are then about right on skins with distances of 6 to 10
+mm."""
 LEAST_FILL = 0.15
-"""Least fill factor by which forces are divided. Assumed: on sparser skin the result would be a guess."""
+"""Least fill factor by which forces are divided. Assumed: on sparser skin the corrected force would be
+unreliable."""
 MOST_HIDDEN = 0.5
-"""Largest share of a force that is added for its edge. Assumed: more would be a guess."""
+"""Largest fraction of a force that is added for the edge of a touch. Assumed: a larger correction would be
+unreliable."""
 _FIRST, _LAST = float(WIDTHS[0]), len(WIDTHS) - 1
 _NONE, _ONE = np.uint64(0), np.uint64(1)
 """Unsigned indices: numba then omits the check for negative (wrap-around) indices."""
@@ -68,7 +72,8 @@ def _grow(
     seed: int, limits: Limits, number: int, onset: Array, layout: LayoutArrays,
     clusters: Clusters,
 ) -> tuple[int, bool]:  # fmt: skip
-    """Labels all taxels connected with a seed. Returns their number, and True if they are a contact."""
+    """Labels all taxels that are connected with a seed. Returns their number, and True if they form a
+    contact."""
     force, label, queue, graph = clusters.force, clusters.label, clusters.queue, layout.graph
     done, size = _NONE, _ONE
     label[np.uint64(seed)], queue[_NONE], strong = number, seed, False
@@ -89,10 +94,12 @@ def _grow(
 def cluster(
     state: ActiveTaxels, limits: Limits, onset: Array, layout: LayoutArrays, clusters: Clusters
 ) -> tuple[int, int, int]:
-    """Finds clusters of neighbouring taxels whose force is at least the floor (single linkage).
+    """Finds clusters of neighbouring active taxels, each with a force of at least `limits.floor` (single
+    linkage).
 
-    That of one is at least `touch`; or `light`, with a pressure of at least `onset` (n,) [Pa]. Returns the
-    number of clusters, of their taxels, and of clusters of a single taxel.
+    In each cluster, one taxel must have a force of at least `limits.touch`, or a force of at least
+    `limits.light` and a pressure of at least `onset` (n,) [Pa]. Returns the number of clusters, the number of
+    their taxels, and the number of clusters of a single taxel.
     """
     floor = limits.floor
     count, force, queue = 0, clusters.force, clusters.queue
@@ -157,7 +164,8 @@ def _on_limb(
 def _fill(taxels: Indices, forces: Array, layout: LayoutArrays) -> float:
     """Returns the fill factor around `taxels` (k,) with `forces` (k,) [N], averaged over the touch's width.
 
-    The width is the root of half of the forces' second moment: the standard deviation of a round touch.
+    The width is the square root of half of the second moment of the forces. For a round touch this is the
+    standard deviation.
     """
     places, fill = layout.taxel, layout.fill
     total, area, x, y, z, square = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -217,8 +225,8 @@ def _summarise(
 
 @inlined
 def _precedes(one: Array, other: Array) -> bool:
-    """Returns True if a contact is stronger than another; if equally strong, nearer to the limb's
-    beginning."""
+    """Returns True if a contact is stronger than another, or if it is equally strong and nearer to the
+    beginning of the limb."""
     for column, sign in ((FORCE, -1.0), (U, 1.0), (THETA, 1.0)):
         a, b = sign * one[column], sign * other[column]
         if a != b:
@@ -276,10 +284,10 @@ def describe(
     """Writes the contact of each cluster, the strongest of each patch first (eqs 3-4, 6-7).
 
     A contact has its force, its centre of pressure on the surface, the normal there, and its place on the
-    generic limb. Of a round touch whose pressure falls as a Gaussian, the share `hidden` / peak lies where
-    the pressure is below `hidden` (n,) [Pa], whatever its width. `poses` (l, 4, 4) are those of the links in
-    the torso frame, `posture` (parts, 4) [rad] the generic angles of the limbs, `summary` (c, SUMMARY) is
-    work space.
+    generic limb. The force is corrected for the edge of the touch: if the pressure of a round touch is a
+    Gaussian of any width, the fraction `hidden` / peak of its force is at places where the pressure is below
+    `hidden` (n,) [Pa]. `poses` (l, 4, 4) are those of the links in the torso frame, `posture` (parts, 4)
+    [rad] the generic angles of the limbs, `summary` (c, SUMMARY) is work space.
     """
     c, order = 0, out.identity
     out.begin[0] = 0

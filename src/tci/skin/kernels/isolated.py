@@ -22,19 +22,20 @@ from tci.skin.kernels.arrays import (
 )
 
 PLACE, SINCE, FORCE, CHANGED, LEFT, WAITING = range(6)
-"""Columns of `waiting`, and their number: a taxel of the whole skin, the time [s] at which it became active
-alone, its force [N], how often that has changed since, and 1 if it is what is left of a contact."""
+"""Columns of `waiting`, and their number: index of a taxel within the whole skin, time [s] at which it became
+active alone, its force [N], number of changes of this force since then, and 1 if the taxel remains from a
+contact."""
 ALIVE = 2
-"""Number of changes of an isolated taxel's force that show it is healthy: one change may come from a new
-estimate of its rest value."""
+"""Number of changes of an isolated taxel's force that show that it is healthy. A single change may be caused
+by a new estimate of its rest value."""
 SURROUNDED = 2
-"""Number of trusted neighbours from which a taxel of a dense skin is isolated; on a sparse skin every touch
-is."""
+"""Least number of trusted neighbours of a taxel on a dense skin. On a sparse skin every touch presses a
+single taxel."""
 
 
 @inlined
 def _has_neighbours(taxel: int, layout: LayoutArrays, least: Array, reach: float) -> bool:
-    """Returns True if a taxel has `SURROUNDED` or more near and trusted neighbours."""
+    """Returns True if a taxel has at least `SURROUNDED` trusted neighbours nearby."""
     taxels, graph = layout.taxel, layout.graph
     x, y, z = taxels[taxel, 0], taxels[taxel, 1], taxels[taxel, 2]
     found = 0
@@ -50,8 +51,8 @@ def _has_neighbours(taxel: int, layout: LayoutArrays, least: Array, reach: float
 def _is_beside(
     taxel: int, p: int, state: ActiveTaxels, layout: LayoutArrays, reach: float, floor: float
 ) -> bool:
-    """Returns True if another active taxel of the patch is within twice the reach: one touch over a gap in
-    the skin."""
+    """Returns True if another active taxel of the patch is within twice the reach, so that both may be
+    pressed by one touch across a gap in the skin."""
     taxels = layout.taxel
     x, y, z = taxels[taxel, 0], taxels[taxel, 1], taxels[taxel, 2]
     for k in range(state.begin[p], state.begin[p + 1]):
@@ -65,7 +66,8 @@ def _is_beside(
 
 @inlined
 def _was_touched(taxel: int, before: Places) -> bool:
-    """Returns True if a taxel of the whole skin was part of a contact in the frame before."""
+    """Returns True if a taxel, given by its index within the whole skin, was part of a contact in the
+    previous frame."""
     touched = False
     for k in range(len(before)):
         touched |= before[k] == taxel
@@ -111,14 +113,14 @@ def reject_isolated(
     waiting: Array,
     fresh: Array,
 ) -> tuple[int, int, int]:
-    """Removes clusters of a single taxel that are no touch, see `IsolatedSettings`.
+    """Removes clusters of a single taxel that are not a touch, see `IsolatedSettings`.
 
-    An isolated taxel of a patch must be pressed for the first row of `rules` (2, p) [s], 0 for none, and
-    change if it reads the second, before `gain`, or more; `reach` [m] is that of the settings, `floor` [N]
-    the least force on a taxel of a contact. `before` (k,) are the taxels, among those of the whole skin, of
-    all contacts in the frame before, and `waiting` (w, WAITING) the isolated taxels then. Returns the number
-    of clusters left, the number of their taxels, and the number of rows of `fresh` (m, WAITING) that were
-    written: the next `waiting`.
+    The first row of `rules` (2, p) is the time [s] for which an isolated taxel of each patch must be pressed,
+    0 for none. The second row is the response, before `gain`, from which its value must also have changed.
+    `reach` [m] is that of the settings, `floor` [N] the least force on a taxel of a contact. `before` (k,)
+    are the indices, within the whole skin, of the taxels of all contacts in the previous frame, and `waiting`
+    (w, WAITING) the isolated taxels in that frame. Returns the number of remaining clusters, the number of
+    their taxels, and the number of rows written to `fresh` (m, WAITING), which is the next `waiting`.
     """
     waits, kept, filled, c, begin = 0, 0, 0, 0, 0
     bound, member, forces = clusters.bound, clusters.member, clusters.member_force

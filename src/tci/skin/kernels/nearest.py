@@ -15,8 +15,9 @@ def nearest(point: Vector, p: int, layout: LayoutArrays, p_L: Array, n_L: Array)
     """Writes the point `p_L` (3,) [m] of the surface of patch `p` nearest to `point` [m], and its normal
     `n_L` (3,).
 
-    Its result equals `Surface.project`; for a surface without faces it is the nearest taxel. Cells around the
-    point are searched shell by shell, until the best face is nearer than the next shell.
+    The result equals that of `Surface.project`; for a surface without faces it is the nearest taxel. Cells
+    around the point are searched in shells of increasing distance, until the best face is nearer than the
+    next shell.
     """
     best = np.inf
     box, taxels, faces, cells = layout.box[p], layout.taxel, layout.faces, layout.cells
@@ -66,8 +67,8 @@ def _closer(
 ) -> float:
     """Writes point and normal (not normalised) of face a b c if it is nearer than `best` [m2].
 
-    Returns the least squared distance [m2]. Coordinates are written out: array slices would cost more than
-    the arithmetic.
+    Returns the least squared distance [m2]. Coordinates are separate variables, because array slices would
+    take longer than the arithmetic.
     """
     ax, ay, az = taxels[a, 0], taxels[a, 1], taxels[a, 2]
     ux, uy, uz = taxels[b, 0] - ax, taxels[b, 1] - ay, taxels[b, 2] - az
@@ -89,11 +90,11 @@ def _closer(
 
 @inlined
 def _corner_weights(uu: float, uv: float, vv: float, wu: float, wv: float) -> tuple[float, float]:
-    """Returns weights of the second and third corner of a triangle's point nearest to another (Ericson 2004,
-    5.1.5).
+    """Returns the weights of the second and third corner for the point of a triangle that is nearest to a
+    given point (Ericson 2004, 5.1.5).
 
-    u and v are its edges from the first corner, w points from there to the other point; arguments are their
-    dot products.
+    With the edges u and v from the first corner, and w from the first corner to the given point, the
+    arguments are their dot products.
     """
     if wu <= 0.0 and wv <= 0.0:
         return 0.0, 0.0

@@ -34,7 +34,7 @@ def _is_taken(track: int, best: Array, begin: int, end: int) -> bool:
 def _find_nearest(
     c: int, tracks: Array, known: int, reach: float, out: ContactArrays, best: Array, begin: int, end: int
 ) -> None:
-    """Writes `best` of contact `c`: the nearest free track of its patch within `reach` [m], and its
+    """Writes `best` of contact `c`: the nearest free track of the contact's patch within `reach` [m], and its
     distance."""
     best[c, 1], best[c, 2] = _FREE, np.inf
     for i in range(known):
@@ -68,7 +68,8 @@ def _assign(
 
 @inlined
 def _first_new(out: ContactArrays, best: Array, begin: int, end: int) -> int:
-    """Returns the contact without a track whose first taxel is the lowest; -1 for none."""
+    """Returns, among contacts without a track, the one whose first taxel has the lowest index; -1 for
+    none."""
     first = -1
     for c in range(begin, end):
         if best[c, 0] == 0.0 and (first < 0 or out.taxel[out.begin[c]] < out.taxel[out.begin[first]]):
@@ -89,10 +90,11 @@ def track(
 ) -> tuple[int, int]:
     """Writes identity, onset and displacement of each contact.
 
-    Contacts of a patch and its tracks seen within `linger` [s] are matched as nearest pairs within `reach`
-    [m]; contacts left over are new, numbered from `fresh` on. `old` (t, TRACK) are the previous tracks,
-    `stamps` (p,) [s] the times of the patches' frames. `tracks` (t + c, TRACK) are written; `best` (c, 3) is
-    work space. Returns the next free identity and the number of `tracks` in use.
+    Contacts of a patch are matched with tracks of the patch that were seen within `linger` [s], nearest pairs
+    first, within `reach` [m]. Contacts without a match are new and are numbered from `fresh` on. `old` (t,
+    TRACK) are the previous tracks, `stamps` (p,) [s] the times of the patches' frames. The result is written
+    to `tracks` (t + c, TRACK); `best` (c, 3) is work space. Returns the next free identity and the number of
+    `tracks` in use.
     """
     used, contacts, begin = 0, len(out.site), 0
     for i in range(len(old)):  # tracks of patches without contacts wait for the next one

@@ -41,6 +41,11 @@ def test_a_run_of_sleeves_loads_no_graph_algorithms() -> None:
     }
 
 
+def test_the_viewer_loads_no_mesh_library_and_no_optimiser() -> None:
+    """trimesh and what it loads take 20 MB."""
+    assert not loaded("import tci.viewer.app") & {"trimesh", "scipy.optimize"}
+
+
 @pytest.mark.parametrize("name", dir(tci))
 def test_every_public_name_exists(name: str) -> None:
     assert getattr(tci, name) is not None

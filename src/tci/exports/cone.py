@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from tci.errors import TciError
 from tci.frames import Array, apply, invert, read_only
@@ -56,6 +55,8 @@ def fit_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom = "n
     `free` "none" it stays there, with "centre" it may move sideways, with "axis" it may tilt as well. Raises
     TciError for fewer than 6 taxels or taxels that lie in one plane across the axis.
     """
+    from scipy.optimize import least_squares  # takes 11 MB, and most programs fit nothing
+
     positions = np.asarray(positions, dtype=np.float64)
     if positions.ndim != 2 or positions.shape[1] != 3 or len(positions) < 6:
         raise TciError(f"a cone needs positions (n, 3) of at least 6 taxels; got shape {positions.shape}")

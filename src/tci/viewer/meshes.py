@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from tci.engine import mujoco
-from tci.frames import Array, transform
+from tci.frames import Array
 from tci.pictures.paint import SKIN_COLOUR
 from tci.pictures.render import model_colours
 
@@ -19,6 +18,9 @@ many triangles. Assumed: a balance of detail and transfer time."""
 ENOUGH, COARSEST = 4000, 0.006
 """Number of triangles of one colour on one body that is small enough, and the largest edge [m] of a cube,
 which ends the merging. Assumed: a balance of detail and transfer time."""
+
+ROUND = 32
+"""Number of sides of a round shape. Assumed: it looks round on a screen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,19 +74,42 @@ def _triangles(model: mujoco.MjModel, geom: int) -> tuple[Array, NDArray[np.intp
             model.mesh_face[begin : begin + faces], dtype=np.intp
         )
     if kind == kinds.mjGEOM_BOX:
-        shape = trimesh.creation.box(extents=2.0 * size)
-    elif kind == kinds.mjGEOM_SPHERE:
-        shape = trimesh.creation.icosphere(subdivisions=3, radius=float(size[0]))
-    elif kind == kinds.mjGEOM_ELLIPSOID:
-        shape = trimesh.creation.icosphere(subdivisions=3, radius=1.0)
-        shape.apply_transform(transform(np.diag(size), np.zeros(3)))
-    elif kind == kinds.mjGEOM_CAPSULE:
-        shape = trimesh.creation.capsule(height=2.0 * float(size[1]), radius=float(size[0]), count=[24, 24])
-    elif kind == kinds.mjGEOM_CYLINDER:
-        shape = trimesh.creation.cylinder(radius=float(size[0]), height=2.0 * float(size[1]), sections=32)
-    else:
-        return None
-    return np.asarray(shape.vertices, dtype=float), np.asarray(shape.faces, dtype=np.intp)
+        return _CORNERS * size, _SIDES
+    quarter = np.linspace(0.0, np.pi / 2.0, ROUND // 4 + 1)
+    dome = np.column_stack([np.sin(quarter), np.cos(quarter)])
+    bowl = dome[::-1] * [1.0, -1.0]
+    if kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
+        vertices, faces = _turned(np.concatenate([dome, bowl[1:]]))
+        return vertices * (size[0] if kind == kinds.mjGEOM_SPHERE else size), faces
+    radius, half = size[0], np.array([0.0, size[1]])
+    if kind == kinds.mjGEOM_CAPSULE:
+        return _turned(np.concatenate([radius * dome + half, radius * bowl - half]))
+    if kind == kinds.mjGEOM_CYLINDER:
+        rim = np.array([radius, 0.0])
+        return _turned(np.array([half, rim + half, rim - half, -half]))
+    return None
+
+
+_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+"""Corners (8, 3) of a cube with edges of 2."""
+_SIDES = np.array([
+    (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
+    (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
+], np.intp)  # fmt: skip
+"""Its triangles (12, 3), anticlockwise seen from outside."""
+
+
+def _turned(profile: Array) -> tuple[Array, NDArray[np.intp]]:
+    """Returns the surface of a `profile` (k, 2) of radius and z [m] that turns around z. It begins at the top
+    and ends at the bottom, both on the axis."""
+    angle = 2.0 * np.pi * np.arange(ROUND) / ROUND
+    radius, z = profile[:, :1], profile[:, 1:]
+    rings = np.stack([radius * np.cos(angle), radius * np.sin(angle), z + 0.0 * angle], axis=2)
+    here = np.arange((len(profile) - 1) * ROUND).reshape(-1, ROUND)
+    beside, below = np.roll(here, -1, axis=1), here + ROUND
+    upper = np.stack([here, below, below - here + beside], axis=2)[:-1]
+    lower = np.stack([here, below - here + beside, beside], axis=2)[1:]  # the ends are points
+    return rings.reshape(-1, 3), np.concatenate([upper.reshape(-1, 3), lower.reshape(-1, 3)])
 
 
 def _joined(shapes: list[tuple[Array, NDArray[np.intp]]]) -> tuple[Array, NDArray[np.intp]]:

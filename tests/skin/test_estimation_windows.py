@@ -86,3 +86,15 @@ def test_no_period_processes_a_whole_window(monkeypatch: pytest.MonkeyPatch) -> 
             perceiver.step(reading, number / 50.0 + period / 1000.0)
             assert len(done) - before <= 1
     assert done.count("update") == done.count("judge") > len(NAO.patches)
+
+
+def test_frames_in_each_period_leave_half_a_window_to_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = NAO.model_copy(update={"patches": NAO.patches[:1]})
+    perceiver, updated = Perceiver(GenericBody(robot)), []
+    update = PatchEstimator.update
+    monkeypatch.setattr(PatchEstimator, "update", lambda *a: (updated.append(None), update(*a))[1])
+    for number, reading in enumerate(readings(260)):
+        before = len(updated)
+        perceiver.step(Reading(reading.joints, reading.skin[:1]), number / 50.0)
+        assert len(updated) - before <= 1
+    assert len(updated) >= 4

@@ -36,6 +36,7 @@ class Perceiver:
         self._conditioner = Conditioner(body.layout, body.settings.conditioning)
         self._finder = ContactFinder(body.layout, body.settings.contacts)
         self._frames: tuple[SkinFrame, ...] = ()
+        self._crowded = False  # frames in each step leave no other one for the estimates
         self._felt: JointTouch | None = None
         if any(patch.through_joints for patch in body.robot.patches):
             own, settings = (
@@ -63,8 +64,9 @@ class Perceiver:
             raise
         if perceived:
             self._find(posture, reading.joints.position)
-        else:
+        if not perceived or self._crowded:
             self._conditioner.update()
+        self._crowded = bool(perceived)
         self._frames = frames
         before, self._contacts = self._contacts, self._finder.contacts
         if self._felt is not None:

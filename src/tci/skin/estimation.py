@@ -19,8 +19,6 @@ from tci.skin.kernels.condition import (
     DIFFERENCES,
     ELAPSED,
     IN_WINDOW,
-    PEAK,
-    SECOND_DIFFERENCE,
     SIGNAL,
     TOTAL,
 )
@@ -44,6 +42,7 @@ class PatchEstimator:
         self.full = patch.full
         """Largest deviation [counts] within the sensor's range."""
         self._gain, self._nodes = patch.gain, patch.nodes
+        self._two_counts = self._pressure(np.full(count, TWO_COUNTS))
         self.baseline = Baseline(
             count,
             span=sensor.highest - sensor.lowest,
@@ -95,8 +94,7 @@ class PatchEstimator:
         threshold = self.baseline.threshold
         least = self._pressure(np.maximum(threshold, 1.0))
         estimates.least[taxels] = np.where(self.health.healthy, least, np.inf)
-        known = self._pressure(np.full(len(threshold), TWO_COUNTS))
-        estimates.onset[taxels] = np.where(self.baseline.rested, known, np.inf)
+        estimates.onset[taxels] = np.where(self.baseline.rested, self._two_counts, np.inf)
         estimates.hidden[taxels] = np.where(self._fades, self._pressure(np.maximum(threshold, 0.5)), 0.0)
         estimates.muted[taxels] = self.health.muted
 
@@ -114,7 +112,7 @@ class PatchEstimator:
 
         Returns the window, the rest values (n,) before it, and the taxels (n,) that were active by these.
         """
-        total, peak, difference, changes = statistics[[TOTAL, PEAK, SECOND_DIFFERENCE, CHANGES]].astype(float)
+        total, peak, difference, changes = statistics[TOTAL : CHANGES + 1].astype(float)
         window = Window(
             elapsed=float(status[ELAPSED]),
             mean=total / status[IN_WINDOW],

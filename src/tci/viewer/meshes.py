@@ -79,8 +79,8 @@ def _triangles(model: mujoco.MjModel, geom: int) -> tuple[Array, NDArray[np.intp
     dome = np.column_stack([np.sin(quarter), np.cos(quarter)])
     bowl = dome[::-1] * [1.0, -1.0]
     if kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
-        vertices, faces = _turned(np.concatenate([dome, bowl[1:]]))
-        return vertices * (size[0] if kind == kinds.mjGEOM_SPHERE else size), faces
+        ball, sides = _turned(np.concatenate([dome, bowl[1:]]))
+        return ball * (size[0] if kind == kinds.mjGEOM_SPHERE else size), sides
     radius, half = size[0], np.array([0.0, size[1]])
     if kind == kinds.mjGEOM_CAPSULE:
         return _turned(np.concatenate([radius * dome + half, radius * bowl - half]))

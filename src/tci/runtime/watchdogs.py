@@ -34,6 +34,9 @@ STOOD = 0.3
 delays."""
 PILED_UP = 0.3
 """Time [s] after a stall until all queued data has been read. Assumed: as long as the shortest stall."""
+FROZEN_BY_PYTHON = 1000
+"""Number of frozen objects up to which they are Python's own: Python 3.12 has 375. A program that freezes
+its own has thousands."""
 
 
 @contextmanager
@@ -230,7 +233,7 @@ def _leave_threads(found: Interruption) -> None:
 @contextmanager
 def frozen_garbage() -> Iterator[None]:
     """Excludes existing objects from garbage collection, since its pauses grow with the number of objects."""
-    if gc.get_freeze_count():
+    if gc.get_freeze_count() > FROZEN_BY_PYTHON:
         yield
         return
     gc.freeze()

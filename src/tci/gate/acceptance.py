@@ -22,22 +22,22 @@ from tci.robot.description import Robot, Servo
 NEEDED = ("lower", "upper", "velocity", "acceleration", "jerk")
 """Limits that are required to move a servo."""
 OUTSIDE = float(np.deg2rad(20.0))
-"""Largest angle [rad] outside its limits at which a servo may be measured when it comes under command.
-Assumed; a larger one is rather a fault of the encoder."""
+"""Largest measured angle [rad] outside its limits at which a servo may come under command. Assumed: a larger
+one is more likely a fault of the encoder."""
 FAR_OFF = 1.0
-"""Angles [rad] that are all this far outside their limits may be degrees. Assumed: a behaviour that
-overshoots asks for less, and not of all joints at once."""
+"""If all angles of a command are outside their limits by this much [rad], they may be degrees. Assumed: a
+behaviour that overshoots exceeds the limits by less, and not with all joints."""
 SLOWEST = 1e-3
-"""Smallest speed [rad/s] that may be requested. Assumed: at a lower one, crossing a joint's range takes
-longer than the two hours that ruckig plans."""
+"""Least speed [rad/s] that may be requested. Assumed: at a lower speed, the full range of a joint takes
+longer than two hours, the longest motion that ruckig plans."""
 INDICES, DOUBLES = np.dtype(np.intp), np.dtype(np.float64)
 
 
 def fault_of_reading(robot: Robot, joints: JointReading, now: float, stale_after: float) -> Reason | None:
     """Returns the reason why joint data can't be used at time `now` [s]; None if it can.
 
-    Its age may be negative, to the same bound, since a reading is taken after its tick began. Velocities may
-    be NaN: not every robot sends them.
+    The age may be negative down to the negative bound, since a reading is taken after its tick began.
+    Velocities may be NaN, because not every robot sends them.
     """
     expected = (len(robot.servos),)
     if joints.position.shape != expected:
@@ -106,7 +106,8 @@ def refuse_degrees(robot: Robot, command: PlatformCommand) -> NoReturn:
 
 
 def check_switch(robot: Robot, switch: PlatformSwitch) -> None:
-    """Raises CommandError for a mode that is no control mode, or that one of the servos does not support."""
+    """Raises CommandError for a mode that is not a control mode, or that one of the servos does not
+    support."""
     if switch.mode not in CONTROL_MODES:
         valid = ", ".join(mode.value for mode in CONTROL_MODES)
         raise CommandError(f"switch to {switch.mode.value}; valid: {valid}")
@@ -142,7 +143,7 @@ def _refuse_each(
     numbers: NDArray[np.generic],
     valid: str,
 ) -> NoReturn:
-    """Raises CommandError that names each servo whose number is not `good` (k,)."""
+    """Raises CommandError that names each servo whose value is not `good` (k,)."""
     bad = [f"{robot.servos[command.servos[i]].name} is {numbers[i]}" for i in np.flatnonzero(~good)]
     raise CommandError(f"{what} {', '.join(bad)}; valid: {valid}")
 

@@ -15,17 +15,17 @@ from tci.gate.stop_plan import StopTrajectory
 from tci.reasons import Reason
 
 LOOKS = 16
-"""Number of points of a stop, including its ends, that are checked. Assumed; paths between them are bounded
-by `SelfCollision`."""
+"""Number of points of a stop, including its ends, that are checked. Assumed: `SelfCollision` bounds the paths
+between them."""
 SHARES = np.linspace(0.0, 1.0, LOOKS)
 
 
 class BodyGuard:
-    """Checks the stop of all joint groups together: a state is only handed out if stopping from it hits
-    nothing.
+    """Checks the stops of all joint groups together: a state is only sent if the stop from this state causes
+    no collision.
 
-    Joints lag and sag behind their references. Each path is therefore checked twice: as planned, and shifted
-    by the present deviation of the joints.
+    Joints lag behind their references and sag. So each path is checked twice: as planned, and shifted by the
+    present deviation of the joints.
     """
 
     def __init__(self, body: SelfCollision, *, period: float) -> None:
@@ -37,7 +37,8 @@ class BodyGuard:
         self._waiting: set[JointGroup] = set()
 
     def turns(self, chains: Collection[JointGroup], moving: Collection[JointGroup]) -> Iterator[JointGroup]:
-        """Yields the groups that are `moving`, each when it is to take its step of a period."""
+        """Yields the groups that are `moving`, in the order in which they must take their step of a
+        period."""
         self._before = {chain: chain.limiter.whole_state[0] for chain in chains}
         self._waiting = {*moving}
         for chain in moving:
@@ -48,10 +49,10 @@ class BodyGuard:
     def fault(
         self, index: NDArray[np.intp], stop: StopTrajectory, others: Sequence[JointGroup], measured: Array
     ) -> Reason | None:
-        """Returns the reason why servos `index` (n,) must not go where `stop` begins while `others` stop, or
-        None.
+        """Returns the reason why servos `index` (n,) must not move to the beginning of `stop` while `others`
+        stop, or None.
 
-        Servos of no group are at the `measured` (n_servos,) [rad].
+        Servos without a group are at their `measured` (n_servos,) [rad] angles.
         """
         if (box := self._box).shape[1] != len(measured):
             box = self._box = np.empty((2, len(measured)))

@@ -14,8 +14,8 @@ from tci.gate.kernels.couplings import find_nearest
 from tci.robot.description import Robot
 
 APPROACH = 0.5
-"""Fraction of acceleration and jerk with which velocity-controlled servos slow down before a limit. Assumed:
-the rest is a reserve for the time that a change of acceleration takes."""
+"""Fraction of the limits of acceleration and jerk with which velocity-controlled servos slow down before a
+limit. Assumed: the remaining fraction covers the time of a change of acceleration."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,12 +40,13 @@ class Bounds:
     """Upper bounds (m,) [rad] of the couplings."""
 
     def nearest(self, target: Array, free: NDArray[np.bool_]) -> Array:
-        """Returns a point (n,) [rad] within limits and couplings: `target` (n,) [rad] itself, or one close to
-        it.
+        """Returns a point (n,) [rad] within limits and couplings: `target` (n,) [rad] itself, or a point
+        close to it.
 
-        Only servos that are `free` (n,) may differ from it, since the others were not commanded. Projects
-        onto each violated half-space in turn (Bregman 1965), last onto the limits. If the other servos allow
-        no such point, the result violates the couplings as little as the limits allow.
+        Only servos that are `free` (n,) may differ from the target, since the others were not commanded.
+        Projects onto each violated half-space in turn (Bregman 1965), and finally onto the limits. If the
+        other servos do not allow such a point, the result violates the couplings as little as the limits
+        allow.
         """
         point = np.empty(len(target))
         find_nearest(
@@ -63,11 +64,11 @@ class Bounds:
         return inside
 
     def allowed_velocity(self, position: Array, velocity: Array) -> Array:
-        """Returns `velocity` (n,) [rad/s], reduced where servos at `position` (n,) [rad] could not stop in
+        """Returns `velocity` (n,) [rad/s], reduced for servos at `position` (n,) [rad] that could not stop in
         time.
 
-        It only smooths the approach to a limit: each step's stop is checked anyway. Servos that would leave a
-        coupling are all slowed down by one factor.
+        This only smooths the approach to a limit, because the stop of each step is checked anyway. If servos
+        would leave a coupling, all of them slow down by one factor.
         """
         margin = np.minimum(MARGIN, (self.upper - self.lower) / 2)
         room = np.where(velocity > 0.0, self.upper - margin - position, position - self.lower - margin)
@@ -86,7 +87,8 @@ class Bounds:
 
 
 def _stopping_speed(room: Array, acceleration: Array, jerk: Array) -> Array:
-    """Returns the speed (n,) from which a jerk-limited stop needs no more than `room` (n,), with a reserve.
+    """Returns the speed (n,) from which a jerk-limited stop needs at most the distance `room` (n,), with a
+    reserve.
 
     A stop that ramps the acceleration up and down needs v2 / 2a + v a / 2j.
     """
@@ -97,8 +99,8 @@ def _stopping_speed(room: Array, acceleration: Array, jerk: Array) -> Array:
 
 
 def bounds_of(robot: Robot, servos: Sequence[int], *, speed_share: float) -> tuple[Bounds, Array]:
-    """Returns the bounds of `servos` (n,), which have all their limits, and of the couplings that name any of
-    them.
+    """Returns the bounds of `servos` (n,), whose limits are all known, and of the couplings that contain any
+    of them.
 
     The second result is the coefficients (m, n_servos) of the other servos, by which the couplings shift.
     """

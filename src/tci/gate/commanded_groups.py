@@ -58,8 +58,8 @@ class CommandedGroups:
         return sum([len(chain.servos) for chain in self._chains.values()])
 
     def look(self, measured: Array) -> None:
-        """Takes the `measured` angles (n_servos,) [rad], by which couplings with servos outside a group
-        shift."""
+        """Stores the `measured` angles (n_servos,) [rad], which shift couplings with servos outside a
+        group."""
         self.measured = measured
         for chain in self._chains.values():
             chain.look_outside(measured)
@@ -70,7 +70,7 @@ class CommandedGroups:
         self._found.clear()
 
     def reference(self, loose: NDArray[np.intp]) -> Reference:
-        """Returns the reference of the servos now; those in torque mode, `loose`, come last, at their
+        """Returns the present reference of the servos. Servos in torque mode, `loose`, are last, with their
         measured angles."""
         chains = list(self._chains.values())
         states = [chain.limiter.whole_state for chain in chains]
@@ -101,7 +101,8 @@ class CommandedGroups:
         self._found[mode, servos.tobytes()] = chains
 
     def moving(self, servos: Sequence[int]) -> list[JointGroup]:
-        """Returns the groups that move `servos`, which join them at their positions. Raises CommandError."""
+        """Returns the groups that move `servos`. New servos join them at their measured positions. Raises
+        CommandError."""
         wanted: dict[int, set[int]] = {}
         for servo in servos:
             wanted.setdefault(self._group_of[servo], set()).add(servo)

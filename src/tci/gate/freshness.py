@@ -1,4 +1,4 @@
-"""Trust in the latest joint data, from which torques are computed, by its age."""
+"""Trust in the latest joint data, which decreases with its age. Torques are computed from this data."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ import math
 from tci.messages import JointReading
 
 LONGEST = 0.02
-"""Largest age [s] at which data is trusted in full. Assumed: a joint under a fixed torque that is braked
-needs some 50 ms until it reverses, and robots send their joints every 10 ms at least."""
+"""Largest age [s] at which data is fully trusted. Assumed: a constant braking torque needs about 50 ms to
+reverse a joint, and robots send joint data at least every 10 ms."""
 FADE = 0.01
 """Time [s] over which trust then falls to zero. Assumed: a light joint under its full torque gains a third of
-its speed limit in it."""
+its speed limit in this time."""
 USUAL = 1.5
 """Data is trusted in full up to this factor times its usual largest age, plus a period. Assumed: jitter."""
 SHARE = 0.1
-"""Weight of each new age in the usual one. Assumed; larger follows a slower network sooner, smaller ignores
-single delays better."""
+"""Weight of each new age in the usual age. Assumed: a larger weight adapts faster to a slower network, a
+smaller one is less affected by single delays."""
 
 
 class Freshness:
     """Age of the latest valid data on the gate's own clock.
 
-    Data is new if both its sequence number and its stamp are: repeated or reordered data is not, even if its
-    first copy was rejected.
+    Data is new if both its sequence number and its stamp are new. Repeated or reordered data is not new, even
+    if its first copy was rejected.
     """
 
     def __init__(self, period: float) -> None:

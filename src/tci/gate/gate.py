@@ -1,4 +1,4 @@
-"""The gate, the last step before the wire: no command passes that violates a limit.
+"""The gate, the last step before a command is sent: no command passes that violates a limit.
 
 Order of checks: usable joint data; whether the robot follows its references (`joint_monitor`); for each
 command its shape, finite values, known limits and the servo's mode (`acceptance`, `motion`); position and
@@ -31,31 +31,31 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 EARLY = 0.05
-"""Fraction of a period by which a step may come early and still move. Assumed: more than timers jitter."""
+"""Fraction of a period by which a step may be early. Assumed: larger than the jitter of timers."""
 CATCH_UP = 0.5
-"""Fraction of a period that may be made up for after a late call. Assumed: covers jitter of timers, stops
-bursts."""
+"""Fraction of a period by which the steps after a late call may be early. Assumed: larger than the jitter of
+timers, and small enough to prevent bursts."""
 STEADY = 0.1
-"""Fraction by which the delays of two late calls may differ and still come from a loop at another rate.
-Assumed: delays by a busy machine vary more."""
+"""Largest relative difference of the delays of two late calls from a loop that runs at another rate. Assumed:
+delays by a busy machine vary more."""
 SHARES = (Mode.STIFFNESS, Mode.DAMPING)
 _log = logging.getLogger("tci")
 _NONE: MappingProxyType[int, float] = MappingProxyType({})
 
 
 class Gate:
-    """Turns commands into commands that may be written, one step per control period.
+    """Converts commands to commands that may be written, one step per control period.
 
-    A servo is under command from its first accepted command or switch on, starting at its measured position.
-    The commanded servos of one robot part, and of parts that couplings link to it, move in one time. Each
-    servo is in one control mode; only a PlatformSwitch changes it.
+    A servo is under command after its first accepted command or switch, starting at its measured position.
+    The commanded servos of one robot part, and of parts that couplings link to it, arrive at the same time.
+    Each servo is in one control mode; only a PlatformSwitch changes the mode.
     """
 
     def __init__(
         self, robot: Robot, *, period: float, stale_after: float, settings: GateSettings | None = None
     ) -> None:
-        """Makes a gate for a control loop of `period` [s]; joint data older than `stale_after` [s] makes it
-        hold.
+        """Creates a gate for a control loop of `period` [s]. The gate holds if joint data is older than
+        `stale_after` [s].
 
         Raises TciError for times that are not above 0 and finite, DescriptionError for a model that can't be
         read.
@@ -134,13 +134,13 @@ class Gate:
     def hold(self, reason: Reason | str | None) -> None:
         """Holds in the next step, for a reason that the loop detects: missed periods, a silent process.
 
-        None, or an empty text, changes nothing; of several reasons the latest is reported.
+        None, or an empty text, changes nothing. If there are several reasons, the latest one is reported.
         """
         if reason:
             self._held = Reason.of(reason)
 
     def reset(self) -> None:
-        """Leaves STOP, for an operator. Nothing moves: each servo waits for a command at its position.
+        """Ends STOP, for an operator. No servo moves: each waits for a command at its position.
 
         Control modes stay; earlier targets are forgotten. Raises CommandError while references still move,
         since the rest of the stop would be lost.
@@ -174,14 +174,14 @@ class Gate:
         """Returns the command that may be written at time `now` [s], given new `commands` or one, and the
         latest `joints`.
 
-        Call it once per period, also without commands: motions continue. A late call takes one step, and an
-        early call none, so that the written motion never exceeds the limits; a loop that is always late is
-        warned of once.
+        Call it once per period, also without commands, because motions continue. A late call takes one step,
+        and an early call none, so that the written motion never exceeds the limits. If the loop is always
+        late, one warning is logged.
 
-        A command that can't be accepted does not raise, since the robot needs a next position in any case: it
-        is refused entirely, counted, and named in `refusals`; running motions continue. An argument of
-        another type is a programming error and raises Python's exception. `refused` are reasons why other
-        orders could not be converted to commands; they are reported and counted too.
+        A command that can't be accepted raises no exception, since the robot needs a next position in any
+        case. It is refused as a whole, counted, and listed in `refusals`; present motions continue. An
+        argument of another type is a programming error and raises Python's exception. `refused` are reasons
+        why other orders could not be converted to commands; they are reported and counted too.
         """
         self._tally.steps += 1
         reason = self.reason = self._judge(joints, now)
@@ -284,10 +284,10 @@ class Gate:
         return True
 
     def _look_at_rate(self, passed: float) -> None:
-        """Warns of a loop at another rate, at its second late call; `passed` [periods] is the time since the
-        last call.
+        """Logs a warning at the second late call of a loop that runs at another rate; `passed` [periods] is
+        the time since the last call.
 
-        A loop that was ever on time is only delayed, which its runner reports.
+        A loop that was on time once is only delayed; the function that runs the loop reports this.
         """
         if passed <= 1.0 + CATCH_UP:
             self._pace = math.nan

@@ -1,7 +1,7 @@
-"""Commands that name all servos of a robot part, some of which can't be moved.
+"""Commands to all servos of a robot part, some of which can't be moved.
 
-Programs for control boards command whole boards, also the joints that a robot of this kind can't move. Such a
-joint keeps its place, and the others obey. A command that singles it out is refused.
+Programs for control boards command whole boards, including joints that this robot can't move. Such a joint
+keeps its position, and the others follow the command. A command to only such joints is refused.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ class Immovable:
         ]
 
     def left_out(self, order: PlatformOrder) -> PlatformOrder:
-        """Returns an order without the immovable servos of robot parts that it names entirely; the order
-        itself if nothing else would be left of it."""
+        """Returns an order without the immovable servos of those robot parts of which it contains all servos.
+        If no servo would remain, returns the order unchanged."""
         if not self._parts or order.servos.ndim != 1:
             return order
         named = {*order.servos.tolist()}

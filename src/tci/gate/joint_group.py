@@ -1,6 +1,7 @@
 """Groups of servos that move together: those of a robot part, and of parts that couplings link to it.
 
-Fingers move apart from the arm that shares their board: they take longer, and an arm must not wait for them.
+Fingers are a group separate from an arm on the same board: their motions take longer, and the arm must not
+wait for them.
 """
 
 from __future__ import annotations
@@ -37,8 +38,8 @@ class JointGroup:
     limits: Array
     """Lower and upper limits [rad] and speed limits [rad/s] (3, n) in one array."""
     ends: Array
-    """Present bounds (2, m) of the couplings, shared with the trajectory: they shift with the other
-    servos."""
+    """Present bounds (2, m) of the couplings, which depend on the other servos. The trajectory uses this
+    array too."""
 
     @property
     def driven(self) -> list[int]:
@@ -49,8 +50,8 @@ class JointGroup:
         return np.flatnonzero(np.abs(drive) > 0.0).tolist()  # false for NaN
 
     def aim(self, servos: NDArray[np.intp], values: Array, speeds: Array, sent: Array) -> float:
-        """Aims those of `servos` (k,) that belong to the group at `values` (k,) [rad], or as near as bounds
-        allow.
+        """Sets the targets of those `servos` (k,) that belong to the group to `values` (k,) [rad], or as near
+        as the bounds allow.
 
         `speeds` (k,) [rad/s] are upper bounds. Writes the actual targets into `sent` (k,) [rad], and returns
         their largest distance from the values [rad].

@@ -1,7 +1,7 @@
 """Checks that the robot follows its reference. If it does not, the robot stops until an operator resets it.
 
-It detects faults that limits do not show: a stalled or limp servo, a motion against its command, an encoder
-that jumps or freezes, data that repeats under new stamps.
+It detects faults that limits do not show: a stalled or powerless servo, a motion against its command, an
+encoder that jumps or freezes, identical data with new stamps.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 JUDGED = (Mode.POSITION, Mode.VELOCITY)
-"""Modes in which the measured motion must follow the reference. In others a joint may yield, and its angle is
-checked against its velocity and its torque."""
+"""Modes in which the measured motion must follow the reference. In other modes a joint may yield, and its
+angle is compared with its velocity and its torque."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,18 +50,18 @@ class MonitorSettings:
     least_speed: float = np.deg2rad(3.0)
     """Speed [rad/s] below which a servo counts as not moving."""
     encoder_step: float = np.deg2rad(2.0)
-    """Change [rad] between two readings that is allowed in addition to the speed limit's."""
+    """Change [rad] between two readings that is allowed in addition to the motion at the speed limit."""
     frozen: float = 0.1
-    """Time [s] for which one angle may repeat to the bit, or a reading repeat under new stamps."""
+    """Time [s] for which one angle may stay exactly constant, or a reading may repeat with new stamps."""
     frozen_travel: float = np.deg2rad(3.0)
-    """Motion [rad] of the reference after which a repeated angle shows a frozen encoder."""
+    """Motion [rad] of the reference after which a constant angle means that the encoder is frozen."""
     drift: float = 2.0
-    """Time constant [s] with which the deviation of an angle from its integrated velocity is forgotten, since
+    """Time constant [s] with which the deviation of an angle from its integrated velocity decays, since
     velocity sensors have offsets."""
     push: float = 0.3
-    """Fraction of the torque limit by which a torque must change to show a frozen encoder: it moves every
-    joint by a bit, even a blocked one, as joints and links are elastic. Under a constant torque an angle may
-    repeat."""
+    """Fraction of the torque limit by which a torque must change to show that an encoder is frozen. Joints
+    and links are elastic, so such a change moves even a blocked joint by at least the resolution of its
+    encoder. Under a constant torque an angle may stay constant."""
     mode_change: float = 0.5
     """Time [s] within which a robot must report the mode that it was switched to."""
 
@@ -86,7 +86,7 @@ class Reference(NamedTuple):
 
 
 class JointMonitor:
-    """Compares each new joint reading with the reference. Holds the history of one gate."""
+    """Compares each new joint reading with the reference. Contains the history of one gate."""
 
     def __init__(self, robot: Robot, settings: MonitorSettings | None = None) -> None:
         self.settings = settings or MonitorSettings()
@@ -133,8 +133,8 @@ class JointMonitor:
         """Returns the reason why the robot must stop, given a usable reading; None while it follows its
         reference.
 
-        `reference` and `torque` (k,) [N m] are those handed out at the time of this reading. Call it once per
-        control period.
+        `reference` and `torque` (k,) [N m] are those that were valid at the time of this reading. Call it
+        once per control period.
         """
         before, self._before = self._before, joints
         elapsed = 0.0 if before is None else joints.stamp - before.stamp
@@ -210,7 +210,7 @@ class JointMonitor:
         return Reason(Code.ENCODER_FROZEN, words)
 
     def _misled_by(self, found: int, reference: Reference) -> Reason:
-        """Returns the reason for an angle that is not the joint's, as velocities and torques tell."""
+        """Returns the reason if velocities and torques show that an angle is not that of the joint."""
         self.misled = True
         name, way = self._names[reference.servos[int(self._worst[0])]], np.rad2deg(self._worst[1])
         if found == DISAGREES:
@@ -222,7 +222,8 @@ class JointMonitor:
         return Reason(Code.ENCODER_FROZEN, words)
 
     def _sort(self, modes: tuple[Mode, ...]) -> None:
-        """Sorts servos (k,) into those judged by their reference and those in torque mode."""
+        """Separates servos (k,) into those that are compared with their reference and those in torque
+        mode."""
         if modes != self._modes:
             self._modes = modes
             self._kinds = np.array(

@@ -28,7 +28,7 @@ REST = float(np.deg2rad(3.0))
 """Measured speed [rad/s] below which a servo is at rest. Assumed: above an encoder's noise; a mode is
 switched without a jolt below it."""
 STILL = 1e-6
-"""Commanded speed [rad/s] below which it is only rounding."""
+"""Commanded speed [rad/s] below which a joint counts as at rest. Assumed: above rounding errors."""
 DEGREE = float(np.rad2deg(1.0))
 """Degrees in a radian."""
 TARGETS = (Mode.POSITION, Mode.IMPEDANCE)
@@ -102,12 +102,12 @@ class Motion:
         self._slope.step(joints)
 
     def refuse(self, joints: JointReading) -> None:
-        """Records a reading that can't be used, now or under a new stamp."""
+        """Records a reading that can't be used, so that its repetition with a new stamp can't be used
+        either."""
         self._freshness.refuse(joints)
 
     def fault_of_age(self, now: float, stale_after: float) -> Reason | None:
-        """Returns the reason why nothing may move at `now` [s], if data is older than `stale_after` [s]; else
-        None."""
+        """Returns a reason to hold at `now` [s] if data is older than `stale_after` [s]; else None."""
         age = self._freshness.age(now)
         if age <= stale_after:
             return None
@@ -125,8 +125,8 @@ class Motion:
         self._torque.relax()
 
     def accept(self, command: PlatformOrder, now: float) -> list[Reason]:
-        """Accepts an order; returns what was clamped. Raises CommandError, and changes nothing,
-        if it can't."""
+        """Accepts an order; returns the reasons for clamped values. Raises CommandError, and changes nothing,
+        if the order can't be accepted."""
         command = self._immovable.left_out(command)
         if isinstance(command, PlatformSwitch):
             self._switch(command)
@@ -172,8 +172,8 @@ class Motion:
     def torques(self, now: float, *, due: bool) -> Array:
         """Returns the torque (k,) [N m] of each servo of `reference` at `now` [s].
 
-        It is 0 for servos in another mode and for those that are off. Without a step that is `due`, torques
-        stay, and fade with the trust in their data.
+        It is 0 for servos in another mode and for servos that are off. If no step is `due`, torques stay
+        constant, and decrease with the trust in their data.
         """
         others = self.groups.count
         if not self._torque.servos.size:
@@ -212,7 +212,8 @@ class Motion:
                 )
 
     def _drive(self, command: PlatformCommand) -> list[Reason]:
-        """Drives servos in velocity mode; if one can't be as fast, all slow down by one factor."""
+        """Sets velocities of servos in velocity mode. If one of them exceeds its limit, all are reduced by
+        one factor."""
         servos = command.servos.tolist()
         limits = np.array([self.robot.servos[servo].limits.velocity for servo in servos], dtype=float)
         most = np.minimum(command.speed, self._settings.speed_share * limits)
@@ -226,7 +227,8 @@ class Motion:
         return self.clamps(command, sent.tolist(), "rad/s")
 
     def check_stiffness(self, command: PlatformCommand) -> None:
-        """Raises CommandError if more stiffness would throw a yielding joint back to its equilibrium."""
+        """Raises CommandError if a higher stiffness would make a yielding joint jump back to its
+        equilibrium."""
         reference = self.reference
         place = {servo: index for index, servo in enumerate(reference.servos.tolist())}
         for servo, share in zip(command.servos.tolist(), command.values.tolist(), strict=True):

@@ -36,7 +36,7 @@ class GateToken:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SafeCommand:
-    """Command that may be written now. A gate creates it, for its own driver, to be written once."""
+    """Command that may be written now. A gate creates it for its own driver, which may write it once."""
 
     seal: object = field(repr=False)
     """Token of the gate; without it the constructor raises DriverError."""
@@ -45,9 +45,10 @@ class SafeCommand:
     state: GateState
     """State of the gate."""
     servos: NDArray[np.intp]
-    """Indices (k,) of the servos under command; no other servo is ever sent anything."""
+    """Indices (k,) of the servos under command. Nothing is ever sent to other servos."""
     modes: tuple[Mode, ...]
-    """Control mode (k,) of each servo. A driver switches a servo to it before it sends the rest."""
+    """Control mode (k,) of each servo. A driver switches a servo to this mode before it sends other
+    values."""
     position: Array
     """Position (k,) [rad] of each servo at the end of this period: the set-point, in impedance mode the
     equilibrium, in torque mode the measured position."""
@@ -66,8 +67,8 @@ class SafeCommand:
     reason: Reason | None = None
     """Reason for which the gate holds or has stopped; None in RUN."""
     orders: tuple[PlatformOrder, ...] = ()
-    """Orders that were accepted in this step. A driver of another TCI process sends these instead: the gate
-    there makes the motion."""
+    """Orders that were accepted in this step. A driver that is connected to another TCI process sends these
+    orders instead, since the gate of that process plans the motion."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.seal, GateToken):

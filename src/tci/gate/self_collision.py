@@ -1,7 +1,7 @@
 """Prevention of self-collisions: of the arms with the body, the head and each other.
 
-Most pairs of links are not measured: compiled lower bounds show that they keep their distance, and MuJoCo
-measures the others (`kernels.clearance_bounds`).
+For most pairs of links, compiled lower bounds show that their distance is sufficient
+(`kernels.clearance_bounds`). MuJoCo measures the distances of the others.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from tci.skin.kernels.arrays import Indices
 MARGIN = 0.005
 """Distance [m] that links keep. Assumed: covers the servos' lag and hulls of reduced meshes."""
 WIDEST = 0.1
-"""Largest margin [m]. Assumed: a hand that may come no closer to the body can do little."""
+"""Largest margin [m]. Assumed: with a larger margin, hands could hardly be used near the body."""
 SIGHT = 1.0
 """Distance [m] to which larger ones are clipped. Assumed: no link moves that far in one period."""
 STRIDE = 0.002
 """Distance [m] that links may move between two checked points of a path. Assumed: less than half of the
 margin."""
 PATIENCE = 16
-"""Number of checks after which insufficient distances are measured again. Assumed: measuring takes as long as
-some of them."""
+"""Number of checks after which insufficient distances are measured again. Assumed: one measurement takes as
+long as a few checks."""
 SPECK = 1e-6
 """Distance [m] between two links below which its direction is only rounding."""
 _come_near, _stand = entry(come_near), entry(stand)

@@ -19,7 +19,7 @@ class GateSettings:
     """Settings of a gate that the robot's description does not contain. All figures are assumed."""
 
     speed_share: float = 0.9
-    """Fraction of a servo's speed limit that is commanded, since a real servo overshoots."""
+    """Largest commanded speed as a fraction of a servo's speed limit, since a real servo overshoots."""
     command_timeout: float = 0.1
     """Age [s] above which a velocity or torque command expires: the servo stops, or its torque ends."""
     self_collision: float | None = BODY_MARGIN

@@ -11,16 +11,16 @@ from tci.gate.kernels.motion import all_finite
 from tci.messages import JointReading
 
 SMOOTHING = 0.05
-"""Time constant [s] of the estimate from successive angles. Assumed; shorter passes the encoder's resolution
-as speed, longer reports a motion later."""
+"""Time constant [s] of the estimate from successive angles. Assumed: with a shorter one, the encoder's
+resolution looks like a speed; with a longer one, a motion is reported later."""
 
 SPAN = 0.02
-"""Longest time [s] between two readings that give a mean speed. Assumed: over a longer time the motion
-between them is unknown, and over a much shorter one an encoder's resolution is no speed."""
+"""Longest time [s] between two readings from which a mean speed is computed. Assumed: over a longer time the
+motion in between is unknown, and over a much shorter one the encoder's resolution looks like a speed."""
 
 
 class Slope:
-    """Mean speeds over the latest readings, from angles. Holds these readings."""
+    """Mean speeds over the latest readings, computed from angles. Contains these readings."""
 
     def __init__(self, count: int) -> None:
         self._past: deque[JointReading] = deque()
@@ -46,14 +46,15 @@ class Slope:
 
 
 class Speeds:
-    """Estimates speeds from successive angles where a robot does not measure them. Holds the estimates."""
+    """Estimates speeds from successive angles if a robot does not measure them. Contains the estimates."""
 
     def __init__(self, count: int) -> None:
         self._guess = np.zeros(count)
         self._before: JointReading | None = None
 
     def step(self, joints: JointReading) -> Array:
-        """Returns speeds (n,) [rad/s] at a new reading: measured, or estimated where the reading has NaN."""
+        """Returns speeds (n,) [rad/s] at a new reading: measured speeds, or estimates for servos whose speed
+        is NaN."""
         before, self._before = self._before, joints
         if all_finite(joints.velocity):
             self._guess = joints.velocity

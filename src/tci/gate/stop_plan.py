@@ -1,7 +1,9 @@
-"""Jerk-limited stops of servos that move together, planned before the state that they begin at is handed out.
+"""Jerk-limited stops of servos that move together. Each stop is planned before the state at its beginning is
+sent.
 
-Each servo stops as soon as it can, on its own. Ruckig plans equal stops in velocity control; the three phases
-of each are computed in `kernels.stops`, since a stop is planned and checked in every period.
+Each servo stops as soon as it can, independently of the others. `kernels.stops` computes the three phases of
+each stop, since a stop is planned and checked in every period; ruckig's velocity control would plan equal
+stops.
 """
 
 from __future__ import annotations
@@ -23,11 +25,11 @@ from tci.gate.kernels.stops import (
 )
 
 LONGEST_STOP = 512
-"""Largest number of periods of a stop near a coupling that are checked one by one. Assumed: a stop from full
-speed takes a tenth of that; a longer one is not risked there."""
+"""Largest number of periods for which a stop near a coupling is checked period by period. Assumed: a stop
+from full speed takes a tenth of this; a longer stop near a coupling is not permitted."""
 TURN = 1e-3
 """Angle [rad] by which a coupling outside its bounds may move further out during a stop, since its servos do
-not come to rest at one time. Assumed: well below an encoder's backlash."""
+not come to rest at the same time. Assumed: well below the backlash of joints."""
 
 
 class StopTrajectory:
@@ -53,7 +55,7 @@ class StopTrajectory:
 
 
 class StopPlanner:
-    """Plans stops of n servos, and keeps the one that begins at the state that was handed out."""
+    """Plans stops of n servos, and keeps the stop that begins at the latest state that was sent."""
 
     def __init__(self, bounds: Bounds, position: Array, period: float) -> None:
         """Starts at rest at `position` (n,) [rad]; one step lasts `period` [s]."""
@@ -71,7 +73,7 @@ class StopPlanner:
         self.keep()
 
     def set_limits(self, acceleration: Array, jerk: Array) -> None:
-        """Plans with `acceleration` (n,) [rad/s2] and `jerk` (n,) [rad/s3] from now on."""
+        """Sets `acceleration` (n,) [rad/s2] and `jerk` (n,) [rad/s3] for later plans."""
         self._limits[ACCELERATION], self._limits[JERK] = acceleration, jerk
 
     def plan(self, state: Array, here: Array) -> bool:

@@ -1,9 +1,9 @@
 """Torque mode: limits for servos whose position is not controlled.
 
-A torque has no position reference that could be kept within limits, so the measured motion decides: the
-closer a servo is to a limit, or the faster it moves, the more a braking torque replaces the commanded one.
-This needs recent joint data: as it ages, every torque fades to zero, the braking one too, because a braking
-torque that continues after its joint has come to rest drives it backwards.
+In torque mode there is no position reference that could be kept within limits, so the measured motion is
+used. The closer a servo is to a limit, or the faster it moves, the more a braking torque replaces the
+commanded torque. This needs recent joint data. As the data ages, every torque decreases to zero, also a
+braking torque, because it would drive a joint backwards after the joint has come to rest.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from tci.gate.trajectory import CREEP
 from tci.robot.description import Robot
 
 EARLY = 0.01
-"""Fraction of a period that does not make data a period older. Assumed: rounding."""
+"""Fraction of a period that is neglected when the age of data is counted in periods. Assumed: above rounding
+errors."""
 REMEMBERED = 0.05
 """Time [s] for which past torques are kept. Assumed: no torque is computed from older readings."""
 
@@ -45,7 +46,7 @@ class TorqueLimiter:
         self._trust = np.zeros(0)
 
     def set_servos(self, servos: Sequence[int]) -> None:
-        """Sets the servos in torque mode, which have all their limits; new ones start at zero torque."""
+        """Sets the servos in torque mode, whose limits must all be known. New servos start at zero torque."""
         fresh = [servo for servo in servos if servo not in self.servos]
         self._memory[:, fresh] = 0.0
         self._memory[at.CALM, fresh] = 1.0
@@ -73,8 +74,7 @@ class TorqueLimiter:
         self._memory[at.WANTED, slice(None) if servos is None else servos] = 0.0
 
     def halt(self) -> None:
-        """Sets all commanded torques to zero, and brakes any motion in the next step so that nothing
-        coasts."""
+        """Sets all commanded torques to zero, and brakes any motion in the next step."""
         self.relax()
         self._halts = True
 
@@ -93,13 +93,14 @@ class TorqueLimiter:
         `position` and `velocity` (n_servos,) were measured `age` [s] ago; `slope` (n_servos,) is the mean
         speed over the time `span` [s] before.
 
-        At rest far from limits the result is the commanded torque, which rises within RISE. A servo that is
-        too fast to stop before its limit by its acceleration limit is braked at once with up to its full
-        torque, in proportion if it is nearly at rest. Near a limit a torque towards it fades out; beyond the
-        limit only a slow return is allowed. Late data does not show yet how fast recent torques have made a
-        servo: a servo that is light for its limits must not exceed its speed limit by then either. A velocity
-        that is not finite sets the commanded torque to zero; one that lags behind `slope` is ignored. Torques
-        are limited to the fraction `trust` (0..1), and rise again within RISE.
+        At rest and far from limits, the result is the commanded torque, which rises within RISE. A servo that
+        is too fast to stop before its limit with its acceleration limit is braked immediately with up to its
+        full torque; if it is nearly at rest, the torque is proportional to the speed. Near a limit, a torque
+        towards the limit decreases to zero; beyond the limit only a slow return is allowed. Late data does
+        not yet show the speed that recent torques have caused, so this speed is estimated: even a light servo
+        must not exceed its speed limit. A velocity that is not finite sets the commanded torque to zero; a
+        velocity that lags behind `slope` is ignored. Torques are limited to the fraction `trust` (0..1), and
+        rise again within RISE.
         """
         self._trust = np.broadcast_to(trust, self.servos.shape)
         measured = np.array([position, velocity, slope, self._since(age), self._since(age + 0.5 * span)])
@@ -112,8 +113,8 @@ class TorqueLimiter:
         return self._given()
 
     def again(self, *, trust: Array | float) -> Array:
-        """Returns the torques (k,) [N m] of the last step, less if `trust` (0..1) is less, within a period of
-        it."""
+        """Returns the torques (k,) [N m] of the last step, reduced if `trust` (0..1) is lower. For a call
+        within a period after that step."""
         trust = np.minimum(trust, self._trust)
         share = np.divide(trust, self._trust, out=np.zeros(len(trust)), where=self._trust > 0.0)
         self._memory[at.RISEN : at.GIVEN + 1, self.servos] *= share
@@ -125,6 +126,6 @@ class TorqueLimiter:
         return given
 
     def _since(self, age: float) -> Array:
-        """Returns the impulses (n_servos,) [N m s] of the torques given in the latest `age` [s]."""
+        """Returns the impulses (n_servos,) [N m s] of the torques during the last `age` [s]."""
         steps = min(math.ceil(age / self._period - EARLY), len(self._pushed) - 1)
         return self._pushed[-1] - self._pushed[-1 - steps]

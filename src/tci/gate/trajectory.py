@@ -23,22 +23,23 @@ from tci.gate.stop_plan import StopPlanner, StopTrajectory
 from tci.reasons import Reason
 
 CREEP = 0.1
-"""Fraction of the speed limit at which a servo outside its limits moves inward. Assumed: slow enough for a
-person to step in, since the surroundings there are unknown."""
+"""Speed, as a fraction of the speed limit, at which a servo outside its limits moves inward. Assumed: slow
+enough for a person to intervene, since the surroundings there are unknown."""
 LEAST_SHARE = 1e-6
-"""Least fraction of the longest distance of a straight motion that counts as one; ruckig needs limits above
-0."""
+"""Least distance in a straight motion, as a fraction of the longest distance; shorter ones are increased to
+it, since ruckig needs limits above 0."""
 
 
 Guard = Callable[[StopTrajectory], Reason | None]
-"""Judges a stop before the state at its beginning is handed out: the reason against it, or None."""
+"""Function that checks a stop before the state at its beginning is sent. It returns the reason to refuse the
+stop, or None."""
 
 
 class OnlineTrajectory:
     """Moves n servos within their bounds, each towards a target or at a velocity.
 
-    Each state that it hands out has a stop that was planned and checked against limits and couplings before.
-    If the next state towards the target has none, or ruckig finds no trajectory, it takes a step of the
+    For each state that it returns, a stop was planned before and checked against limits and couplings. If the
+    next state towards the target has no such stop, or if ruckig finds no trajectory, it takes a step of the
     present stop instead, and tries again in the next period. A motion that came to rest in this way continues
     in a straight line, since a line between two points inside limits and couplings stays inside.
     """
@@ -48,7 +49,7 @@ class OnlineTrajectory:
     ) -> None:
         """Starts at rest at the measured `position` (n,) [rad]; one step lasts `period` [s].
 
-        A stop that `guard` refuses ends the motion as `halt` does; `ended` then holds the reason.
+        If `guard` refuses a stop, the motion ends as with `halt`; `ended` then contains the reason.
         """
         count = len(position)
         self.bounds = bounds
@@ -75,7 +76,7 @@ class OnlineTrajectory:
 
     @property
     def state(self) -> tuple[Array, Array, Array]:
-        """Latest position [rad], velocity [rad/s], acceleration [rad/s2] handed out, each (n,)."""
+        """Latest position [rad], velocity [rad/s] and acceleration [rad/s2], each (n,)."""
         position, velocity, acceleration = self._state
         return position, velocity, acceleration
 
@@ -110,10 +111,10 @@ class OnlineTrajectory:
         return self._resting and not self._any_driven
 
     def take_over(self, here: Sequence[int], other: OnlineTrajectory, there: Sequence[int]) -> None:
-        """Continues the motion of some servos: places `there` of another trajectory, places `here` of this
-        one.
+        """Continues the motion of some servos of another trajectory: their indices are `there` in the other
+        one, and `here` in this one.
 
-        Raises CommandError if no stop is found from there; the other one must then continue.
+        Raises CommandError if no stop is found from their state; the other trajectory must then continue.
         """
         places, others = list(here), list(there)
         state = np.array(self.state)
@@ -148,8 +149,8 @@ class OnlineTrajectory:
     def drive_at(self, places: Sequence[int], velocity: Array) -> None:
         """Drives servos at `velocity` (k,) [rad/s], within the speed limit, until the next call.
 
-        NaN ends the drive of a servo, which must be at rest; it then stays. A servo outside its limits moves
-        inward, whatever its velocity.
+        NaN ends the velocity of a servo, which must be at rest; the servo then keeps its position. A servo
+        outside its limits moves inward for any velocity.
         """
         self._drive[places] = velocity
         self.target[places] = self.bounds.inside(self._state[0])[places]
@@ -160,7 +161,7 @@ class OnlineTrajectory:
         self._resting = False
 
     def halt(self) -> None:
-        """Stops as fast as the bounds allow and forgets targets and velocities at once."""
+        """Stops as fast as the bounds allow, and removes targets and velocities immediately."""
         if not self._stopping:
             self.target = self.bounds.inside(self._stopper.end)
             self._drive[self._driven] = 0.0
@@ -196,8 +197,8 @@ class OnlineTrajectory:
         return position
 
     def _advance(self) -> bool:
-        """Takes a step to the target. Returns False, and takes none, if a stop from there would leave the
-        bounds."""
+        """Takes a step towards the target. Returns False, and takes no step, if the stop after this step
+        would leave the bounds."""
         here, output = self._state[0], self._output
         if self._asked or self._outside is not self._creeps:
             self._input.max_velocity = (self._most * (CREEP if self._outside else 1.0)).tolist()
@@ -232,7 +233,7 @@ class OnlineTrajectory:
         return True
 
     def _brake(self) -> None:
-        """Takes a step of the stop that was checked when the present state was handed out."""
+        """Takes a step of the stop that was checked before the present state was sent."""
         state, rests = self._stopper.step()
         self._set_state(state)
         if rests:
@@ -240,7 +241,7 @@ class OnlineTrajectory:
             self._set_straight(True)
 
     def _set_interfaces(self) -> None:
-        """Sets for ruckig which servos go to a target, all in one time, and which keep a velocity."""
+        """Sets for ruckig which servos move to a target, arriving together, and which keep a velocity."""
         self._driven = np.isfinite(self._drive)
         self._any_driven, self._driving = bool(self._driven.any()), False
         self._input.target_velocity = [0.0] * len(self._drive)
@@ -253,10 +254,11 @@ class OnlineTrajectory:
         self._set_straight(False)
 
     def _set_straight(self, straight: bool) -> None:
-        """Sets if the motion from here, which must be at rest, and its stops follow a straight line.
+        """Sets whether the motion from the present state, which must be at rest, and its stops follow a
+        straight line.
 
         They do if all limits are proportional to the distances. (ruckig's phase synchronisation is not
-        suitable: it gives up if states are only nearly on a line, as rounding leaves them.)
+        suitable: it fails if, because of rounding, states are only nearly on a line.)
         """
         was, self._straight = self._straight, straight and not self._any_driven
         self._asked = True

@@ -1,8 +1,8 @@
 """Robots by name: those in `robots/`, and those of other packages (entry points `tci.robots`).
 
-A robot is a folder `robots/<name>/` with a `robot.xml`; no other place in TCI names the robot. Another
-description in that folder is a variant: `nao/whole.xml` is the robot `nao-whole`. An entry point gives the
-path of a description, or a function that returns it.
+Each robot has a folder `robots/<name>/` with a `robot.xml`; no other file of TCI contains its name. Another
+description in that folder is a variant: `nao/whole.xml` is the robot `nao-whole`. The value of an entry point
+is the path of a description, or a function that returns the path.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ def load_robot(name_or_path: str | os.PathLike[str]) -> Robot:
     """Returns a robot by its name, or by the path of its description (any text with a slash or that ends in
     .xml).
 
-    While a robot is in use its name gives the same object, as long as the description does not change: its
-    skin and collision geometry are then computed once.
+    While a robot is in use and its description does not change, a call with its name returns the existing
+    object, so that its skin and collision geometry are computed once.
 
     Raises UnknownNameError with the valid names, DescriptionError with every fault of the file,
     MissingExtraError when the robot's model is in a package that is not installed.
@@ -57,7 +57,7 @@ def load_robot(name_or_path: str | os.PathLike[str]) -> Robot:
 
 
 def _shared(name: str, robot: Robot) -> Robot:
-    """Returns the object that already stands for this name, if it is equal to `robot`."""
+    """Returns the existing object for this name if it is equal to `robot`."""
     known = _known.get(name)
     if known is not None and known == robot:
         return known
@@ -88,7 +88,7 @@ def _entries() -> dict[str, EntryPoint]:
 
 
 def _path_of(entry: EntryPoint) -> Path:
-    """Returns the path of the description that another package's entry point gives."""
+    """Returns the path of the description from another package's entry point."""
     try:
         given = entry.load()
         path = given() if callable(given) else given

@@ -29,13 +29,13 @@ class Gap:
     distance: float
     """Distance [m] between their surfaces; negative if they overlap."""
     first: str
-    """One link; empty if no pair is within the distance that was searched."""
+    """One link; empty if no pair is within the search distance."""
     second: str
     """The other link."""
 
 
 class Clearance:
-    """Distances between the links of one robot. Each thread needs an object of its own: it reuses its
+    """Distances between the links of one robot. Each thread needs its own object, because methods reuse
     memory."""
 
     def __init__(self, robot: Robot) -> None:
@@ -57,13 +57,12 @@ class Clearance:
         first, second = self._pairs.T
         self._reach = self._model.geom_rbound[first] + self._model.geom_rbound[second]
         self.levers = _levers(robot)
-        """Upper bound (n_servos,) [m/rad] on how much each servo can change any of the distances per
-        radian."""
+        """Upper bound (n_servos,) [m/rad] on the change of any distance per radian of each servo."""
 
     @property
     def model(self) -> mujoco.MjModel:
-        """The robot's collision geometry and its servos' joints, as a MuJoCo model; read-only by
-        agreement."""
+        """The robot's collision geometry and its servos' joints, as a MuJoCo model, which callers must not
+        change."""
         return self._model
 
     @property
@@ -122,19 +121,20 @@ class Clearance:
 
 
 def without_skin(robot: Robot) -> Robot:
-    """Returns the robot without patches: its links are those of robots with other skin."""
+    """Returns the robot without patches. Robots that differ only in their skin then share one model of
+    links."""
     return robot.model_copy(update={"patches": ()})
 
 
 @lru_cache(maxsize=8)
 def _solid_model(robot: Robot) -> mujoco.MjModel:
-    """Returns the robot's solid model, shared because reading an iCub's meshes takes a second; nothing writes
-    to it."""
+    """Returns the robot's solid model. It is shared, because reading an iCub's meshes takes a second; callers
+    must not change it."""
     return exclude_overlaps(solid_spec(robot, mimics=False), robot, initial_position(robot))
 
 
 def _pairs(model: mujoco.MjModel) -> NDArray[np.intp]:
-    """Returns the pairs (m, 2) of geoms that MuJoCo would let collide."""
+    """Returns the pairs (m, 2) of geoms that can collide in MuJoCo."""
     excluded = set(model.exclude_signature.tolist())
     result = []
     for one, other in combinations(range(model.ngeom), 2):
@@ -149,7 +149,8 @@ def _pairs(model: mujoco.MjModel) -> NDArray[np.intp]:
 
 @lru_cache(maxsize=8)
 def _levers(robot: Robot) -> Array:
-    """Returns `Clearance.levers`, cached: each gate needs them, and an iCub's take 10 ms."""
+    """Returns `Clearance.levers`. The result is cached, because each gate needs it and computing it for an
+    iCub takes 10 ms."""
     model = _solid_model(robot)
     servos, _, columns = joints_of(robot, model)
     solid = set(_pairs(model).ravel().tolist())

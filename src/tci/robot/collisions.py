@@ -1,8 +1,9 @@
 """Selection of the bodies of a robot that collide: its arms with its trunk, and with each other.
 
-Links next to a joint overlap by construction. Therefore links of one arm do not collide with each other, and
-the first link of an arm does not collide at all. Neither do links that overlap in the initial posture, nor
-those near each other whatever the posture: a second link of a shoulder that turns in its bay in the torso.
+Links next to a joint overlap by construction. So links of one arm do not collide with each other, and the
+first link of an arm does not collide at all. Links that overlap in the initial posture do not collide either,
+nor do links that are near each other in nearly all postures, such as the second link of a shoulder that turns
+in a recess of the torso.
 """
 
 from __future__ import annotations
@@ -25,10 +26,11 @@ HIDDEN = 3
 """Number of the geom group that pictures leave out."""
 
 NEAR = 0.01
-"""Distance [m] within which links count as near each other. Assumed: twice what the gate keeps."""
+"""Distance [m] within which links count as near each other. Assumed: twice the distance that the gate
+keeps."""
 POSTURES, MOST = 32, 0.9
 """Number of random postures in which near links are compared, and the fraction in which they are near by
-construction: neither apart nor deep in each other. Assumed: links that meet by moving are near in few."""
+construction. Assumed: links that can collide by motion are near in few postures."""
 
 NO_MODEL = "no <model>: simulation and self-collision need a URDF or MJCF file"
 
@@ -36,9 +38,10 @@ NO_MODEL = "no <model>: simulation and self-collision need a URDF or MJCF file"
 def solid_spec(robot: Robot, *, shown: bool = False, mimics: bool = True) -> mujoco.MjSpec:
     """Returns the robot's model with its servos' joints only, and with the geoms that collide marked.
 
-    With `shown` it has all that pictures need; else only what collides, as convex hulls. Joints that are not
-    a servo's, and without `mimics` those that only follow one, are held at 0, and no force acts on any joint.
-    Raises DescriptionError when the robot has no model, and whatever `load_spec` raises.
+    With `shown` the model contains everything for pictures; otherwise only colliding geoms, as convex hulls.
+    Joints that are not driven by a servo are fixed at 0; without `mimics`, so are joints that only follow a
+    servo. No force acts on any joint. Raises DescriptionError if the robot has no model, and the errors of
+    `load_spec`.
     """
     if robot.model is None:
         raise DescriptionError(robot.source, [Fault(0, NO_MODEL)])
@@ -61,7 +64,7 @@ def solid_spec(robot: Robot, *, shown: bool = False, mimics: bool = True) -> muj
 
 
 def _set_self_collisions(spec: mujoco.MjSpec, robot: Robot) -> None:
-    """Gives each geom of the model its bits; geoms that do not collide in the model file never do."""
+    """Sets the bits of each geom of the model. Geoms that do not collide in the model file never collide."""
     arms = _arms(spec, robot)
     solid = [geom for geom in spec.geoms if geom.contype or geom.conaffinity]
     shown = [geom for geom in spec.geoms if not (geom.contype or geom.conaffinity)]

@@ -13,21 +13,21 @@ from tci.robot.joint_calibration import JointCalibration
 from tci.robot.kinematics import joints_of
 
 UPRIGHT = read_only([0.0, 0.0, -STANDARD_GRAVITY])
-"""Gravity minus acceleration (3,) [m/s2] of the torso of a robot that stands upright and still."""
+"""Gravity minus acceleration (3,) [m/s2] for a torso that is upright and at rest."""
 
 
 class Dynamics:
     """Inertia and bias torques by MuJoCo's composite-rigid-body and recursive Newton-Euler algorithms.
 
-    The model's root is fixed to the ground, tools in hand and rotors are included, friction is not. An object
-    reuses its memory: use one per thread. Servos without a joint in the model have neither inertia nor
-    torque.
+    The model's root is fixed to the ground. Tools in the hands and rotors are included, friction is not.
+    Methods reuse memory, so use one object per thread. Servos without a joint in the model have neither
+    inertia nor torque.
     """
 
     def __init__(self, robot: Robot, calibration: JointCalibration) -> None:
         """Adds the tools and rotors of a `calibration` to the robot's model.
 
-        Raises what `weighted_model` raises, UnknownNameError for a tool on a link that the model lacks.
+        Raises the errors of `weighted_model`, and UnknownNameError for a tool on a link that the model lacks.
         """
         self._made_of = robot, calibration
         self._model, self._torso = weighted_model(robot)
@@ -54,8 +54,8 @@ class Dynamics:
         """Returns inertia M (n, n) [kg m2] and bias C v + g (n,) [N m] of all servos.
 
         `position` and `velocity` (n,) are in the order of `Robot.servos`; `gravity` (3,) [m/s2] is gravity
-        minus the acceleration of the model's root link, seen from that link, by default as for a torso that
-        stands upright and still.
+        minus the acceleration of the model's root link, in the frame of that link; the default is that of an
+        upright torso at rest.
         """
         model, data = self._model, self._data
         data.qpos[self._addresses] = position[self._servos]

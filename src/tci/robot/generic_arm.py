@@ -20,7 +20,7 @@ JOINTS = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow_pitch", "elb
 """Generic joints of an arm, by index."""
 
 SEGMENTS = ("upper_arm", "forearm")
-"""Segments of an arm; receptive fields live on them."""
+"""Segments of an arm, on which receptive fields are defined."""
 
 SIDEWAYS = 1e-9
 """Cosine of the abduction below which an upper arm counts as pointing straight to the side."""
@@ -57,7 +57,7 @@ def shoulder_angles(R_MU: Array, side: Side) -> Array:
     """Returns the generic angles (..., 3) [rad] of upper arms at `R_MU` (..., 3, 3), the inverse of
     `upper_arm_rotation`.
 
-    For an arm straight to the side, pitch and yaw turn about the same line; pitch is then 0.
+    For an arm that points straight to the side, pitch and yaw rotate about one line; pitch is then 0.
     """
     s = side_sign(side)
     roll = np.arcsin(np.maximum(np.minimum(-R_MU[..., 1, 2], 1.0), -1.0))

@@ -1,9 +1,9 @@
 """The generic fingers of a hand: flexion and spread of each of five fingers.
 
 At generic zero all fingers are straight and side by side, the thumb beside the palm. Flexion, towards the
-palm, is that of the whole finger: the angle of its first joint, which the others follow in proportion. Spread
-is positive away from the middle finger, and that of the middle finger towards the index finger; that of the
-thumb is its opposition, from beside the palm to across it at 90 degrees. Signs are the same on both sides.
+palm, is the angle of the finger's first joint; the other joints follow in proportion. Spread is positive away
+from the middle finger; for the middle finger it is positive towards the index finger. The spread of the thumb
+is its opposition: 0 beside the palm, 90 degrees across the palm. Signs are equal on both sides.
 """
 
 from __future__ import annotations

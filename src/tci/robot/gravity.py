@@ -24,11 +24,12 @@ DOWN = read_only([0.0, 0.0, -1.0])
 class Gravity:
     """Gravity torques from the model's masses, by MuJoCo's recursive Newton-Euler algorithm at zero velocity.
 
-    An object reuses its memory: use one per thread. Returned arrays are copies.
+    Methods reuse memory, so use one object per thread. Returned arrays are copies.
     """
 
     def __init__(self, robot: Robot) -> None:
-        """Raises what `weighted_model` raises, DescriptionError for a servo whose joint the model lacks."""
+        """Raises the errors of `weighted_model`, and DescriptionError for a servo whose joint the model
+        lacks."""
         self._model, self._torso = weighted_model(robot)
         assert robot.model is not None  # weighted_model
         self._data = mujoco.MjData(self._model)
@@ -41,8 +42,7 @@ class Gravity:
         self._heavy = np.flatnonzero(self.masses)
 
     def torques(self, position: Array, *, down: Array = DOWN) -> Array:
-        """Returns the torque (n_servos,) [N m] with which each servo holds `position` (n_servos,) [rad]
-        still.
+        """Returns the torque (n_servos,) [N m] that each servo needs to hold `position` (n_servos,) [rad].
 
         `down` (3,) is the direction of gravity seen from the torso, of any length. The model's root is fixed
         to the ground: servos below the torso (an iCub's waist) hold the links between the torso and them.
@@ -92,8 +92,8 @@ def weighted_model(robot: Robot) -> tuple[mujoco.MjModel, int]:
 
 @lru_cache(maxsize=16)
 def _weighted_model(description: Model, _: int) -> tuple[mujoco.MjModel, int]:
-    """Returns the model of a file written at a time [ns], which nobody may modify; cached, because reading an
-    iCub's takes 60 ms."""
+    """Returns the model of a file that was written at a time [ns]. Callers must not modify it. It is cached,
+    because reading an iCub's model takes 60 ms."""
     model = bare_model(description)
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
     links = [model.body(index).name for index in range(1, model.nbody)]

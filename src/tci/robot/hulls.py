@@ -1,4 +1,5 @@
-"""Convex hulls of meshes: collisions need no more than them, and a robot's meshes take hundreds of MB."""
+"""Replaces meshes by their convex hulls, which suffice for collisions: a robot's meshes need hundreds of
+MB."""
 
 from __future__ import annotations
 
@@ -18,10 +19,11 @@ effect."""
 
 
 def keep_hulls(spec: mujoco.MjSpec) -> None:
-    """Removes what only pictures need: geoms that never collide, and all of a mesh but its convex hull.
+    """Removes geoms that never collide, and reduces each mesh to its convex hull; the rest is only needed for
+    pictures.
 
-    The geoms of a link without an inertial stay whole, since its mass is theirs. So does a mesh without a
-    hull, such as a flat one.
+    The geoms of a link without `<inertial>` are not changed, since they define its mass. A mesh without a
+    hull, such as a flat one, is not changed either.
     """
     weighed = {body.name for body in spec.bodies if body.explicitinertial}
     for geom in list(spec.geoms):

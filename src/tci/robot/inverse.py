@@ -33,7 +33,7 @@ class InverseSettings:
     starts: int = 20
     """Largest number of starts; the first is the present posture."""
     slides: int = 4
-    """Largest number of attempts to bring a solution nearer to the present posture."""
+    """Largest number of attempts to find a solution nearer to the present posture."""
     damping: float = 1e-8
     """Damping [m2/rad2] that remains when the error is zero."""
     length: float = 0.1
@@ -45,7 +45,7 @@ SWEEPS = 30
 """Largest number of projections onto couplings for one posture. Assumed: a bound on the computing time; the
 projections usually end earlier."""
 ROOM = 1e-9
-"""Margin [rad] that answers keep from couplings. Assumed: above rounding errors, far below any encoder's
+"""Margin [rad] of solutions from couplings. Assumed: above rounding errors, far below any encoder's
 resolution."""
 
 
@@ -116,11 +116,11 @@ class InverseKinematics:
     def solve(self, target: Array, present: Array) -> InverseAnswer:
         """Finds angles that bring the point to `target`, near to `present` (n_servos,) [rad].
 
-        `target` is a position (3,) [m] or a pose (4, 4), seen from the torso. The search descends from the
-        present posture; only if it gets stuck there, further starts are tried, the nearest to the present
-        posture first. A redundant limb's solution is then moved along its null space towards the present
-        posture: it is near, but not proven to be the nearest. Raises CommandError for another shape or values
-        that are not finite.
+        `target` is a position (3,) [m] or a pose (4, 4), seen from the torso. The search starts at the
+        present posture. If it does not succeed, further starts are tried, those nearest to the present
+        posture first. The solution of a redundant limb is then moved along its null space towards the present
+        posture. The result is near, but not necessarily the nearest solution. Raises CommandError for another
+        shape or values that are not finite.
         """
         target, present = np.asarray(target, np.float64), np.asarray(present, np.float64)
         if target.shape not in ((3,), (4, 4)) or not np.isfinite(target).all():
@@ -149,8 +149,8 @@ class InverseKinematics:
     def _come_nearer(
         self, target: Array, present: Array, first: Array, answer: InverseAnswer
     ) -> tuple[InverseAnswer, int]:
-        """Moves along the null space towards the posture `first` (k,) [rad] as long as that brings the
-        solution nearer."""
+        """Moves the solution along the null space towards the posture `first` (k,) [rad], as long as its
+        distance decreases."""
         steps = 0
         for _ in range(self._settings.slides):
             angles = answer.position[self._chosen]

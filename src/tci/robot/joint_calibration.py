@@ -23,12 +23,12 @@ class JointFriction(Description):
     """Friction and rotor of one joint."""
 
     coulomb: _Positive = 0.0
-    """Dry friction [N m]: torque against any motion, however slow."""
+    """Dry friction [N m]: torque against motion at any speed."""
     viscous: _Positive = 0.0
     """Friction that grows with the speed [N m s/rad]."""
     rotor: _Positive = 0.0
-    """Inertia [kg m2] of the motor's rotor behind the gear, if the reported torque moves it too (a current);
-    0 for a torque sensor at the joint's output."""
+    """Inertia [kg m2] of the motor's rotor at the joint (after the gear), for torques that are computed from
+    currents; 0 for a torque sensor at the joint's output."""
 
 
 class Tool(Description):
@@ -48,10 +48,10 @@ class JointCalibration(Description):
     date: str = ""
     """Date of the measurement, ISO 8601."""
     friction: dict[str, JointFriction] = Field(default_factory=dict)
-    """Friction by the name of the servo. A servo that is not named has an unknown one."""
+    """Friction by the name of the servo. The friction of other servos is unknown."""
     amperes: dict[str, _Positive] = Field(default_factory=dict)
-    """Torque at the joint [N m] for one ampere of its motor, by the name of the servo, for robots that report
-    currents in place of torques."""
+    """Torque at the joint per ampere of its motor [N m/A], by the name of the servo, for robots that report
+    currents instead of torques."""
     tools: dict[str, Tool] = Field(default_factory=dict)
     """Tools in hand, by the link that carries them."""
 
@@ -72,9 +72,10 @@ class JointCalibration(Description):
 
 
 def joint_calibration(robot: Robot, given: JointCalibration | None = None) -> JointCalibration:
-    """Returns the calibration `given`, or that of the file beside the description, or one without figures.
+    """Returns the calibration `given`, or else that of the file beside the description, or else an empty
+    calibration.
 
-    Raises DescriptionError for a file with faults, and what `JointCalibration.check` raises.
+    Raises DescriptionError for a file with faults, and the errors of `JointCalibration.check`.
     """
     if given is None:
         beside = Path(robot.source).with_suffix(SUFFIX)

@@ -36,7 +36,8 @@ class JointMap:
         self.ids: NDArray[np.intp] = np.concatenate([none, *(t.ids for t in transforms)])
         """Generic ids (k,) of the joints that the robot has."""
         self.servos: NDArray[np.intp] = frozen(np.concatenate([none, *(t.servos for t in transforms)]))
-        """Servos (k,) that move these joints, one for each but in a synergy; read-only."""
+        """Servos (k,) that move these joints, read-only. There is one servo per joint, except in a
+        synergy."""
         self.unlimited: Array = frozen(np.full(len(self.servos), np.inf))
         """Infinite speeds (k,) [rad/s], for a command that requests none; read-only."""
         self.exact = not of["synergy"]
@@ -80,7 +81,8 @@ class JointMap:
 
     def per_servo(self, values: Array, position: Array) -> Array:
         """Returns rates (k,) of the servos for rates `values` (m,) of the joints `ids`, at `position`
-        (n_servos,) [rad]: of a synergy those with the least error. Raises what `slope` raises."""
+        (n_servos,) [rad]. In a synergy these are the rates with the least error. Raises the errors of
+        `slope`."""
         slope = self.slope(position)
         if self.exact:
             return np.array(np.linalg.solve(slope, values))
@@ -89,15 +91,15 @@ class JointMap:
 
     @property
     def tied(self) -> tuple[tuple[int, ...], ...]:
-        """Returns the generic joints in groups: those of one group share servos, so that one of them does
-        not move alone."""
+        """Returns the generic joints in groups. The joints of a group share servos, so none of them can move
+        alone."""
         shared = np.eye(len(self.ids)) if self._slope is None else np.abs(self._slope) @ np.abs(self._slope).T
         together = np.linalg.matrix_power(shared > 0.0, len(self.ids) + 1)
         return tuple(dict.fromkeys(tuple(self.ids[row].tolist()) for row in together))
 
     def shares(self, values: Array) -> Array:
-        """Returns fractions (k,) for the servos from those of all joints (n,): in a synergy the mean of the
-        joints that a servo moves."""
+        """Converts fractions of all joints (n,) to fractions of the servos (k,). In a synergy, a servo gets
+        the mean of the joints that it moves."""
         if self.exact or self._slope is None:
             return values[self.ids]
         weight = np.abs(self._slope)
@@ -122,7 +124,8 @@ class JointMap:
 
 
 class Postures:
-    """The maps of all generic parts at once, with one sum for all joints of constant slope: nearly all."""
+    """The maps of all generic parts at once. Joints with a constant slope, which are nearly all joints, are
+    computed by one matrix product."""
 
     def __init__(self, robot: Robot) -> None:
         """Raises what the transforms raise."""
@@ -194,8 +197,8 @@ def generic_posture(robot: Robot, joints: JointReading) -> dict[str, Array]:
 
 @per_robot
 def initial_position(robot: Robot) -> Array:
-    """Returns the angle (n_servos,) [rad] of every servo in the initial posture (inverse of eq. 1); where no
-    generic part gives one, 0 or the limit next to it. Raises what the transforms raise."""
+    """Returns the angle (n_servos,) [rad] of every servo in the initial posture (inverse of eq. 1). A servo
+    without a generic part has the angle 0, or the limit nearest to 0. Raises the errors of the transforms."""
     position = np.array([min(max(0.0, s.limits.lower or 0.0), s.limits.upper or 0.0) for s in robot.servos])
     for part in robot.parts:
         joints = joint_map(robot, part.name)

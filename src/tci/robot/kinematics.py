@@ -1,4 +1,4 @@
-"""Forward kinematics and Jacobians: the poses of a robot's links, and how its servos move them.
+"""Forward kinematics and Jacobians of a robot's links.
 
 The path to a link is a sequence of steps, which a compiled loop follows. A link on a revolute joint at the
 angle q has the pose K0 + K1 cos q + K2 sin q in its parent, by Rodrigues' formula R = a a^T + (1 - a a^T) cos
@@ -31,8 +31,8 @@ Indices = NDArray[np.int64]
 class KinematicChain:
     """Kinematics of one robot. Immutable, so threads may share it; returned arrays belong to the caller.
 
-    Joints of the model that no servo drives stay at zero. One that follows a servo (a mimic joint) is a
-    servo of its own to the steps: its angle stands after those of the servos.
+    Joints of the model that no servo drives stay at zero. For a joint that follows a servo (a mimic joint),
+    the steps use an additional servo, whose angle is appended to the angles of the servos.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -125,7 +125,8 @@ class KinematicChain:
         return tuple(dict.fromkeys(servo for servo in servos if servo >= 0))
 
     def extended(self, position: Array) -> Array:
-        """Returns angles (..., n_servos) [rad] with those of mimic joints behind, as the steps need them."""
+        """Returns angles (..., n_servos) [rad] with the angles of mimic joints appended, as the steps need
+        them."""
         return self._mimics.extended(position)
 
     def ends(self, bodies: Iterable[int]) -> Indices:
@@ -136,8 +137,8 @@ class KinematicChain:
         """Returns the steps (k, 2) to the torso and to the links at the ends of the steps `ends`, parents
         first.
 
-        The second column is 1 for a servo that moves the first of these links relative to the torso, -1 for
-        one that moves the torso instead, 0 for others.
+        The second column is 1 for a servo that moves the first of these links relative to the torso, -1 for a
+        servo between root and torso that moves the torso instead, and 0 for other servos.
         """
         above = [self._above(end) for end in ends]
         torso = self._above(self.torso)
@@ -190,17 +191,19 @@ class _Mimics:
         self._offset = np.array([one.offset for _, one in found])
 
     def leader(self, servo: int) -> int:
-        """Returns the servo that one of the steps' servos follows: itself unless it is a mimic joint."""
+        """Returns the servo that a servo of the steps follows. For a servo that is not a mimic joint, this is
+        the servo itself."""
         return servo if servo < self._first else int(self._servos[servo - self._first])
 
     def extended(self, position: Array) -> Array:
-        """Returns `position` (..., n_servos) [rad] with the angles of the mimic joints behind."""
+        """Returns `position` (..., n_servos) [rad] with the angles of the mimic joints appended."""
         if not self.count:
             return position
         return np.concatenate([position, position[..., self._servos] * self._multiplier + self._offset], -1)
 
     def folded(self, jacobian: Array) -> Array:
-        """Returns a Jacobian (6, n_servos) in which a servo's column has those of its mimic joints."""
+        """Adds the columns of mimic joints to the columns of the servos that they follow. Returns the
+        Jacobian (6, n_servos)."""
         if not self.count:
             return jacobian
         own, others = jacobian[:, : self._first].copy(), jacobian[:, self._first :] * self._multiplier
@@ -298,7 +301,7 @@ def _bare_model(model: Model, _: int) -> mujoco.MjModel:
 
 
 def at_zero(model: mujoco.MjModel, joint: int) -> Array:
-    """Returns the motion (4, 4) of a body, in its own frame, by a hinge or slide at 0.
+    """Returns the transform (4, 4) of a body, in its own frame, caused by a hinge or slide joint at angle 0.
 
     It is the identity unless the model gives the joint a reference angle.
     """

@@ -1,8 +1,8 @@
 """The generic limb: one cylinder for all robots, on which receptive fields are defined (eqs 4, 6).
 
-A place (u, theta) of any robot's limb is a point of a cylinder of length 1 and of one standard radius. Limbs
-of different size and shape then share one file of fields, and a field on a thin limb does not reach around
-it.
+A place (u, theta) of any robot's limb is a point of a cylinder of length 1 and of one standard radius. So one
+file of fields is valid for limbs of different size and shape, and a field on a thin limb does not extend
+around the limb.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def generic_limb_distance(
 ) -> Array:
     """Returns the Euclidean distances (...) [limb lengths] between places of the generic limb (eq. 6).
 
-    Angles need no unwrapping: theta and theta + 2 pi are the same place.
+    Angles need no unwrapping, since theta and theta + 2 pi are one place.
     """
     offset = generic_limb_point(u, theta) - generic_limb_point(u_other, theta_other)
     return np.asarray(np.linalg.norm(offset, axis=-1))

@@ -19,10 +19,10 @@ _HEADER, _FACE = 84, 50
 
 
 class MeshFiles:
-    """Finds the mesh files that a model names, and keeps account of those that are missing or broken."""
+    """Finds the mesh files of a model, and records those that are missing or broken."""
 
     def __init__(self, model: Path, folder: str | None) -> None:
-        """Looks in `folder` for files that are not where the file `model` says."""
+        """Searches `folder` for files that are not at the path given in the file `model`."""
         self._model = model
         self._above = model.resolve().parents
         self._own = {} if folder in (None, NO_MESHES) else _by_name(Path(str(folder)))
@@ -87,7 +87,7 @@ def _most_alike(wanted: Path, files: list[Path]) -> Path | None:
 
 
 def _other_case(places: list[Path]) -> str:
-    """Names a file whose name differs in upper and lower case only; empty for none."""
+    """Returns the name of a file that differs only in upper and lower case; an empty text for none."""
     for place in places:
         if place.parent.is_dir():
             for file in place.parent.iterdir():

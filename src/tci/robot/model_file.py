@@ -15,8 +15,8 @@ from tci.robot.description import Attachment, Model
 from tci.robot.mesh_files import NO_MESHES, MeshFiles, is_readable
 
 SMALLEST = 1e-12
-"""Smallest principal moment of inertia [kg m2] that counts as real. Assumed: that of a gram at a millimetre
-is 1e-9, so smaller values are placeholders."""
+"""Least principal moment of inertia [kg m2] that counts as real. Assumed: one gram at a distance of one
+millimetre has 1e-9, so smaller values are placeholders."""
 LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-6
 """Mass [kg] and moment of inertia [kg m2] of a moving link whose file gives no possible value. Assumed:
 MuJoCo needs values above 0, and these are small beside a robot's real links."""
@@ -30,7 +30,7 @@ without any. They count in kinematics only."""
 def load_spec(model: Model) -> mujoco.MjSpec:
     """Loads the model as an editable specification, with a fixed base and every link a named body.
 
-    Visual geoms are kept, and so are links without mass: the frames of skin modules are such links. Raises
+    Visual geoms are kept, and so are links without mass, such as the frames of skin modules. Raises
     DescriptionError when the file is missing or MuJoCo can't read it.
     """
     path = Path(model.path)
@@ -66,7 +66,7 @@ def load_spec(model: Model) -> mujoco.MjSpec:
 
 
 def compile_once(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """Compiles a specification; MuJoCo keeps no copy of its meshes, which are 100 MB for an iCub.
+    """Compiles a specification without keeping MuJoCo's copy of the meshes, which needs 100 MB for an iCub.
 
     Raises ValueError.
     """
@@ -80,8 +80,8 @@ def compile_once(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def _attach(spec: mujoco.MjSpec, attachment: Attachment) -> None:
-    """Fixes another model to a link; all of it hangs below the world of its file. Raises DescriptionError
-    when the file can't be read."""
+    """Fixes another model to a link: the world of that model becomes a child of the link. Raises
+    DescriptionError when the file can't be read."""
     try:
         other = mujoco.MjSpec.from_file(attachment.path)
     except ValueError as error:
@@ -173,7 +173,7 @@ def _read_mjcf(model: Model) -> mujoco.MjSpec:
 
 
 def _place_meshes(spec: mujoco.MjSpec, model: Model) -> None:
-    """Finds the meshes of an MJCF. Only now, as kinematics need none."""
+    """Finds the meshes of an MJCF. Called only if meshes are needed; kinematics do not need them."""
     meshes = MeshFiles(Path(model.path), model.meshes)
     for mesh in spec.meshes:
         if mesh.file and (file := meshes.find(str(Path(spec.meshdir, mesh.file)))) is not None:
@@ -208,7 +208,8 @@ def _mend_masses(spec: mujoco.MjSpec) -> None:
 
 
 def _flat(spec: mujoco.MjSpec) -> str:
-    """Names the links with a shape of size 0, which MuJoCo tells only by number; empty for none."""
+    """Returns the names of links with a shape of size 0, for which MuJoCo reports only a number; an empty
+    text for none."""
     sized = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
     links = [geom.parent.name for geom in spec.geoms if geom.type not in sized and not geom.size[0] > 0.0]
     return f" (the shape of {', '.join(dict.fromkeys(links))}; valid: above 0)" if links else ""

@@ -13,7 +13,7 @@ from tci.robot.xml.model import MAX_MODEL_BYTES
 def model_format(path: Path) -> Literal["urdf", "mjcf"]:
     """Returns the format of a model file, by its first element.
 
-    Raises DescriptionError for a file that is missing or neither, such as a macro that makes a URDF.
+    Raises DescriptionError for a file that is missing or has neither format, such as a macro for a URDF.
     """
     if not path.is_file():
         raise DescriptionError(str(path), [Fault(0, "no such file; valid: a URDF or MJCF file")])

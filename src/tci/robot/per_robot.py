@@ -18,8 +18,8 @@ def per_robot(
 ) -> Callable[Concatenate[Robot, Rest], Result]:
     """Caches a function's result per robot and other arguments, for the lifetime of the robot.
 
-    Robots are distinguished by identity: an `lru_cache` would compare equal ones field by field in each
-    period.
+    Robots are distinguished by identity, because an `lru_cache` would compare all fields of equal robots in
+    each period.
     """
     found: dict[Hashable, Result] = {}
 

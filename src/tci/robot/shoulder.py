@@ -1,9 +1,9 @@
 """Kinematics of a shoulder of three revolute joints with any axes: its rotation, and the angles for a
 rotation.
 
-The axes are read from the kinematic model, so they do not depend on conventions of the robot. The upper arm's
-frame is the generic arm's: -z points along the third axis towards the elbow, -y along the axis of elbow
-flexion.
+The axes are read from the kinematic model, so they do not depend on conventions of the robot. The frame of
+the upper arm is that of the generic arm: -z points along the third axis towards the elbow, -y along the axis
+of elbow flexion.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ PARALLEL = 1.0 - 1e-6
 """Cosine above which two successive axes of a shoulder count as parallel, so that it is no ball joint.
 Assumed: they differ by less than 0.1 degrees."""
 SHORT = 1e-3
-"""Length [m] from which an upper arm has a direction. Assumed: far below the length of a real upper arm."""
+"""Least length [m] of an upper arm whose direction is defined. Assumed: far below the length of a real upper
+arm."""
 SINGULAR = 1e-6
 """Determinant of the generic axes below which their velocities are not defined. Assumed: above rounding
 errors only; it is 0 at 90 degrees of abduction."""
@@ -40,7 +41,8 @@ class Shoulder:
     """The first three joints of an arm, seen from the torso."""
 
     def __init__(self, robot: Robot, part: GenericPart) -> None:
-        """Raises DescriptionError when the arm is not built as its part says, or the robot has no model."""
+        """Raises DescriptionError if the arm does not have the structure of its description, or if the robot
+        has no model."""
         kinematics = KinematicChain(robot)
         assert part.side is not None
         self.side = part.side
@@ -96,8 +98,8 @@ class Shoulder:
         middle of the limits.
 
         Limits are not checked. If the axes are not at right angles, some rotations can't be reached; the
-        answer is then the closest that the first two joints allow. After Paden and Kahan's second subproblem
-        (Murray, Li and Sastry 1994, 3.3).
+        result is then the closest one that the first two joints allow. After Paden and Kahan's second
+        subproblem (Murray, Li and Sastry 1994, 3.3).
         """
         return [np.array(angles) for angles in self._solve(R_TU)]
 

@@ -54,9 +54,9 @@ class Transform(ABC):
         return servo_speeds(self.slope(angles), most)
 
     constant = False
-    """True if the slope is the same everywhere."""
+    """True if the slope is equal in all postures."""
     steady = False
-    """True if `speeds` are the same everywhere."""
+    """True if `speeds` are equal in all postures."""
 
 
 class Linear(Transform):
@@ -140,8 +140,8 @@ class Coupled(Transform):
 class Synergy(Coupled):
     """Joints and servos of which one servo may move several joints, or several servos one joint together.
 
-    If commanded joints contradict each other, the servos go where the sum of squared errors is least; if
-    several motions of the servos fit, they make the smallest one (Moore-Penrose).
+    If commanded joints contradict each other, the servos move to the angles with the least sum of squared
+    errors. If several motions of the servos are possible, the smallest is used (Moore-Penrose).
     """
 
     def _moved(self, joints: list[GenericServo]) -> list[int]:
@@ -157,7 +157,7 @@ class Retarget(Transform):
     steady = True
 
     def __init__(self, robot: Robot, part: GenericPart, joints: list[GenericServo]) -> None:
-        """Raises what Shoulder raises."""
+        """Raises the errors of Shoulder."""
         from tci.robot.shoulder import SINGULAR, shoulder_of  # only this transform needs the model
 
         super().__init__(joints)
@@ -181,8 +181,8 @@ class Retarget(Transform):
         return np.array(np.linalg.solve(axes, self._shoulder.spin(angles)))
 
     def speeds(self, angles: Array, most: Array) -> Array:
-        """Returns `most`: each servo turns the arm about one axis, so the described speed holds everywhere.
-        The generic angles give no bound, since they jump near 90 degrees of abduction."""
+        """Returns `most`: each servo rotates the arm about one axis, so the described speed applies in every
+        posture. Generic angles can't be used for a bound, since they jump near 90 degrees of abduction."""
         return most
 
 

@@ -1,8 +1,9 @@
-"""Lower bounds on the distances of pairs of links, which need no measurement.
+"""Lower bounds on the distances of pairs of links, computed without measuring distances.
 
-A distance measured at one posture holds at another, less the largest change by the joints (`Solids.levers`).
-And convex shapes are at least as far apart as their projections onto any line (separating axis, Ericson 2004,
-5.2.1): the axis of the last measurement stays a good one for long.
+There are two bounds. The first is the distance measured at another posture, minus the largest change that the
+joints can cause (`Solids.levers`). The second is the distance between the projections of two convex shapes
+onto a line (separating axis, Ericson 2004, 5.2.1); the axis of the last measurement is a good choice for many
+later postures.
 """
 
 from __future__ import annotations
@@ -109,8 +110,8 @@ def at_least(shapes: Array, points: Array, frames: Array, pairs: Indices, axis: 
 
 @inlined
 def to_joints(servos: NDArray[np.intp], zero: Array, box: Array, ends: Array) -> None:
-    """Writes the `ends` (2, j) [rad] of the model's joints while servos are between those of `box` (2,
-    n_servos) [rad].
+    """Writes the least and largest angles `ends` (2, j) [rad] of the model's joints for servos within `box`
+    (2, n_servos) [rad].
 
     `servos` (j,) move the joints, and are at `zero` (j,) when the joints are at 0.
     """
@@ -124,11 +125,11 @@ def come_near(
     solids: Arrays, known: Arrays, servos: NDArray[np.intp], zero: Array, box: Array, ends: Array,
     margin: float,
 ) -> int:  # fmt: skip
-    """Counts the pairs that may come as close as `margin` [m] between the angles of `box` (2, n_servos)
-    [rad].
+    """Counts the pairs whose distance may fall to `margin` [m] while the servos are within the angles of
+    `box` (2, n_servos) [rad].
 
-    Their numbers are written into the memory, which is updated at the middle of the angles. `ends` (2, j)
-    receives the angles of the joints: see `to_joints`.
+    Writes the indices of these pairs into `known`, and updates the bounds in `known` for the middle of the
+    box. Writes the joint angles at both ends of the box into `ends` (2, j), see `to_joints`.
     """
     joints, shapes, points, _, pairs, levers = solids
     posture, distance, axis, left, bound, _, _, frames, middle = known
@@ -171,12 +172,12 @@ def follow(
     solids: Arrays, known: Arrays, count: int, path: Array, levers: Array, stride: float, margin: float,
     at: Indices, asked: Indices,
 ) -> int:  # fmt: skip
-    """Follows `path` (k, j) [rad] to the first point at which pairs must be measured; returns their number, 0
-    at the end.
+    """Follows `path` (k, j) [rad] to the first point at which distances of pairs must be measured. Returns
+    the number of these pairs, 0 at the end of the path.
 
-    Checks only the first `count` pairs listed in the memory, at points no farther apart than `stride` [m]
-    according to `levers` (j,) [m/rad]. `at` receives the section and the point in it. The pairs are written
-    into `asked`; the angles at the point and the frames into the memory.
+    Checks only the first `count` pairs listed in `known`, at points no farther apart than `stride` [m]
+    according to `levers` (j,) [m/rad]. Writes the section of the path and the point in it into `at`, the
+    pairs into `asked`, and the angles and frames at this point into `known`.
     """
     joints, shapes, points, _, pairs, own = solids
     posture, distance, axis, left, slack, least, step, frames, angles = known

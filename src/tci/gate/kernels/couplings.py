@@ -12,7 +12,7 @@ from tci.frames import Array
 MARGIN = 1e-6
 """Distance [rad] that points keep inside limits and couplings. Assumed: above ruckig's rounding errors."""
 SWEEPS = 50
-"""Largest number of sweeps in the search for a nearest point, which bounds its time. Assumed; later sweeps
+"""Largest number of sweeps in the search for a nearest point, which bounds its time. Assumed: later sweeps
 change little."""
 
 
@@ -24,9 +24,9 @@ def project(
     """Writes the `point` (n,) [rad] near `target` (n,) that is inside `lower` and `upper` (n,), and in bounds
     `lows` <= `coupling` @ point <= `highs` (m,).
 
-    It keeps a margin inside all of them, or lies midway between two bounds that are closer. Only servos that
-    are `free` (n,) differ from `target`. Projects onto each violated half-space in turn (Bregman 1965), and
-    onto the limits.
+    The point keeps a margin from all bounds; between two bounds that are too close for this, it is in the
+    middle. Only servos that are `free` (n,) differ from `target`. Projects onto each violated half-space in
+    turn (Bregman 1965), and onto the limits.
     """
     for i in range(len(target)):
         point[i] = target[i]
@@ -89,8 +89,8 @@ def box_keeps(span: Array, coupling: Array, lows: Array, highs: Array) -> bool:
 
 @compiled(void(views(2), views(1), views(1), views(1), writes(1), writes(1)))
 def shift(outside: Array, measured: Array, lows: Array, highs: Array, lower: Array, upper: Array) -> None:
-    """Writes the bounds `lower` and `upper` (m,) that remain of `lows` and `highs` (m,) for the other servos'
-    angles.
+    """Writes the bounds `lower` and `upper` (m,): `lows` and `highs` (m,) minus the contribution of the
+    servos outside the group.
 
     These are at `measured` (n_servos,) [rad] and have the coefficients `outside` (m, n_servos).
     """

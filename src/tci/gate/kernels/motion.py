@@ -9,7 +9,7 @@ from tci.frames import Array
 
 FOLLOWS, LATE, OPPOSED, FROZEN, DISAGREES, DEAF, JUMPED = range(7)
 """Results: no fault; a servo far from its reference, moving against it, or frozen; an angle that contradicts
-its velocity; one that no change of torque moves by a bit; one that jumps."""
+its velocity; an angle that stays constant although the torque changes; an angle that jumps."""
 FOLLOWING_ERROR, LAG, PATIENCE, OPPOSING, LEAST_SPEED, LONGEST_REPEAT, TRAVEL, FORGETS, PUSH, STEP = range(10)
 """Indices of the settings."""
 ANGLE, SPEED, ANGLE_BEFORE, SPEED_BEFORE = range(4)
@@ -25,8 +25,8 @@ least and largest torque [N m] since both repeat, and time [s] since which these
 TORQUE_LIMIT, ACCELERATION, FASTEST = range(3)
 """Rows of the joints' limits (3, n_servos): torque [N m], acceleration [rad/s2], speed [rad/s]."""
 SELDOM = 0.025
-"""Longest time [s] between readings over which velocities are integrated. Assumed: in a longer one a velocity
-may have changed twice."""
+"""Longest time [s] between readings over which velocities are integrated. Assumed: in a longer time a
+velocity may change unnoticed."""
 MONITOR = returns(reads(2), reads(1), writes(2), writes(2), writes(2), writes(1))
 """Type of a monitor's data: limits and settings; readings, memory, memory of velocities; worst."""
 
@@ -122,7 +122,7 @@ def judge_velocity(
     memory: Array,
     worst: Array,
 ) -> int:
-    """Returns the fault in the angles of `servos` (k,), judged by velocities and torques.
+    """Returns the fault in the angles of `servos` (k,), found by comparison with velocities and torques.
 
     The readings are `elapsed` [s] apart; a velocity that is NaN is ignored. Angles that follow a reference
     are not judged by velocities. `torque` (k,) [N m] was sent to those in torque mode. Updates the memory,

@@ -1,6 +1,7 @@
 """A robot's solid links as flat arrays for the compiled loops.
 
-All is given in frames at the joints, parallel to the world's while every joint is at zero.
+All coordinates are in frames at the joints, which are parallel to the world frame while every joint is at
+zero.
 """
 
 from __future__ import annotations
@@ -28,9 +29,9 @@ class Solids:
     joints: Array
     """Parent joint or -1, position relative to it [m], and axis (j, 7) of each joint."""
     shapes: Array
-    """Joint or -1, first point and last + 1, centre and radius [m] of a bounding sphere, and matrix E [m] (g,
-    16) of each shape. A shape is the convex hull of its points, with the ellipsoid E u, |u| <= 1, around each
-    of them."""
+    """For each shape (g, 16): its joint or -1, index of its first point and of its last point + 1, centre and
+    radius [m] of its bounding sphere, and a matrix E [m]. A shape is the convex hull of its points, each
+    extended by the ellipsoid E u, |u| <= 1."""
     points: Array
     """Points (v, 3) [m] of all shapes."""
     poses: Array
@@ -40,7 +41,7 @@ class Solids:
     pairs: Indices
     """First and second shape (p, 2) of each pair of the Clearance."""
     levers: Array
-    """Largest change (j, p) [m/rad] of each pair's distance by each joint."""
+    """Largest change (j, p) [m/rad] of the distance of each pair per radian of each joint."""
 
     @staticmethod
     def of(clearance: Clearance) -> Solids:

@@ -1,4 +1,4 @@
-"""Jerk-limited stops of servos: planned, judged and followed in compiled loops."""
+"""Compiled loops that plan, check and evaluate jerk-limited stops of servos."""
 
 from __future__ import annotations
 
@@ -68,9 +68,10 @@ def plan_stop(
 ) -> tuple[bool, bool, bool, float]:
     """Plans the `stop` (12, n) from a `state` (3, n): angles [rad], velocities and accelerations.
 
-    Returns three truth values and its duration [s]. First: it stays inside the `limits` (4, n), or no farther
-    outside than `here` (n,) [rad], and does not leave them again once inside. Second: the box around it is in
-    bounds, `lows` <= `coupling` @ point <= `highs` (m,). Third: the state itself is outside the limits.
+    Returns three truth values and the duration of the stop [s]. The first is True if the stop stays inside
+    the `limits` (4, n), or no farther outside than `here` (n,) [rad], and does not leave the limits again
+    once it is inside. The second is True if the box around the stop is in bounds, `lows` <= `coupling` @
+    point <= `highs` (m,). The third is True if the state itself is outside the limits.
     """
     inside, outside, duration = True, False, 0.0
     for i in range(len(here)):
@@ -119,8 +120,8 @@ def follow_stop(stop: Array, times: Array, states: Array) -> None:
 def take_room(index: NDArray[np.intp], measured: Array, reference: Array, span: Array, box: Array) -> None:
     """Writes the least and largest angles of servos `index` (n,) into `box` (2, n_servos).
 
-    Their references stay in `span` (2, n), and they may deviate from it by their present deviation:
-    `measured` (n_servos,) from `reference` (n,). All in [rad].
+    The references of the servos stay in `span` (2, n). The measured angles may deviate from it by the present
+    deviation, `measured` (n_servos,) minus `reference` (n,). All are in [rad].
     """
     for i in range(len(index)):
         servo = index[i]

@@ -33,8 +33,8 @@ def is_acceptable(servos: NDArray[np.intp], values: Array, speeds: Array, count:
 def is_far_off(servos: NDArray[np.intp], values: Array, lower: Array, upper: Array, far: float) -> bool:
     """Returns True if an angle of `values` (k,) [rad] of `servos` (k,) is so large that it may be in degrees.
 
-    That is one outside `lower` .. `upper` (n_servos,) [rad] and beyond a full turn, or all of at least two
-    outside by more than `far` [rad].
+    This is true for an angle that is outside `lower` .. `upper` (n_servos,) [rad] and beyond a full turn, and
+    for two angles or more that are all outside by more than `far` [rad].
     """
     near = len(servos) < 2
     for k in range(len(servos)):
@@ -55,7 +55,7 @@ def take_targets(
     index: NDArray[np.intp], servos: NDArray[np.intp], values: Array, speeds: Array, limits: Array,
     coupling: Array, ends: Array, free: NDArray[np.bool_], aims: Array, sent: Array,
 ) -> float:  # fmt: skip
-    """Aims the servos `index` (n,) of a joint group at those of the `values` (k,) that are theirs.
+    """Sets the targets of the servos `index` (n,) of a joint group from the `values` (k,) of a command.
 
     Returns the largest distance [rad] of a servo's target from its value. Writes into `aims` (3, n) targets
     [rad] inside `limits` and couplings, and the `speeds` (k,), at most the fastest of the `limits` (3, n);

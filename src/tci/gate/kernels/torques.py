@@ -10,8 +10,8 @@ from tci.compiled import compiled, reads, views, writes
 from tci.frames import Array
 
 LOWER, UPPER, VELOCITY, CREEP, ACCELERATION, APPROACH, TORQUE = range(7)
-"""Rows of the limits (7, k) of the servos in torque mode; with the speed [rad/s] at which one outside its
-limits returns, and the deceleration [rad/s2] that is assumed to be available before them."""
+"""Rows of the limits (7, k) of the servos in torque mode. They include the speed [rad/s] at which a servo
+outside its limits returns, and the deceleration [rad/s2] that is assumed to be available before a limit."""
 POSITION, SPEED, SLOPE, SINCE_SPEED, SINCE_SLOPE = range(5)
 """Rows of the measurements (5, n_servos): angles [rad]; velocities [rad/s]; mean speeds [rad/s] from angles,
 NaN if unknown; impulses [N m s] of the torques given since each of the two was measured."""
@@ -21,19 +21,19 @@ given; fraction of the braking torque, and speed [rad/s] at which it was chosen.
 MARGIN = 1e-6
 """Speed [rad/s] that replaces smaller ones as a divisor, for braking in a narrow band."""
 RISE = 0.02
-"""Time [s] in which a torque may rise from zero to its limit. Assumed; a step would jerk the joint."""
+"""Time [s] in which a torque may rise from zero to its limit. Assumed: a step would jerk the joint."""
 BAND = 0.1
-"""Excess over the allowed speed, as a fraction of it, at which braking is complete. Assumed; smaller makes
-the torque chatter, larger lets a joint exceed its limit by more."""
+"""Excess over the allowed speed, as a fraction of this speed, from which the full braking torque acts.
+Assumed: with a smaller value the torque chatters, with a larger one a joint exceeds its limit by more."""
 SETTLE = 2.0
 """Speeds that could be removed within this many times the delay are braked in proportion. Assumed: with its
 full torque a servo at rest at a limit would tremble with the noise of its velocity."""
 CALMER, BOLDER, LEAST = 0.5, 1.5, 1.0 / 64.0
 """Factors of the braking torque: after it has reversed a joint, and after it has not; and the least one.
-Assumed: a joint much lighter than its limits imply would be thrown to and fro with its full torque."""
+Assumed: with its full torque, a joint that is much lighter than its limits imply would oscillate."""
 FADE = float(np.deg2rad(2.0))
-"""Distance [rad] before a limit over which a torque towards it fades out. Assumed; a shorter one pushes
-joints into their limits, a longer one takes more of their range."""
+"""Distance [rad] before a limit over which a torque towards the limit decreases to zero. Assumed: with a
+shorter distance joints are pushed into their limits, a longer one uses more of their range."""
 
 
 @compiled(
@@ -49,8 +49,7 @@ def limit_torques(
     period: float,
     memory: Array,
 ) -> None:
-    """Writes the torques that `servos` (k,) are given now, limited to the `trust` (k,) in their data, into
-    the memory.
+    """Writes the present torques of `servos` (k,) into the memory, limited by the `trust` (k,) in their data.
 
     Other arrays have a column for each servo of the robot: `measured` (5, n_servos), which is `late` [s] old
     when the next torque is computed. `halts` is True to brake any motion.

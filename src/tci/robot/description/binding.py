@@ -18,8 +18,8 @@ class Address(Description):
     channels: int | None = None
     """Number of values that a patch has there, if it is more than its channels (YARP)."""
     modules: tuple[int, ...] = ()
-    """Modules among these values whose taxels are the patch's channels, in order: each twelve values are one
-    module, of ten taxels."""
+    """Modules among these values that contain the patch's channels, in order. A module has twelve values, of
+    which ten are taxels."""
 
 
 class Binding(Description):
@@ -35,13 +35,14 @@ class Binding(Description):
     """Addresses that differ from the middleware's usual names."""
 
     def address(self, of: str, usual: str) -> str:
-        """Returns the address of the patch, robot part or servo named `of`, or `usual` if the file gives
+        """Returns the address of the patch, robot part or servo named `of`, or `usual` if the description has
         none."""
         entry = self.entry(of)
         return usual if entry is None else entry.to
 
     def entry(self, of: str) -> Address | None:
-        """Returns what the file says about the patch, robot part or servo named `of`; None if nothing."""
+        """Returns the address element for the patch, robot part or servo named `of`; None if there is
+        none."""
         return next((address for address in self.addresses if address.of == of), None)
 
 
@@ -58,8 +59,8 @@ USUAL: Mapping[str, Binding] = {
         ("player", 100.0, 0.08),
     )
 }
-"""Bindings of robots whose description has none, for each middleware that can carry any robot. Assumed: rates
-that the middleware keeps up with, and silences of a few of its messages (docs/tables/middleware.md)."""
+"""Default bindings, for each middleware that can carry any robot. Assumed: rates that the middleware can
+sustain, and staleness limits of a few messages (docs/tables/middleware.md)."""
 
 
 def wire_name(name: str, *, dash: bool = True) -> str:

@@ -40,30 +40,32 @@ class GenericServo(Description):
     table: tuple[tuple[float, float], ...] = ()
     """Pairs (servo angle, generic angle) [rad] of a table, in rising order of the servo angle."""
     terms: tuple[Term, ...] = ()
-    """Servos of which a coupled or synergic joint is the linear combination, including its own servo."""
+    """Servos whose linear combination is the angle of a coupled or synergic joint, including its own
+    servo."""
     fixed: float = 0.0
-    """Generic angle [rad] at which the robot holds a joint that it does not have."""
+    """Constant generic angle [rad] that is read for a joint that the robot lacks."""
     stiffness: float = 1.0
     """Fraction 0..1 of full stiffness that `home` sets."""
     damping: float = 0.0
     """Fraction 0..1 of full damping that `home` sets."""
     speed: float | None = None
-    """Speed [rad/s, generic] at which the part moves unless the gate's limit is lower. On a retargeted
-    shoulder, the speed of the servo itself."""
+    """Speed [rad/s] of the generic joint, unless the gate's limit is lower. For a retargeted shoulder, the
+    speed of the servo itself."""
     initial: float = 0.0
     """Initial generic angle [rad]."""
 
     @property
     def moved(self) -> tuple[int, ...]:
-        """Servos that its angle depends on, as indices into `Robot.servos`; none if the robot lacks it."""
+        """Indices into `Robot.servos` of the servos on which its angle depends; empty if the robot lacks this
+        joint."""
         if self.terms:
             return tuple(term.servo for term in self.terms)
         return () if self.servo is None else (self.servo,)
 
     @property
     def sense(self) -> float:
-        """Sign of the transform: above 0 if the generic angle rises with its servo's angle, below 0 if it
-        falls."""
+        """Sign of the transform: above 0 if the generic angle increases with its servo's angle, below 0 if it
+        decreases."""
         if self.terms:
             return next((term.factor for term in self.terms if term.servo == self.servo), 0.0)
         return self.table[-1][1] - self.table[0][1] if self.table else self.scale
@@ -83,7 +85,7 @@ class Segment(Description):
 
 
 class CartesianActuator(Description):
-    """A point of a part that commands bring to a place (§3.1: a transformation in Cartesian space)."""
+    """A point of a part whose position can be commanded (§3.1: a transformation in Cartesian space)."""
 
     name: str
     """Name that a `CartesianCommand` gives as its `point`: `hand`, `elbow`, ..."""
@@ -100,7 +102,7 @@ class CartesianActuator(Description):
     (upper arm plus forearm), so that equal numbers mean equal reach on every robot. `torso`: the torso frame,
     in m."""
     speed: float | None = None
-    """Largest speed [m/s] of the point; None: as fast as the joints may be."""
+    """Largest speed [m/s] of the point; None: only the joints' speed limits apply."""
     tolerance: float = 1e-3
     """Distance [m] within which a target counts as reached. Assumed: servos are hardly more accurate."""
 
@@ -109,11 +111,12 @@ USUAL_ACTUATORS = (
     CartesianActuator(name="hand", segment="forearm", u=1.0),
     CartesianActuator(name="elbow", segment="forearm", u=0.0),
 )
-"""Cartesian actuators of each arm with both segments, unless its description has others of these names."""
+"""Default Cartesian actuators of each arm with both segments. Actuators of the description with these names
+replace them."""
 
 
 class GenericPart(Description):
-    """A part that every humanoid has (eq. 2)."""
+    """A part of the generic humanoid (eq. 2)."""
 
     name: str
     """`left_arm`, `head`, ..."""
@@ -125,7 +128,7 @@ class GenericPart(Description):
     """Roll, pitch, yaw [rad] of the mount frame in the torso frame: `R_TM`."""
     segments: tuple[Segment, ...] = ()
     cartesian: tuple[CartesianActuator, ...] = ()
-    """Points that Cartesian commands bring to a place."""
+    """Points whose position Cartesian commands can set."""
 
     @cached_property
     def R_TM(self) -> Array:

@@ -1,4 +1,4 @@
-"""Pieces of skin, and the surfaces that their taxels lie on."""
+"""Pieces of skin, and the surfaces on which their taxels lie."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Table(Description):
 
 
 SOLE = "foot"
-"""Name of the segment of a leg whose skin stands on the ground."""
+"""Name of the segment of a leg whose skin touches the ground."""
 
 
 class Patch(Description):
@@ -72,7 +72,7 @@ class Patch(Description):
     part: str
     """Generic part that the patch belongs to."""
     segment: str = ""
-    """Segment of that part; empty for skin on none of its segments (head, hand, torso)."""
+    """Segment of that part; empty for skin without a segment (head, hand, torso)."""
     link: str
     """Link of the kinematic model that carries the patch."""
     rate: float
@@ -80,17 +80,18 @@ class Patch(Description):
     channels: int
     """Number of values in a raw frame."""
     xyz: Vector = (0.0, 0.0, 0.0)
-    """Shift [m] of the skin in its link, from where its taxels are said to be (`tci skin mount`)."""
+    """Shift [m] of the skin in its link, relative to the described places of its taxels (`tci skin
+    mount`)."""
     rpy: Vector = (0.0, 0.0, 0.0)
-    """Turn [rad] of the skin about the link's origin, before the shift."""
+    """Roll, pitch, yaw [rad] by which the skin is rotated about the link's origin before the shift."""
     sensor: Sensor
     surface: Annotated[TruncatedCone | TriangularModules | Table, Field(discriminator="kind")]
     rigid: bool = False
-    """True if its taxels carry one rigid plate, such as the load cells under a foot: all pressed taxels are
-    then one contact."""
+    """True if its taxels are under one rigid plate, such as the load cells of a foot. All pressed taxels then
+    form one contact."""
     neighbours: float | None = None
-    """Distance [m] up to which its taxels are neighbours, so that pressed ones are one contact; None: as its
-    lattice gives it (`tci skin fit`)."""
+    """Largest distance [m] of neighbouring taxels; pressed neighbours form one contact. None: computed from
+    the distances between taxels (`tci skin fit`)."""
 
     @property
     def through_joints(self) -> bool:

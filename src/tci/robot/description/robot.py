@@ -17,14 +17,14 @@ from tci.robot.description.servo import Coupling, Servo
 
 
 class Attachment(Description):
-    """A model that is fixed to a link of the robot's own."""
+    """A model that is fixed to a link of the robot's model."""
 
     path: str
     """Path of the file (MJCF); absolute after loading."""
     link: str
-    """Link of the robot's model that it is fixed to."""
+    """Link of the robot's model to which it is fixed."""
     prefix: str
-    """Text before each name in that file."""
+    """Prefix that is added to each name of that file."""
     xyz: Vector = (0.0, 0.0, 0.0)
     """Origin [m] of its frame in that link."""
     rpy: Vector = (0.0, 0.0, 0.0)
@@ -40,16 +40,16 @@ class Model(Description):
     package: str | None = None
     """Installed Python package that contains the file (the extra that installs it has the robot's name)."""
     meshes: str | None = None
-    """Folder, absolute after loading, with meshes that are not where the model says; "none" leaves all
-    out."""
+    """Folder, absolute after loading, in which meshes are searched that are not at the path in the model;
+    "none" leaves all meshes out."""
     torso_link: str
-    """Link that the torso frame is fixed to."""
+    """Link to which the torso frame is fixed."""
     torso_rpy: Vector = (0.0, 0.0, 0.0)
     """Orientation [rad] of the torso frame (x forward, y left, z up) in that link."""
     torso_xyz: Vector = (0.0, 0.0, 0.0)
     """Origin [m] of the torso frame in that link."""
     attachments: tuple[Attachment, ...] = ()
-    """Models of what the robot's model lacks, such as hands."""
+    """Additional models, such as hands, for links that the robot's model lacks."""
 
     @cached_property
     def T_LT(self) -> Array:
@@ -58,13 +58,13 @@ class Model(Description):
 
 
 class Robot(Description):
-    """A robot, as data only. Robots serve as dictionary keys: the hash is fast, and equality compares all
+    """Description of a robot. A robot can be a dictionary key: its hash is fast, and equality compares all
     fields."""
 
     name: str
     title: str = ""
     source: str
-    """Path of the file that it was read from."""
+    """Path of the file from which the description was read."""
     digest: str
     """SHA-256 of that file, recorded in every log."""
     model: Model | None = None
@@ -74,7 +74,7 @@ class Robot(Description):
     parts: tuple[GenericPart, ...]
     patches: tuple[Patch, ...] = ()
     bindings: tuple[Binding, ...] = ()
-    """Bindings of the file; `binding` returns those of every other middleware too."""
+    """Bindings in the file; `binding` also returns default bindings."""
 
     def __hash__(self) -> int:
         return hash((self.name, self.digest))
@@ -120,7 +120,7 @@ class Robot(Description):
         raise UnknownNameError("skin patch", name, [patch.name for patch in self.patches])
 
     def limb_segment(self, patch: Patch) -> Segment | None:
-        """Returns the limb segment of a patch; None for skin elsewhere, which has no limb coordinates."""
+        """Returns the limb segment of a patch; None for a patch without limb coordinates."""
         part = self.part(patch.part)
         if part.kind != "arm" or part.side is None or not patch.segment:
             return None

@@ -27,8 +27,9 @@ class Sensor(Description):
     noise: float = 0.0
     """Initial standard deviation [counts] of values at rest; the actual one is estimated at run time."""
     response: tuple[tuple[float, float], ...] = ()
-    """Points (counts away from rest, pressure [Pa]) of a sensor that is not linear, both rising from (0, 0).
-    Linear between and beyond the points. Empty: the response is `pascal_per_count`."""
+    """Points (counts away from rest, pressure [Pa]) of the response of a nonlinear sensor, both increasing
+    from (0, 0). The response is linear between the points and beyond them. Empty: the response is
+    `pascal_per_count`."""
     axes: Literal[1, 3] = 1
     """Values per taxel. 1: its pressure. 3: x and y, the stress along the skin, and z, outward; a frame then
     has three times as many values as the skin has channels."""
@@ -55,7 +56,7 @@ class Sensor(Description):
 
 
 THROUGH_JOINTS = Sensor(rest=0.0, pascal_per_count=1.0, lowest=0.0, highest=1.0, joints=True)
-"""Stands for the sensor of a surface without taxels, which sends no frames."""
+"""Value for the sensor of a surface without taxels, which sends no frames."""
 
 
 def _along(values: Array, nodes: Array, results: Array) -> Array:

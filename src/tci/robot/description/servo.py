@@ -22,7 +22,7 @@ class Limits(Description):
     torque: float | None = None
     """Largest torque [N m]."""
     assumed: tuple[str, ...] = ()
-    """Names of the fields above whose value is assumed, since no manufacturer published it."""
+    """Names of the fields above whose value is assumed, because it is not published."""
 
 
 class Mimic(Description):
@@ -31,7 +31,7 @@ class Mimic(Description):
     joint: str
     """Name of the joint in the kinematic model."""
     multiplier: float = 1.0
-    """Its angle per angle of the servo."""
+    """Change of its angle per change of the servo's angle."""
     offset: float = 0.0
     """Its angle [rad] while the servo is at 0."""
 
@@ -50,7 +50,7 @@ class Servo(Description):
     joint: str | None = None
     """Name of the joint in the kinematic model; None if the model lacks it."""
     mimics: tuple[Mimic, ...] = ()
-    """Joints of the model that follow it, beside its own or in its place."""
+    """Joints of the model that follow it, in addition to its own joint or instead of it."""
     limits: Limits = Limits()
     """Limits of its motion."""
     modes: tuple[Mode, ...] = (Mode.POSITION,)
@@ -58,7 +58,7 @@ class Servo(Description):
 
     @property
     def joints(self) -> tuple[Mimic, ...]:
-        """Returns all joints of the model that it moves; the first one tells its angle."""
+        """Returns all joints of the model that it moves; the angle of the first one is the servo's angle."""
         return self.mimics if self.joint is None else (Mimic(joint=self.joint), *self.mimics)
 
 

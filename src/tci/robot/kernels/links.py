@@ -56,7 +56,7 @@ def link_poses(
 ) -> None:
     """Writes `T_TL` (l, 4, 4) of the links after the steps `ends` (l,), in the frame after step `torso`.
 
-    `position` is (n_servos,) [rad]; `path` (k, 2) holds all steps involved, parents first; for `steps` (s, 3)
+    `position` is (n_servos,) [rad]; `path` (k, 2) lists all required steps, parents first. For `steps` (s, 3)
     and `sums` (s, 3, 3, 4) see `tci.robot.kinematics`; `work` (s, 3, 4) is work space.
     """
     take_steps(position, path, steps, sums, work)
@@ -91,10 +91,10 @@ def pose_and_jacobian(
     jacobian: Array,
 ) -> None:
     """Writes `T_TP` (4, 4) of a `point` (3,) [m] of the link after step `ends[0]`, in the torso frame, which
-    is after `ends[1]`; adds its Jacobian (6, n_servos) relative to the torso.
+    is after step `ends[1]`. Adds the point's Jacobian (6, n_servos) relative to the torso to the output.
 
-    `axes` (s, 2, 3) holds the axis of each step's joint and a point of it [m], in the frame before the step;
-    the other arguments are as in `link_poses`.
+    `axes` (s, 2, 3) contains the axis of each step's joint and a point on the axis [m], in the frame before
+    the step. The other arguments are those of `link_poses`.
     """
     take_steps(position, path, steps, sums, work)
     T_WL, T_WT = work[ends[0]], work[ends[1]]

@@ -1,1 +1,2 @@
-"""Readers of files with the positions of taxels: every format gives the same layout (docs/skin-files.md)."""
+"""Readers of files with the positions of taxels. All of them return one type, `SkinLayout`
+(docs/skin-files.md)."""

@@ -2,8 +2,8 @@
 
 A file has the keywords `name`, `spatial_sampling` and `taxel2Repr`, and then one row `x y z nx ny nz` [m] for
 each channel of the skin's port, in the order of the port. Tabs, spaces, blank lines and comments (`%`) may
-occur anywhere. The files of icub-main, robots-configuration and pyCub deviate from each other;
-docs/skin-files.md says how each is read.
+occur anywhere. The files of icub-main, robots-configuration and pyCub differ; docs/skin-files.md describes
+how each is read.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ MODULE_PITCH = 6.534e-3
 PADS_OF_MODULE = (6, 10)
 """Indices within a module of the thermal pads, which are not taxels."""
 PLACEHOLDER = (1.0, 0.0, 0.0)
-"""Normal that CAD exports write if none was measured."""
+"""Normal in CAD exports that means that no normal was measured."""
 
 
 def read_skin_file(path: str | Path) -> SkinLayout:
     """Reads a skin calibration file.
 
-    Raises DescriptionError with all faults, each with its line: values that are no numbers, not finite or not
-    in metres, rows of other than six (or three) numbers, a row count that shows that rows are missing,
-    unknown keywords, and a file that is not text or too large.
+    Raises DescriptionError with all faults, each with its line: values that are not numbers, not finite or
+    not in metres; rows without six (or three) numbers; missing rows; unknown keywords; and a file that is not
+    text or too large.
     """
     source = str(path)
     faults = Faults(source)
@@ -70,7 +70,7 @@ def read_skin_file(path: str | Path) -> SkinLayout:
 def _pads(valid: NDArray[np.bool_], listed: NDArray[np.intp]) -> NDArray[np.bool_]:
     """Returns the channels (n,) that are thermal pads.
 
-    Newer files mark pads by -2. Older ones give -1 for a row that has a position, or no list at all; the pads
+    Newer files mark pads by -2. Older files have -1 for a row with a position, or no list at all; the pads
     are then the two usual indices of each module with a position.
     """
     pads = np.zeros(len(valid), dtype=bool)

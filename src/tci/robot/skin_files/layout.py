@@ -28,7 +28,7 @@ class SkinLayout:
     source: str
     """Path of the file that was read."""
     name: str
-    """Name that the file gives itself, `l_forearm` for example; empty if it gives none."""
+    """Name of the skin in the file, for example `l_forearm`; empty if there is none."""
     positions: Array
     """Positions (n, 3) [m]; zero if unknown."""
     normals: Array
@@ -43,7 +43,7 @@ class SkinLayout:
     pads: NDArray[np.bool_]
     """True for channels (n,) that are thermal pads, which measure no pressure."""
     modules: NDArray[np.intp]
-    """Module (n,) that each channel belongs to; -1 for channels with neither a position nor a pad."""
+    """Module (n,) of each channel; -1 for a channel that has no position and is not a pad."""
     representative: NDArray[np.intp]
     """Channel (n,) that represents each channel if a skin is read per triangle; -1 absent, -2 pad."""
     listed_normals: Array
@@ -53,7 +53,7 @@ class SkinLayout:
     sampling: Literal["taxel", "triangle"] = "taxel"
     """Meaning of a position: that of one taxel, or one for all taxels with the same representative."""
     note: str = ""
-    """Contradiction in the file and the reading of it; empty for none."""
+    """Contradiction in the file, and how it was resolved; empty for none."""
 
     @property
     def channels(self) -> int:
@@ -94,11 +94,11 @@ def make_layout(
 ) -> SkinLayout:
     """Makes a layout from the data of a reader: n `positions` (n, 3) [m] and `normals` (n, 3) of any length.
 
-    Normals are scaled to unit length. Those that `estimated` (n,) marks, and those of zero length, are
-    estimated from the neighbours; all are if they do not fit the positions, which `note` then says. A missing
-    area is that of the hexagon that the distance to the nearest neighbour gives (assumed: taxels on a
-    triangular lattice). Without `modules` all channels are one module, without `representative` each taxel
-    represents itself. `tangents` (n, 3) are x axes of any length.
+    Normals are scaled to unit length. Normals marked by `estimated` (n,), and those of zero length, are
+    estimated from neighbouring taxels. If the normals do not fit the positions, all are estimated, and `note`
+    reports this. A missing area is that of a hexagon computed from the distance to the nearest neighbour
+    (assumed: taxels on a triangular lattice). Without `modules` all channels are one module; without
+    `representative` each taxel represents itself. `tangents` (n, 3) are x axes of any length.
     """
     n = len(positions)
     pads = np.zeros(n, dtype=bool) if pads is None else pads

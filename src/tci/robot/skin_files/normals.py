@@ -1,8 +1,8 @@
 """Outward normals of a skin, estimated from the positions of its taxels.
 
-Each normal is that of the plane through a taxel's neighbours. The signs of neighbours are then made to agree
-along a minimum spanning tree, with edges weighted by how parallel their normals are (Hoppe et al. 1992,
-section 3.3), and the skin is turned outward: away from the centroid of its taxels.
+Each normal is that of the plane through a taxel's neighbours. The signs of neighbouring normals are made
+consistent along a minimum spanning tree, whose edge weights depend on the angle between normals (Hoppe et al.
+1992, section 3.3). Finally all normals are directed outward, away from the centroid of the taxels.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from scipy.spatial import cKDTree
 from tci.frames import Array
 
 NEIGHBOURS = 10
-"""Number of points that a plane is fitted to, including the taxel's own. Assumed: a module has ten taxels."""
+"""Number of points to which a plane is fitted, including the taxel itself. Assumed: a module has ten
+taxels."""
 
 FLAT = 1e-3
 """Distance [m] (RMS) from one plane below which a skin counts as flat. Assumed: files may round positions to
@@ -24,8 +25,8 @@ DISAGREE = np.radians(30.0)
 """Median angle [rad] between listed normals and the planes through their neighbours above which the listed
 ones belong to another skin. Assumed: genuine skins stay below 15 degrees, wrong lists are at 50 and more."""
 THIN = 0.35
-"""Largest ratio of a neighbourhood's thickness to its width for its plane to mean something. Assumed: taxels
-that are far apart on a limb have neighbours all around it."""
+"""Largest ratio of a neighbourhood's thickness to its width for which its plane is used. Assumed: if taxels
+are far apart on a limb, their neighbours are all around the limb."""
 
 
 def disagreement(positions: Array, normals: Array) -> float:
@@ -47,8 +48,9 @@ def estimate_normals(positions: Array) -> Array:
     """Returns outward unit normals (n, 3) of taxels at `positions` (n, 3) [m], in the frame of the positions.
 
     Repeated positions get the same normal. Fewer than three points, or points on one line, define no plane:
-    their normals are zero. A curved skin is turned away from its centroid. A flat skin has no inside; it is
-    turned away from the origin of its frame, since a link's origin is inside the link.
+    their normals are zero. A curved skin is turned away from its centroid. The inside of a flat skin is not
+    known from its positions; its normals point away from the origin of its frame, since the origin of a link
+    is inside the link.
     """
     places, index = np.unique(positions, axis=0, return_inverse=True)
     from_middle = places - places.mean(axis=0)

@@ -1,4 +1,5 @@
-"""Files with only rows x y z nx ny nz [m]: row i is channel i, and a row of zeros is no taxel."""
+"""Files with only rows x y z nx ny nz [m]: row i is channel i, and a row of zeros is a channel without
+taxel."""
 
 from __future__ import annotations
 

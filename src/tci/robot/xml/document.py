@@ -1,7 +1,7 @@
 """Safe reading of XML files, and the list of faults found in them.
 
 A description is data: it has no DTD and no entities, loads nothing from elsewhere, and its size and depth are
-bounded. All faults of a file are collected, so that it can be corrected in one go.
+bounded. All faults of a file are collected, so that a user can correct them together.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Faults:
 
 
 def refuse(source: str, line: int, message: str) -> DescriptionError:
-    """Returns the error for a file that can't be read further after this one fault."""
+    """Returns the error for a file that can't be read further because of this fault."""
     return DescriptionError(source, [Fault(line, message)])
 
 
@@ -131,5 +131,5 @@ def _hint(reason: str) -> str:
 
 
 def shown(text: str) -> str:
-    """Returns `text` as messages quote it: one line, ASCII, shortened."""
+    """Returns `text` in the form for messages: one line, ASCII, shortened."""
     return ascii(text if len(text) <= 60 else text[:57] + "...")

@@ -1,4 +1,4 @@
-"""`Element`: contents of one element of a description, of which the dialect (`grammar`) is made."""
+"""`Element`: the valid content of one XML element. The dialect (`grammar`) consists of these."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Element:
     """Valid content of one element."""
 
     about: str = ""
-    """Meaning, in Markdown; of its attributes only what the described type does not say."""
+    """Meaning, in Markdown. It describes an attribute only if the described type does not."""
     needs: Mapping[str, Value] = field(default_factory=dict)
     """Required attributes."""
     may: Mapping[str, Value] = field(default_factory=dict)
@@ -33,7 +33,8 @@ class Element:
     describes: type[Description] | None = None
     """Type of `tci.robot.description` that the element becomes."""
     fields: Mapping[str, str | None] = field(default_factory=dict)
-    """Fields of that type by the name of the attribute or child, where the names differ; None: no field."""
+    """Fields of that type by the name of the attribute or child, if the names differ; None: there is no
+    field."""
 
     @property
     def children(self) -> dict[str, Element]:
@@ -47,16 +48,17 @@ class Element:
 
     @property
     def angular(self) -> bool:
-        """Returns True if it holds an angle, so that `type` may give a unit other than the root's."""
+        """Returns True if it contains an angle, so that `type` may set a unit that differs from that of the
+        root."""
         return any(value.angular for value in [*self.values.values(), self.text] if value is not None)
 
     def field(self, name: str) -> str | None:
-        """Returns the field that an attribute, or a child that holds a value, becomes; None if it is none."""
+        """Returns the field for an attribute, or for a child with a value; None if there is no field."""
         found = self.fields.get(name, name)
         return found if self.describes is not None and found in self.describes.model_fields else None
 
     def default(self, name: str) -> Any:
-        """Returns the value of an attribute, or of a child that holds a value, if the file gives none."""
+        """Returns the default of an attribute, or of a child with a value."""
         found = self.field(name)
         if self.describes is None or found is None or self.describes.model_fields[found].is_required():
             return None

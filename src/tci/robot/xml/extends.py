@@ -1,7 +1,8 @@
-"""Descriptions that extend another one: a variant of a robot says only what it adds or changes.
+"""Descriptions that extend another one: the file of a variant contains only additions and changes.
 
-An element that has the tag and the name (id, middleware, ...) of one in the extended file gives that one more
-or other attributes and children; any other is added to the list. With `removed="yes"` it takes that one away.
+If an element has the tag and the name (id, middleware, ...) of an element in the extended file, its
+attributes and children are added to that element or replace those of that element. With `removed="yes"` that
+element is removed. Other elements are added.
 """
 
 from __future__ import annotations
@@ -16,15 +17,16 @@ from tci.robot.xml.grammar import ROOT
 
 ATTRIBUTE, REMOVED = "extends", "removed"
 KEYS = ("id", "destination_servo_id", "name", "middleware", "of", "joint", "frame", "prefix")
-"""Attributes that tell elements of one tag apart."""
+"""Attributes that distinguish elements with one tag."""
 MOST = 4
 """Largest number of files that extend each other. Assumed: a robot, its variant, and that of its owner."""
 
 
 def read_element(file: Path) -> tuple[etree._Element, bytes]:
-    """Returns the root element of a description with all that it extends, and the bytes of all these files.
+    """Returns the root element of a description, merged with the files that it extends, and the bytes of all
+    these files.
 
-    Raises DescriptionError for a file that can't be read or is no description.
+    Raises DescriptionError for a file that can't be read or is not a description.
     """
     found = [*_files(file)]
     root = found[-1][0]
@@ -57,7 +59,7 @@ def _files(file: Path) -> Iterator[tuple[etree._Element, bytes, str]]:
 
 def _merge(base: etree._Element, other: etree._Element, source: str) -> None:
     """Adds attributes and children of `other`, which is of the file `source`, to `base`. Raises
-    DescriptionError if it removes what is not there."""
+    DescriptionError if it removes an element that does not exist."""
     base.attrib.update({name: value for name, value in other.attrib.items() if name != ATTRIBUTE})
     if other.text is not None and other.text.strip():
         base.text = other.text

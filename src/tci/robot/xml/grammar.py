@@ -1,7 +1,7 @@
 """The XML dialect: its elements, their contents, and the valid values.
 
-An element names the type of `tci.robot.description` that it becomes. Names, defaults and texts of its
-attributes are that type's, so that reader, writer, schema and reference have one source.
+Each element names the type of `tci.robot.description` for its content. The names, defaults and texts of its
+attributes are taken from that type, so that reader, writer, schema and reference have one source.
 """
 
 from __future__ import annotations
@@ -256,7 +256,7 @@ SENSORS = {
         "told apart."
     ),
 }
-"""Ways to feel a touch on a patch; each patch has one."""
+"""Elements that define how touches on a patch are measured; each patch has one of them."""
 
 SURFACES = {
     "truncated_cone": Element(
@@ -286,7 +286,7 @@ SURFACES = {
         describes=Table,
     ),
 }  # fmt: skip
-"""Ways to give the positions of a patch's taxels; each patch has one."""
+"""Elements that define the positions of a patch's taxels; each patch has one of them."""
 
 PATCH = Element(
     "A piece of skin on one link; without a segment it is on no limb (head, hand). `rigid=\"true\"`: its "
@@ -350,4 +350,5 @@ GENERIC_ROBOT = Element(
 )  # fmt: skip
 
 MAX_MOUNT = math.radians(20.0)
-"""Largest rotation [rad] of a mount. Assumed: a mount is a small correction, not another kind of shoulder."""
+"""Largest rotation [rad] of a mount. Assumed: a mount is a small correction; other shoulders are
+retargeted."""

@@ -18,7 +18,7 @@ from tci.robot.xml.values import in_unit
 _SLACK = 1e-9
 """Rounding error [rad] that conversion between units may add to an angle."""
 _SOLVED = 1e-6
-"""Error [rad] of the angles of a retargeted shoulder, which are solved for numerically."""
+"""Largest error [rad] of the angles of a retargeted shoulder, which are computed numerically."""
 
 
 def initial_angles(parts: Sequence[GenericPart]) -> dict[int, float]:
@@ -67,8 +67,8 @@ def check_initial(
 
 
 def check_retargeted(root: Node, robot: Robot, faults: Faults) -> None:
-    """Checks the initial posture of retargeted shoulders, whose model can be read by now. Raises what their
-    transform raises."""
+    """Checks the initial posture of retargeted shoulders. Called after the model has been read. Raises the
+    errors of their transform."""
     retargeted = {
         joint.servo: part.name
         for part in robot.parts

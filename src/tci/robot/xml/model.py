@@ -20,7 +20,7 @@ MAX_MODEL_BYTES = 16 << 20
 """Size [bytes] of the largest model file whose names are checked."""
 
 _OPAQUE = ("include", "attach", "replicate")
-"""Elements of MJCF that add names which the file itself does not contain."""
+"""Elements of MJCF that add names from outside the file."""
 
 _ONE_AXIS = ("revolute", "continuous", "prismatic", "hinge", "slide")
 """Types of joints, in URDF and MJCF, that a servo can be."""
@@ -113,7 +113,7 @@ def beside(node: Node, source: Path, what: str, faults: Faults) -> Path | None:
 
 
 def packaged(package: str, file: str) -> Path | None:
-    """Returns a file of an installed package, by the end of its path; None if it has none.
+    """Returns a file of an installed package, by the end of its path; None if there is none.
 
     Raises PackageNotFoundError.
     """

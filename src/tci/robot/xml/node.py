@@ -1,4 +1,4 @@
-"""XML elements with converted values; the only place that checks them against the grammar."""
+"""XML elements with converted values. This module checks elements against the grammar."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from tci.robot.xml.grammar import UNIT
 from tci.robot.xml.values import InvalidValueError, Unit, Value
 
 _XSI = "{http://www.w3.org/2001/XMLSchema-instance}"
-"""Namespace of the attributes that point an editor to the schema."""
+"""Namespace of the attributes by which an editor finds the schema."""
 _SPACE = " \t\r\n"
 """White space of XML: pretty-printing adds it around the text of an element."""
 
 
 @dataclass
 class Node:
-    """One element. A value or a child that is wrong is left out here and recorded as a fault."""
+    """One element. An invalid value or child is left out and recorded as a fault."""
 
     tag: str
     line: int
@@ -32,10 +32,10 @@ class Node:
     text: Any = None
     """Value of the element's text."""
     fields: dict[str, Any] = field(default_factory=dict)
-    """Those values, and those of children that hold one, that are fields of the described type: by field."""
+    """Values of attributes and of children that are fields of the described type, by field."""
     children: dict[str, list[Node]] = field(default_factory=dict)
     ok: bool = True
-    """True if this element and all below it satisfy the grammar."""
+    """True if this element and all its descendants satisfy the grammar."""
 
     def all(self, tag: str) -> list[Node]:
         """Returns its children of that name, in the order of the file."""
@@ -56,7 +56,7 @@ class Node:
 
 
 def read_node(element: etree._Element, grammar: Element, unit: Unit, faults: Faults) -> Node:
-    """Reads `element` and all below it, by `grammar`; angles without `type` are in `unit`."""
+    """Reads `element` and its descendants according to `grammar`; angles without `type` are in `unit`."""
     reader = _Reader(element, faults)
     node = Node(str(element.tag), element.sourceline or 0, reader.unit(grammar, unit))
     reader.attributes(node, grammar)
@@ -86,7 +86,7 @@ def nearest(name: str, valid: Iterable[str]) -> str:
 
 
 class _Reader:
-    """Reads one element, and records if it found a fault there."""
+    """Reads one element, and records if it has a fault."""
 
     def __init__(self, element: etree._Element, faults: Faults) -> None:
         self.element = element

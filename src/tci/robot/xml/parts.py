@@ -27,9 +27,9 @@ from tci.robot.xml.transforms import check_coupled, check_retarget, check_synerg
 from tci.robot.xml.values import in_unit
 
 NAMES = {"arm": JOINTS, "fingers": generic_fingers.JOINTS}
-"""Generic joints of the kinds of parts that have all of them."""
+"""Generic joints of those kinds of parts that must have all of them."""
 PIECES = {"arm": SEGMENTS, "fingers": (*generic_fingers.FINGERS, generic_fingers.PALM)}
-"""Segments that these kinds may have."""
+"""Segments that parts of these kinds may have."""
 _SLACK = 1e-9
 """Rounding error [rad] that conversion between units may add to an angle."""
 
@@ -117,7 +117,8 @@ def _names(node: Node, name: str, kind: str, nodes: Mapping[int, Node], faults: 
 
 
 def _initial_positions(node: Node, nodes: Mapping[int, Node], faults: Faults) -> dict[int, Node]:
-    """Returns the `servo` elements of `initial_positions` by generic id, as the paper numbers them there."""
+    """Returns the `servo` elements of `initial_positions` by generic id, which is their number in the
+    paper."""
     group = node.first("initial_positions")
     if group is None:
         return {}

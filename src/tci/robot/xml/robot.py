@@ -25,9 +25,9 @@ from tci.robot.xml.skin import read_skin
 def read_robot(path: str | os.PathLike[str]) -> Robot:
     """Reads the robot that the file at `path` describes, in SI units and radians.
 
-    Raises DescriptionError with every fault of the file, each with its line and what would be valid, or when
-    a retargeted shoulder does not fit the kinematic model; MissingExtraError when the file is right but that
-    model comes from a package that is not installed.
+    Raises DescriptionError with all faults of the file, each with its line and the valid values, or if a
+    retargeted shoulder does not fit the kinematic model. Raises MissingExtraError if the file is valid but
+    the model is in a package that is not installed.
     """
     file = Path(path)
     element, data = read_element(file)
@@ -77,7 +77,7 @@ def schema_path() -> Path:
 
 
 def _addressable(root: Node, servos: Servos) -> set[str]:
-    """Returns the names that a binding can give an address for, including patches with faults."""
+    """Returns the names for which a binding can set an address, including patches with faults."""
     skin = root.first("skin")
     patches = skin.all("patch") if skin is not None else []
     names = {name for servo in servos.all for name in (servo.name, servo.robot_part)}
@@ -113,7 +113,7 @@ def _bindings(
 
 
 def _check_modules(node: Node, address: Address, channels: Mapping[str, int], faults: Faults) -> None:
-    """Checks that the modules of an address hold the channels of its patch."""
+    """Checks that the modules of an address contain the channels of its patch."""
     if address.channels is None and not address.modules:
         return
     own, wide = channels.get(address.of, 0), address.channels or 0

@@ -1,6 +1,6 @@
 """Makes `robot.xsd` for editors, and the table of elements in docs/robot-description.md, from the grammar.
 
-`python -m tci.robot.xml.schema PATH` writes the one or the other, by the end of the path: .xsd or .md.
+`python -m tci.robot.xml.schema PATH` writes the schema if the path ends in .xsd, the table if it ends in .md.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ def _note(text: str) -> list[etree._Element]:
 
 
 def _type(value: Value, types: dict[Value, str]) -> str:
-    """Returns the name of the simple type of a value, which `types` then holds."""
+    """Returns the name of the simple type of a value, and adds the type to `types`."""
     kind = type(value).__name__.lower()
     return types.setdefault(value, f"{kind}{len(types)}")
 

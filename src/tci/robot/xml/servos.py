@@ -25,7 +25,7 @@ class Servos:
 
     def __init__(self, declared: bool) -> None:
         self.declared = declared
-        """False for a file without `robot_part`: its servos are those that its parts mention."""
+        """False for a file without `robot_part`: its servos are those that its generic parts mention."""
         self.all: list[Servo] = []
         self.line: dict[int, int] = {}
         """Line number of each servo, by its index."""
@@ -71,7 +71,7 @@ def once_only(nodes: Iterable[Node], key: str, what: str, faults: Faults) -> lis
 
 
 def read_servos(root: Node, faults: Faults) -> Servos:
-    """Reads all servos of a file; those of one robot part in the order of their ids."""
+    """Reads all servos of a file. The servos of one robot part are in the order of their ids."""
     servos = Servos(declared=bool(root.all("robot_part")))
     if not servos.declared:
         _mentioned(root, servos)
@@ -122,7 +122,8 @@ def read_couplings(
 
 
 def _mentioned(root: Node, servos: Servos) -> None:
-    """Adds servos without limits: those that the generic parts of a file like Listing 2 are mapped to."""
+    """Adds servos without limits, for a file like Listing 2: the servos to which its generic parts are
+    mapped."""
     mentioned: dict[Key, int] = {}
     for part in root.all("generic_robot_part"):
         for node in part.all("generic_servo"):
@@ -159,8 +160,8 @@ def check_range(node: Node, what: str, faults: Faults) -> bool:
 
 
 def _check_unit(root: Node, servos: Servos, faults: Faults) -> None:
-    """Reports limits in radians under angle_unit="deg", which would let a robot move by a few degrees
-    only."""
+    """Reports limits in radians in a file with angle_unit="deg", with which a robot could move only by a few
+    degrees."""
     ranges = [
         (node.first("position"), servos.line) for part in root.all("robot_part") for node in part.all("servo")
     ]

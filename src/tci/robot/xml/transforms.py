@@ -12,8 +12,8 @@ from tci.robot.xml.node import Node, listed
 from tci.robot.xml.servos import Servos
 
 STEEPEST = 1e3
-"""Largest slope, and inverse of the smallest, between neighbouring points of a table. Assumed: the bounds of
-gamma (`values.Factor`)."""
+"""Largest slope between neighbouring points of a table; the least slope is its inverse. Assumed: the bounds
+of gamma (`values.Factor`)."""
 WORST = 1e4
 """Largest condition number of a coupling's matrix. Assumed: rounding errors then stay far below the sensors'
 resolution."""
@@ -55,7 +55,7 @@ def read_table(node: Node, kind: str, faults: Faults) -> tuple[tuple[float, floa
 
 
 def read_terms(part: Node, node: Node, kind: str, servos: Servos, faults: Faults) -> tuple[Term, ...]:
-    """Reads the servos of which a coupled or synergic generic servo is the linear combination."""
+    """Reads the servos whose linear combination is a coupled or synergic generic servo."""
     children = node.all("coupled_term")
     if kind not in ("coupled", "synergy"):
         if children:

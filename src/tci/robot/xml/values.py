@@ -1,7 +1,7 @@
-"""Kinds of values in a description, each with the text that says what is valid.
+"""Kinds of values in a description, each with a text that states the valid values.
 
-Numbers are plain ASCII decimals: other forms that `float` accepts (nan, inf, 1_0, other digits, surrounding
-spaces) are more often mistakes than intended.
+Numbers are plain ASCII decimals. Other forms that `float` accepts (nan, inf, 1_0, other digits, surrounding
+spaces) are refused, since they are mostly mistakes.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _INTEGER = re.compile(r"[0-9]{1,9}")
 
 
 class InvalidValueError(ValueError):
-    """Text that says what is valid; the reader catches it and adds the place and the value."""
+    """Error with the valid values; the reader catches it and adds the place and the value."""
 
 
 def to_rad(value: float, unit: Unit) -> float:
@@ -134,7 +134,7 @@ class Integer(Value):
     least: int = 0
     most: int = 1_000_000
     word: str | None = None
-    """Keyword that is valid instead of a number, and is then the value."""
+    """Keyword that is valid instead of a number; the value is then this keyword."""
 
     def read(self, text: str, unit: Unit) -> int | str:
         if text == self.word:
@@ -282,7 +282,7 @@ class Three(Value):
 
 @dataclass(frozen=True)
 class RelativePath(Value):
-    """A path below a folder, with forward slashes: it can't leave that folder."""
+    """A path below a folder, with forward slashes. It can't lead out of that folder."""
 
     def read(self, text: str, unit: Unit) -> str:
         steps = text.split("/")

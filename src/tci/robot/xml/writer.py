@@ -24,10 +24,11 @@ from tci.robot.xml.grammar import GENERIC_ROBOT, LIMITS, ROOT
 def write_robot(
     robot: Robot, *, file: str, extra: str | None = None, meshes: str | None = None, comment: str = ""
 ) -> str:
-    """Returns the text of a description; `file` is the model's place beside it, or the end of its path in the
-    model's package, which `extra` installs, and `meshes` a folder beside it or "none".
+    """Returns the text of a description. `file` is the path of the model relative to the description, or the
+    end of its path in a package that `extra` installs; `meshes` is a folder beside the description, or
+    "none".
 
-    Raises TciError for what only a person writes: couplings, tables, skin that is no cone.
+    Raises TciError for elements that it can't write: couplings, tables, and skin other than cones.
     """
     if robot.couplings:
         raise TciError("couplings are not written; add them by hand")
@@ -58,7 +59,7 @@ def write_robot(
 
 
 class _Written:
-    """One element in the making, and its grammar."""
+    """One element that is being written, with its grammar."""
 
     def __init__(self, node: etree._Element, grammar: Element) -> None:
         self.node = node
@@ -71,7 +72,7 @@ class _Written:
         return child
 
     def fill(self, described: object = None, **given: Any) -> None:
-        """Writes all that the grammar takes from `described` and is not its default, and what is `given`."""
+        """Writes all values of `described` that differ from their defaults, and the values in `given`."""
         grammar = self.grammar
         held = {tag: child.text for tag, child in grammar.children.items() if child.text is not None}
         for name, value in (grammar.values | held).items():

@@ -118,9 +118,12 @@ def tips(chains: Sequence[Chain]) -> dict[str, Array]:
 
 def with_hands(
     path: Path, chains: Sequence[Chain], *, names: Mapping[str, str] | None = None,
-    limits: tuple[float, float] | None = None,
+    limits: tuple[float, float] | None = None, motor: tuple[float, float] = (2.0, 6.28),
 ) -> Path:  # fmt: skip
-    """Adds a hand to each wrist of a URDF: joints renamed by `names`, all with the same `limits` if given."""
+    """Adds a hand to each wrist of a URDF: joints renamed by `names`, all with the same `limits` if given.
+
+    `motor` is the torque limit [N m] and the speed limit [rad/s] of its joints.
+    """
     words, ends = [], tips(chains)
     for side, sign in (("left", 1.0), ("right", -1.0)):
         for chain in chains:
@@ -135,7 +138,7 @@ def with_hands(
                     + f"<joint name='{full}' type='revolute'><parent link='{parent}'/>"
                     f"<child link='{full}_link'/><origin xyz='{x} {y * sign} {z}'/>"
                     f"<axis xyz='{ax * sign} {ay} {az * sign}'/>{mimic}"
-                    f"<limit lower='{lower}' upper='{upper}' effort='2' velocity='6.28'/></joint>"
+                    f"<limit lower='{lower}' upper='{upper}' effort='{motor[0]}' velocity='{motor[1]}'/></joint>"
                 )
                 parent = f"{full}_link"
     path.write_text(path.read_text().replace("</robot>", f"{''.join(words)}</robot>"))

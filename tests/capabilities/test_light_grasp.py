@@ -1,5 +1,5 @@
 """A light grasp closes a hand whose palm is touched, holds with the force that is asked for, and opens on a
-pull: on every robot with hands, by nine motors or one."""
+pull: on every robot with hands, by six motors, nine or one."""
 
 from __future__ import annotations
 
@@ -8,20 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import made_hands
 import tci
-from made_hands import allegro, with_hands
+from made_hands import with_hands
 from made_humanoid import MadeHumanoid
 from pressing import RISE, press
 from tci.authoring.proposal import propose
 from tci.capabilities.light_grasp import Grips, LightGrasp
-from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError
+from tci.experiments.grasp import try_grasp
 from tci.messages import GenericCommand
 from tci.robot.description import Robot
 from tci.robot.generic_fingers import FLEXIONS
 from tci.robot.xml import read_robot
 from tci.robot.xml.writer import write_robot
-from tci.runtime.loop import Tick, run
+from tci.simulation.held_ball import held_ball
 from tci.simulation.world import World
 from tci.testing import TouchedRobot
 
@@ -29,9 +30,10 @@ HANDS = ("icub-hands", "nao-hands", "g1-hands")
 PART = "left_fingers"
 
 
-def proposed(folder: Path) -> Robot:
-    """Returns a made robot with four fingers, as `tci new-robot --hand-skin` writes it."""
-    model = with_hands(MadeHumanoid(legs=False).urdf(folder), allegro())
+def proposed(folder: Path, kind: str) -> Robot:
+    """Returns a made robot with hands of a kind, as `tci new-robot --hand-skin` writes it."""
+    motor = (1.0, 0.5) if kind == "inspire" else (2.0, 6.28)  # its maker's: slow motors push all the same
+    model = with_hands(MadeHumanoid(legs=False).urdf(folder), getattr(made_hands, kind)(), motor=motor)
     target = folder / "robot.xml"
     target.write_text(write_robot(propose(model, name="made", skin_on_hands=True), file=model.name))
     return read_robot(target)
@@ -136,35 +138,27 @@ def test_settings_and_robots_that_do_not_fit_are_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "ball", "thumb", "bent"),
-    [("nao-hands", 0.012, (60.0, 20.0), 20.0), ("icub-hands", 0.018, (60.0, 70.0), 70.0),
-     ("g1-hands", 0.025, (90.0, 12.0), 58.0), ("proposed", 0.02, (60.0, 60.0), 76.0)],
+    ("name", "presses"),
+    [("nao-hands", "thumb"), ("icub-hands", "index middle ring"), ("g1-hands", "thumb index middle"),
+     ("allegro", "thumb index middle ring"), ("inspire", "thumb index middle"),
+     ("shadow", "thumb index middle ring little"), ("dex3", "thumb index middle")],
 )  # fmt: skip
-def test_a_ball_in_the_palm_is_held_with_one_newton_and_let_go_on_a_pull(
-    name: str, ball: float, thumb: tuple[float, float], bent: float, tmp_path: Path
+def test_a_ball_in_the_palm_is_held_with_one_newton_by_each_finger_and_let_go_on_a_pull(
+    name: str, presses: str, tmp_path: Path
 ) -> None:
-    robot = proposed(tmp_path) if name == "proposed" else tci.load_robot(name)
-    start = np.array(robot.part(PART).initial_posture)
-    start[[0, *FLEXIONS]] = np.deg2rad([*thumb, *[bent] * 4])
-    skin = [patch.name for patch in robot.patches if patch.part == PART]
-    world = World(robot, skin=skin, tip=ball, posture={PART: start})
-    driver = SimulatedDriver(robot, world=world)
-    center = len(world.surfaces["left_palm"].positions) // 2
-    world.finger.poke("left_palm", center, depth=0.004, speed=0.1)
-    forces: list[float] = []
-    ticks: list[Tick] = []
+    robot = tci.load_robot(name) if name in HANDS else proposed(tmp_path, name)
+    grasp = try_grasp(robot, PART)
+    assert not grasp.refused
+    assert " ".join(grasp.forces) == presses
+    assert [*grasp.forces.values()] == pytest.approx([1.0] * len(grasp.forces), abs=0.15)
+    assert grasp.opened
 
-    def see(tick: Tick) -> None:
-        ticks.append(tick)
-        tips = [c.force for c in tick.perception.contacts if c.part == PART and c.segment != "palm"]
-        forces.append(max(tips, default=0.0))
-        if len(ticks) == 900:
-            world.finger.retire()
 
-    run(driver, LightGrasp(), duration=2.9, observe=see)
-    assert all(not tick.sent.refusals and tick.sent.reason is None for tick in ticks)
-    held = np.array(forces[600:900])
-    assert held.mean() == pytest.approx(1.0, abs=0.15)
-    assert held.max() < 2.0
-    bends = [tick.perception.posture[PART][list(FLEXIONS)].sum() for tick in ticks]
-    assert bends[-1] < bends[899] - np.deg2rad(5.0), "it opens"
+def test_a_hand_without_skin_or_without_room_for_a_ball_is_named(tmp_path: Path) -> None:
+    robot = tci.load_robot("g1-hands")
+    bare = robot.model_copy(update={"patches": ()})
+    with pytest.raises(TciError, match="left_fingers of g1-hands: no skin on its palm; valid: a patch"):
+        held_ball(bare, PART)
+    only_palm = tuple(patch for patch in robot.patches if patch.name == "left_palm")
+    with pytest.raises(TciError, match="its fingers meet no ball on its palm"):
+        held_ball(robot.model_copy(update={"patches": only_palm}), PART)

@@ -45,8 +45,8 @@ def hand_skin(
             cone_patch(name, body, part, finger.name, fit, points, across=finger.axis, pitch=PITCH)
         )
     wrist = body.joints[body.joints[found[0].chain[0]].parent]
-    bases = np.mean([body.joints[finger.flexion[0]].anchor for finger in found], axis=0)
     others = [finger for finger in found if finger.name != "thumb"]
+    bases = np.mean([body.joints[finger.flexion[0]].anchor for finger in others], axis=0)
     ahead = (bases - wrist.anchor) / np.linalg.norm(bases - wrist.anchor)
     palmar = np.sum([finger.palmar for finger in others], axis=0)
     palmar -= ahead * float(ahead @ palmar)

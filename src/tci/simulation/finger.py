@@ -194,6 +194,13 @@ class Finger:
         point, outward = self._skin.from_torso(point, normal)
         self._start(point, outward, speed, depth, gap)
 
+    def pull(self, way: float) -> None:
+        """Moves the finger out of the skin by `way` [m] at once, against the direction of its poke."""
+        outward = np.empty(3)
+        mujoco.mju_rotVecQuat(outward, [0.0, 0.0, -1.0], self._physics.data.mocap_quat[self._mocap])
+        self._physics.data.mocap_pos[self._mocap] += way * outward
+        self._physics.touch()
+
     def _start(self, point: Array, outward: Array, speed: float, depth: float, gap: float) -> None:
         for name, value in (("speed", speed), ("depth", depth), ("gap", gap)):
             if not (np.isfinite(value) and value >= 0.0 and (value > 0.0 or name != "speed")):

@@ -20,6 +20,9 @@ TIME_CONSTANT = 5e-3
 """Time constant [s] of each servo. Assumed: both poles of its response lie here, so it reaches a target
 without overshoot and follows a steady motion 10 ms late."""
 _POSTURES = 32
+STALL = 0.1
+"""Least fraction of its torque limit with which a blocked servo pushes. Assumed: a slow servo is geared, so
+that its motor's inertia counts, and it is then as stiff as that needs."""
 _LEAST_ARMATURE = 1e-4
 """Least inertia [kg m2] of a motor at the joint. Assumed: keeps the gains of very light links above 0."""
 
@@ -78,6 +81,9 @@ class Servos:
         # is good practice. It also keeps the damping near critical in every posture.
         own = model.dof_armature[self._dofs]
         armature = np.maximum(np.maximum(own, inertia - own), _LEAST_ARMATURE)
+        given = [robot.servos[index].limits.torque for index in self.moving]
+        pushes = STALL * np.array([0.0 if torque is None else torque for torque in given])
+        armature = np.maximum(armature, own - inertia + pushes * TIME_CONSTANT**2 / self.state[at.LAG])
         model.dof_armature[self._dofs] = armature
         total = inertia - own + armature
         # A joint whose own damping is more than critical needs more stiffness too, or it would lag behind.

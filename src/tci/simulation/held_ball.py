@@ -1,0 +1,168 @@
+"""Finds a ball that the fingers of a hand close around: its place on the palm and its size, by kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from tci.errors import TciError
+from tci.frames import Array, apply, invert, read_only
+from tci.robot.description import Robot
+from tci.robot.generic_fingers import FINGERS, FLEXIONS, PALM
+from tci.robot.joint_map import JointMap, joint_map
+from tci.robot.kinematics import KinematicChain
+from tci.simulation.world import MAX_TIP, start_angles
+from tci.skin.surfaces import Surface, surfaces_of
+
+RADII = np.geomspace(0.008, MAX_TIP, 9)
+"""Radii [m] of balls that are tried: from that of a grape to that of an apple."""
+BENDS = np.deg2rad(np.arange(0.0, 85.1, 2.5))
+"""Flexions [rad] at which fingers are looked at: up to where a light grasp stops them."""
+SINKS = 0.003
+"""Depth [m] in the ball that a finger could reach. Assumed: it presses, and does not graze."""
+FACES = 0.5
+"""Least cosine between the outward normal of a tip and the direction to the ball's centre. Assumed: the skin
+of a tip feels little beside it."""
+LIFTS = 0.4
+"""Largest cosine between the push of a finger and the outward normal of the palm. Assumed: fingers that push
+a ball out of a hand do not hold it."""
+CLEAR = 0.006
+"""Distance [m] of each finger from the ball at the start. Assumed: the ball has room on its way."""
+WAY = 0.012
+"""Length [m] of the way on which the ball comes to the palm."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldBall:
+    """A ball on a palm, and the fingers that meet it as the hand closes."""
+
+    patch: str
+    """Skin of the palm."""
+    taxel: int
+    """Taxel under the ball."""
+    radius: float
+    """Radius [m]."""
+    fingers: tuple[str, ...]
+    """Fingers that meet it."""
+    posture: Array
+    """Generic angles (10,) [rad] of the hand just before they do."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Path:
+    """Skin of one tip in the palm's link, as the hand closes."""
+
+    angles: Array
+    """Flexion (b,) [rad]."""
+    positions: Array
+    """Taxels (b, k, 3) [m]."""
+    normals: Array
+    """Outward unit normals (b, k, 3)."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Meeting:
+    """A finger that bends beside a ball."""
+
+    start: float
+    """Flexion [rad] at which it waits clear of the ball."""
+    faces: float
+    """Cosine with which its skin faces the ball where it meets it; 0 if it does not hold it."""
+
+
+def held_ball(robot: Robot, part: str, *, opposition: float = 1.2) -> HeldBall:
+    """Returns the ball that the thumb and most other fingers of a hand meet, and among these the one that
+    they face best.
+
+    The thumb is across the palm by `opposition` [rad], as in a light grasp. Raises TciError if the hand has
+    no skin on its palm, or no ball is met by any finger.
+    """
+    worn = {patch.segment: patch.name for patch in robot.patches if patch.part == part}
+    surfaces = {surface.patch: surface for surface in surfaces_of(robot)}
+    if PALM not in worn:
+        raise TciError(f"{part} of {robot.name}: no skin on its palm; valid: a patch of the segment {PALM}")
+    palm = surfaces[worn[PALM]]
+    open_hand = np.array(robot.part(part).initial_posture)
+    open_hand[0] = max(open_hand[0], opposition)
+    tips = {finger: surfaces[worn[finger]] for finger in FINGERS if finger in worn}
+    paths = _paths(robot, part, palm.link, tips, open_hand)
+    best: tuple[tuple[int, float], HeldBall] | None = None
+    for radius in RADII:
+        for taxel, normal in enumerate(palm.normals):
+            place = palm.positions[taxel]
+            found = {finger: _meeting(path, place, normal, radius) for finger, path in paths.items()}
+            meetings = {finger: one for finger, one in found.items() if one is not None}
+            met = {finger: one for finger, one in meetings.items() if one.faces > 0.0}
+            if not met or len(meetings) < len(paths):
+                continue
+            count = len(met) + len(paths) * ("thumb" in met and len(met) > 1)
+            score = count, sum(one.faces for one in met.values())
+            if best is None or score > best[0]:
+                posture = _waiting(joint_map(robot, part), open_hand, meetings, met)
+                best = score, HeldBall(palm.patch, taxel, float(radius), tuple(met), posture)
+    if best is None:
+        raise TciError(f"{part} of {robot.name}: its fingers meet no ball on its palm")
+    return best[1]
+
+
+def _waiting(
+    joints: JointMap, open_hand: Array, meetings: Mapping[str, _Meeting], met: Collection[str]
+) -> Array:
+    """Returns the posture (10,) [rad] of a hand whose fingers that meet a ball wait beside it, with those on
+    their motors."""
+    posture = np.array(open_hand)
+    for group in joints.tied:
+        bent = [joint for joint in group if joint in FLEXIONS]
+        fingers = {FINGERS[FLEXIONS.index(joint)] for joint in bent}
+        if fingers & set(met):
+            posture[bent] = min(meetings[finger].start for finger in fingers & meetings.keys())
+    return read_only(posture)
+
+
+def _paths(
+    robot: Robot, part: str, palm: str, tips: Mapping[str, Surface], open_hand: Array
+) -> dict[str, _Path]:
+    """Returns the way of each tip as all fingers bend from an open hand (10,) [rad]."""
+    chain, joints, bends = KinematicChain(robot), joint_map(robot, part), list(FLEXIONS)
+    links = (palm, *(tip.link for tip in tips.values()))
+    angles, poses = [], []
+    for bend in BENDS:
+        bent = np.array(open_hand)
+        bent[bends] = np.maximum(bent[bends], bend)
+        position = start_angles(robot, {part: bent})
+        angles.append(joints.to_generic(position)[bends])
+        T_TP, *T_TL = chain.pose_array(position, links)
+        poses.append([invert(T_TP) @ pose for pose in T_TL])
+    return {
+        finger: _Path(
+            np.array(angles)[:, FINGERS.index(finger)],
+            np.array([apply(row[i], tip.positions) for row in poses]),
+            np.array([tip.normals @ row[i][:3, :3].T for row in poses]),
+        )
+        for i, (finger, tip) in enumerate(tips.items())
+    }
+
+
+def _meeting(path: _Path, place: Array, normal: Array, radius: float) -> _Meeting | None:
+    """Returns how a finger meets a ball on a palm's place (3,) [m] with an outward normal (3,); None for one
+    that is in its way."""
+    centre = place + radius * normal
+    gap, before = (
+        np.linalg.norm(path.positions - at, axis=2).min(axis=1) - radius
+        for at in (centre, centre + WAY * normal)
+    )
+    clear = np.minimum(gap, before) > CLEAR
+    if not clear[0]:
+        return None
+    wait = len(clear) - 1 if clear.all() else int(np.argmin(clear)) - 1
+    start = float(path.angles[wait])
+    if gap.min() > -SINKS:
+        return _Meeting(start, 0.0)
+    first = int(np.argmax(gap < 0.0))
+    to_centre = centre - path.positions[first]
+    nearest = int(np.argmin(np.linalg.norm(to_centre, axis=1)))
+    inward = to_centre[nearest] / np.linalg.norm(to_centre[nearest])
+    faces, lifts = float(path.normals[first, nearest] @ inward), float(inward @ normal)
+    return _Meeting(start, faces - max(lifts, 0.0) if faces > FACES and lifts < LIFTS else 0.0)

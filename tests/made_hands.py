@@ -138,7 +138,8 @@ def with_hands(
                     + f"<joint name='{full}' type='revolute'><parent link='{parent}'/>"
                     f"<child link='{full}_link'/><origin xyz='{x} {y * sign} {z}'/>"
                     f"<axis xyz='{ax * sign} {ay} {az * sign}'/>{mimic}"
-                    f"<limit lower='{lower}' upper='{upper}' effort='{motor[0]}' velocity='{motor[1]}'/></joint>"
+                    f"<limit lower='{lower}' upper='{upper}' effort='{motor[0]}' velocity='{motor[1]}'/>"
+                    "</joint>"
                 )
                 parent = f"{full}_link"
     path.write_text(path.read_text().replace("</robot>", f"{''.join(words)}</robot>"))

@@ -52,15 +52,21 @@ class DescriptionError(TciError):
         super().__init__("\n".join([f"{source}: {count}", *(f"  {fault}" for fault in self.faults)]))
 
 
-def meant(name: str, valid: Iterable[str]) -> str:
-    """Returns ` (did you mean ...?)` with the valid name nearest to an unknown one; empty if none is near."""
+def nearest_name(name: str, valid: Iterable[str]) -> str | None:
+    """Returns the valid name nearest to an unknown one; None if none is near."""
     from difflib import get_close_matches  # imported on an error only: keeps `import tci` fast
 
     names = [*valid][:1000]
     lower = {one.lower(): one for one in names}
     close = get_close_matches(name[:60], names, n=1)
     close = close or [lower[one] for one in get_close_matches(name[:60].lower(), lower, n=1)]
-    return f" (did you mean {close[0]!r}?)" if close else ""
+    return close[0] if close else None
+
+
+def meant(name: str, valid: Iterable[str]) -> str:
+    """Returns ` (did you mean ...?)` with the valid name nearest to an unknown one; empty if none is near."""
+    near = nearest_name(name, valid)
+    return "" if near is None else f" (did you mean {near!r}?)"
 
 
 class UnknownNameError(TciError):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import random
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lxml import etree
 
+import tci.robot
 from tci.errors import DescriptionError, MissingExtraError, TciError
 from tci.installed import advice
 from tci.robot.xml import read_robot, schema_path
@@ -100,6 +102,47 @@ def faults(folder: Path, text: str | bytes) -> list[str]:
 def changed(old: str, new: str) -> str:
     assert GOOD.count(old) >= 1, old
     return GOOD.replace(old, new, 1)
+
+
+NAO = Path(tci.robot.__path__[0]) / "robots" / "nao" / "robot.xml"
+WORD = re.compile(r"(?:(?<=[ \n])|<)(\w+)(?==\"|[^<>]*/>)")
+"""Name of an attribute, or of an element without content."""
+
+
+def nao() -> str:
+    """Returns the description of a NAO without its model, which needs files beside it."""
+    return re.sub("<model .*>", "", NAO.read_text())
+
+
+def misspelt() -> list[str]:
+    """Returns the description of a NAO with one misspelt word, for each word in each element that has it."""
+    text = nao()
+    found: dict[tuple[str, str], str] = {}
+    for word in WORD.finditer(text, text.index("<robot_part")):
+        begin, end = word.span(1)
+        wrong = word[1][:1] + word[1][2:] if end - begin > 3 else word[1] + "x"
+        tag = text[text.rindex("<", 0, end) : end].split()[0]
+        found.setdefault((tag, word[1]), text[:begin] + wrong + text[end:])
+    return [*found.values()]
+
+
+def test_a_misspelt_word_is_one_fault_without_its_consequences(tmp_path: Path) -> None:
+    texts = misspelt()
+    for table in NAO.parent.glob("*.csv"):
+        shutil.copy(table, tmp_path)
+    assert len(texts) > 40
+    for text in texts:
+        found = faults(tmp_path, text)
+        assert len(found) == 1, found
+        assert "did you mean" in found[0]
+
+
+def test_a_wrong_unit_is_one_fault_that_counts_its_consequences(tmp_path: Path) -> None:
+    for table in NAO.parent.glob("*.csv"):
+        shutil.copy(table, tmp_path)
+    (found,) = faults(tmp_path, nao().replace('angle_unit="deg"', 'angle_unit="rad"'))
+    assert "angle_unit of <generic_robot> is 'rad', in which 60 of 134 angles are implausible" in found
+    assert found.endswith('valid: angle_unit="deg"')
 
 
 def test_units_become_si_and_everything_is_read(tmp_path: Path) -> None:

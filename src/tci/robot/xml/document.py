@@ -34,6 +34,8 @@ class Faults:
         self.source = source
         self._found: dict[Fault, None] = {}
         self._more = 0
+        self.angles = self.implausible = 0
+        """Number of angles that were read, and of those that are implausible in their unit."""
 
     def add(self, line: int, message: str) -> None:
         """Records a fault on `line` (from 1; 0 if it belongs to no line)."""

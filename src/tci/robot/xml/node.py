@@ -8,11 +8,11 @@ from typing import Any
 
 from lxml import etree
 
-from tci.errors import meant
+from tci.errors import meant, nearest_name
 from tci.robot.xml.document import Faults, shown
 from tci.robot.xml.element import Element
 from tci.robot.xml.grammar import UNIT
-from tci.robot.xml.values import InvalidValueError, Unit, Value
+from tci.robot.xml.values import ImplausibleError, InvalidValueError, Unit, Value
 
 _XSI = "{http://www.w3.org/2001/XMLSchema-instance}"
 """Namespace of the attributes by which an editor finds the schema."""
@@ -34,6 +34,8 @@ class Node:
     fields: dict[str, Any] = field(default_factory=dict)
     """Values of attributes and of children that are fields of the described type, by field."""
     children: dict[str, list[Node]] = field(default_factory=dict)
+    misspelt: bool = False
+    """True if an attribute or a child here is unknown, so that one that is missing may be that one."""
     ok: bool = True
     """True if this element and all its descendants satisfy the grammar."""
 
@@ -99,9 +101,11 @@ class _Reader:
 
     def value(self, value: Value, text: str, what: str, unit: Unit) -> Any:
         """Returns the value of `text`, or None after recording a fault."""
+        self.faults.angles += value.angular
         try:
             return value.read(text, unit)
         except InvalidValueError as error:
+            self.faults.implausible += isinstance(error, ImplausibleError)
             self.fault(f"{what} is {shown(text)}: {error}")
             return None
 
@@ -113,6 +117,7 @@ class _Reader:
 
     def attributes(self, node: Node, grammar: Element) -> None:
         valid: Mapping[str, Value] = grammar.values
+        missing = [name for name in grammar.needs if name not in self.element.attrib]
         for key, text in self.element.attrib.items():
             name = str(key)
             if name in valid:
@@ -122,9 +127,10 @@ class _Reader:
             elif not (name == "type" and grammar.angular) and not name.startswith(_XSI):
                 names = [*valid, *(["type"] if grammar.angular else [])]
                 self.fault(f"unknown attribute {shown(name)} of <{node.tag}>{nearest(name, names)}")
-        for name in grammar.needs:
-            if name not in self.element.attrib:
-                self.fault(f"<{node.tag}> needs the attribute {name}")
+                node.misspelt = True
+                missing = [one for one in missing if one != nearest_name(name, names)]
+        for name in missing:
+            self.fault(f"<{node.tag}> needs the attribute {name}")
 
     def text(self, node: Node, grammar: Element) -> None:
         pieces = [self.element.text, *(child.tail for child in self.element)]
@@ -137,6 +143,7 @@ class _Reader:
     def children(self, node: Node, grammar: Element, unit: Unit) -> None:
         valid = grammar.children
         lines: dict[str, int] = {}
+        misspelt = set()
         for child in self.element:
             if not isinstance(child.tag, str):
                 continue  # a comment or a processing instruction
@@ -146,6 +153,8 @@ class _Reader:
                     f"unknown element <{child.tag[:60]}> in <{node.tag}>{nearest(child.tag, valid)}",
                     line=line,
                 )
+                node.misspelt = True
+                misspelt.add(nearest_name(child.tag, valid))
                 continue
             if child.tag in lines and (child.tag in grammar.must or child.tag in grammar.once):
                 first = lines[child.tag]
@@ -156,5 +165,5 @@ class _Reader:
                 read_node(child, valid[child.tag], unit, self.faults)
             )
         for tag in [*grammar.must, *grammar.some]:
-            if tag not in lines:
+            if tag not in lines and tag not in misspelt:
                 self.fault(f"<{node.tag}> needs an element <{tag}>")

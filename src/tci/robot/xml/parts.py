@@ -22,7 +22,7 @@ from tci.robot.xml.document import Faults
 from tci.robot.xml.grammar import MAX_MOUNT
 from tci.robot.xml.initial import check_initial
 from tci.robot.xml.node import Node, listed
-from tci.robot.xml.servos import Servos, once_only
+from tci.robot.xml.servos import NAMELESS, Servos, once_only
 from tci.robot.xml.transforms import check_coupled, check_retarget, check_synergy, read_table, read_terms
 from tci.robot.xml.values import in_unit
 
@@ -43,7 +43,7 @@ def read_parts(root: Node, servos: Servos, faults: Faults) -> tuple[GenericPart,
 def _part(node: Node, servos: Servos, faults: Faults) -> GenericPart:
     name = node.get("name", "?")
     kind, side = node.get("kind", "other"), node.get("side")
-    if kind in NAMES and side is None:
+    if kind in NAMES and side is None and not node.misspelt:
         faults.add(node.line, f'the {kind} {name!r} has no side; valid: side="left" or side="right"')
     nodes = _by_id(node, name, faults)
     joints = _names(node, name, kind, nodes, faults)
@@ -131,6 +131,8 @@ def _initial_positions(node: Node, nodes: Mapping[int, Node], faults: Faults) ->
     }
     valid = [id for id, child in nodes.items() if child.value("destination_servo_id") != "none"]
     for id, servo in found.items():
+        if id not in nodes and any("id" not in child.values for child in node.all("generic_servo")):
+            continue
         if id not in nodes:
             faults.add(
                 servo.line,
@@ -142,7 +144,8 @@ def _initial_positions(node: Node, nodes: Mapping[int, Node], faults: Faults) ->
                 servo.line,
                 f"initial position of generic servo {id}, which the robot lacks: use fixed_position",
             )
-    if left_out := [id for id in valid if id not in found]:
+    left_out = [id for id in valid if id not in found]
+    if left_out and group.ok:
         faults.add(
             group.line, f"initial_positions of {name!r} leaves out generic servo {listed(map(str, left_out))}"
         )
@@ -156,8 +159,10 @@ def _generic_servo(
     target = node.first("destination_servo_id")
     servo: Servo | None = None
     if target is not None and isinstance(target.text, int):
-        robot_part = target.get("robot_part") or part.get("robot_part") or part.get("name", "?")
-        servo = servos.find(robot_part, target.text, target.line, faults)
+        robot_part = target.get("robot_part") or part.get("robot_part")
+        if robot_part is not None or not (target.misspelt or part.misspelt):
+            robot_part = robot_part or part.get("name", NAMELESS)
+            servo = servos.find(robot_part, target.text, target.line, faults)
     lacking = target is not None and target.text == "none"
     fixed = node.first("fixed_position")
     if lacking and fixed is None:

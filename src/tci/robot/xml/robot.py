@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+
+from lxml import etree
 
 from tci.errors import MissingExtraError
 from tci.installed import advice
-from tci.robot.description import Address, Binding, Robot
+from tci.robot.description import Address, Binding, Patch, Robot
 from tci.robot.xml.document import Faults, refuse
 from tci.robot.xml.extends import read_element
 from tci.robot.xml.grammar import GENERIC_ROBOT
@@ -20,6 +22,10 @@ from tci.robot.xml.node import Node, nearest, read_node
 from tci.robot.xml.parts import read_parts
 from tci.robot.xml.servos import Servos, once_only, read_couplings, read_servos
 from tci.robot.xml.skin import read_skin
+
+SHARE = 0.25
+"""Fraction of a file's angles from which implausible ones are the fault of its unit. Assumed: some angles are
+small in any unit."""
 
 
 def read_robot(path: str | os.PathLike[str]) -> Robot:
@@ -31,18 +37,13 @@ def read_robot(path: str | os.PathLike[str]) -> Robot:
     """
     file = Path(path)
     element, data = read_element(file)
-    faults = Faults(str(file))
-    # Without a unit the file is refused; its angles are still checked, as if in degrees.
-    unit = element.get("angle_unit")
-    root = read_node(element, GENERIC_ROBOT, "rad" if unit == "rad" else "deg", faults)
+    root, faults = _read_root(element, str(file))
     servos = read_servos(root, faults)
     parts = read_parts(root, servos, faults)
     couplings = read_couplings(root, servos, initial_angles(parts), faults)
     model, missing = read_model(root, file, faults)
     patches = read_skin(root, file, faults)
-    bindings = _bindings(
-        root, _addressable(root, servos), {patch.name: patch.channels for patch in patches}, faults
-    )
+    bindings = _bindings(root, servos, patches, faults)
     faults.check()
     name = root.get("name") or file.stem
     if missing is not None:
@@ -66,6 +67,23 @@ def read_robot(path: str | os.PathLike[str]) -> Robot:
     return robot
 
 
+def _read_root(element: etree._Element, source: str) -> tuple[Node, Faults]:
+    """Returns the root with the faults of the whole tree; a wrong unit is one fault.
+
+    Without a unit the file is refused; its angles are still checked, as if in degrees.
+    """
+    unit = element.get("angle_unit")
+    faults, others = Faults(source), Faults(source)
+    root = read_node(element, GENERIC_ROBOT, "rad" if unit == "rad" else "deg", faults)
+    if unit != "rad" or faults.implausible <= SHARE * faults.angles:
+        return root, faults
+    root = read_node(element, GENERIC_ROBOT, "deg", others)
+    wrong = f"{faults.implausible} of {faults.angles} angles are implausible"
+    message = f"angle_unit of <{element.tag}> is 'rad', in which {wrong}; valid: angle_unit=\"deg\""
+    others.add(element.sourceline or 0, message)
+    return root, others
+
+
 VALUES, TAXELS = 12, 10
 """Number of values and of taxels of a module of skin."""
 
@@ -76,17 +94,14 @@ def schema_path() -> Path:
     return Path(__file__).with_name("robot.xsd")
 
 
-def _addressable(root: Node, servos: Servos) -> set[str]:
-    """Returns the names for which a binding can set an address, including patches with faults."""
+def _bindings(root: Node, servos: Servos, patches: Sequence[Patch], faults: Faults) -> tuple[Binding, ...]:
+    """Reads the bindings; what belongs to a patch with faults is not checked."""
     skin = root.first("skin")
-    patches = skin.all("patch") if skin is not None else []
-    names = {name for servo in servos.all for name in (servo.name, servo.robot_part)}
-    return names | {patch.get("name") for patch in patches if patch.get("name")}
-
-
-def _bindings(
-    root: Node, known: set[str], channels: Mapping[str, int], faults: Faults
-) -> tuple[Binding, ...]:
+    names = [patch.get("name") for patch in skin.all("patch")] if skin is not None else []
+    known = {name for servo in servos.all for name in (servo.name, servo.robot_part)}
+    known |= {name for name in names if name is not None}
+    channels = {patch.name: patch.channels for patch in patches}
+    faulty = {*names} - channels.keys()
     bindings = []
     for node in once_only(root.all("binding"), "middleware", "binding with", faults):
         if not node.ok:
@@ -100,14 +115,15 @@ def _bindings(
             )
         addresses = []
         for place in once_only(node.all("address"), "of", "address of", faults):
-            if place.get("of") not in known:
-                name = place.get("of")
-                faults.add(
-                    place.line, f"no patch, robot part or servo {name!r}{nearest(name, sorted(known))}"
-                )
+            name = place.get("of")
+            if name not in known:
+                if None not in faulty:
+                    near = nearest(name, sorted(known))
+                    faults.add(place.line, f"no patch, robot part or servo {name!r}{near}")
                 continue
             addresses.append(Address(**place.fields))
-            _check_modules(place, addresses[-1], channels, faults)
+            if name not in faulty:
+                _check_modules(place, addresses[-1], channels, faults)
         bindings.append(Binding(**node.fields, addresses=tuple(addresses)))
     return tuple(bindings)
 

@@ -29,6 +29,8 @@ class Servos:
         self.all: list[Servo] = []
         self.line: dict[int, int] = {}
         """Line number of each servo, by its index."""
+        self.unknown: set[str] = set()
+        """Robot parts with a servo whose id can't be read."""
         self._index: dict[Key, int] = {}
 
     def add(self, line: int, robot_part: str, id: int, **fields: Any) -> None:
@@ -44,15 +46,24 @@ class Servos:
         return tuple(dict.fromkeys(part for part, _ in self._index))
 
     def find(self, robot_part: str, id: int, line: int, faults: Faults) -> Servo | None:
-        """Returns the servo of that part and id; None and a fault on `line` if there is none."""
+        """Returns the servo of that part and id; None and a fault on `line` if there is none.
+
+        It is no fault if it may be a servo whose id can't be read.
+        """
         if (robot_part, id) in self._index:
             return self.all[self._index[robot_part, id]]
+        if {robot_part, NAMELESS} & self.unknown:
+            return None
         if robot_part not in self.robot_parts:
             faults.add(line, f"no robot_part named {robot_part!r}{nearest(robot_part, self.robot_parts)}")
         else:
             valid = listed(f"{s.id} {s.name}" for s in self.all if s.robot_part == robot_part)
             faults.add(line, f"robot_part {robot_part!r} has no servo {id}; valid: {valid}")
         return None
+
+
+NAMELESS = "?"
+"""Name of an element whose name can't be read."""
 
 
 def once_only(nodes: Iterable[Node], key: str, what: str, faults: Faults) -> list[Node]:
@@ -79,10 +90,12 @@ def read_servos(root: Node, faults: Faults) -> Servos:
     nodes: list[tuple[str, Node]] = []
     modes = {}
     for part in once_only(root.all("robot_part"), "name", "robot_part with", faults):
-        name = part.get("name", "?")
+        name = part.get("name", NAMELESS)
         modes[name] = part.get("modes", (Mode.POSITION.value,))
         what = f"servo of robot_part {name!r} with"
         of_part = once_only(part.all("servo"), "id", what, faults)
+        if name == NAMELESS or not all("id" in node.values for node in of_part):
+            servos.unknown.add(name)
         once_only(of_part, "name", what, faults)
         nodes += [(name, node) for node in sorted(of_part, key=lambda node: node.get("id", -1))]
     driven = [one for _, node in nodes for one in (node, *node.all("mimic")) if "joint" in one.values]

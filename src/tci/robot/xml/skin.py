@@ -13,7 +13,7 @@ from tci.robot.xml.document import Faults
 from tci.robot.xml.grammar import SENSORS, SURFACES
 from tci.robot.xml.model import beside
 from tci.robot.xml.node import Node, listed, nearest
-from tci.robot.xml.servos import once_only
+from tci.robot.xml.servos import NAMELESS, once_only
 
 PER_MODULE = 12
 """Channels of a triangular module: ten taxels and two thermal pads."""
@@ -25,7 +25,8 @@ def read_skin(root: Node, source: Path, faults: Faults) -> tuple[Patch, ...]:
     if skin is None:
         return ()
     segments = {
-        part.get("name", "?"): [segment.get("name", "?") for segment in part.all("segment")]
+        part.get("name", NAMELESS): [segment.get("name", NAMELESS) for segment in part.all("segment")]
+        + [NAMELESS] * part.misspelt
         for part in root.all("generic_robot_part")
     }
     patches = []
@@ -40,9 +41,9 @@ def read_skin(root: Node, source: Path, faults: Faults) -> tuple[Patch, ...]:
 
 def _check_place(node: Node, segments: dict[str, list[str]], faults: Faults) -> None:
     part, segment = node.get("part"), node.get("segment")
-    if part is not None and part not in segments:
+    if part is not None and part not in segments and NAMELESS not in segments:
         faults.add(node.line, f"no generic_robot_part named {part!r}{nearest(part, segments)}")
-    elif part is not None and segment is not None and segment not in segments[part]:
+    elif segment is not None and not {segment, NAMELESS} & {*segments.get(part, (NAMELESS,))}:
         faults.add(node.line, f"{part!r} has no segment {segment!r}{nearest(segment, segments[part])}")
 
 
@@ -58,6 +59,8 @@ def _only_one(patch: Node, ways: Iterable[str], what: str, faults: Faults) -> No
     found = [tag for tag in ways if patch.all(tag)]
     if len(found) == 1:
         return patch.all(found[0])[0]
+    if not found and not patch.ok:
+        return None  # its element may be the one that is misspelt
     has = " and ".join(f"<{tag}>" for tag in found) or f"no {what}"
     faults.add(patch.line, f"patch {patch.get('name', '?')!r} has {has}; valid: one of {listed(ways)}")
     return None

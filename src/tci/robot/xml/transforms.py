@@ -62,7 +62,7 @@ def read_terms(part: Node, node: Node, kind: str, servos: Servos, faults: Faults
             valid = "coupled and synergy"
             faults.add(children[0].line, f"coupled_term is for the transform_types {valid}, not {kind}")
         return ()
-    if not children:
+    if not children and not node.misspelt:
         faults.add(node.line, f"the transform_type {kind} needs at least one coupled_term")
     if factor := node.first("transform_factor"):
         faults.add(
@@ -105,7 +105,7 @@ def check_synergy(node: Node, generic: Sequence[GenericServo], faults: Faults) -
     synergic = [joint for joint in generic if joint.transform == "synergy" and joint.servo is not None]
     moved = {term.servo for joint in synergic for term in joint.terms}
     for joint in synergic:
-        if joint.terms and all(term.servo != joint.servo for term in joint.terms):
+        if node.ok and joint.terms and all(term.servo != joint.servo for term in joint.terms):
             faults.add(
                 node.line, f"generic servo {joint.id}: none of its coupled_terms is its destination_servo_id"
             )

@@ -33,6 +33,10 @@ class InvalidValueError(ValueError):
     """Error with the valid values; the reader catches it and adds the place and the value."""
 
 
+class ImplausibleError(InvalidValueError):
+    """An angle that no robot has: in the wrong unit."""
+
+
 def to_rad(value: float, unit: Unit) -> float:
     """Returns `value` [unit] in radians."""
     return math.radians(value) if unit == "deg" else value
@@ -242,7 +246,7 @@ class Angle(Value):
             raise InvalidValueError(f"a number above 0 [{unit}{self.per}]")
         if abs(value) > self.most:
             most = in_unit(self.most, unit)
-            raise InvalidValueError(f"implausible in {unit}{self.per}, at most {most}{self.per}; wrong unit?")
+            raise ImplausibleError(f"implausible in {unit}{self.per}, at most {most}{self.per}; wrong unit?")
         return value
 
     def write(self, value: float) -> str:

@@ -39,7 +39,7 @@ def mistakes(robot: Robot) -> dict[str, list[Mistake]]:
     found: dict[str, list[Mistake]] = {}
     for kind, place, changes in (
         *_of_limits(robot), *_of_patches(robot), *_of_pairs(robot), *_of_signs(robot), *_of_links(robot),
-        *_of_segments(robot),
+        *_of_segments(robot), *_of_postures(robot),
     ):  # fmt: skip
         wrong = robot.model_copy(update=changes | {"digest": f"{robot.name} {kind} {place} {len(found)}"})
         found.setdefault(kind, []).append(Mistake(kind, place, wrong))
@@ -165,6 +165,16 @@ def _of_segments(robot: Robot) -> Iterator[Change]:
                 segments = (*part.segments[:number], wrong, *part.segments[number + 1 :])
                 changed = part.model_copy(update={"segments": segments})
                 yield "origin 20 cm off", part.name, {"parts": _swap(robot.parts, part, changed)}
+
+
+def _of_postures(robot: Robot) -> Iterator[Change]:
+    for part in robot.parts:
+        if part.side is not None:
+            for one in part.servos:
+                if one.servo is not None and abs(one.initial) > np.deg2rad(10.0):
+                    wrong = one.model_copy(update={"initial": float(np.deg2rad(one.initial))})
+                    place = f"initial {one.name}"
+                    yield "initial angle in radians on one side", place, _generic(robot, part, wrong)
 
 
 def _servo(robot: Robot, servo: Servo, limits: object) -> dict[str, object]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import re
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -14,6 +15,7 @@ import pytest
 from cli.test_cli import tci
 from made_humanoid import MadeHumanoid
 from tci.authoring.proposal import propose
+from tci.commissioning.both_sides import posture_doubts
 from tci.commissioning.plausibility import doubts
 from tci.robot.catalogue import load_robot
 from tci.robot.xml.writer import write_robot
@@ -42,11 +44,21 @@ def test_planted_mistakes_are_found_and_nothing_else_is_blamed(name: str, plante
     robot = load_robot(name)
     assert doubts(robot) == []
     kinds = planted.mistakes(robot)
-    assert len(kinds) >= 11
+    assert len(kinds) >= 12
     for kind, mistakes in kinds.items():
         found, blamed = planted.judge(mistakes[0])
         assert found, f"{kind} of {mistakes[0].place}"
         assert not blamed, f"{kind} of {mistakes[0].place}"
+
+
+def test_an_initial_angle_in_radians_on_one_side_is_doubtful_and_told(planted: ModuleType) -> None:
+    robot = load_robot("icub")
+    wrong = planted.mistakes(robot)["initial angle in radians on one side"][0].robot
+    (found,) = posture_doubts(wrong)
+    assert found.startswith("left_arm and right_arm: initial ")
+    assert re.search(
+        r" of \S+ and of \S+ degrees; \S+ degrees are \S+ rad; valid: equal on both sides$", found
+    )
 
 
 def test_a_proposal_gives_no_doubt_and_the_command_shows_one(tmp_path: Path) -> None:

@@ -105,7 +105,7 @@ def changed(old: str, new: str) -> str:
 
 
 NAO = Path(tci.robot.__path__[0]) / "robots" / "nao" / "robot.xml"
-WORD = re.compile(r"(?:(?<=[ \n])|<)(\w+)(?==\"|[^<>]*/>)")
+WORD = re.compile(r"(?<=[ \n])\w+(?==\")|(?<=<)\w+(?=[^<>]*/>)")
 """Name of an attribute, or of an element without content."""
 
 
@@ -119,10 +119,10 @@ def misspelt() -> list[str]:
     text = nao()
     found: dict[tuple[str, str], str] = {}
     for word in WORD.finditer(text, text.index("<robot_part")):
-        begin, end = word.span(1)
-        wrong = word[1][:1] + word[1][2:] if end - begin > 3 else word[1] + "x"
+        begin, end = word.span()
+        wrong = word[0][:1] + word[0][2:] if end - begin > 3 else word[0] + "x"
         tag = text[text.rindex("<", 0, end) : end].split()[0]
-        found.setdefault((tag, word[1]), text[:begin] + wrong + text[end:])
+        found.setdefault((tag, word[0]), text[:begin] + wrong + text[end:])
     return [*found.values()]
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from tci.authoring.find_fingers import DoubtfulFingersError, Finger, find_fingers
+from tci.authoring.find_fingers import ROUNDED, DoubtfulFingersError, Finger, find_fingers
 from tci.authoring.find_limbs import FoundLimbs
 from tci.authoring.joint_facts import JointFacts
 from tci.authoring.joint_tree import carried
@@ -58,7 +59,16 @@ def find_hands(
             raise DescriptionError(path, [Fault(0, message)]) from None
         if found:
             hands[side] = found
-    return hands
+    return _alike(hands)
+
+
+def _alike(hands: Hands) -> Hands:
+    """Returns the hands with the left thumb's opposition at the model's zero on both sides, if they differ by
+    one step of rounding only."""
+    thumbs = [found[0].offset for found in hands.values() if found[0].name == "thumb"]
+    if len(thumbs) < 2 or abs(thumbs[0] - thumbs[1]) > 1.01 * ROUNDED:
+        return hands
+    return {side: (replace(found[0], offset=thumbs[0]), *found[1:]) for side, found in hands.items()}
 
 
 def with_followers(

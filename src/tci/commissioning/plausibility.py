@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 
 from tci.authoring.link_points import LinkPoints
 from tci.authoring.proposed_parts import HAND, LEG
-from tci.errors import TciError
+from tci.commissioning.both_sides import UNEVEN, pairs, posture_doubts
 from tci.frames import Array, apply
 from tci.robot.description import GenericPart, Model, Patch, Robot
 from tci.robot.gravity import Gravity
@@ -27,9 +27,6 @@ CONTRARY = -0.5
 axes of hips and necks are slanted by 30 degrees, not by 60."""
 BEYOND = np.deg2rad(1.0)
 """Angle [rad] by which a limit may exceed that of the model. Assumed: above rounding to degrees."""
-UNEVEN = np.deg2rad(5.0)
-"""Largest difference [rad] between generic limits on the left and on the right. Assumed: above the tolerances
-of real arms."""
 FORWARD = np.deg2rad([90.0, 0.0, 0.0, 0.0, 0.0])
 """Generic angles [rad] of an arm that is stretched out forward."""
 APART = 0.012
@@ -54,6 +51,7 @@ def doubts(robot: Robot) -> list[str]:
         return found
     found += _limits(robot)
     found += _mirrored_limits(robot)
+    found += posture_doubts(robot)
     chain = KinematicChain(robot)
     if torso := _torso(robot, chain):
         return [*found, torso]  # everything else is seen from the torso
@@ -120,7 +118,7 @@ def _mirrored_limits(robot: Robot) -> Iterator[str]:
     assert robot.model is not None
     model = bare_model(robot.model)
     given = {model.joint(j).name for j in range(model.njnt) if model.jnt_limited[j]}
-    for left, right in _pairs(robot):
+    for left, right in pairs(robot):
         for pair in zip(left.servos, right.servos, strict=True):
             servos = [robot.servos[one.servo] for one in pair if one.servo is not None]
             limits = [servo.limits for servo in servos]
@@ -197,7 +195,7 @@ def _signs(robot: Robot, chain: KinematicChain, position: Array) -> Iterator[str
 def _segments(
     robot: Robot, chain: KinematicChain, postures: list[Array], *, without: set[str]
 ) -> Iterator[str]:
-    for left, right in _pairs(robot):
+    for left, right in pairs(robot):
         if without & {left.name, right.name}:
             continue
         for one in left.segments:
@@ -303,14 +301,6 @@ def _torques(robot: Robot) -> Iterator[str]:
 
 def _arms(robot: Robot) -> list[GenericPart]:
     return [part for part in robot.parts if part.kind == "arm"]
-
-
-def _pairs(robot: Robot) -> Iterator[tuple[GenericPart, GenericPart]]:
-    """Yields each pair of a left and a right part of one kind."""
-    for left in robot.parts:
-        for right in robot.parts:
-            if left.side == "left" and right.side == "right" and left.kind == right.kind:
-                yield left, right
 
 
 def _at_generic_zero(robot: Robot) -> Array:

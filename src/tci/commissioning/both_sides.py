@@ -1,0 +1,39 @@
+"""Comparison of the left with the right side of a description: their initial postures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tci.robot.description import GenericPart, Robot
+
+UNEVEN = np.deg2rad(5.0)
+"""Largest difference [rad] of generic limits and angles on both sides. Assumed: above the tolerances of real
+arms."""
+ROUNDED = 0.06
+"""Largest difference [rad] from an angle in radians that was rounded to one decimal."""
+
+
+def posture_doubts(robot: Robot) -> Iterator[str]:
+    """Yields where initial postures differ: generic angles have equal signs on both sides."""
+    for left, right in pairs(robot):
+        for one, other in zip(left.servos, right.servos, strict=True):
+            if one.servo is None or other.servo is None or abs(one.initial - other.initial) <= UNEVEN:
+                continue
+            angles = np.rad2deg([one.initial, other.initial])
+            small, large = sorted(np.abs(angles))
+            in_radians = abs(np.deg2rad(large) - small) < ROUNDED
+            words = f"; {large:.3g} degrees are {np.deg2rad(large):.3g} rad" if in_radians else ""
+            yield (
+                f"{left.name} and {right.name}: initial {one.name} of {angles[0]:.3g} and of {angles[1]:.3g} "
+                f"degrees{words}; valid: equal on both sides"
+            )
+
+
+def pairs(robot: Robot) -> Iterator[tuple[GenericPart, GenericPart]]:
+    """Yields each pair of a left and a right part of one kind."""
+    for left in robot.parts:
+        for right in robot.parts:
+            if left.side == "left" and right.side == "right" and left.kind == right.kind:
+                yield left, right

@@ -12,6 +12,7 @@ from scipy.spatial import KDTree
 from tci.authoring.link_points import LinkPoints
 from tci.authoring.proposed_parts import HAND, LEG
 from tci.commissioning.both_sides import UNEVEN, pairs, posture_doubts
+from tci.errors import TciError
 from tci.frames import Array, apply
 from tci.robot.description import GenericPart, Model, Patch, Robot
 from tci.robot.gravity import Gravity

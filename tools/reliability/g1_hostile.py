@@ -138,10 +138,10 @@ class _Sdk:
 class Robot:
     """The robot's own check of bytes, which shares no code with the driver.
 
-    Positions lie inside the limits; those of a joint that was found outside lie no farther outside than it
-    was measured, and from there on move inward only. They lie no farther outside than a joint without
-    stiffness was pushed and one with stiffness sags. From one message to the next a set-point moves no faster
-    than the joint may, or lies where the joint is measured.
+    Positions lie inside the limits; those of a joint that was found outside start from rest where it was
+    measured, and move inward only. They lie no farther outside than a joint without stiffness was pushed and
+    one with stiffness sags. From one message to the next a set-point moves no faster than the joint may, or
+    lies where the joint is measured.
     """
 
     MOTORS = struct.Struct("<" + "B3x5fI" * 35)
@@ -151,9 +151,9 @@ class Robot:
     def __init__(self, slots: list[int], limits: list[Any]) -> None:
         self.slots = [slot for slot in slots if slot >= 12]
         mine = [limit for slot, limit in zip(slots, limits, strict=True) if slot >= 12]
-        self.lower, self.upper, self.speed, self.torque = (
+        self.lower, self.upper, self.speed, self.jerk, self.torque = (
             np.array([getattr(limit, name) for limit in mine], dtype=float)
-            for name in ("lower", "upper", "velocity", "torque")
+            for name in ("lower", "upper", "velocity", "jerk", "torque")
         )
         self.beyond, self.least = np.zeros((2, len(mine)))
         self.before: Array | None = None
@@ -170,8 +170,8 @@ class Robot:
         loose = kp == 0.0
         found, outside = self._outside(measured), self._outside(q)
         self.beyond = np.where(loose, np.maximum(self.beyond, found), self.beyond)
-        starts = loose | (np.abs(q - measured) <= close)
-        least = np.where(starts, found, self.least)
+        starts = loose | (np.abs(q - measured) <= self.jerk * PERIOD**3 + close)
+        least = np.where(starts, np.maximum(found, self.least), self.least)
         self.least = np.minimum(least, outside)
         checks = {
             "not finite": ~np.isfinite(motors[self.slots]).all(axis=1),

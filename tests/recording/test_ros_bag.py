@@ -39,12 +39,12 @@ def write_bag(
     *,
     by_model: bool = False,
     epoch: float = 0.0,
-    stamped: bool = True,
+    stamped: str = "joints skin",
 ) -> Path:
     """Writes the readings of a run as a bag, with joints in reversed order, since ROS guarantees none.
 
-    Its times and, if `stamped`, its headers count from `epoch` [s]; skin frames also have the sender's own
-    time.
+    Its times and its headers that are `stamped` count from `epoch` [s]; skin frames also have the sender's
+    own time.
     """
     robot = load_robot("nao")
     types = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
@@ -62,7 +62,8 @@ def write_bag(
         pack = types.serialize_cdr
 
     def head(stamp: float, frame: str) -> Any:
-        nanoseconds = round((stamp + epoch) * 1e9) if stamped else 0
+        kind_of = "skin" if frame else "joints"
+        nanoseconds = round((stamp + epoch) * 1e9) if kind_of in stamped else 0
         time = make["builtin_interfaces/msg/Time"](nanoseconds // 10**9, nanoseconds % 10**9)
         words = (0, time, frame) if kind == "ros1" else (time, frame)
         return make["std_msgs/msg/Header"](*words)
@@ -111,12 +112,12 @@ def test_a_bag_becomes_a_recording_bit_for_bit(kind: str, ticks: list[Tick], tmp
             assert frames[frame.patch].stamp == pytest.approx(frame.stamp, abs=1e-9)
 
 
-@pytest.mark.parametrize("stamped", [True, False])
-def test_joints_and_skin_are_on_one_clock(stamped: bool, ticks: list[Tick], tmp_path: Path) -> None:
+@pytest.mark.parametrize("stamped", ["joints skin", "joints", "skin", ""])
+def test_joints_and_skin_are_on_one_clock(stamped: str, ticks: list[Tick], tmp_path: Path) -> None:
     epoch = 1.7e9
     bag = write_bag(tmp_path / "bag", ticks, "mcap", epoch=epoch, stamped=stamped)
     import_ros_bag(bag, tmp_path / "out.mcap", load_robot("nao"))
-    late = 0.0 if stamped else ticks[0].reading.joints.stamp - ticks[0].now
+    late = 0.0 if stamped == "joints skin" else ticks[0].reading.joints.stamp - ticks[0].now
     for found, tick in zip(Recording(tmp_path / "out.mcap").ticks(), ticks, strict=True):
         assert found.now == pytest.approx(tick.now + epoch, abs=1e-6)
         ages = {frame.patch: found.reading.joints.stamp - frame.stamp for frame in found.reading.skin}
@@ -143,7 +144,7 @@ def test_what_comes_twice_or_late_is_left_out_and_a_second_run_refused(
     again = [*ticks[:20], *ticks[10:30]]
     bag = write_bag(tmp_path / "again", again, "mcap")
     assert import_ros_bag(bag, tmp_path / "a.mcap", load_robot("nao")) == 30
-    runs = [replace(ticks[0], reading=_at(ticks[0].reading, 5.0)), ticks[1]]
+    runs = [replace(ticks[10], reading=_at(ticks[10].reading, 5.0)), ticks[11]]
     bag = write_bag(tmp_path / "runs", runs, "mcap")
     with pytest.raises(RecordingError, match=r"clock goes back from 5\.000 to 0\.\d+ s; valid"):
         import_ros_bag(bag, tmp_path / "b.mcap", load_robot("nao"))
@@ -165,8 +166,19 @@ def test_the_command_imports_and_plots_a_bag(ticks: list[Tick], tmp_path: Path) 
 
 def test_what_does_not_fit_is_told(ticks: list[Tick], tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", ticks[:5], "sqlite")
-    with pytest.raises(RecordingError, match=r"has skin '.*'; icub has"):
+    with pytest.raises(
+        RecordingError, match=r"240 values at .*; valid: the 384 channels of left_fore.* of icub"
+    ):
         import_ros_bag(bag, tmp_path / "a.mcap", load_robot("icub"))
+    bare = load_robot("nao").model_copy(update={"patches": ()})
+    with pytest.raises(RecordingError, match=r"has skin '.*'; nao has"):
+        import_ros_bag(bag, tmp_path / "a.mcap", bare)
+    short = [replace(frame, values=frame.values[1:]) for frame in ticks[0].reading.skin]
+    bag = write_bag(
+        tmp_path / "short", [replace(ticks[0], reading=replace(ticks[0].reading, skin=(*short,)))], "mcap"
+    )
+    with pytest.raises(RecordingError, match=r"values at .*; valid: the \d+ channels of .* of nao"):
+        import_ros_bag(bag, tmp_path / "a.mcap", load_robot("nao"))
     assert not (tmp_path / "a.mcap").exists()
     (tmp_path / "broken.bag").write_bytes(b"#ROSBAG V2.0\nnonsense")
     with pytest.raises(RecordingError, match=r"broken.bag is"):

@@ -76,7 +76,7 @@ def import_(
                 f"{log} is a ROS bag, which does not name its robot; valid: tci log import {log} {out} ROBOT"
             )
         counts = {"periods": import_ros_bag(log, out, words)}
-    elif log.suffix in SUFFIXES:
+    elif log.suffix.lower() in SUFFIXES:
         if mapping is None:
             raise RecordingError(f"{log} holds arrays, whose meaning is unknown; valid: --map FILE.toml")
         counts = {"frames": import_arrays(log, out, mapping, robot=words)}

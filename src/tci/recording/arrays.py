@@ -14,6 +14,7 @@ The mapping (TOML) names the times and, for each patch, the values:
 from __future__ import annotations
 
 import csv
+import math
 import re
 import tomllib
 import zipfile
@@ -79,6 +80,9 @@ class Mapping(Description):
     def _timed(self) -> Mapping:
         if (self.time is None) == (self.rate is None):
             raise ValueError("valid: either time or rate")
+        named = [one.values for one in self.skin.values()] + [self.time]
+        if double := next((name for name in named if named.count(name) > 1), None):
+            raise ValueError(f"{double!r} is named twice; valid: each once")
         return self
 
 
@@ -105,7 +109,7 @@ def import_arrays(file: Path, out: Path, mapping: Path, *, robot: Robot | None =
     """
     names = read_mapping(mapping)
     patches = {} if robot is None else {name: robot.patch(name) for name in names.skin}
-    rows = _csv_rows if file.suffix == ".csv" else _array_rows
+    rows = _csv_rows if file.suffix.lower() == ".csv" else _array_rows
     try:
         frames = _frames(rows(file, names), names, patches)
         return import_frames(frames, out, robot, middleware="file", source=f"arrays of {file.name}")
@@ -153,7 +157,7 @@ def _base(one: PatchValues, patch: Patch | None) -> Numbers | None:
 
 def _array_rows(file: Path, names: Mapping) -> Iterator[tuple[float, list[Numbers]]]:
     wanted = [one.values for one in names.skin.values()] + ([names.time] if names.time else [])
-    arrays = (_npz if file.suffix == ".npz" else _mat)(file, wanted)
+    arrays = (_npz if file.suffix.lower() == ".npz" else _mat)(file, wanted)
     blocks: list[Numbers] = []
     for name, one in names.skin.items():
         values = arrays[one.values]
@@ -163,7 +167,7 @@ def _array_rows(file: Path, names: Mapping) -> Iterator[tuple[float, list[Number
                 "valid: one of its axes"
             )
         values = np.moveaxis(values, one.axis, 0)
-        blocks.append(values.reshape(len(values), -1))
+        blocks.append(values.reshape(len(values), math.prod(values.shape[1:])))
     times: Numbers = np.zeros(len(blocks[0])) if names.time is None else arrays[names.time].ravel()
     lengths = {len(times), *map(len, blocks)}
     if len(lengths) > 1:
@@ -215,8 +219,10 @@ def _permit(file: Path, sizes: dict[str, int], wanted: list[str]) -> None:
 
 def _numbers(file: Path, name: str, array: Any) -> Numbers:
     found = np.asarray(array)
-    if found.dtype.kind not in "iuf" or found.ndim == 0:
-        raise RecordingError(f"{file}: {name} is {found.dtype} {found.shape}; valid: an array of numbers")
+    if found.dtype.kind not in "iuf" or found.dtype.itemsize > 8 or found.ndim == 0:
+        raise RecordingError(
+            f"{file}: {name} is {found.dtype} {found.shape}; valid: an array of numbers of 8 bytes at most"
+        )
     return found
 
 
@@ -229,7 +235,8 @@ def _csv_rows(file: Path, names: Mapping) -> Iterator[tuple[float, list[Numbers]
                 double = next(name for name in head if head.count(name) > 1)
                 raise RecordingError(f"{file} has two columns {double!r}; valid: each name once")
             blocks = [_columns(file, head, one.values) for one in names.skin.values()]
-            time = None if names.time is None else _columns(file, head, names.time).start
+            time = None if names.time is None else _time(file, head, names.time)
+            _check_columns(file, head, names, blocks, time)
             for number, row in enumerate(rows, start=2):
                 if not row:
                     continue
@@ -252,6 +259,28 @@ def _bounded(lines: IO[str], file: Path) -> Iterator[str]:
         if len(line) > LONGEST_LINE:
             raise RecordingError(f"{file}: a line longer than {LONGEST_LINE} characters")
         yield line
+
+
+def _time(file: Path, head: list[str], name: str) -> int:
+    found = _columns(file, head, name)
+    if found.stop - found.start > 1:
+        raise RecordingError(f"{file}: time = {name!r}; valid: one column")
+    return int(found.start)
+
+
+def _check_columns(
+    file: Path, head: list[str], names: Mapping, blocks: list[slice], time: int | None
+) -> None:
+    """Raises RecordingError for a column with two meanings."""
+    meaning = {} if time is None else {time: "time"}
+    for patch, block in zip(names.skin, blocks, strict=True):
+        for column in range(block.start, block.stop):
+            if column in meaning:
+                raise RecordingError(
+                    f"{file}: {head[column]} is in the columns of {meaning[column]} and of skin.{patch}; "
+                    "valid: one of them"
+                )
+            meaning[column] = f"skin.{patch}"
 
 
 def _columns(file: Path, head: list[str], words: str) -> slice:

@@ -9,17 +9,13 @@ import numpy as np
 
 from tci.errors import FrameError, RecordingError
 from tci.frames import read_only
-from tci.messages import JointReading, Reading, SkinFrame
+from tci.messages import SkinFrame
 from tci.recording.contact_tables import TableFit, compare_tables, read_tables
-from tci.recording.importing import importing
-from tci.recording.skin_manager import SKIN_PARTS, read_skin_events
+from tci.recording.importing import import_frames
+from tci.recording.skin_manager import SKIN_PARTS, SkinContact, read_skin_events
 from tci.recording.yarp_log import log_file
-from tci.robot.description import Robot
-from tci.robot.joint_map import initial_position
+from tci.robot.description import Patch, Robot
 from tci.skin.skin import Skin
-
-PERIOD = 0.02
-"""Time [s] between two contact lists: skinManager runs at 50 Hz."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,30 +43,35 @@ def import_contact_list(
     patches = {patch.name: patch for patch in robot.patches if patch.surface.kind != "truncated_cone"}
     surfaces = {name: surface for name, surface in Skin(robot).surfaces.items() if name in patches}
     live = {name: set(surface.channels.tolist()) for name, surface in surfaces.items()}
+    if not patches:
+        raise RecordingError(f"{robot.name} has no skin with places; valid: the robot of the contact list")
     try:
         lists = list(read_skin_events(log_file(log)))
     except FrameError as error:
         raise RecordingError(str(error)) from error
     contacts = [contact for _, found in lists for contact in found]
     parts = compare_tables(contacts, robot, surfaces, {} if tables is None else read_tables(tables))
-    source = f"contact list of yarpdatadumper {log.name}: taxels have their contact's mean value, "
-    source += "joints are the initial posture"
+    source = f"contact list of yarpdatadumper {log.name}: taxels have their contact's mean value"
     for part in parts:
         source += f", {part.part} was recorded with another table" if part.verdict == "wrong" else ""
-    still = read_only(np.zeros(len(robot.servos)))
-    left_out = 0
-    with importing(out, robot, middleware="yarp", source=source, period=PERIOD) as recorder:
-        for number, (stamp, found) in enumerate(lists):
-            values = {name: np.full(patch.channels, patch.sensor.rest) for name, patch in patches.items()}
-            for contact in found:
-                patch = patches.get(SKIN_PARTS[contact.skin_part])
-                if patch is None or not live[patch.name] & set(contact.taxels.tolist()):
-                    left_out += 1
-                    continue
-                taxels = contact.taxels[contact.taxels < patch.channels]
-                sign = np.sign(patch.sensor.pascal_per_count)
-                raw = patch.sensor.rest + sign * contact.pressure
-                values[patch.name][taxels] = np.clip(raw, patch.sensor.lowest, patch.sensor.highest)
-            frames = tuple(SkinFrame(name, stamp, number, read_only(raw)) for name, raw in values.items())
-            recorder.tick(stamp, Reading(JointReading(stamp, number, initial_position(robot), still), frames))
-    return ImportedContacts(len(lists), left_out, tuple(parts))
+    left_out: list[SkinContact] = []
+    items = (_frames(number, *one, patches, live, left_out) for number, one in enumerate(lists))
+    periods = import_frames(items, out, robot, middleware="yarp", source=source)
+    return ImportedContacts(periods, len(left_out), tuple(parts))
+
+
+def _frames(
+    number: int, stamp: float, found: tuple[SkinContact, ...], patches: dict[str, Patch],
+    live: dict[str, set[int]], left_out: list[SkinContact],
+) -> tuple[SkinFrame, ...]:  # fmt: skip
+    """Returns the frames of a contact list; appends contacts on none of the `live` taxels to `left_out`."""
+    values = {name: np.full(patch.channels, patch.sensor.rest) for name, patch in patches.items()}
+    for contact in found:
+        patch = patches.get(SKIN_PARTS[contact.skin_part])
+        if patch is None or live[patch.name].isdisjoint(contact.taxels.tolist()):
+            left_out.append(contact)
+            continue
+        raw = patch.sensor.rest + np.sign(patch.sensor.pascal_per_count) * contact.pressure
+        raw = np.clip(raw, patch.sensor.lowest, patch.sensor.highest)
+        values[patch.name][contact.taxels[contact.taxels < patch.channels]] = raw
+    return tuple(SkinFrame(name, stamp, number, read_only(raw)) for name, raw in values.items())

@@ -105,10 +105,11 @@ def _own_table(robot: Robot, surface: Surface) -> Array:
 
 
 def _means(taxels: list[NDArray[np.intp]], positions: Array) -> Array:
-    """Returns the mean positions (k, 3) [m] of each contact's taxels; NaN where one has no position."""
+    """Returns the mean positions (k, 3) [m] of each contact's taxels; NaN where there is none, or one
+    without a position."""
     last = len(positions)
     placed = np.vstack([positions, np.full((1, 3), np.nan)])
-    return np.array([placed[np.minimum(own, last)].mean(axis=0) for own in taxels])
+    return np.array([placed[np.minimum(own, last) if len(own) else [last]].mean(axis=0) for own in taxels])
 
 
 def _off(centres: Array, taxels: list[NDArray[np.intp]], positions: Array) -> Array:

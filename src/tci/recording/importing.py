@@ -18,6 +18,9 @@ from tci.robot.joint_map import initial_position
 FIRST = 100
 """Number of first readings whose median interval is the period of a recording. Assumed; fewer depend on
 single delays, more read further ahead."""
+FARTHEST = 2**63 / 1e9
+"""Largest time [s] that a recording can hold, in nanoseconds: 292 years. Milliseconds since 1970, taken for
+seconds, are beyond it."""
 LONGEST_LINE = 2**20
 """Longest line [characters] that is read. Assumed: bounds the memory for a damaged or hostile file."""
 
@@ -48,9 +51,9 @@ def import_frames(
 
     With a robot its joints rest at their initial posture, so that the recording can be replayed and drawn.
     Raises RecordingError for no frames, a time that is not later than the one before, and frames that are not
-    of the robot's patches.
+    of the robot's patches or, without a robot, not of one size.
     """
-    items = iter(frames)
+    items = _checked(frames, robot)
     first = list(islice(items, FIRST))
     if not first:
         raise RecordingError(f"{source} is empty; valid: at least one frame")
@@ -59,25 +62,43 @@ def import_frames(
     still = np.zeros(len(angles))
     if robot is not None:
         source += ", joints at the initial posture"
-    last = -np.inf
     with importing(out, robot, middleware=middleware, source=source, period=max(period, 0.0)) as recorder:
         for number, item in enumerate(chain(first, items)):
             stamp = item[0].stamp
-            if robot is not None:
-                _check(item, robot, last)
             recorder.tick(stamp, Reading(JointReading(stamp, number, angles, still), item))
-            last = stamp
     return recorder.ticks
 
 
-def _check(item: tuple[SkinFrame, ...], robot: Robot, last: float) -> None:
-    stamp = item[0].stamp
-    if not stamp > last:
-        raise RecordingError(f"a frame at {stamp} s after one at {last} s; valid: later than the one before")
-    for frame in item:
-        patch = robot.patch(frame.patch)
-        if len(frame.values) != patch.channels:
+def check_size(frame: SkinFrame, robot: Robot) -> None:
+    """Raises RecordingError unless a frame has one value for each channel of its patch."""
+    patch = robot.patch(frame.patch)
+    if len(frame.values) != patch.channels:
+        raise RecordingError(
+            f"{len(frame.values)} values at {frame.stamp} s; "
+            f"valid: the {patch.channels} channels of {patch.name} of {robot.name}"
+        )
+
+
+def _checked(frames: Iterable[tuple[SkinFrame, ...]], robot: Robot | None) -> Iterator[tuple[SkinFrame, ...]]:
+    last, sizes = -np.inf, dict[str, int]()
+    for item in frames:
+        stamp = item[0].stamp
+        if not abs(stamp) < FARTHEST:
             raise RecordingError(
-                f"{len(frame.values)} values at {stamp} s; "
-                f"valid: the {patch.channels} channels of {patch.name} of {robot.name}"
+                f"a frame at {stamp} s; valid: less than {FARTHEST:.0f} s; is its unit seconds?"
             )
+        if not stamp > last:
+            raise RecordingError(
+                f"a frame at {stamp} s after one at {last} s; valid: later than the one before"
+            )
+        for frame in item:
+            found = len(frame.values)
+            size = sizes.setdefault(frame.patch, max(found, 1))
+            if robot is not None:
+                check_size(frame, robot)
+            elif found != size:
+                raise RecordingError(
+                    f"{found} values at {stamp} s; valid: the {size} of the first frame, not 0"
+                )
+        last = stamp
+        yield item

@@ -16,7 +16,7 @@ from tci.errors import RecordingError
 from tci.frames import read_only
 from tci.installed import needs
 from tci.messages import JointReading, Reading, SkinFrame
-from tci.recording.importing import FIRST, importing
+from tci.recording.importing import FIRST, check_size, importing
 from tci.recording.names import servo_names
 from tci.recording.schemas import JOINTS, SKIN, to_frame
 from tci.robot.description import Robot
@@ -36,9 +36,10 @@ def import_ros_bag(bag: Path, out: Path, robot: Robot) -> int:
     number of periods.
 
     Each joint state that names every servo of the robot, by the servo's or the joint's name, makes a period,
-    with the latest frame of each patch. Times [s] are those of the headers, or of the bag if no message is
-    stamped; a joint state that is not newer than the previous one is dropped. Raises MissingExtraError,
-    RecordingError for a bag that can't be read, does not fit the robot, or whose clock was set back.
+    with the latest frame of each patch. Times [s] are those of the headers, or of the bag unless both joints
+    and skin are stamped; a joint state that is not newer than the previous one is dropped. Raises
+    MissingExtraError, RecordingError for a bag that can't be read, does not fit the robot, or whose clock was
+    set back.
     """
     readings = _readings(bag, robot)
     first = list(islice(readings, FIRST))
@@ -57,7 +58,7 @@ def _readings(bag: Path, robot: Robot) -> Iterator[Reading]:
     patches = {patch.name for patch in robot.patches}
     frames: dict[str, SkinFrame] = {}
     number, before = 0, -np.inf
-    stamped = any(_stamp(message) > 0.0 for kind, _, message in _messages(bag) if kind == JOINTS.name)
+    stamped = _is_stamped(bag)
     for kind, arrival, message in _messages(bag):
         stamp = _stamp(message) if stamped else 1e-9 * arrival
         if kind == SKIN.name:
@@ -66,6 +67,7 @@ def _readings(bag: Path, robot: Robot) -> Iterator[Reading]:
             if frame.patch not in patches:
                 valid = ", ".join(sorted(patches))
                 raise RecordingError(f"{bag} has skin {frame.patch!r}; {robot.name} has {valid}")
+            check_size(frame, robot)
             frames[frame.patch] = frame
             continue
         joints = _joints(message, robot, stamp, number)
@@ -79,6 +81,18 @@ def _readings(bag: Path, robot: Robot) -> Iterator[Reading]:
         if stamp > before:
             number, before = number + 1, stamp
             yield Reading(joints, tuple(frames.values()))
+
+
+def _is_stamped(bag: Path) -> bool:
+    """Returns True if each kind of message of a bag is stamped, at least once: a clock may begin at 0."""
+    seen, stamped = set[str](), set[str]()
+    for kind, _, message in _messages(bag):
+        seen.add(kind)
+        if _stamp(message) > 0.0:
+            stamped.add(kind)
+        if {JOINTS.name, SKIN.name} <= stamped:
+            break
+    return seen == stamped
 
 
 def _stamp(message: Any) -> float:

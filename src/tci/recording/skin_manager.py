@@ -96,6 +96,8 @@ def read_skin_events(path: Path) -> Iterator[tuple[float, tuple[SkinContact, ...
     """
     with path.open(encoding="ascii", errors="replace") as file:
         for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE + 1), ""), start=1):
+            if line.isspace():
+                continue
             try:
                 yield _parse_line(line)
             except (ValueError, IndexError, TypeError, OverflowError) as error:

@@ -43,11 +43,14 @@ def read_yarp_log(log: Path, *, patch: str) -> Iterator[SkinFrame]:
             if len(line) > LONGEST_LINE:
                 raise RecordingError(f"{path}, line {number}: longer than {LONGEST_LINE} characters")
             if line.strip():
-                yield _frame(line.split(), patch, f"{path}, line {number}")
+                yield _frame(line, patch, f"{path}, line {number}")
 
 
-def _frame(words: list[str], patch: str, where: str) -> SkinFrame:
+def _frame(line: str, patch: str, where: str) -> SkinFrame:
+    words = line.split()
     try:
+        if "_" in line:  # Python reads 1_0 as 10
+            raise ValueError
         sequence, stamp = int(words[0]), float(words[1])
         values = read_only([float(word) for word in words[2:]])
     except (ValueError, IndexError):

@@ -56,7 +56,7 @@ def import_contact_list(
         source += f", {part.part} was recorded with another table" if part.verdict == "wrong" else ""
     left_out: list[SkinContact] = []
     items = (_frames(number, *one, patches, live, left_out) for number, one in enumerate(lists))
-    periods = import_frames(items, out, robot, middleware="yarp", source=source)
+    periods = import_frames(items, out, robot, middleware="yarp", source=source, twice=True)
     return ImportedContacts(periods, len(left_out), tuple(parts))
 
 

@@ -45,15 +45,17 @@ def importing(
 
 
 def import_frames(
-    frames: Iterable[tuple[SkinFrame, ...]], out: Path, robot: Robot | None, *, middleware: str, source: str
-) -> int:
+    frames: Iterable[tuple[SkinFrame, ...]], out: Path, robot: Robot | None, *, middleware: str, source: str,
+    twice: bool = False,
+) -> int:  # fmt: skip
     """Writes a recording of skin frames alone and returns the number of its periods, one for each item.
 
     With a robot its joints rest at their initial posture, so that the recording can be replayed and drawn.
-    Raises RecordingError for no frames, a time that is not later than the one before, and frames that are not
-    of the robot's patches or, without a robot, not of one size.
+    If a time may occur `twice`, the sender repeats that of its own input. Raises RecordingError for no
+    frames, times that do not rise, and frames that are not of the robot's patches or, without a robot, not of
+    one size.
     """
-    items = _checked(frames, robot)
+    items = _checked(frames, robot, twice=twice)
     first = list(islice(items, FIRST))
     if not first:
         raise RecordingError(f"{source} is empty; valid: at least one frame")
@@ -79,7 +81,9 @@ def check_size(frame: SkinFrame, robot: Robot) -> None:
         )
 
 
-def _checked(frames: Iterable[tuple[SkinFrame, ...]], robot: Robot | None) -> Iterator[tuple[SkinFrame, ...]]:
+def _checked(
+    frames: Iterable[tuple[SkinFrame, ...]], robot: Robot | None, *, twice: bool
+) -> Iterator[tuple[SkinFrame, ...]]:
     last, sizes = -np.inf, dict[str, int]()
     for item in frames:
         stamp = item[0].stamp
@@ -87,9 +91,10 @@ def _checked(frames: Iterable[tuple[SkinFrame, ...]], robot: Robot | None) -> It
             raise RecordingError(
                 f"a frame at {stamp} s; valid: less than {FARTHEST:.0f} s; is its unit seconds?"
             )
-        if not stamp > last:
+        if stamp < last or (stamp == last and not twice):
+            valid = "not earlier" if twice else "later"
             raise RecordingError(
-                f"a frame at {stamp} s after one at {last} s; valid: later than the one before"
+                f"a frame at {stamp} s after one at {last} s; valid: {valid} than the one before"
             )
         for frame in item:
             found = len(frame.values)

@@ -22,7 +22,7 @@ from typing import Any
 try:
     import fcntl
 except ModuleNotFoundError:  # on Windows
-    fcntl = None  # type: ignore[assignment]
+    fcntl = None  # type: ignore[assignment]  # the module is missing
 
 HERE = Path(__file__).parent
 CLAIMS = "TCI_COMPILE_CLAIMS"

@@ -123,8 +123,8 @@ def record(kind: type, *fields: Any) -> Any:
     The NamedTuple must be defined at the top of a module, because cached machine code refers to it by name.
     """
     if len({*fields}) == 1:
-        return types.NamedUniTuple(fields[0], len(fields), kind)  # type: ignore[no-untyped-call]
-    return types.NamedTuple(fields, kind)  # type: ignore[no-untyped-call]
+        return types.NamedUniTuple(fields[0], len(fields), kind)  # type: ignore[no-untyped-call]  # Numba has no types
+    return types.NamedTuple(fields, kind)  # type: ignore[no-untyped-call]  # Numba has no types
 
 
 def entry(loop: Any, signature: int = 0) -> Callable[..., Any]:
@@ -135,7 +135,7 @@ def entry(loop: Any, signature: int = 0) -> Callable[..., Any]:
     check takes 6 us, longer than most loops.
     """
     made = [*loop.overloads.values()]
-    return made[signature].entry_point if made else loop  # type: ignore[no-any-return]
+    return made[signature].entry_point if made else loop  # type: ignore[no-any-return]  # Numba has no types
 
 
 def returns(*results: Any) -> Any:

@@ -174,7 +174,7 @@ class _Number:
 class _Vector(_Number):
     """A vector (3,) of a contact: the contact's row in the array of this name."""
 
-    def __get__(self, contact: Contact, owner: type) -> Array:  # type: ignore[override]
+    def __get__(self, contact: Contact, owner: type) -> Array:  # type: ignore[override]  # no number
         vector: Array = getattr(contact.table, self.name)[contact.row]
         return vector
 

@@ -1,8 +1,8 @@
 """A bound on the number of connections of a server, over any transport; a new connection is always accepted.
 
-There is no login, so each connection is a stranger until it has sent a valid message. Strangers must do so
-soon. If there are too many connections, strangers are closed first, then the one that was silent the longest:
-a genuine client that has sent a valid message may be idle for any time.
+There is no login, so a connection is unknown until it has sent a valid message, which must happen soon. If
+there are too many connections, unknown ones are closed first, then the one that was silent for the longest
+time. Otherwise a client that has sent a valid message may be idle for any time.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from dataclasses import dataclass
 MOST = 64
 """Largest number of connections of a server. Assumed: more than the ports of an iCub need of each other."""
 PATIENCE = 2.0
-"""Time [s] that a stranger has. Assumed: a client greets at once; a slow network takes a tenth of it."""
+"""Time [s] within which an unknown connection must send a valid message. Assumed: a client sends its greeting
+immediately, and a slow network needs a tenth of this time."""
 
 
 @dataclass(slots=True, eq=False)
@@ -23,7 +24,7 @@ class AcceptedConnection:
     """One connection."""
 
     end: Callable[[], None]
-    """Function that closes it; called from whichever thread makes room."""
+    """Function that closes it. Any thread may call it."""
     last_message: float
     """Time [s] of its last message on the monotonic clock; at first, of its arrival."""
     verified: bool = False

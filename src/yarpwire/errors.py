@@ -15,7 +15,7 @@ class WireError(YarpError):
 
 
 class RepetitionError(YarpError):
-    """A valid message without new data: its sender is there, what it measures stands still or is slower."""
+    """A valid message without new data: its sender works, but the sensor has no new measurement."""
 
 
 class PortError(YarpError):

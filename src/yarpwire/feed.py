@@ -110,9 +110,9 @@ class Feed(Generic[Value]):
         return self._came.wait(seconds)
 
     def await_due(self, until: float, longer: float) -> None:
-        """Waits for the next message if it is due before `until` [s]; otherwise a reader just before its
-        arrival would get it a period late. Messages that come more often than every `longer` [s] are not
-        waited for."""
+        """Waits for the next message if it is due before `until` [s], since a reader that reads just before
+        its arrival would get it a period late. Does not wait for messages with intervals below `longer`
+        [s]."""
         before, due, now = self.recent, self._arrived + self._every, time.monotonic()
         if self._every <= longer or not now - LATE <= due <= until:
             return

@@ -26,8 +26,8 @@ from yarpwire.text import from_text, to_text
 from yarpwire.values import Array
 
 BURST, SLICE = 200, 0.01
-"""Number of messages that are read from one connection in such a time [s]; beyond, its sender has to wait or
-to drop. Assumed: 20 000 messages a second are more than any genuine sender has."""
+"""Largest number of messages that are read from one connection in this time [s]; for more messages, the
+sender must wait or drop them. Assumed: 20 000 messages per second are more than any real sender needs."""
 UDP_LARGEST = 65_507
 
 
@@ -181,7 +181,7 @@ class Incoming:
         return int(sock.getsockname()[1])
 
     def _run_datagrams(self, sock: socket.socket) -> None:
-        """Reads until a quit message: a sender that is silent need not be dead."""
+        """Reads until a quit message, since a silent sender may still be alive."""
         with sock:
             while not self._closed:
                 try:
@@ -226,8 +226,8 @@ class Incoming:
 
 
 def _be_patient(sock: socket.socket) -> None:
-    """Lets each wait end after PATIENCE, by the system's own timeout: Python's would cost one more call per
-    message."""
+    """Bounds each wait by PATIENCE with the system's own timeout, since Python's timeout needs one more call
+    per message."""
     sock.settimeout(None)
     seconds = struct.pack("@ll", int(PATIENCE), int(PATIENCE % 1 * 1e6))
     for option in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):

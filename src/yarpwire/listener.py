@@ -49,8 +49,8 @@ class Listener:
         return self._wrong + self._limit.ended
 
     def close(self) -> None:
-        """Closes the port and every connection; shuts them down first, since the port number may be reused at
-        once."""
+        """Closes the port and every connection. It shuts them down first, since the port number may be reused
+        immediately."""
         self._closed = True
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)

@@ -1,7 +1,7 @@
 """Structures that the methods of 4.0's control boards return.
 
-A refusal fills the whole structure too: a client reads every field that the method declares, and would wait
-for one that does not come.
+A refusal contains the whole structure too, because a client reads every field of the method and would wait
+for a missing one.
 """
 
 from __future__ import annotations

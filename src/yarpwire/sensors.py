@@ -58,8 +58,8 @@ def decode_measures(message: Sequence[Any], kind: int = SKIN) -> tuple[Measure, 
 
 
 class Renewal:
-    """Tells measures that are new from those that a server sends again: it stamps every message anew, also
-    while a sensor of it stands still."""
+    """Distinguishes new measures from repeated ones, since a server stamps every message anew, even if a
+    sensor has no new value."""
 
     def __init__(self) -> None:
         self._last: tuple[float, ...] = ()

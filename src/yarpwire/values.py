@@ -66,7 +66,7 @@ class Dict(list[Any]):
 
 
 class Loose(list[Any]):
-    """A list of items of one type, each with a tag nevertheless: replies of 4.x contain such lists."""
+    """A list of items of one type in which each item has a tag. Replies of 4.x contain such lists."""
 
 
 Value = int | float | str | bytes | Sequence[Any]

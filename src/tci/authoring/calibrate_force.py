@@ -1,8 +1,8 @@
-"""Calibrates a patch against a force sensor beside it, from a recording as it is.
+"""Calibrates a patch from a recording in which a force sensor measures the load on it.
 
-Neither the sensor's bias nor the skin's rest need be known: the force is modelled as an offset and the sum of
-each taxel's force times a gain. The gains of taxels are drawn to that of the patch by a penalty, which
-cross-validation chooses, since a recording presses few places.
+The bias of the force sensor and the rest values of the skin need not be known: the force is modelled as an
+offset plus the sum of each taxel's force times a gain. Since a recording presses few places, a penalty keeps
+the gains of taxels near that of the patch; cross-validation chooses the penalty.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from tci.skin.baseline import BaselineSettings
 
 BLOCK = 10
 """Number of consecutive frames that are used or held out together. Assumed: 0.2 s of an iCub's skin, so that
-a frame is not judged by its neighbours alone."""
+held-out frames differ from those used for the fit."""
 FEWEST = 8 * BLOCK
 """Least number of frames. Assumed: two blocks for each part of the cross-validation."""
 REST = 0.05
-"""Fraction of frames, those in which the patch reads least, that rest values are taken from. Assumed: a
-robot that sways leaves each part of its skin that often."""
+"""Fraction of frames, those in which the patch reads least, from which rest values are computed. Assumed: on
+a robot that sways, each part of the skin is unloaded in this fraction of the frames."""
 PENALTIES = (np.inf, 100.0, 10.0, 1.0, 0.1, 0.01, 0.001)
 """Penalties of gains that differ between taxels, relative to the mean square of their forces. Assumed: from
 one gain for all to gains that fit noise."""
 LEAST, MOST = 0.2, 5.0
-"""Range of a taxel's gain, relative to the patch's. Assumed: a recording that hardly presses a taxel must not
-silence it."""
+"""Range of a taxel's gain, relative to that of the patch. Assumed: a taxel that the recording hardly presses
+must not get a gain near 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForceFit:
-    """Gains of a patch's taxels, and errors with frames that the gains were not fitted to."""
+    """Gains of a patch's taxels, and errors on frames that were not used for the fit."""
 
     gains: Array
     """Factor (n,) of each taxel's response in the description; zeros if the load does not grow with the
@@ -47,7 +47,7 @@ class ForceFit:
     penalty: float
     """Penalty of gains that differ; infinite for one gain."""
     held_out: float
-    """Root mean square error [N], fitted to every other block of frames, for the blocks between."""
+    """Root mean square error [N] on every second block of frames, after a fit to the other blocks."""
     held_out_one_gain: float
     """Error [N] with one gain for all taxels."""
     held_out_raw_sum: float
@@ -58,7 +58,7 @@ def calibrate_to_force(
     sensor: Sensor, areas: Array, stamps: Array, values: Array, times: Array, forces: Array, *,
     when: str = "unknown",
 ) -> tuple[PatchCalibration, ForceFit]:  # fmt: skip
-    """Calibrates a patch with what `fit_recording` finds. Raises TciError if it finds no gain."""
+    """Calibrates a patch with the result of `fit_recording`. Raises TciError if there is no gain."""
     found, rest, noise = fit_recording(sensor, areas, stamps, values, times, forces)
     if not found.gains.any():
         raise TciError(

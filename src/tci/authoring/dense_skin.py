@@ -18,9 +18,9 @@ PITCH = 0.004
 def with_dense_skin(robot: Robot, taxels: int, *, patches: int | None = None, pitch: float = PITCH) -> Robot:
     """Returns the robot with about `taxels` taxels in `patches` patches, on cones fitted to its limbs' skin.
 
-    If there are more patches than the robot has, they divide its limbs lengthwise. Where taxels would be
-    closer than `pitch` [m], the cones are larger than the limbs. Raises TciError for a robot without skin on
-    limbs, or fewer than 9 taxels in a patch.
+    If there are more patches than the robot has, its limbs are divided lengthwise. If taxels would be closer
+    than `pitch` [m], the cones are larger than the limbs. Raises TciError for a robot without skin on limbs,
+    or fewer than 9 taxels in a patch.
     """
     own = [patch for patch in robot.patches if robot.limb_segment(patch)]
     count = len(own) if patches is None else patches

@@ -1,7 +1,7 @@
-"""Finds the fingers of a hand: chains of joints beside each other on a palm, told apart by place and name.
+"""Finds the fingers of a hand: chains of joints beside each other on a palm, identified by place and name.
 
-Each bends to where its joints can move farther. The thumb is the one that bends about another axis than the
-others, or against them; the next one on its side is the index finger.
+A finger bends in the direction in which its joints can move farther. The thumb is the finger whose axis
+differs from the others', or that bends against them; the index finger is next to the thumb.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ PARALLEL = 0.8
 FEWEST = 3
 """Least number of chains of a hand; fewer are a gripper."""
 CLEAR = np.deg2rad(25.0)
-"""Difference [rad] between the motions of a finger in both directions from which the larger one decides."""
+"""Least difference [rad] between the ranges of a finger in both directions for which the larger one is the
+bending direction."""
 APART = 0.1
 """Difference of cosines by which a thumb must be farther from the other fingers than any of them. Assumed:
 fingers fan out by less."""
@@ -33,12 +34,13 @@ BESIDE = 0.3
 """Distance of a thumb from the middle of the palm, as a fraction of half its width, from which it is on a
 side. Assumed; the thumb of a Dex3 is in the middle."""
 FLEXED = np.deg2rad(30.0)
-"""Angle [rad] of each joint of a finger at which its spread is judged: a straight one may only turn about
-itself."""
+"""Angle [rad] of each joint of a finger at which its spread is tested, since a joint may rotate a straight
+finger about its own axis."""
 SIDEWAYS = 0.3
 """Least cosine between the motion of a spread finger's tip and its direction. Assumed: less is no spread."""
 ROUNDED = float(np.deg2rad(15.0))
-"""Step [rad] to which a thumb's opposition at the model's zero is rounded. Assumed: shapes tell no more."""
+"""Step [rad] to which a thumb's opposition at the model's zero is rounded. Assumed: shapes give no better
+accuracy."""
 _NAMES = {
     "thumb": re.compile(r"(?i)thumb|(?<![a-z])th(?=j|\d|_|-|$)"),
     "index": re.compile(r"(?i)index|forefinger|(?<![a-z])ff(?=j|\d|_|-|$)"),
@@ -49,7 +51,7 @@ _NAMES = {
 
 
 class DoubtfulFingersError(Exception):
-    """Fingers that place and names do not tell apart; the text says which."""
+    """Fingers that can't be identified by place and names; the text lists them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,9 +61,9 @@ class Finger:
     chain: tuple[int, ...]
     """All its joints, from the palm outwards."""
     flexion: tuple[int, ...]
-    """Those that bend it."""
+    """Joints that bend it."""
     signs: tuple[float, ...]
-    """Direction in which each of them turns to bend it towards the palm."""
+    """Direction in which each of these joints turns to bend the finger towards the palm."""
     axis: Array
     """Axis (3,) about which it bends."""
     ahead: Array
@@ -88,8 +90,8 @@ def find_fingers(
 ) -> tuple[Finger, ...]:  # fmt: skip
     """Returns the fingers that the joint `arm` carries, in the order of the generic ones; none for a gripper.
 
-    `tips` are the ends (3,) [m] of the links that joints move. `trust` is `names` or `places` where these
-    contradict each other. Raises DoubtfulFingersError.
+    `tips` are the ends (3,) [m] of the links that joints move. `trust` is `names` or `places`, which decides
+    if these contradict each other. Raises DoubtfulFingersError.
     """
     able = [one for one in carried(joints, arm) if not facts[joints[one].name].stuck]
     best: list[tuple[int, ...]] = []
@@ -132,7 +134,7 @@ def _finger(
     tips: Mapping[int, Array],
 ) -> Finger:  # fmt: skip
     """Returns a chain as a finger without name and spread. Raises DoubtfulFingersError if its limits do not
-    tell in which direction it bends."""
+    show its bending direction."""
     last = joints[chain[-1]].axis
     first = next(
         i for i in range(len(chain)) if all(abs(joints[j].axis @ last) > PARALLEL for j in chain[i:])
@@ -162,7 +164,7 @@ def _base(joints: Sequence[Joint], finger: Finger) -> Array:
 
 
 def _named(joints: Sequence[Joint], finger: Finger) -> str | None:
-    """Returns the name that most of a finger's joints and links tell; None for none."""
+    """Returns the name of a finger that most of its joints and links contain; None for none."""
     words = [word for one in finger.chain for word in (joints[one].name, joints[one].link)]
     counts = {name: sum(bool(words_of.search(word)) for word in words) for name, words_of in _NAMES.items()}
     most = max(counts, key=counts.__getitem__)
@@ -199,8 +201,8 @@ def _thumb(joints: Sequence[Joint], fingers: Sequence[Finger], trust: str | None
 def _across(
     joints: Sequence[Joint], fingers: Sequence[Finger], thumb: int, side: Side
 ) -> tuple[Array, Array]:
-    """Returns unit vectors (3,) out of the palm, and across it towards the thumb; for a thumb in the middle
-    as on a human hand."""
+    """Returns unit vectors (3,) out of the palm, and across it towards the thumb. For a thumb in the middle,
+    the direction is that of a human hand."""
     others = [finger for one, finger in enumerate(fingers) if one != thumb]
     palmar, ahead = (
         np.mean(vectors, axis=0) for vectors in zip(*((f.palmar, f.ahead) for f in others), strict=True)

@@ -62,7 +62,7 @@ def find_legs(
 
 
 def _leg(joints: Sequence[Joint], chain: Sequence[int], side: Side, slanted: float) -> Leg | None:
-    """Returns the leg in a chain from the root to a leaf; None if it holds none."""
+    """Returns the leg in a chain from the root to a leaf; None if there is none."""
     sign = 1.0 if side == "left" else -1.0
     down = [one for one in chain if abs(joints[one].axis[1]) > ALIKE]
     hips = [one for one in chain if abs(joints[one].axis[1]) > slanted]

@@ -55,10 +55,10 @@ class FoundLimbs:
 def find_limbs(model: Model, points: LinkPoints, *, arms: tuple[str, str] | None = None) -> FoundLimbs:
     """Finds arms, legs, trunk and head of a model with the shapes and masses `points`.
 
-    The z axis of its root is up, or else y. Joint names decide between left and right if they tell it.
-    `arms` names the first joint of the left and of the right shoulder. Raises DescriptionError for a model
-    without two mirrored arms of the generic kind, or with limbs that can't be told apart, and what
-    `load_spec` raises.
+    The z axis of its root, or else its y axis, points up. Joint names decide between left and right if they
+    contain a side. `arms` names the first joint of the left and of the right shoulder. Raises
+    DescriptionError for a model without two mirrored arms of the generic kind, or with limbs that can't be
+    distinguished, and the errors of `load_spec`.
     """
     compiled = bare_model(model)
     data = mujoco.MjData(compiled)
@@ -145,7 +145,7 @@ def _arms_of(
 
 
 def _kind(joints: Sequence[Joint], pair: Pair, points: LinkPoints, R_RH: Array) -> Vote:
-    """Returns the kind of a pair on which place and names agree, or that one of them tells."""
+    """Returns the kind of a pair on which place and names agree, or which one of them determines."""
     moved = [joints[limb.ball[0]].link for limb in pair.values()]
     centre = points.centre_of_mass_without(moved)
     place = hangs_as(pair, None if centre is None else float((centre @ R_RH)[2]))
@@ -183,8 +183,8 @@ def _all_limbs(joints: Sequence[Joint]) -> list[Limb]:
 
 
 def extent_of(joints: Sequence[Joint]) -> float:
-    """Returns the largest extent [m] of all joints that are in a chain; some models keep placeholders far
-    away."""
+    """Returns the largest extent [m] of all joints that are in a chain, since some models have placeholders
+    far away."""
     parents = {joint.parent for joint in joints}
     chained = [one.anchor for place, one in enumerate(joints) if one.parent >= 0 or place in parents]
     return float(np.ptp(chained or [np.zeros(3)], axis=0).max())

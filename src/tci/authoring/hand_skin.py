@@ -1,4 +1,5 @@
-"""Proposes skin for a hand: a cone around the end of each finger, and a pad on the palm. All is assumed."""
+"""Proposes skin for a hand: a cone around the end of each finger, and a pad on the palm. All values are
+assumed."""
 
 from __future__ import annotations
 
@@ -17,13 +18,14 @@ from tci.robot.generic_fingers import PALM
 
 # All values below are assumed: published fingers are 14 to 24 mm thick.
 TIP, PAD = (0.3, 0.95), (0.45, 0.9)
-"""Range of the last link's length that the skin of a tip covers, and of the palm's that its pad covers."""
+"""Range of the last link that the skin of a tip covers, and range of the palm that its pad covers, as
+fractions of the length."""
 THIN, THICK, USUAL = 0.006, 0.014, 0.009
 """Least and largest radius [m] of a tip, and that without shapes."""
 ROUND = 0.012
 """Radius [m] of the pad, which lies on the palm as a cylinder."""
 HEIGHT = 0.015
-"""Height [m] of the palm's surface above its joints where no shapes tell it."""
+"""Height [m] of the palm's surface above its joints if there are no shapes."""
 PITCH = 0.006
 """Distance [m] between taxels."""
 

@@ -17,12 +17,13 @@ from tci.robot.model_file import compiled
 POSTURES = np.deg2rad([[25, 25, 0, 60, 0], [25, 25, 0, 75, 0], [35, 30, 0, 60, 0], [20, 40, 0, 60, 0],
                        [40, 20, 10, 70, 0], [25, 15, -15, 50, 0], [15, 15, 0, 45, 0], [30, 45, 0, 75, 0],
                        [45, 45, 0, 60, 0], [30, 60, 0, 90, 0], [30, 45, 30, 75, 0]])  # fmt: skip
-"""Candidates for the initial posture [rad]; the first that fits is taken. All values here are assumed."""
+"""Candidates for the initial posture [rad]; the first one that fits is used. All values are assumed."""
 ROOM = 0.1
 """Distance [rad] of the initial posture from limits that suffices."""
 TURNED = float(np.deg2rad(120.0))
-"""Turn [rad] of a shoulder's joint from its rest, the model's zero or the middle of its range, that counts as
-a limit. Beyond it an arm whose elbow bends down from pointing forward, as Baxter's, is twisted."""
+"""Largest rotation [rad] of a shoulder's joint from its rest (the model's zero, or the middle of its range),
+which counts as a limit. Beyond it, an arm like Baxter's, whose elbow bends down while the arm points forward,
+is twisted."""
 
 
 def with_initial(draft: Robot, part: GenericPart) -> GenericPart:
@@ -40,8 +41,8 @@ def with_initial(draft: Robot, part: GenericPart) -> GenericPart:
 
 
 def check_reach(draft: Robot, part: GenericPart) -> None:
-    """Raises DescriptionError for an arm whose limits keep it away from all POSTURES: those of the file are
-    wrong."""
+    """Raises DescriptionError for an arm whose limits allow none of POSTURES, since the limits of the file
+    are then wrong."""
     robot = draft.model_copy(update={"parts": (part,), "digest": f"{part.name} reach"})
     joints = joint_map(robot, part.name)
     rooms = [_room(draft, joints, posture, turned=np.inf) for posture in POSTURES]
@@ -60,9 +61,9 @@ def check_reach(draft: Robot, part: GenericPart) -> None:
 
 
 def clear_of_body(draft: Robot, arms: Sequence[GenericPart]) -> list[GenericPart]:
-    """Returns both arms in the one of POSTURES, with as much room, in which fewest links are near others; as
-    they are if none is. Links that overlap in most postures do so by construction, and count only where they
-    are near each other without it."""
+    """Returns both arms in that posture of POSTURES in which the fewest links are near others, among those
+    with as much distance from limits; unchanged if no links are near. Links that overlap in most postures do
+    so by construction and are not counted in these postures."""
     robot = draft.model_copy(update={"parts": tuple(arms), "digest": "clear of body"})
     assert robot.model is not None
     model = compiled(solid_spec(robot, mimics=False), robot.model)
@@ -87,8 +88,8 @@ def clear_of_body(draft: Robot, arms: Sequence[GenericPart]) -> list[GenericPart
 
 
 def _room(draft: Robot, joints: JointMap, posture: Array, *, turned: float = TURNED) -> float:
-    """Returns the least distance [rad] of an arm's servos from their limits, and of its shoulder from a turn
-    `turned` [rad]; less if they miss a posture."""
+    """Returns the least distance [rad] of an arm's servos from their limits, and of its shoulder from a
+    rotation `turned` [rad]; a lower value if they can't reach a posture."""
     start, (lower, upper) = np.zeros(len(draft.servos)), _limits(draft, joints)
     angles = joints.to_robot(posture, start)
     there = np.array(start)

@@ -1,4 +1,4 @@
-"""Limits and couplings of joints as a model file gives them, and the limits that are proposed from them."""
+"""Limits and couplings of joints in a model file, and the limits that are proposed from them."""
 
 from __future__ import annotations
 
@@ -22,15 +22,16 @@ SPEED = float(np.deg2rad(120.0))
 FASTEST = 50.0
 """Speed limit [rad/s] from which the file's value counts as a placeholder."""
 ACCELERATION = np.deg2rad((400.0, 2400.0))
-"""Least and largest acceleration limit [rad/s2]; between them that of the largest inertia by a quarter of the
-torque."""
+"""Least and largest acceleration limit [rad/s2]. Between them, the limit is the acceleration of the largest
+inertia with a quarter of the torque."""
 MOST_TORQUE = 0.35
-"""Largest fraction of the torque for that, where the least acceleration takes more than a quarter."""
+"""Largest fraction of the torque for the acceleration, if the least acceleration needs more than a
+quarter."""
 SLOWEST = float(np.deg2rad(30.0))
-"""Least acceleration [rad/s2] that the whole torque of an arm's joint gives to its largest inertia. Real arms
-are above 10 rad/s2; a file with less has wrong units or a placeholder."""
+"""Least acceleration [rad/s2] that the full torque of an arm's joint must give to its largest inertia. Real
+arms are above 10 rad/s2; a file with less has wrong units or a placeholder."""
 LOST = 1.0 / 3.0
-"""Largest fraction of the torque that damping may take at full speed; the rest is for motion and weight."""
+"""Largest fraction of the torque for damping at full speed; the rest is for motion and weight."""
 JERK = 100.0
 """Ratio of the limits of jerk and acceleration [1/s]."""
 TORQUE, STRONGEST = 40.0, 1e4
@@ -39,7 +40,7 @@ TORQUE, STRONGEST = 40.0, 1e4
 
 @dataclass(frozen=True, slots=True)
 class JointFacts:
-    """A joint as its file gives it; values that the file lacks are 0."""
+    """A joint in its file; values that the file lacks are 0."""
 
     lower: float = 0.0
     upper: float = 0.0
@@ -75,9 +76,9 @@ def read_facts(model: Model, compiled: mujoco.MjModel) -> dict[str, JointFacts]:
 
 
 def driven(joints: Sequence[Joint], facts: Mapping[str, JointFacts], needed: set[int]) -> set[int]:
-    """Returns the joints that count as servos: all but stuck ends of chains, and of joints coupled by a
-    fixed ratio the leading one, or the follower if it is `needed` and the leading one, a gear at the motor,
-    carries nothing."""
+    """Returns the joints that count as servos. Stuck ends of chains are left out. Of joints that are coupled
+    by a fixed ratio, the leading one is a servo; but if the follower is `needed` and the leading one (a gear
+    at the motor) carries nothing, the follower is."""
     index = {joint.name: place for place, joint in enumerate(joints)}
     parents = {joint.parent for joint in joints}
     servos = set(range(len(joints)))
@@ -93,8 +94,8 @@ def driven(joints: Sequence[Joint], facts: Mapping[str, JointFacts], needed: set
 
 
 def proposed_limits(given: JointFacts, inertia: float) -> Limits:
-    """Returns a joint's limits. Values that the file lacks, or gives as placeholders, are assumed; `inertia`
-    [kg m2] is the largest that it carries."""
+    """Returns a joint's limits. Missing values and placeholders in the file are replaced by assumed values;
+    `inertia` [kg m2] is the largest inertia that the joint carries."""
     assumed = ["acceleration", "jerk"]
     lower, upper = given.lower, given.upper
     if not lower < upper or max(-lower, upper) > 2.0 * np.pi:

@@ -18,8 +18,8 @@ left out. Assumed: 75 degrees; a steeper axis is that of another joint."""
 
 
 def left_out(robot: Robot) -> list[str]:
-    """Returns a note for each kind of part whose joints a proposal leaves out, although their places or names
-    tell it."""
+    """Returns a note for each kind of part that a proposal leaves out, although places or names of joints
+    show that the model has it."""
     if robot.model is None:
         return []
     model = bare_model(robot.model)

@@ -1,4 +1,4 @@
-"""Limbs by their geometry: three joints that form a ball joint, and a fourth at a distance that bends the
+"""Finds limbs by their geometry: three joints form a ball joint, and a fourth joint, at a distance, bends the
 limb.
 
 The axis of the fourth is perpendicular to that of the third, which lies along the limb (the generic arm, and
@@ -20,10 +20,11 @@ PARALLEL = 0.9
 """Cosine above which two successive axes of a ball joint are too close to parallel. Assumed: 26 degrees."""
 ASIDE = 0.6
 """Largest distance of a limb's axis from its ball joint, and of its bending axis, as a fraction of its
-length. Assumed; larger takes other chains of joints for limbs, smaller misses limbs with offset joints."""
+length. Assumed: with a larger value other chains of joints are taken for limbs, with a smaller one limbs with
+offset joints are missed."""
 SHORT = 0.18
-"""Least length of an upper arm or thigh, as a fraction of the reach of its chain. Assumed; larger misses
-short limbs, smaller takes links of a wrist or an ankle for limbs."""
+"""Least length of an upper arm or thigh, as a fraction of the reach of its chain. Assumed: with a larger
+value short limbs are missed, with a smaller one links of a wrist or an ankle are taken for limbs."""
 BESIDE = 0.3
 """Largest distance of the axis of pronation from the elbow, as a fraction of the upper arm's length. Assumed:
 above the offset of Baxter's elbow (0.22), below that of a wrist."""

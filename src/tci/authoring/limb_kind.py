@@ -1,4 +1,4 @@
-"""Tells arms from legs, by where they hang and by their names."""
+"""Distinguishes arms from legs by their place and by their names."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ Vote = Literal["arm", "leg"] | None
 
 CLEAR = 0.05
 """Least height of the limbs' roots above or below the robot's centre of mass, as a fraction of the length of
-upper arm or thigh, from which it tells arms from legs. Assumed: above the
-asymmetry of a torso that ends at its shoulders, below the distance of real shoulders and hips."""
+upper arm or thigh, for which the height decides between arms and legs. Assumed: above the asymmetry of a
+torso that ends at its shoulders, below the distance between real shoulders and hips."""
 _NAMES = {
     "arm": re.compile(r"(?i)shoulder|(?<![a-z])sho(?![a-z])|arm|elbow|wrist|hand(?!le)|gripper"),
     "leg": re.compile(r"(?i)hip|(?<![a-z])leg|knee|ank(le|el)?(?![a-z])|foot|thigh|shank|calf"),
@@ -27,8 +27,8 @@ _NAMES = {
 
 
 def named_side(name: str) -> str | None:
-    """Returns the side that a joint's name starts with, or names first: `LARM_SHOULDER_R` is on the left, as
-    `arml_sho1` is. None if the name tells no side."""
+    """Returns the side at the start of a joint's name, or the first side in it: `LARM_SHOULDER_R` and
+    `arml_sho1` are on the left. None if the name contains no side."""
     found = re.search(
         r"(?i)(?<![a-z])(left|right|[lr](?=arm|leg|hip|sho|[^a-z]))|(?<=arm|leg)[lr](?![a-z])", name
     )
@@ -36,15 +36,15 @@ def named_side(name: str) -> str | None:
 
 
 def is_named_so(joints: Sequence[Joint], pair: Pair) -> bool:
-    """True if the joint names do not contradict the sides. Names that tell one side for both, such as `_r0`
-    and `_r1`, tell none."""
+    """True if the joint names do not contradict the sides. Names with one side for both limbs, such as `_r0`
+    and `_r1`, are ignored."""
     named = {side: named_side(joints[limb.ball[0]].name) for side, limb in pair.items()}
     return len(set(named.values())) == 1 or all(told in (None, side) for side, told in named.items())
 
 
 def hangs_as(pair: Pair, centre_of_mass: float | None) -> Vote:
-    """Returns the kind of a pair by the height [m] of the centre of mass of all that it does not move: below
-    its roots for arms, above for legs."""
+    """Returns the kind of a pair, from the height [m] of the centre of mass of all bodies that the pair does
+    not move: below the roots of the pair for arms, above them for legs."""
     if centre_of_mass is None:
         return None
     height = sum(float(limb.centre[2]) for limb in pair.values()) / 2.0
@@ -69,7 +69,7 @@ def named_as(joints: Sequence[Joint], pair: Pair) -> Vote:
 
 
 def is_named_as(kind: str, name: str) -> bool:
-    """True if a name tells a kind of part: arm, leg, head or torso."""
+    """True if a name contains a kind of part: arm, leg, head or torso."""
     return bool(_NAMES[kind].search(name))
 
 

@@ -14,7 +14,7 @@ from tci.robot.mesh_files import NO_MESHES
 from tci.robot.model_file import LEAST_MASS, compiled, load_spec
 
 POINTS = 6000
-"""Number of points on one mesh. Assumed; fewer leave pieces of a limb without points, more take longer."""
+"""Number of points on one mesh. Assumed: with fewer, pieces of a limb have no points; more take longer."""
 SECTORS, SLABS = 24, 12
 """Number of pieces around and along a limb; the outermost point of each is used. Assumed; fewer ignore the
 limb's shape, more need more points."""
@@ -59,8 +59,9 @@ class LinkPoints:
         """Returns the end (3,) [m] of a limb's last segment, which begins at `start` (3,) [m] on a link, in
         the root's frame.
 
-        It is the origin of the farthest link fixed to it, such as a hand, or else that of the farthest tenth
-        of its shape; without shapes, twice as far as its centre of mass. None for a link without any.
+        The end is the origin of the farthest link that is fixed to it, such as a hand; or else the farthest
+        tenth of its shape; or, without shapes, a point at twice the distance of its centre of mass. None if
+        there is none of these.
         """
         body = self._model.body(link).id
         points = self.of([link])

@@ -20,9 +20,9 @@ iCub's foot have 0.07."""
 def live_channels(values: Array, *, per_module: int = PER_MODULE) -> NDArray[np.bool_]:
     """Returns a mask (channels,) of the channels that are taxels, from frames (n, channels) with touches.
 
-    A module is absent, or its board is silent, if none of its channels ever changes; the values can't tell
-    which. A pad is a position in the module that varies little in most modules. Raises TciError for frames
-    that do not divide into modules, hold values that are not finite, or in which nothing changes.
+    If no channel of a module ever changes, the module is absent or its board is silent; the values do not
+    show which. A pad is a position in the module whose values vary little in most modules. Raises TciError
+    for frames that do not divide into modules, hold values that are not finite, or in which nothing changes.
     """
     if values.ndim != 2 or values.shape[1] % per_module or not len(values):
         raise TciError(f"frames of shape {values.shape}; valid: (n, a multiple of {per_module})")

@@ -1,8 +1,8 @@
 """Estimates taxel positions from touches at known places, for skin whose positions were not measured.
 
-A probe, or the robot's own finger, touches the skin at places known from kinematics. A taxel responds less
-the farther away the touch is, so responses measure distances; and the centre of pressure of each touch is at
-the probe. Least squares on both give the positions of the taxels.
+A probe, or the robot's own finger, touches the skin at places that are known from kinematics. The response of
+a taxel decreases with its distance from the touch, so responses measure distances. In addition, the centre of
+pressure of each touch is at the probe. The positions of the taxels follow from both by least squares.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""Finds where a skin sits on its link from self-touch: one skin of a robot on another (Roncone et al. 2014).
+"""Finds the pose of a skin on its link from self-touch: one skin of a robot touches another (Roncone et al.
+2014).
 
-Kinematics tell where both links are. In each touch both skins meet at one point, so the places that a skin
-reports and those at which the other one was touched differ by the rigid error of the skin's mount. It needs
-no force: which taxels are pressed is enough.
+The poses of both links are known from kinematics. In each touch both skins meet at one point. So the places
+reported by one skin and by the other differ by the rigid error of the mount. Only the pressed taxels are
+used, not their forces.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ from tci.robot.description import Robot
 from tci.skin.surfaces import Surface, mount_of
 
 FEWEST = 10
-"""Least number of touches. Assumed: three tell a pose, but single ones are off by the distance of taxels."""
+"""Least number of touches. Assumed: three determine a pose, but single touches have errors of a taxel
+distance."""
 SPREAD = 0.005
 """Least standard deviation [m] of the touches along their second main axis. Assumed: touches on a line leave
 a turn about it unknown."""
@@ -56,11 +58,11 @@ class Mount:
     """Place of a skin on its link, found from touches."""
 
     correction: Array
-    """Pose (4, 4) in the link of the frame that the skin was thought to be in."""
+    """Pose (4, 4) in the link of the frame in which the skin was assumed to be."""
     residual: float
     """Root mean square distance [m] of the touches after the correction."""
     depth: float
-    """Depth [m] to which the skins were pressed into each other, on average."""
+    """Mean depth [m] to which the skins were pressed into each other."""
     before: float
     """Root mean square distance [m] without correction."""
     touches: int
@@ -152,7 +154,7 @@ def write_mounted(robot: Robot, patch: str, mount: Mount, out: Path) -> None:
 def self_touches(body: GenericBody, patch: str, perceptions: Iterable[Perception]) -> Iterator[SelfTouch]:
     """Yields one touch for each uninterrupted time in which `patch` and one skin of another link are pressed.
 
-    Each must have one contact; of the time, the period with most pressed taxels counts.
+    Each of the two must have one contact. The period with most pressed taxels is used.
     """
     surfaces, chain = body.skin.surfaces, body.skin.kinematics
     link = surfaces[patch].link
@@ -196,8 +198,8 @@ def _centre(surface: Surface, contact: Contact) -> tuple[Array, Array]:
 def _fit(reported: Array, normals: Array, met: Array) -> tuple[Array, float]:
     """Returns the pose (4, 4) and the depth [m] that together are best, found in turn.
 
-    Without the depth, a skin around half of a limb would seem to sit deeper. On a plane it is not found, and
-    stays 0.
+    Without the depth, a skin around half of a limb would get a pose that is too deep. On a plane the depth
+    can't be determined and stays 0.
     """
     depth = 0.0
     for _ in range(TURNS):

@@ -35,12 +35,12 @@ def propose(
 
     `package` is the installed Python package that contains the model. With `mount`, shoulders that equal the
     generic one except for a small rotation get eq. 1 on a mount; otherwise they are retargeted, in the torso
-    frame. `meshes` is a folder with meshes that are not where the model says, or "none". `arms` names the
-    first joint of the left and of the right shoulder, `elbow` is the direction in which the left elbow's
-    joint bends the arm, for a model that leaves them in doubt. `trust_fingers` decides where names and places
-    of fingers contradict each other. `skin_on_hands` adds assumed skin on palms and finger tips. Raises
-    DescriptionError for a file that is no model of a humanoid with two arms, or in which they, their elbows,
-    the ends of their forearms or their fingers are in doubt.
+    frame. `meshes` is a folder with meshes that are not at the paths in the model, or "none". `arms` names
+    the first joint of the left and of the right shoulder, `elbow` is the direction in which the left elbow's
+    joint bends the arm; both are for models in which they are in doubt. `trust_fingers` decides if names and
+    places of fingers contradict each other. `skin_on_hands` adds assumed skin on palms and finger tips.
+    Raises DescriptionError for a file that is not a model of a humanoid with two arms, or in which arms,
+    elbows, the ends of forearms or fingers are in doubt.
     """
     model = Model(
         format=model_format(path), path=str(path.resolve()), package=package, meshes=meshes, torso_link="?"

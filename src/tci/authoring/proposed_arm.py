@@ -26,9 +26,9 @@ Sign = Literal[1, -1]
 LINEAR = 1e-6
 """Error [rad] up to which a shoulder counts as linear (eq. 1)."""
 FARTHER = np.deg2rad(25.0)
-"""Difference [rad] between the largest flexions in both directions from which the larger one decides."""
+"""Least difference [rad] between the largest flexions in both directions for which the larger one decides."""
 TWISTED = np.deg2rad(45.0)
-"""Difference [rad] between the turns of the shoulder that both directions need from which the smaller one
+"""Least difference [rad] between the shoulder rotations for both directions for which the smaller one
 decides."""
 
 

@@ -1,7 +1,7 @@
 """Compares a skin's positions with the mesh of its link, and finds the rigid correction if they do not fit.
 
 Points are matched to the mesh by iterated closest points: first point to point from many starts, then point
-to plane (Besl and McKay 1992; Chen and Medioni 1992). Nothing is assumed about the file's frame.
+to plane (Besl and McKay 1992; Chen and Medioni 1992). The frame of the file may be any.
 """
 
 from __future__ import annotations

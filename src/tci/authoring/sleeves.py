@@ -108,7 +108,8 @@ def slender(length: float) -> float:
 
 
 def assumed_skins(robot: Robot) -> list[str]:
-    """Returns a note on the patches whose thickness follows from lengths, as no shapes tell it."""
+    """Returns a note on the patches whose thickness is estimated from lengths, because there are no
+    shapes."""
     found = []
     for patch in robot.patches:
         cone = patch.surface

@@ -33,7 +33,7 @@ drawing."""
 def needs_viewer() -> None:
     """Raises MissingExtraError if the extra `viewer` is not installed."""
     with needs("tci view", "viewer"):
-        import viser  # noqa: F401
+        import viser  # noqa: F401 - only to see that it is there
 
 
 def view(

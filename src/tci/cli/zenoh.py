@@ -79,4 +79,4 @@ def _users(texts: Sequence[str] | None) -> dict[str, list[str]]:
 
 def _needs_zenoh() -> None:
     with needs("tci zenoh", "zenoh"):
-        import zenoh  # noqa: F401
+        import zenoh  # noqa: F401 - only to see that it is there

@@ -1,4 +1,5 @@
-"""Separate drivers for joints and skin, combined into one: a NAO's joints over NAOqi, its skin over YARP."""
+"""Separate drivers for joints and skin, combined into one, for example a NAO's joints over NAOqi and its skin
+over YARP."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ class CombinedDriver(DriverWrapper):
     driver."""
 
     def __init__(self, joints: Driver, skins: Sequence[Driver]) -> None:
-        """Takes the joints from `joints`, and each patch from the first of `skins` that has sent it.
+        """Reads the joints from `joints`, and each patch from the first of `skins` that has sent it.
 
         All drivers are closed with this one. Raises DriverError when their clocks are not this machine's own.
         """

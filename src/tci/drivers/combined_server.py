@@ -1,4 +1,4 @@
-"""Several servers of one robot: a G1's joints over Unitree's topics, its skin over YARP."""
+"""Several servers of one robot, for example a G1's joints over Unitree's topics and its skin over YARP."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from tci.messages import Order, Perception, Reading
 from tci.reasons import Reason
 
 JOIN = " + "
-"""Text between the addresses of drivers or servers that are combined."""
+"""Separator between the addresses of combined drivers or servers."""
 
 
 class CombinedServer(Server):
-    """One robot on several middlewares, each of which it shows and obeys as if it were the only one."""
+    """One robot that is served on several middlewares at once. Clients of each middleware can command it."""
 
     def __init__(self, servers: Sequence[Server]) -> None:
-        """Takes servers of one driver; they are closed with this one."""
+        """Takes servers of one driver; closing this server closes them."""
         super().__init__(servers[0].driver, JOIN.join(server.address for server in servers))
         self.servers = tuple(servers)
         self._senders: dict[int, Server] = {}

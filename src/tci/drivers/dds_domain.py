@@ -1,4 +1,4 @@
-"""Domains of DDS in this process: Cyclone takes one configuration for each."""
+"""DDS domains in this process. Cyclone accepts one configuration for each domain."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ from cyclonedds.domain import Domain
 from tci.errors import DriverError
 
 MOST_PARTICIPANTS = 32
-"""Processes of one domain on this machine that can find each other without multicast, as in ROS."""
+"""Largest number of processes of one domain on this machine that can find each other without multicast, as in
+ROS."""
 _open: dict[int, tuple[Domain, str, int]] = {}
 """Domain, its user and number of openings, by number."""
 
 
 def open_domain(number: int, settings: str, user: str) -> None:
-    """Opens a domain by Cyclone's `settings`, or shares the open one of the same `user`, such as `ROS 2`.
+    """Opens a domain with Cyclone's `settings`, or shares the domain that the same `user`, such as `ROS 2`,
+    has open.
 
     Raises DriverError for settings that Cyclone refuses, and for the domain of another user.
     """

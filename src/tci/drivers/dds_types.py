@@ -1,4 +1,4 @@
-"""Types of DDS whose samples TCI packs itself."""
+"""DDS types whose samples TCI encodes itself."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from cyclonedds.idl import IdlStruct
 
 
 def carry_raw(kind: type[IdlStruct]) -> type[IdlStruct]:
-    """Replaces cyclonedds' methods, which would pack field by field: a sample's `raw` bytes are sent and
-    received."""
+    """Makes cyclonedds send and receive the `raw` bytes of samples, instead of encoding them field by
+    field."""
 
     def serialize(self: Any, *args: Any, **options: Any) -> bytes:
         return bytes(self.raw)
@@ -19,6 +19,6 @@ def carry_raw(kind: type[IdlStruct]) -> type[IdlStruct]:
         sample.raw = data
         return sample
 
-    kind.serialize = serialize  # type: ignore[method-assign]
-    kind.deserialize = classmethod(deserialize)  # type: ignore[method-assign, assignment]
+    kind.serialize = serialize  # type: ignore[method-assign]  # on purpose
+    kind.deserialize = classmethod(deserialize)  # type: ignore[method-assign, assignment]  # on purpose
     return kind

@@ -19,18 +19,18 @@ from tci.robot.description import Robot, Servo
 
 
 class Driver(ABC):
-    """A connection to one robot: `read` returns its sensor data, `write` sends the commands that its gate
-    made.
+    """A connection to one robot: `read` returns sensor data, `write` sends the commands that the driver's
+    gate created.
 
-    A subclass talks to the robot in `_receive`, `_send` and `_close`; it converts the robot's units and
-    order. Reading is always allowed; writing needs an armed driver and a command made by `gate`.
+    A subclass communicates with the robot in `_receive`, `_send` and `_close`, and converts the robot's units
+    and order. Reading is always allowed; writing needs an armed driver and a command that `gate` created.
     """
 
     before_write: Callable[[], None] | None = None
     """Called before each command; raises DriverError when this process may no longer command the robot."""
 
     def __init__(self, info: DriverInfo) -> None:
-        """Stores the facts of the connection. Every subclass calls this first; most make their `info` by
+        """Stores the facts of the connection. Every subclass calls this first; most create `info` by
         `DriverInfo.of`."""
         self.info = info
         """Facts about the connection. A driver replaces them only if it learns more while it connects."""
@@ -48,7 +48,7 @@ class Driver(ABC):
 
     @property
     def gate(self) -> Gate:
-        """The gate, which alone makes the commands that `write` accepts."""
+        """The gate; `write` accepts only commands that it created."""
         return self.info.gate
 
     @property
@@ -75,7 +75,7 @@ class Driver(ABC):
 
     @classmethod
     def load_library(cls) -> None:
-        """Loads libraries that its module does not import because some installations lack them.
+        """Loads libraries that the driver's module does not import, because some installations lack them.
 
         Raises MissingExtraError.
         """
@@ -83,10 +83,9 @@ class Driver(ABC):
 
     @classmethod
     def probe(cls, robot: Robot, address: str) -> tuple[Finding, ...]:
-        """Checks step by step what can be reached at `address`, without a driver: for users whose connection
-        fails.
+        """Checks each step of a connection to `address`, without a driver. For users whose connection fails.
 
-        It moves nothing and raises nothing; each step that fails is a finding with its advice.
+        It moves nothing and raises no exception; each step that fails is a finding with advice.
         """
         return ()
 
@@ -127,10 +126,11 @@ class Driver(ABC):
         return safe
 
     def halt(self) -> None:
-        """Calls the robot's own stop, independent of its commands: all joints stay where they are now.
+        """Calls the robot's own stop, which does not use commands of the gate: all joints keep their present
+        angles.
 
-        No joint is under command then, until the next command. Raises DriverError when the driver is closed
-        or not armed.
+        After that no joint is under command until the next command. Raises DriverError if the driver is
+        closed or not armed.
         """
         self._check_open()
         if not self.armed:
@@ -145,7 +145,8 @@ class Driver(ABC):
         return
 
     def native(self, robot_part: str) -> NativePart:
-        """Returns the robot's own joints of `robot_part`, next to the generic ones and through the same gate.
+        """Returns the robot's own joints of `robot_part`, to command them in addition to generic joints,
+        through the same gate.
 
         Raises UnknownNameError.
         """
@@ -171,7 +172,7 @@ class Driver(ABC):
 
 
 class NativePart:
-    """The robot's own joints of a part, for those that are not generic: wrists, fingers, toes (§3)."""
+    """The robot's own joints of a part, for joints that are not generic: wrists, fingers, toes (§3)."""
 
     def __init__(self, name: str, servos: tuple[Servo, ...]) -> None:
         self.name = name

@@ -25,17 +25,17 @@ class DriverInfo:
     armed: bool
     """True if the driver may write."""
     lease_name: str
-    """Name of the lease: drivers with the same name reach the same robot, and only one of them commands it at
-    a time."""
+    """Name of the lease. Drivers with equal names reach one robot, and only one of them may command it at a
+    time."""
     keep_alive: float | None = None
     """Longest time [s] between two frames of a patch if the skin is sent on change (send-on-delta); None if
     every frame is sent."""
     about: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
-    """Facts that a recording needs for a repetition of its run: seed and step of the physics."""
+    """Facts that a recording needs so that its run can be repeated: seed and step of the physics."""
     recorded: bool = False
     """True if the driver replays a recording: writing moves nothing, and each reading is returned once."""
     unreached: Mapping[int, str] = field(default_factory=lambda: MappingProxyType({}))
-    """Reason for each servo, by index, that the driver reads but can't move."""
+    """Reason, by servo index, for each servo that the driver reads but can't move."""
 
     @classmethod
     def of(

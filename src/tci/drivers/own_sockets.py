@@ -1,6 +1,6 @@
-"""Access to sockets that a library opens in this process and offers no setting for.
+"""Access to sockets that a library opens in this process without offering settings for them.
 
-Linux lists the sockets of a process. On other systems none are found, and nothing is changed.
+Linux lists the sockets of a process. On other systems no sockets are found, and nothing is changed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from yarpwire.connection_limit import MOST, AcceptedConnection, surplus
 try:
     import resource
 except ModuleNotFoundError:  # Windows
-    resource = None  # type: ignore[assignment]
+    resource = None  # type: ignore[assignment]  # the module is missing
 
 FOLDER = Path("/proc/self/fd")
 INTERVAL = 0.25
@@ -163,7 +163,7 @@ class ConnectionMonitor:
 def _open_more_files() -> None:
     """Raises the process's limit on open files to the system's maximum.
 
-    NAOqi's server never accepts a connection again once it could not open a file for one.
+    If NAOqi's server once can't open a file for a connection, it never accepts a connection again.
     """
     if resource is not None:
         most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]

@@ -12,9 +12,10 @@ from tci.robot.description import Limits, Robot
 
 
 class PartialGate(Gate):
-    """Refuses commands to servos that a connection does not reach; treats all others as any gate.
+    """Refuses commands to servos that a connection can't reach; otherwise works like any gate.
 
-    As with servos that can't be moved at all, a command for a whole robot part moves the rest of it.
+    A command to a whole robot part moves the other servos of the part, as for servos that can't be moved at
+    all.
     """
 
     def __init__(

@@ -50,9 +50,9 @@ def load_server(name: str) -> Callable[..., Server]:
 
 
 def as_robot(given: object) -> Robot:
-    """Returns a robot that is loaded already, or loads one by its name or path.
+    """Returns a robot unchanged, or loads the robot with a name or path.
 
-    Raises TciError for anything else, and what `load_robot` raises.
+    Raises TciError for anything else, and the errors of `load_robot`.
     """
     if isinstance(given, Robot):
         return given
@@ -70,7 +70,7 @@ def connect(
 
     `via` is "sim", or "NAME:ADDRESS" for drivers that need an address. With "DRIVER + DRIVER" the first
     driver reads and moves the joints, and the others read the skin. A simulated robot is armed from the
-    start, a real one only by `arm=True`. `options` go to the driver, of several to the first.
+    start, a real one only with `arm=True`. `options` are passed to the first driver.
 
     Raises UnknownNameError for a driver that is not installed or an option that it does not have,
     MissingExtraError when its library is not installed, DriverError when the robot can't be reached, and the
@@ -115,7 +115,8 @@ def _open(robot: Robot, via: str, **options: Any) -> Driver:
 
 def open_server(driver: Driver, via: str, **options: Any) -> Server:
     """Opens a server of the robot of `driver` for other programs. `via` is "NAME" or "NAME:ADDRESS", or
-    several with " + " between them; `tci.runtime.serve` runs the server. `options` go to the first.
+    several with " + " between them; `tci.runtime.serve` runs the server. `options` are passed to the first
+    server.
 
     Raises UnknownNameError for a server that is not installed or an option that it does not have,
     MissingExtraError when its library is not installed, DriverError when it can't listen at the address.

@@ -1,8 +1,7 @@
 """`replay:FILE`: a recorded robot, which sends its recorded readings. No hardware is involved.
 
-The loop, the behaviour and the gate are the real ones. With the recorded behaviour and settings they decide
-exactly as recorded, bit for bit; with others they show what would have happened, as long as the robot's
-sensors would have measured the same.
+Loop, behaviour and gate work as usual. With the recorded behaviour and settings, their decisions equal the
+recorded ones, bit for bit. With other settings the replay shows their decisions for the recorded sensor data.
 """
 
 from __future__ import annotations
@@ -96,7 +95,7 @@ class ReplayDriver(Driver):
             self._clock.time = first.now
 
     def ticks(self, *, duration: float | None = None, start: float | None = None) -> Iterator[float]:
-        """Yields the recorded times [s] as fast as they are requested, to the end of the file, whatever
+        """Yields the recorded times [s] as fast as they are requested, to the end of the file; ignores
         `start`."""
         del start
         begun: float | None = None

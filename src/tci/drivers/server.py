@@ -1,7 +1,7 @@
 """Base class of servers, which make a robot available to other programs: the counterpart of a driver.
 
-A server works next to the process's own driver of the robot, real or simulated. It publishes the robot's
-sensor data and passes on the orders of other programs; `runtime/serve.py` connects it to the gate.
+A server uses the process's own driver of the robot, real or simulated. It publishes the robot's sensor data
+and passes on the orders of other programs; `runtime/serve.py` connects it to the gate.
 """
 
 from __future__ import annotations
@@ -52,10 +52,11 @@ class Server(ABC):
 
     @abstractmethod
     def refuse(self, order: Order, reason: Reason) -> None:
-        """Reports to its sender why an order was refused; refusals of the gate are in `publish`'s `sent`."""
+        """Reports the reason for a refused order to the sender of the order. Refusals by the gate are in the
+        argument `sent` of `publish`."""
 
     def fault(self) -> Reason | None:
-        """Returns the reason why the robot should hold, such as a silent commander, or None."""
+        """Returns a reason to hold, such as a silent commander, or None."""
         return None
 
     def __enter__(self) -> Self:

@@ -21,8 +21,8 @@ from tci.skin.send_on_delta import SendOnDelta
 FASTEST = 10_000.0
 """Highest rate [Hz] of commands. Assumed: ten times that of the fastest robots' controllers."""
 LATE = 0.1
-"""Delay [s] after which a paced simulation no longer catches up with real time. Assumed: catching up longer
-would look like a jump to clients."""
+"""Delay [s] above which a paced simulation does not catch up with real time. Assumed: clients would see a
+longer catch-up as a jump."""
 
 
 class WorldClock:
@@ -56,7 +56,7 @@ class PacedWorldClock(WorldClock):
 
 
 class SimulatedDriver(Driver):
-    """A driver of a simulated robot. It is armed from the start, since no harm is possible."""
+    """A driver of a simulated robot. It is armed from the start, since it can do no harm."""
 
     def __init__(
         self,
@@ -74,8 +74,8 @@ class SimulatedDriver(Driver):
 
         `rate` [Hz] of the commands is the description's by default.
 
-        `paced` worlds run no faster than real time. With a `keep_alive` [s] the skin is sent on change
-        (send-on-delta), and at least that often.
+        A `paced` world is not faster than real time. With `keep_alive` [s] the skin is sent on change
+        (send-on-delta), and at least once in that time.
 
         Raises DriverError for an address, which a simulation does not have, for an invalid rate and for
         options together with a `world`, UnknownNameError for an unknown option.

@@ -19,7 +19,8 @@ from tci.simulation.world import World
 FORCES = (0.5, 10.0)
 """Range of the finger's force [N] on an arm that does not move."""
 DURATION = 0.6
-"""Length of a trial [s]. Assumed: two thirds of the motion are over, and most is decided long before."""
+"""Length of a trial [s]. Assumed: two thirds of the motion are over by then, and its direction is clear long
+before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,8 @@ def arm_trials_of(robot: Robot, reflex: WithdrawalReflex, *, count: int, seed: i
 
 
 def _moved(trace: Trace) -> np.ndarray:
-    """Returns how far (k,) [mm] the skin has moved away from the finger since the first command."""
+    """Returns the distance (k,) [mm] by which the skin has moved away from the finger since the first
+    command."""
     if not trace.commanded:
         return np.zeros(1)
     away = np.array(trace.away)[np.array(trace.time) >= trace.commanded[0][0]]

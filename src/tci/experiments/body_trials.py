@@ -35,7 +35,8 @@ def answerable(body: GenericBody, field: BodyField) -> list[str]:
 
 
 def deaf(reflex: BodyWithdrawal) -> BodyWithdrawal:
-    """Returns the reflex with thresholds of 1 MN, which no touch reaches: the part holds its posture."""
+    """Returns the reflex with thresholds of 1 MN, which no touch reaches, so that the part holds its
+    posture."""
     force = reflex.fields.force.model_copy(update={"threshold_n": 1e6, "saturation_n": 2e6})
     return replace(reflex, fields=reflex.fields.model_copy(update={"force": force}))
 
@@ -52,7 +53,7 @@ def body_trials_of(
 
     Yields one trial for each field and part. `stimulus` is the motion of the finger, by default `Stimulus()`;
     `seed` is that of the first trial, and each further trial adds 1. With `via` the reflex runs in another
-    process, which reaches the robot through that middleware. Raises what `poke_place` raises.
+    process, which reaches the robot through that middleware. Raises the errors of `poke_place`.
     """
     world, body = World(robot, seed=seed), GenericBody(robot)
     stimulus = stimulus or Stimulus()

@@ -21,9 +21,9 @@ HELD = 1e-9
 STOP_TOLERANCE = float(np.deg2rad(0.1))
 """Angle [rad] by which a simulated joint may exceed its end stop, since MuJoCo's stops are soft."""
 PUSHED = 0.01
-"""Fraction by which a simulated joint may exceed its speed limit; a command may not. A servo that fell behind
-catches up at the limit itself, and the finger that still presses pushes it on: the torso of a whole iCub was
-0.1 % too fast, at 0.9 of the limit in its commands. Assumed: ten times as much."""
+"""Fraction by which a simulated joint may exceed its speed limit; commands may not exceed it. A servo that
+lags catches up at the limit, and a finger that still presses can push it further: the torso of a whole iCub
+was too fast by 0.1 %, with commands of 0.9 of the limit. Assumed: ten times this value."""
 
 
 def command_violations(

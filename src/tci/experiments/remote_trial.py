@@ -1,8 +1,8 @@
 """A poke whose reflex runs in another process, and reaches the simulated robot through a middleware.
 
 Robot, gate and finger are in this process, served as `tci serve` serves them, in real time. The reflex has
-only the data that the middleware carries. Both processes run with real-time priority where the system permits
-it (`real_time`), as on a robot, so that the measured times are not those of other programs of the machine.
+only the data that the middleware carries. Both processes run with real-time priority if the system permits it
+(`real_time`), so that other programs do not affect the measured times.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ STARTING = 60.0
 """Longest time [s] for the other process to start, compile and connect. Assumed: the first compilation takes
 about half of it on two cores."""
 ENDED = "ended"
-"""Word for a process that says nothing any more."""
+"""Message that stands for the end of the other process."""
 APPEARING = 10.0
 """Longest time [s] until the served robot answers a connection. Assumed: discovery takes a few seconds over
 the slowest middleware."""
@@ -124,7 +124,7 @@ class RemoteTrial:
             raise DriverError(self._trouble(ENDED)) from error
 
     def _hear(self, wait: float) -> str:
-        """Returns what the other process says within `wait` [s], or nothing."""
+        """Returns the message of the other process within `wait` [s]; an empty text for none."""
         try:
             return str(self._pipe.recv()) if self._pipe.poll(wait) else ""
         except (EOFError, OSError):
@@ -189,8 +189,8 @@ def _patiently(robot: Robot, via: str) -> Driver:
 
 
 def answer(robot: Robot, reflex: Capability[Any], pipe: Connection) -> None:
-    """Main loop of the other process: receives an address, connects, and runs the reflex until the next
-    message; again and again."""
+    """Main loop of the other process: repeatedly receives an address, connects, and runs the reflex until the
+    next message."""
     while True:
         try:
             via = pipe.recv()

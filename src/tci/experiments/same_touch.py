@@ -1,7 +1,7 @@
 """Comparison of several robots' skins under equal pressure: perceived forces, and gains of the reflex.
 
-Round Gaussian touches are laid on each skin, as the raw counts that its taxels would send. Conditioning and
-contacts are those of a robot, so the areas, gaps and resolution of the taxels take part.
+For round Gaussian touches the raw counts of each skin's taxels are computed, and then processed by the usual
+conditioning and contacts. So the areas, gaps and resolution of the taxels are considered.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ FORCES = (0.3, 1.0, 3.0, 10.0)
 PLACES = 16
 """Number of places in each receptive field."""
 FELT = 2.0
-"""Least peak pressure [counts] on each skin for the touch to be felt on all: a deviation of one count may be
-rounding."""
+"""Least peak pressure [counts] on each skin for a touch that can be detected on all skins, since one count
+may be a rounding error."""
 LEARN, RATE = 100, 50.0
 """Number and rate [Hz] of the frames at rest in which the skin learns its noise."""
 STEP = 1e-4
-"""Time [s] from touch to touch. Assumed: so short that no estimation window ends, and each touch meets the
-skin as it was untouched."""
+"""Time [s] from touch to touch. Assumed: so short that no estimation window ends, so that the estimates do
+not change between touches."""
 PART = "left_arm"
 _TURNS = 2.0 * np.pi * np.concatenate([[0.0], np.arange(6) / 6.0, np.arange(12) / 12.0])
 _POINTS = np.repeat([0.0, 0.4, 0.8], (1, 6, 12)) * np.array([np.cos(_TURNS), np.sin(_TURNS)])
@@ -64,7 +64,8 @@ class SameTouch:
 def same_touch(
     bodies: Sequence[GenericBody], reflex: WithdrawalReflex, *, seed: int = 0
 ) -> tuple[SameTouch, ...]:
-    """Lays the same touches on the same places of each robot's left arm, in the inner half of each field.
+    """Computes equal touches at corresponding places of each robot's left arm, in the inner half of each
+    field.
 
     Places are those of the generic limb where every robot has skin; robots without any there are left out.
     """

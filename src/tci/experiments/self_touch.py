@@ -1,7 +1,7 @@
 """Self-touch in simulation: a robot touches one of its skins with the skin of its other arm.
 
-Postures come from kinematics within the servos' limits; other links are not in the way. Taxels are pressed
-where the surfaces overlap.
+Postures are computed by kinematics within the servos' limits, without considering collisions of other links.
+Taxels are pressed where the surfaces overlap.
 """
 
 from __future__ import annotations
@@ -31,15 +31,16 @@ DEPTH = 0.002
 PERIOD = 0.02
 """Period [s] of the skin."""
 REST, PRESSED = 3, 14
-"""Frames without and with a touch, so that one of a single taxel is felt too."""
+"""Numbers of frames without and with a touch, enough for a touch of a single taxel to become a contact."""
 SHARE = 0.3
-"""Fraction of its range that a pressed taxel reads. Assumed; only which ones are pressed counts."""
+"""Value of a pressed taxel as a fraction of its range. Assumed: its size has no influence, since only the
+pressed taxels are used."""
 ENCODER = np.deg2rad(0.1)
-"""Standard deviation [rad] of the angles that are read. Assumed: backlash of such robots."""
+"""Standard deviation [rad] of the measured angles. Assumed: the backlash of such robots."""
 NEAR = 0.0005
 """Largest distance [m] between the places that touch, for a posture to count."""
 TRIES = 30
-"""Largest number of postures tried for each touch. Assumed: one of some finds room within the limits."""
+"""Largest number of postures tried for each touch. Assumed: one of them is within the limits."""
 
 
 FACING, OBLIQUE = 0.003, 0.8
@@ -164,7 +165,7 @@ def _posture(body: GenericBody, patch: str, random: np.random.Generator) -> tupl
 
 
 def _apart(angles: Array, chain: KinematicChain, home: Array, moving: list[int], places: _Places) -> Array:
-    """Returns how far (6,) two taxels and their facing normals are from meeting."""
+    """Returns the differences (6,) of the positions of two taxels and of their facing normals."""
     position = home.copy()
     position[moving] = angles
     own, a, other, b = places
@@ -175,7 +176,7 @@ def _apart(angles: Array, chain: KinematicChain, home: Array, moving: list[int],
 
 
 def _pressed(body: GenericBody, position: Array, patch: str, other: str) -> dict[str, Array]:
-    """Returns for both patches which taxels (n,) lie inside the other's skin."""
+    """Returns for both patches a mask of the taxels (n,) that are inside the other skin."""
     surfaces = body.skin.surfaces
     one, two = surfaces[patch], surfaces[other]
     here, there = body.skin.kinematics.pose_array(position, (one.link, two.link))

@@ -35,10 +35,10 @@ class ChainSegment(Description):
 
 
 def chain_to(robot: Robot, link: str) -> tuple[ChainSegment, ...]:
-    """Returns the segments to a link, from the torso frame if the torso carries it, else from the root.
+    """Returns the segments to a link, from the torso frame if the torso carries the link, else from the root.
 
     The first segment is fixed: it is the pose of the torso's link in the torso frame, or the identity for the
-    root. Raises UnknownNameError for an unknown link, and what links_of raises.
+    root. Raises UnknownNameError for an unknown link, and the errors of links_of.
     """
     by_name = {found.name: found for found in links_of(robot)}
     assert robot.model is not None  # links_of has raised

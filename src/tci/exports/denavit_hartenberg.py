@@ -64,8 +64,8 @@ def denavit_hartenberg(
 ) -> DenavitHartenberg:
     """Computes DH parameters of the servos between torso and `link`.
 
-    Parallel axes have many common normals; the one that needs no offset d is taken. Raises UnknownNameError
-    for an unknown link, CommandError if no servo moves the link, for a prismatic joint, or for an unknown
+    Parallel axes have many common normals; the one without offset d is used. Raises UnknownNameError for an
+    unknown link, CommandError if no servo moves the link, for a prismatic joint, or for an unknown
     convention.
     """
     if convention not in ("classic", "modified"):

@@ -1,4 +1,4 @@
-"""The run-time query: all facts that another program may ask of a robot, as one object and as JSON.
+"""The run-time query: all facts about a robot for other programs, as one object and as JSON.
 
 SI units and radians, frames as in docs/conventions.md. `read_facts` reads and validates the JSON;
 `RobotFacts.model_json_schema()` describes it.
@@ -111,7 +111,7 @@ class PatchFacts(Description):
     area: float
     """Total area of its taxels [m2]."""
     cone: ConeFacts | None
-    """Fitted cone; None where no cone fits: skin on no limb, or too few taxels."""
+    """Fitted cone; None if no cone fits: skin without a limb, or too few taxels."""
     taxels: tuple[Taxel, ...]
 
 

@@ -52,7 +52,7 @@ class KinematicLink(Description):
 def links_of(robot: Robot) -> tuple[KinematicLink, ...]:
     """Returns all links, each after its parent. Joints without a servo are fixed at zero.
 
-    A link with several joints hangs on added links without inertia, one for each other joint and named after
+    For a link with several joints, links without inertia are added, one for each further joint, named after
     the link and that joint. Raises DescriptionError if the robot has no model, or the model lacks a joint.
     """
     if robot.model is None:

@@ -1,4 +1,4 @@
 """Gestures: sequences of postures in generic joints.
 
-They are recorded, or read from CSV and BVH files. The same gesture plays on any robot.
+They are recorded, or read from CSV and BVH files. One gesture can be played on any robot.
 """

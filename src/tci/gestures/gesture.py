@@ -1,7 +1,7 @@
 """Gestures: postures over time, recorded on one robot and fitted to any other.
 
-Arm angles of a gesture are given in the torso frame, so limbs point in the same direction in space whatever
-shoulder a robot has. Fitting finds, for every instant, the nearest posture within the robot's limits.
+Arm angles of a gesture are relative to the torso frame, so limbs point in equal directions in space for any
+shoulder. Fitting finds, for every instant, the nearest posture within the robot's limits.
 """
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ class Fitted:
     gesture: Gesture
     """The motion in the robot's own generic joints, every SAMPLE seconds (times `slower`)."""
     targets: Gesture
-    """Targets for the gate. They lead the gesture by half the stopping time, because the gate brings the
-    robot to rest at every target."""
+    """Targets for the gate. They are ahead of the gesture by half the stopping time, because the gate plans a
+    stop at every target."""
     slower: float
     """Factor by which the duration exceeds that of the original, so that no limit is violated; 1 if equal."""
     missed: Mapping[str, float]
@@ -153,9 +153,10 @@ def fit(robot: Robot, gesture: Gesture, *, exact: bool = True, share: float = SH
 
 
 def _leading(robot: Robot, part: str, gesture: Gesture, positions: Array) -> Array:
-    """Returns generic angles (k, n) [rad] that lead the gesture by the stopping distance of the servos.
+    """Returns generic angles (k, n) [rad] that are ahead of the gesture by the stopping distance of the
+    servos.
 
-    All stop in the same time T, that of the slowest servo, and each covers v T / 2 meanwhile.
+    All servos stop in the time T of the slowest one, and each moves by v T / 2 meanwhile.
     """
     servos = joint_map(robot, part).servos
     limits = [robot.servos[servo].limits for servo in servos]

@@ -1,5 +1,5 @@
 """Touch felt through joints: contacts on limbs without skin, from the torques of their joints.
 
-An observer finds the torques that come from outside, and an estimator the place and force that explain them.
-The result is an ordinary contact; where there is skin too, it gives the place and the joints the force.
+An observer computes external torques, and an estimator the place and force that explain them. The result is
+an ordinary contact; if there is also skin, the skin measures the place, and the joints improve the force.
 """

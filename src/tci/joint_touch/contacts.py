@@ -1,4 +1,5 @@
-"""Contacts felt through joints: begins, follows and ends them, and lets the joints weigh contacts on skin."""
+"""Begins, tracks and ends contacts that are felt through joints, and improves the forces of contacts on
+skin."""
 
 from __future__ import annotations
 
@@ -29,8 +30,8 @@ class JointTouchSettings:
     observer: ObserverSettings = field(default_factory=ObserverSettings)
     """Speed of the observer, and how well the robot's model is known."""
     begin: float = 4.5
-    """Least distance [standard deviations] from no contact at which one begins. Assumed; smaller feels
-    lighter touches, and errors of the model as touches."""
+    """Least distance [standard deviations] of the residual from zero at which a contact begins. Assumed: with
+    a smaller value lighter touches are detected, but errors of the model look like touches."""
     end: float = 3.0
     """Distance [standard deviations] below which a contact ends."""
     skin: float = 1.0
@@ -57,9 +58,9 @@ class _Touch:
 
 
 class JointTouch:
-    """Feels touches of one robot through its joints; holds the observer and the contacts that go on.
+    """Detects touches of one robot through its joints. Contains the observer and the current contacts.
 
-    It feels one contact on each part beside those on its skin. Identities count down from -1.
+    On each part it detects one contact in addition to those on skin. Identities count down from -1.
     """
 
     def __init__(
@@ -106,14 +107,14 @@ class JointTouch:
         return weighed
 
     def _place(self, contact: object) -> int:
-        return self.layout.places[contact.patch]  # type: ignore[attr-defined]
+        return self.layout.places[contact.patch]  # type: ignore[attr-defined]  # a contact
 
     def _feel(
         self, estimator: PartEstimator, residual: Residual, position: Array, forces: Array, skin: Skin
     ) -> Explanation | None:
-        """Returns the contact that the joints of one part feel.
+        """Returns the contact that is felt through the joints of one part.
 
-        Writes the `forces` (c,) [N] that they feel at the contacts on the part's skin."""
+        Writes the `forces` (c,) [N] of contacts on the part's skin, as measured by the joints."""
         rows, torques = [], []
         for row, contact in enumerate(self._on_skin):
             if contact.part == estimator.part:
@@ -154,7 +155,8 @@ class JointTouch:
 
 
 def _with_forces(contacts: Contacts, forces: Array) -> Contacts:
-    """Returns the contacts with other forces (c,) [N], which their taxels share as before."""
+    """Returns the contacts with other forces (c,) [N], distributed over their taxels in the previous
+    ratio."""
     if not len(contacts) or np.array_equal(forces, contacts.force):
         return contacts
     ratio = forces / contacts.force

@@ -1,8 +1,9 @@
 """Contact estimator: the place on a limb, and the force there, that explain the residuals of its joints.
 
-Every point of a surface felt through joints is a candidate. A force along the inward normal at one of them
-has one unknown, its size, which least squares give in the metric of the model's errors; the candidates'
-likelihoods follow. Sideways forces are left out: an arm's joints give fewer equations than they would need.
+Every point of a surface that is felt through joints is a candidate. For each candidate, a force along the
+inward normal has one unknown, its size. Least squares, weighted by the model's errors, give the size and the
+likelihood of the candidate. Tangential forces are neglected, because the joints of an arm give too few
+equations for them.
 """
 
 from __future__ import annotations
@@ -36,8 +37,7 @@ class Explanation:
     force: float
     """Force [N] along the inward normal."""
     gain: float
-    """Distance [standard deviations] of the residual from no contact at all, along the direction of this
-    one."""
+    """Distance [standard deviations] of the residual from zero, along the direction of this contact."""
     certainty: float
     """Probability (0..1) that the true place is within `REACH` of this one, by the model's errors."""
 
@@ -79,9 +79,9 @@ class PartEstimator:
     ) -> tuple[Array, Array]:
         """Returns the forces (m,) [N] of contacts at known places, and the residual (k,) that they leave.
 
-        `others` (m) are the torques (n_servos,) of 1 N at each place, `forces` (m,) [N] what the skin
-        measures there, with a relative error `share`. Both measurements count by their precision. The
-        residual is in standard deviations.
+        `others` (m) are the torques (n_servos,) of 1 N at each place, `forces` (m,) [N] the forces that the
+        skin measures there, with a relative error `share`. The two measurements are weighted by their
+        precision. The residual is in standard deviations.
         """
         weight = 1.0 / residual.deviation[self._servos]
         left = residual.torque[self._servos] * weight

@@ -1,7 +1,8 @@
-"""Momentum observer: the torque on each joint that neither motion, weight nor known friction explains.
+"""Momentum observer: computes the torque on each joint that is not explained by motion, weight or known
+friction.
 
 The discrete form is that of Orocos KDL's `ChainExternalWrenchEstimator`, after Haddadin, De Luca and
-Albu-Schaeffer (IEEE T-RO 33:1292, 2017). The residual follows the external torque as a first-order filter.
+Albu-Schaeffer (IEEE T-RO 33:1292, 2017). The residual follows the external torque like a first-order filter.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from tci.robot.joint_calibration import JointCalibration
 MOST = 0.2
 """Largest gain x period. A larger one makes the discrete filter overshoot (KDL's example uses the same)."""
 GAP = 0.1
-"""Longest time [s] between two readings. Assumed; after a longer one the observer starts anew, since the
-momentum that was lost in between can't be told from a touch."""
+"""Longest time [s] between two readings. After a longer time the observer starts anew, since an unobserved
+change of momentum can't be distinguished from a touch. Assumed: a few periods."""
 SLOW = 0.02
 """Speed [rad/s] below which dry friction is unknown. Assumed: a joint that sticks can hold any torque up to
 it."""
@@ -60,7 +61,7 @@ class Residual:
     torque: Array
     """Torque (n,) [N m] on each servo from outside."""
     deviation: Array
-    """Standard deviation (n,) [N m] that errors of the model explain; infinite for a servo without torque."""
+    """Standard deviation (n,) [N m] due to errors of the model; infinite for a servo without torque."""
 
 
 class MomentumObserver:
@@ -87,10 +88,10 @@ class MomentumObserver:
         self._inertia = self._integral = self._start = self._residual = np.zeros(0)
 
     def step(self, joints: JointReading) -> Residual | None:
-        """Takes a reading; returns the residual, or None for the first after a gap, without torques, and for
-        angles or speeds that are not finite.
+        """Processes a reading and returns the residual. Returns None for the first reading after a gap, for a
+        reading without torques, and for angles or speeds that are not finite.
 
-        A robot that does not report its gravity counts as upright and still.
+        A robot that does not report its gravity is assumed to be upright and at rest.
         """
         period, self._stamp = joints.stamp - self._stamp, joints.stamp
         position, velocity = joints.position, joints.velocity

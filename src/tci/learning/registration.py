@@ -48,5 +48,5 @@ class _Finder:
                 run(module)
                 register()
 
-            spec.loader.exec_module = run_and_register  # type: ignore[method-assign]
+            spec.loader.exec_module = run_and_register  # type: ignore[method-assign]  # on purpose
         return spec

@@ -66,11 +66,12 @@ def simulate(
     """Pokes a robot in `worlds` worlds, each for `duration` [s]; a world's seed sets arm, place and time.
 
     The skins of both arms, the capability (by default the withdrawal reflex) and the gate run in each world.
-    Worlds share nothing: equal arguments give equal runs on any number of `cores` (default: all), each a
-    process of its own. `sites` are the places (default: the reflex's fields); `step` [s] and `noise` [counts]
-    are those of `World`. A program that calls this from a file needs `if __name__ == "__main__":` around it.
+    Worlds are independent: equal arguments give equal runs on any number of `cores` (default: all). Each core
+    runs a separate process. `sites` are the places (default: the reflex's fields); `step` [s] and `noise`
+    [counts] are those of `World`. A program that calls this from a file needs `if __name__ == "__main__":`
+    around it.
 
-    Raises TciError for fewer than one world or core, no sites or no duration, and what a world raises.
+    Raises TciError for fewer than one world or core, no sites or no duration, and the errors of a world.
     """
     places = default_fields() if sites is None else tuple(sites)
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -39,8 +39,9 @@ CONTACT = 7
 """Number of values per contact: 1 on the forearm, 0 on the upper arm; u; sin and cos of theta; force and
 force of its strongest taxel [N]; area [cm2]. All are 0 in unused rows."""
 PAIN = 400e3
-"""Pressure [Pa] that counts as pain. Assumed: the order of magnitude that algometers find on arms; for
-thresholds at a given place and with a given tool see Behrens et al. 2022 (doi:10.3389/frobt.2021.667818)."""
+"""Pressure [Pa] that counts as pain. Assumed: the order of magnitude that algometers measure on arms; for
+thresholds at certain places and with certain tools see Behrens et al. 2022
+(doi:10.3389/frobt.2021.667818)."""
 EFFORT, TASK = 0.05, 1.0
 """Weights of effort and distance from the task in the reward; harm has weight 1. Assumed; larger weights make
 pain cheaper to accept."""
@@ -89,8 +90,9 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         """Args: `robot` by name or description; `part`, an arm with skin; `period` [s] of one step; `rate`
         [Hz] of commands to the robot; `step` [s] of the physics; `noise` [counts] of the skin.
 
-        The default rate is that of the frames of NAO's arm skin: between them no touch is new. Raises
-        TciError for another mode or touch, a part without skin or an invalid rate, and what World raises.
+        The default rate is the frame rate of NAO's arm skin, since no new touch can appear between frames.
+        Raises TciError for another mode or touch, a part without skin or an invalid rate, and what World
+        raises.
         """
         modes = {m.value: m for m in (Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE)}
         if mode not in modes:

@@ -49,7 +49,7 @@ class TaxelPaint:
         """Args: `positions` (n, 3) [m] and outward `normals` (n, 3) of the taxels, both in the world;
         `pressure` (n,) [Pa] on them; `radius` [m] of a dot.
 
-        A dot is drawn on the surface that the taxel lies on, so it is hidden where that surface is.
+        A dot is drawn on the surface under the taxel, so it is hidden if this surface is hidden.
         """
         self._tree = KDTree(positions)
         self._normals = normals

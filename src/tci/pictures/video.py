@@ -19,7 +19,7 @@ QUALITY = "20"
 def needs_video() -> None:
     """Raises MissingExtraError without the extra `video`."""
     with needs("a film as MP4", "video"):
-        import av  # noqa: F401
+        import av  # noqa: F401 - only to see that it is there
 
 
 def save_video(path: Path, pictures: Sequence[Image.Image], *, shown: float, last: float) -> None:

@@ -1,4 +1,4 @@
-"""Imports frames of taxels from arrays of any program: NPZ, MATLAB files (.mat) and CSV, by a mapping file.
+"""Imports frames of taxels from arrays of other programs (NPZ, MATLAB files, CSV), by a mapping file.
 
 The mapping (TOML) names the times and, for each patch, the values:
 

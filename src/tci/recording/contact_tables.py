@@ -1,7 +1,7 @@
-"""Tells the table of taxels that a contact list was recorded with, from the recorded geometric centres.
+"""Finds the table of taxels with which a contact list was recorded, from the recorded geometric centres.
 
-A contact lists its taxels and the mean of their positions in the recording robot's table. Any other table
-gives other means for the same taxels.
+A contact contains its taxels and the mean of their positions in the table of the recorded robot. With another
+table, the means of these taxels differ.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from tci.robot.skin_files.reader import read_layout
 from tci.skin.surfaces import Surface
 
 NEAR = 1e-3
-"""Distance [m] of a recorded centre up to which a table agrees. Assumed: tables are rounded to 0.5 mm, and
-those of two versions of an iCub's forearm are 2 mm apart or more (median)."""
+"""Largest distance [m] of a recorded centre for which a table agrees. Assumed: tables are rounded to 0.5 mm,
+and tables of two versions of an iCub's forearm differ by 2 mm or more (median)."""
 MOST = 0.9
 """Share of contacts that must agree. Assumed: 98 % do with the right table of an iCub's hand, 27 % with that
 of the other hand."""
@@ -49,7 +49,8 @@ class TableFit:
     """`unknown`: no contact has all its taxels on the robot's patch; `no patch`: the robot has none of that
     name."""
     tables: tuple[str, ...]
-    """Names of the given tables that the contacts were recorded with; those of two versions may agree."""
+    """Names of the given tables that agree with the recorded contacts. Tables of two versions may both
+    agree."""
 
 
 def read_tables(folder: Path) -> dict[str, Array]:

@@ -133,8 +133,8 @@ def joints_bytes(names: list[str], joints: JointReading) -> bytes:
 
 
 def imu_bytes(joints: JointReading) -> bytes:
-    """Encodes the acceleration of the robot's root link in an Imu, which says that it knows nothing else; NaN
-    if the robot no longer reports it."""
+    """Encodes the acceleration of the robot's root link in an Imu whose other fields are marked as unknown;
+    NaN if the robot no longer reports it."""
     unknown = [-1.0, *[0.0] * 8]  # as the ROS message defines it
     force = np.full(3, np.nan) if joints.gravity is None else -joints.gravity
     values = ((0.0, 0.0, 0.0, 0.0), unknown, (0.0, 0.0, 0.0), unknown, tuple(force.tolist()), [0.0] * 9)

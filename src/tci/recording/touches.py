@@ -11,8 +11,8 @@ from tci.frames import Array
 from tci.recording.perceived import Perceived
 
 PAUSE = 0.3
-"""Time [s] without contact that separates two touches. Assumed; shorter splits a touch that flickers, longer
-joins quick touches."""
+"""Time [s] without contact that separates two touches. Assumed: a shorter time would split a flickering
+touch, a longer one would join quick touches."""
 MOVED = np.deg2rad(0.5)
 """Change [rad] of a generic joint that counts as motion. Assumed: above encoder noise."""
 

@@ -25,7 +25,7 @@ from tci.errors import DriverError
 try:
     import fcntl
 except ModuleNotFoundError:  # pragma: no cover - on Windows
-    fcntl = None  # type: ignore[assignment]
+    fcntl = None  # type: ignore[assignment]  # the module is missing
 
 FOLDER = "TCI_LEASES"
 """Environment variable for another folder, such as one that containers share."""

@@ -13,7 +13,7 @@ from tci.skin.surfaces import Surface
 
 @dataclass(frozen=True, slots=True)
 class Imperfection:
-    """Deviations that a simulated sensor adds to what presses it; by default none.
+    """Deviations of a simulated sensor from an ideal one; by default none.
 
     No magnitudes are published for any of the robots' skins. `usual()` has assumed ones.
     """
@@ -21,7 +21,8 @@ class Imperfection:
     cross_talk: float = 0.0
     """Share of a taxel's signal that appears on all its neighbours together."""
     creep: float = 0.0
-    """Share of a signal by which it still grows under a constant load, and which remains after it."""
+    """Fraction by which a signal grows under a constant load; this part remains for a while after the
+    load."""
     creep_time: float = 10.0
     """Time constant [s] of creep."""
     hysteresis: float = 0.0
@@ -48,7 +49,7 @@ class Imperfection:
 
 
 class ImperfectTaxels:
-    """The signals of one patch with a sensor's imperfections. Holds what the foam remembers."""
+    """The signals of one patch with a sensor's imperfections. Contains the state of creep and hysteresis."""
 
     def __init__(self, surface: Surface, imperfection: Imperfection) -> None:
         self._own, count = imperfection, len(surface.areas)
@@ -62,8 +63,8 @@ class ImperfectTaxels:
         self._last: float | None = None
 
     def signal(self, pressed: Array, now: float) -> Array:
-        """Returns the deviations (n,) [counts] of the values that a perfect sensor under this load deviates
-        by `pressed` (n,) [counts], at time `now` [s], which does not fall."""
+        """Returns the deviations (n,) [counts] from rest at time `now` [s], given the deviations `pressed`
+        (n,) [counts] of an ideal sensor. Times must not decrease."""
         own = self._own
         elapsed = 0.0 if self._last is None else max(now - self._last, 0.0)
         self._last = now

@@ -13,10 +13,10 @@ from tci.simulation.physics import Physics
 
 
 class JointTorques:
-    """Torques between motors and links: what moves the links and holds them against their weight and touches.
+    """Torques between motors and links, which move the links and hold them against weight and touches.
 
-    A robot on a fixed base is simulated without weight, since its servos have no integral action; the torque
-    that holds it is added here.
+    A robot on a fixed base is simulated without weight, since its servos have no integral action; the torques
+    that would hold its weight are added here.
     """
 
     def __init__(self, physics: Physics, robot: Robot, *, stands: bool) -> None:

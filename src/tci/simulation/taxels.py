@@ -185,8 +185,8 @@ class Taxels:
 
 
 def _spread(surface: Surface) -> Array:
-    """Returns the area (n,) [m2] over which the force on each taxel's place is spread: its own and its share
-    of the gaps around it, which measure nothing."""
+    """Returns the area (n,) [m2] over which the force at each taxel is spread: the taxel's own area plus its
+    share of the surrounding gaps, which measure nothing."""
     column = float(np.interp(np.log(width(surface.areas)), np.log(WIDTHS), np.arange(len(WIDTHS))))
     low = min(int(column), len(WIDTHS) - 2)
     narrow, wide = fill_factors(surface)[:, low : low + 2].T

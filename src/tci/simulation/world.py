@@ -56,9 +56,9 @@ class World:
         tip: float = RADIUS,
     ) -> None:
         """Args: `step` [s] of the physics; `period` [s] between two targets of the servos, by default the
-        description's; `noise` [counts], the standard deviation of raw skin values; `imperfection`, what
-        the skin's sensors add to them; `skin`, True for all patches, False for none, or the names of patches;
-        `tip` [m], the radius of the finger's tip, which may also stand for a ball in a hand.
+        description's; `noise` [counts], the standard deviation of raw skin values; `imperfection`, what the
+        skin's sensors add to them; `skin`, True for all patches, False for none, or the names of patches;
+        `tip` [m], the radius of the finger's tip, which can also represent a ball in a hand.
 
         `posture` gives generic angles [rad] at the start by generic part; other parts start at their initial
         posture. A robot that `stands` carries its weight on a floor, which only its soles touch, and may

@@ -113,8 +113,8 @@ class Viewer:
                 self.playback.update()
 
     def poke(self, key: str, place: Place) -> None:
-        """Pokes a robot's skin with the sliders' settings and, if selected, the same place on the other
-        robots."""
+        """Pokes a robot's skin with the settings of the sliders and, if selected, the corresponding place on
+        the other robots."""
         touched = self.sources[key]
         self._poke(touched, place)
         if self._everywhere is None or not self._everywhere.value or touched.view is None:

@@ -1,4 +1,5 @@
-"""Access control of the web server: it serves its own page only, and other machines only with a token.
+"""Access control of the web server: it accepts requests only from its own page, and from other machines only
+with a token.
 
 Another web site in the same browser could send requests to a server on the loopback interface, by its own
 name or through DNS rebinding. Therefore every request must name a host that is this machine, and every web
@@ -221,12 +222,12 @@ def open_server(
 
     # viser has no hook for a check, and takes the next port if one is in use.
     with _patching:
-        websockets.asyncio.server.serve = serve_guarded  # type: ignore[assignment,misc]
+        websockets.asyncio.server.serve = serve_guarded  # type: ignore[assignment,misc]  # see above
         try:
             with redirect_stdout(StringIO()):  # the library's banner names an address without the token
                 server = viser.ViserServer(host=host, port=bound, label=label, verbose=False)
         finally:
-            websockets.asyncio.server.serve = serve  # type: ignore[misc]
+            websockets.asyncio.server.serve = serve  # type: ignore[misc]  # see above
     if not guarded:
         server.stop()
         raise TciError("this version of viser opens its server unguarded; install the one that tci names")

@@ -1,4 +1,4 @@
-"""Play, pause, seek and speed of the recordings on the page. All recordings share one time."""
+"""Play, pause, seek and speed of the recordings on the page. All recordings are synchronised."""
 
 from __future__ import annotations
 

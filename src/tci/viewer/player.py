@@ -1,4 +1,4 @@
-"""A recording as views: played, paused, at any time, slower or faster."""
+"""Shows a recording as views: plays, pauses, seeks, at any speed."""
 
 from __future__ import annotations
 

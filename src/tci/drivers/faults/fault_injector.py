@@ -1,7 +1,7 @@
-"""Fault injection: a driver around any other driver that corrupts its data from a given time on.
+"""Fault injection: a driver that wraps another driver and corrupts its data from a given time on.
 
-The inner driver, its gate and its robot stay unchanged; the injector changes readings and writes only. Users
-can test their own behaviours with the faults that TCI's tests use (docs/reliability.md).
+The inner driver, its gate and its robot stay unchanged; the injector changes only what is read and written.
+Users can test their own behaviours with the faults that TCI's tests use (docs/reliability.md).
 """
 
 from __future__ import annotations
@@ -64,8 +64,8 @@ class FaultInjector(DriverWrapper):
     """A driver with faults. It shares the inner driver's gate, clock and lease."""
 
     def __init__(self, inner: Driver, plans: Sequence[FaultPlan], *, flicker: float = 0.0) -> None:
-        """Adds noise of `flicker` counts (standard deviation) to each raw value of the skin, as real sensors
-        have and simulated ones lack: without noise a dead taxel can't be told from one at rest."""
+        """Adds noise of `flicker` counts (standard deviation) to each raw value of the skin. Real sensors
+        have noise; without it, a dead taxel can't be distinguished from a taxel at rest."""
         super().__init__(inner)
         self._flicker, self._random = flicker, np.random.default_rng(0)
         self._frames: dict[str, SkinFrame] = {}
@@ -76,7 +76,7 @@ class FaultInjector(DriverWrapper):
         self._start: float | None = None
 
     def inject(self, plan: FaultPlan) -> None:
-        """Adds a fault; its time counts from now on. Call it from the loop's own thread."""
+        """Adds a fault; its start time is relative to now. Call it from the thread of the loop."""
         since = 0.0 if self._start is None else self.clock.now() - self._start
         self._waiting.append(replace(plan, at=plan.at + since))
         self._waiting.sort(key=lambda waiting: waiting.at)
@@ -108,7 +108,7 @@ class FaultInjector(DriverWrapper):
         return frozen
 
     def _flickering(self, frame: SkinFrame) -> SkinFrame:
-        """Returns the frame with noise: the same noise each time that the frame is read."""
+        """Returns the frame with noise. If a frame is read again, the noise is equal."""
         sensor = self.robot.patch(frame.patch).sensor
         if sensor.highest - sensor.lowest < SWITCH:
             return frame

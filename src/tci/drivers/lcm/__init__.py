@@ -1,1 +1,1 @@
-"""LCM: robots served and commanded over its datagrams."""
+"""Robots that are served and commanded over LCM."""

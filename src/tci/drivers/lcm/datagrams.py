@@ -1,12 +1,12 @@
 """LCM's datagrams, sent and read without LCM's own library.
 
-Damaged datagrams crash the library's receiver, and it joins the group on the interface of the default route,
-which may be a public network.
+LCM's own library is not used for two reasons: damaged datagrams crash its receiver, and it joins the group on
+the interface of the default route, which may be a public network.
 
-A message is one datagram: `LC02`, its number, the channel and a zero, its bytes; or several: `LC03`, its
-number, its size, the offset of this piece, its index and the number of pieces; the first piece begins with
-the channel. All numbers are big-endian. Each sender numbers its messages consecutively, so losses are
-detected.
+A short message is one datagram: `LC02`, the message number, the channel and a zero, the bytes of the message.
+A long message consists of several datagrams: `LC03`, the message number, the size of the message, the offset
+of this piece, its index and the number of pieces; the first piece begins with the channel. All numbers are
+big-endian. Each sender numbers its messages consecutively, so losses are detected.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ URL = "udpm://239.255.76.67:7667?ttl=0"
 """LCM's own default: this machine only."""
 VALID = f"valid: {URL}; with ttl=1 everybody on the local network may read and command"
 PER_POLL = 1024
-"""Datagrams read per call. Assumed: more than can wait, so that the latest is found, but a flood costs a
-bounded time."""
+"""Largest number of datagrams read per call. Assumed: more than usually wait, so that the latest is found,
+and few enough to bound the time in case of a flood."""
 BUFFER = 1 << 18
 """Size [bytes] of the system's send and receive buffers. Assumed: twice the longest message."""
 LONGEST = 1 << 17
@@ -36,11 +36,11 @@ SENDERS = 64
 PATIENCE = 0.1
 """Longest time [s] from the first to the last piece of a message. Assumed: pieces are sent at once."""
 PIECE = 65_487 if sys.platform == "linux" else 1435
-"""Bytes of a message that one datagram carries, as in LCM: other systems refuse longer ones."""
+"""Largest number of bytes of a message in one datagram, as in LCM, since some systems refuse longer ones."""
 _SHORT, _LONG = struct.Struct(">4sI"), struct.Struct(">4sIIIHH")
 IP_MULTICAST_ALL = 49
-"""Linux's option, which Python does not define: by default a socket also gets what arrives on interfaces on
-which another program joined the group."""
+"""Linux's option, which Python does not define. By default, a socket also receives messages from interfaces
+on which another program joined the group."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ class Datagrams:
         self._clock = clock
         self._senders: dict[object, _Sender] = {}
         self.lost = 0
-        """Number of messages that were sent and never arrived."""
+        """Number of messages that were lost."""
         self.rejected = 0
         """Number of datagrams that were damaged, duplicates, or part of a message that was never complete."""
 

@@ -7,8 +7,9 @@
 | `tci/NAME/facts` | `tci_lcm.facts_t`: the robot's facts, once a second | robot |
 | `tci/NAME/orders` | `tci_lcm.orders_t`: orders and heartbeat, in every period | behaviour |
 
-Every member of the multicast group may command the robot: LCM has no passwords. The group is joined on the
-loopback interface; a URL with ttl=1 opens the robot to the whole local network. Over a network use Zenoh.
+Every member of the multicast group may command the robot, since LCM has no passwords. By default the group is
+joined on the loopback interface; a URL with ttl=1 opens the robot to the whole local network. For a network
+use Zenoh.
 """
 
 from __future__ import annotations
@@ -56,8 +57,8 @@ class _Bus:
         self._works = False
 
     def put(self, name: str, data: bytes) -> None:
-        """Sends a message to the channel of that name. During a network failure it is lost without an error.
-        Raises DriverError if nothing could ever be sent."""
+        """Sends a message to the channel of that name. During a network failure the message is lost without
+        an error. Raises DriverError if no message could ever be sent."""
         try:
             self.transmitter.send(f"{self._prefix}/{name}", data)
             self._works = True
@@ -170,8 +171,8 @@ class LcmServer(RemoteServer):
         self._bus = _Bus(self._where)
         self._homes: dict[int, Address] = {}
         self.rejected = 0
-        """Number of messages that were no orders for this robot, or used the name of a commander
-        elsewhere."""
+        """Number of messages that were not orders for this robot, or used the name of a commander at another
+        address."""
         self._facts, self._due = facts_bytes(driver.robot), -float("inf")
         self._open = True
 

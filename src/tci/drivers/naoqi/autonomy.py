@@ -1,7 +1,8 @@
 """Autonomous motions and reflexes of a NAO, which interfere with a behaviour.
 
-Nothing is switched silently. A driver that may move refuses to while something else moves the same joints; on
-request it switches that off and, when it is closed, on again. The robot's own reflexes are left unchanged.
+An armed driver refuses to connect while an autonomous motion moves the joints. On request it switches these
+motions off, and on again when it is closed; nothing is switched without a request. The robot's own reflexes
+are not changed.
 """
 
 from __future__ import annotations
@@ -29,18 +30,17 @@ REFLEXES = {
     "getSmartStiffnessEnabled": "smart stiffness (lowers stiffness at rest)",
     "getFallManagerEnabled": "the fall manager (lets go when it believes to fall)",
 }
-"""Methods of ALMotion that tell if a reflex is on, and the reflex each stands for."""
+"""Methods of ALMotion that return if a reflex is on, each with a description of the reflex."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mover:
-    """Something that moves joints by itself. It holds names only, so it stays valid after its session
-    ended."""
+    """An autonomous motion. The object contains only names, so it stays valid after its session has ended."""
 
     name: str
     """Description for messages."""
     service: str
-    """Service that it belongs to."""
+    """Service with the methods that switch it."""
     method: str
     """Method that switches it."""
     off: tuple[Any, ...]
@@ -50,7 +50,7 @@ class Mover:
 
     @property
     def switch(self) -> tuple[str, str, tuple[Any, ...]]:
-        """Key that is the same for every state in which it was on."""
+        """Key of this motion, equal for every state in which the motion was on."""
         return self.service, self.method, self.off
 
     def turn(self, session: Any, arguments: tuple[Any, ...]) -> None:
@@ -65,8 +65,8 @@ def present(session: Any) -> list[str]:
 
 
 def movers(session: Any, motion: Any, chains: list[str]) -> list[Mover]:
-    """Returns what moves joints of the robot's `chains` by itself now. Services that a robot lacks are
-    skipped."""
+    """Returns the autonomous motions that now move joints of the robot's `chains`. Services that a robot
+    lacks are skipped."""
     found = []
     state = _ask(_service(session, LIFE), "getState")
     if isinstance(state, str) and state != LIFE_OFF:
@@ -116,7 +116,7 @@ class Lookout:
     never blocks."""
 
     def __init__(self, session: Any, *, was_off: bool) -> None:
-        """Takes `was_off`: autonomous life was off, or not started yet, and is not just ending."""
+        """Takes `was_off`, which is True if autonomous life was off or not started, and not about to end."""
         self._session, self._was_off = session, was_off
         self._question = getattr(_service(session, LIFE), "getState", None)
         self._answer: Any = None

@@ -18,10 +18,10 @@ from tci.robot.joint_calibration import joint_calibration
 
 
 class Board:
-    """The latest values in both directions; nothing waits and nothing queues."""
+    """The latest values in both directions. No caller waits, and no values are queued."""
 
     def __init__(self, robot: Robot, first: Reading) -> None:
-        """Takes as `first` the reading from before the robot is served."""
+        """Takes `first`, a reading from before the robot is served."""
         self.robot = robot
         self.measured: list[float] = first.joints.position.tolist()
         """Measured angles [rad] of all servos."""
@@ -58,8 +58,8 @@ class Board:
         self.gate = [sent.state.value, text_of(sent.reason)]
 
     def take(self) -> Sequence[Order]:
-        """Returns the latest order for each servo and removes them; older ones that were not taken are
-        dropped. The loop calls it."""
+        """Returns the latest order for each servo and removes these orders; older orders are dropped. The
+        loop calls it."""
         with self._lock:
             moves, shares = self._moves, self._shares
             self._moves, self._shares = {}, {}

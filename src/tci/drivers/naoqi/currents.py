@@ -1,8 +1,8 @@
 """Torques from the currents of a NAO's motors.
 
-NAOqi gives amperes. Neither their sign nor the constants of motors and gears are published: a constant is a
-setting of each joint (`JointCalibration.amperes`), and a motor pushes towards its commanded angle, as its
-position controller makes it.
+NAOqi reports amperes. Neither their sign nor the constants of motors and gears are published. So the constant
+is a setting of each joint (`JointCalibration.amperes`), and a motor is assumed to push towards its commanded
+angle, as a position controller does.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Currents:
     """The currents of those servos whose constant is known."""
 
     def __init__(self, robot: Robot, names: Sequence[str]) -> None:
-        """Takes the robot's own `names` (n,) of its joints. Raises what `joint_calibration` raises."""
+        """Takes the robot's own `names` (n,) of its joints. Raises the errors of `joint_calibration`."""
         known = joint_calibration(robot).amperes
         servos = [servo.index for servo in robot.servos if servo.name in known]
         self._count, self._servos = len(robot.servos), np.array(servos, dtype=np.intp)

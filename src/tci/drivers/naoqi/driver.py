@@ -27,14 +27,14 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 PATIENCE = 0.9
-"""Fraction of a period for which a reading is waited for; then the previous one counts. Assumed: the rest is
-for the computation."""
+"""Fraction of a period for which `read` waits for a new reading before it returns the previous one. Assumed:
+the rest is for computations."""
 SWITCH_ON = 0.3
 """Time [s] within which a servo must report the stiffness that it was sent. Assumed: several queries of
 `poller.SLOW`."""
 LAST = 10.0
-"""Longest time [s] that closing waits for a new connection to finish switching movers off, before it switches
-them on again. Assumed: twice `autonomy.PATIENCE`."""
+"""Longest time [s] that closing waits until a new connection has switched autonomous motions off, before
+closing switches them on again. Assumed: twice `autonomy.PATIENCE`."""
 
 
 class NaoqiDriver(Driver):
@@ -49,9 +49,9 @@ class NaoqiDriver(Driver):
 
         An armed driver refuses a robot that moves by itself (autonomous life, breathing, ...); with
         `?life=off` after the address it switches these motions off until it is closed. Each new connection is
-        checked like the first: its autonomous motions are switched off too, or stop the gate.
+        checked like the first one: autonomous motions are switched off too, or the gate stops.
 
-        Raises DriverError when the robot can't be reached, is another one, or moves by itself.
+        Raises DriverError if the robot can't be reached, does not fit the description, or moves by itself.
         """
         self.where = parse_address(address)
         clock, lease_name = MonotonicClock(), f"naoqi:{numeric(self.where.host)}:{self.where.port}"
@@ -200,7 +200,8 @@ class NaoqiDriver(Driver):
         self._lookout = autonomy.Lookout(services.session, was_off=was_off)
 
     def _restore(self) -> None:
-        """Switches on what was switched off, in a new session if this one ended; warns of what stays off."""
+        """Switches on the motions that were switched off, in a new session if this one has ended. Warns about
+        those that stay off."""
         found, services = list(self._switched.values()), self._poller.services
         left: list[str] = []
         try:

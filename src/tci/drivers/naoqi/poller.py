@@ -1,4 +1,4 @@
-"""A thread that requests joints, skin and touch from NAOqi, and reconnects after the robot was away."""
+"""A thread that requests joints, skin and touch from NAOqi, and reconnects after a lost connection."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ EARLY, LATE = 0.0005, 0.0025
 """Window [s] before and after the time of a skin frame in which the frame is requested. Assumed; a wider one
 asks more often, a narrower one misses late frames."""
 STEP = 0.001
-"""Largest assumed age [s] of a frame that is already there at the first request."""
+"""Assumed largest age [s] of the frame that the first request returns."""
 FIRST = 0.003
 """Time [s] before a skin frame is due within which it is requested before the joints. Assumed: the length of
 the window of `EARLY` and `LATE`."""
@@ -58,9 +58,9 @@ class Poller:
         self, robot: Robot, address: Address, clock: Clock, *, joints: bool, skin: bool,
         greet: Callable[[Services], None], glance: Callable[[], None],
     ) -> None:  # fmt: skip
-        """Connects, and requests data once. `greet` is called in the thread with each later connection,
-        before the robot counts as back; if it raises DriverError, another connection is made. `glance` is
-        called there after each answer, for tasks without a deadline. Raises DriverError."""
+        """Connects, and requests data once. The thread calls `greet` for each later connection, before the
+        robot counts as connected; if `greet` raises DriverError, the thread connects again. It calls `glance`
+        after each answer, for tasks without a deadline. Raises DriverError."""
         self.robot, self.address, self.clock = robot, address, clock
         self._greet, self._glance = greet, glance
         binding = robot.binding(words.MIDDLEWARE)
@@ -98,7 +98,7 @@ class Poller:
             raise
         self._known, self._look, self._back = dict(self._asks), -np.inf, np.inf
         self.generation = 0
-        """Increases with each new connection, and each time that the robot was away for long."""
+        """Number that increases with each new connection, and after each long time without answers."""
         self._wanted, self._fresh = threading.Event(), threading.Event()
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"naoqi {address.host}", daemon=True)
@@ -179,7 +179,8 @@ class Poller:
         self.counts["reconnections"] += 1
 
     def _look_again(self) -> None:
-        """Looks again for skin that was there at first: its publisher may start later than NAOqi."""
+        """Searches again for skin that was found at the first connection, since its publisher may start later
+        than NAOqi."""
         lost = {p: self.keys[p] for p, keys in self._known.items() if self._asks.get(p) != keys}
         if lost and self.clock.now() >= self._look:
             self._look = self.clock.now() + GONE

@@ -1,8 +1,8 @@
 """`tci serve nao --via naoqi`: any NAO, such as the simulated one, as a NAOqi service over a real socket.
 
-Its clients are any programs that use NAOqi through `qi`. Joints move as ALMotion moves them, to the latest
-target at a fraction of the top speed, but behind this process's gate. There is no login, so by default it
-listens on this machine only.
+Its clients are any programs that use NAOqi through `qi`. As with ALMotion, joints move to the latest target
+at a fraction of the top speed, but through the gate of this process. There is no login, so by default only
+this machine can connect.
 """
 
 from __future__ import annotations

@@ -18,8 +18,8 @@ from tci.drivers.naoqi.board import Board
 from tci.robot.description import Servo
 
 SETTLED = 0.01
-"""Distance [rad] from its target at which a blocking motion has arrived. Assumed: 0.6 degrees; with backlash
-a smaller one may never be reached."""
+"""Distance [rad] from its target at which a blocking motion has arrived. Assumed: 0.6 degrees; because of
+backlash, a smaller distance may never be reached."""
 LONGEST = 1000
 """Largest number of joints or keys in one call."""
 

@@ -1,8 +1,9 @@
 """Continuous motion with ALMotion: new target angles in each period.
 
-ALMotion comes to rest at each target unless the next one arrives earlier (libqi issue 29). Therefore a moving
-servo is sent its position two of ALMotion's own periods ahead, at a speed that does not reach it before then;
-the last target is the position where it stops. If the stream breaks, the robot goes no further than that.
+ALMotion comes to rest at each target unless the next one arrives earlier (libqi issue 29). Therefore the
+target of a moving servo is its planned position two of ALMotion's periods later, with a speed that does not
+reach it earlier. The last target is the position at which the servo stops. If the stream is interrupted, the
+robot stops at the latest target.
 """
 
 from __future__ import annotations
@@ -20,12 +21,12 @@ AHEAD = 2.0 * CYCLE
 """Time [s] ahead of its reference for which a servo's position is sent, on the path that the gate has
 planned. Assumed: two of ALMotion's periods."""
 CATCH_UP = 0.05
-"""Time [s] in which a servo's speed takes it to its target, from its measured position or the previous
-target, whichever is farther. Assumed: a little more than AHEAD, so that it neither arrives before the next
-target comes nor lags far behind."""
+"""Time [s] in which a servo reaches its target at the sent speed, from its measured position or from the
+previous target, whichever is farther. Assumed: a little more than AHEAD, so that the servo neither arrives
+before the next target nor lags far behind."""
 LEAST = 0.02
-"""Smallest fraction of the top speed that is sent: with zero a servo would never arrive. Assumed; a larger
-one makes slow motions jerky."""
+"""Smallest fraction of the top speed that is sent, since at zero a servo would never arrive. Assumed: a
+larger fraction makes slow motions jerky."""
 EVERY = 0.01
 """Shortest time [s] between two targets of a moving servo: NAO's device cycle."""
 SAME = 1e-5
@@ -78,8 +79,8 @@ class Stream:
             self._running |= dict.fromkeys(chosen, call)
 
     def _free(self, servo: int) -> bool:
-        """Returns True if the robot has accepted the previous target; otherwise this one waits, and only the
-        latest counts."""
+        """Returns True if the robot has accepted the previous target. Otherwise the new target waits, and
+        only the latest one is sent."""
         running = self._running.get(servo)
         if running is None:
             return True

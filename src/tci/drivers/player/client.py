@@ -1,4 +1,4 @@
-"""A client of a Player server: it waits for answers while connecting, and never afterwards."""
+"""A client of a Player server. It waits for answers only while connecting."""
 
 from __future__ import annotations
 
@@ -98,8 +98,8 @@ class Client:
         return found
 
     def send(self, message: Message) -> bool:
-        """Sends a message; returns False if it would have to wait and was dropped, since the next one is
-        newer."""
+        """Sends a message without waiting. Returns False if the message was dropped because sending would
+        have to wait."""
         data = message.to_bytes()
         try:
             self._socket.setblocking(False)
@@ -179,6 +179,6 @@ class Client:
         return data
 
     def _acknowledge(self) -> None:
-        """Acknowledges data at once: a server with Nagle's algorithm on would wait 40 ms for it."""
+        """Acknowledges data immediately, since a server with Nagle's algorithm would otherwise wait 40 ms."""
         if hasattr(socket, "TCP_QUICKACK"):
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)

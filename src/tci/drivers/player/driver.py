@@ -1,7 +1,7 @@
-"""`player:[HOST][:PORT]`: a robot behind a Player server, or one that another TCI process serves as such.
+"""`player:[HOST][:PORT]`: a robot behind a Player server, which may be another TCI process.
 
 actarray:N are the joints of the robot's N-th part, opaque:N is the skin of its N-th patch; the binding may
-give other numbers. Devices from opaque:99 on carry the protocol between TCI processes (`remote`).
+set other numbers. Devices from opaque:99 on are used for the protocol between TCI processes (`remote`).
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ class PlayerDriver(RemoteDriver):
     """A driver of a robot behind a Player server."""
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = False, wait: float = WAIT) -> None:
-        """Connects. Raises DriverError for no server, for missing devices, and when their data does not
-        arrive."""
+        """Connects. Raises DriverError if there is no server, if devices are missing, and if their data does
+        not arrive."""
         host, port = parse(address)
         super().__init__(robot, middleware="player", place=f"{host}:{port}", arm=arm)
         self._devices = numbers(robot)

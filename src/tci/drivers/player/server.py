@@ -62,8 +62,8 @@ BACKLOG = 128
 """Largest number of connections that wait and that are accepted in one period. Assumed: bounds the time that
 a flood costs."""
 MOST_WAITING = 1 << 16
-"""Bytes that may wait for a slow client before it gets no more data. Assumed: bounds memory, and the age of
-what it gets."""
+"""Largest number of bytes that may wait for a slow client; beyond it the client gets no further data.
+Assumed: bounds memory, and the age of the data."""
 MOST_OWED = 1 << 20
 """Bytes that may wait for a client before it is disconnected, since replies are never dropped. Assumed:
 bounds memory."""
@@ -82,10 +82,10 @@ class _Client:
     devices: set[tuple[int, int]] = field(default_factory=set)
     sequence: int = 0
     asked: bool = False
-    """True if it waits for the end of a batch of data, as clients in pull mode do."""
+    """True if the client waits for the end of a batch of data (pull mode)."""
 
     def send(self, message: Message) -> None:
-        """Queues a message, except data for a slow client. Raises FrameError when too much waits."""
+        """Queues a message; drops data for a slow client. Raises FrameError if too many bytes are queued."""
         if message.kind == Kind.DATA and len(self.out) > MOST_WAITING:
             return
         if len(self.out) > MOST_OWED:

@@ -26,7 +26,7 @@ class _Member:
 
     name: str
     last_message: float
-    """Arrival time [s] of its last message that answers a fresh state."""
+    """Arrival time [s] of its last message that is the reply to a recent state."""
     sequence: int = 0
     acknowledged: int = 0
     refused: int = 0
@@ -39,9 +39,9 @@ class _Member:
 class CommandArbiter:
     """The processes that command one robot.
 
-    A message is accepted only if it answers a state of this session that is at most `silence` [s] old and
-    that its sender received after it last left: delayed or recorded messages move nothing. While a commander
-    is silent for longer, or its own gate holds, the robot holds.
+    A message is accepted only if it is the reply to a state of this session that is at most `silence` [s]
+    old, and that its sender received after it last disconnected. So delayed or recorded messages move
+    nothing. The robot holds while a commander is silent for longer, or while the commander's own gate holds.
     """
 
     def __init__(
@@ -83,8 +83,7 @@ class CommandArbiter:
             self._forget(message.client, Reason(Code.COMMANDER_LEFT, f"{member.name} has disconnected"))
 
     def fault(self) -> Reason | None:
-        """Returns the reason why the robot should hold: a commander that is silent, holds itself, or has just
-        left."""
+        """Returns a reason to hold: a commander is silent, its gate holds, or it has just disconnected."""
         now = self._clock()
         reason, self._left = self._left, None
         for client, member in list(self._members.items()):

@@ -1,4 +1,5 @@
-"""Controllers of a robot that is served in another middleware's own protocol; each takes orders for one part.
+"""Controllers of a robot that is served in the protocol of another middleware. Each accepts orders for one
+part.
 
 Each counts as one commander among the TCI processes, so a joint is commanded by one of them at a time.
 """
@@ -23,7 +24,7 @@ from tci.reasons import Reason
 from tci.robot.description import Robot, Servo
 
 KEEP = 1.0
-"""Time [s] after its last order for which a part stays under command, so that it comes to rest. Assumed:
+"""Time [s] for which a part stays under command after its last order, so that it comes to rest. Assumed:
 longer than a stop takes."""
 MOST = 16
 """Largest number of messages that are handled between two periods. Assumed: a client sends about one in each
@@ -139,7 +140,7 @@ def values_order(robot_part: str, servos: tuple[Servo, ...], data: Any) -> Platf
 
 
 def movable(order: PlatformCommand, robot: Robot) -> PlatformCommand:
-    """Removes the joints that the gate never moves; a message for a whole part contains them too."""
+    """Removes joints that the gate can't move, since a message for a whole part contains them too."""
     limits = (robot.servos[servo].limits for servo in order.servos)
     known = [None not in (s.lower, s.upper, s.velocity, s.acceleration, s.jerk) for s in limits]
     return position_order(order.servos[known], order.values[known])

@@ -41,9 +41,9 @@ delay is a late arrival. Assumed: many periods of the states."""
 
 
 class RemoteDriver(Driver):
-    """A robot that another TCI process owns and serves. The gate of this driver is the behaviour's own: it
-    refuses commands early, and leaves checks of collisions and of following errors to the robot's gate. If
-    one of the two gates holds, both do.
+    """A robot that another TCI process owns and serves. The gate of this driver belongs to the behaviour's
+    process: it refuses commands early. The robot's gate checks collisions and following errors. If one of the
+    two gates holds, both hold.
 
     A subclass transfers messages in `_poll` and `_put`, and calls `_wait` at the end of its `__init__`.
     Stamps are on this process's clock: delays of the transport count as age.
@@ -52,8 +52,8 @@ class RemoteDriver(Driver):
     def __init__(
         self, robot: Robot, *, middleware: str, place: str, arm: bool, clock: Clock | None = None
     ) -> None:
-        """Prepares the connection; `place` is the robot's address, for messages. Raises UnknownNameError
-        without a binding."""
+        """Prepares the connection; `place` is the robot's address, for messages. Raises UnknownNameError if
+        the description has no binding."""
         self.client = secrets.randbits(62) + 1
         """Number of this driver."""
         super().__init__(
@@ -89,7 +89,8 @@ class RemoteDriver(Driver):
         """Sends orders to the robot's process."""
 
     def _use_full_gate(self, lease_name: str) -> None:
-        """Changes to a robot that no TCI process owns: this process then has the full gate and the lease."""
+        """Changes to direct control of a robot that no TCI process owns: this process then has the full gate
+        and the lease."""
         gate = Gate(self.robot, period=self.period, stale_after=self.gate.stale_after)
         self.info = replace(self.info, gate=gate, lease_name=lease_name)
 
@@ -180,8 +181,8 @@ class RemoteDriver(Driver):
         self._send_orders(state, None if theirs else safe.reason, leaving=False)
 
     def _halt(self) -> None:
-        """Drops pending orders and asks the robot's process to hold until it does. Without a connection it
-        holds by itself."""
+        """Drops pending orders, and requests a hold until the robot's process holds. Without a connection,
+        the robot's process holds by itself."""
         if self._state is None or not self._sequence:
             return
         self._pending.clear()

@@ -1,7 +1,8 @@
-"""The messages of `remote` as bytes: a checked envelope around ROS 2's CDR, which any ROS tool can read.
+"""The messages of `remote` as bytes: ROS 2's CDR, which any ROS tool can read, after a header with a check
+sum.
 
 Envelope: `TCI3`, kind (1 byte), 8 bytes of the description's SHA-256, CRC-32 of all that follows and of the
-13 bytes before. Anything that does not fit is refused before it is decoded.
+13 bytes before. A message that does not fit is refused before it is decoded.
 """
 
 from __future__ import annotations

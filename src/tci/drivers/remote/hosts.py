@@ -7,12 +7,12 @@ from ipaddress import ip_address
 
 
 def numeric(host: str) -> str:
-    """Returns the numeric address of a host, the same for each of its names; 127.0.0.1 for every loopback
+    """Returns the numeric address of a host, which is equal for all its names; 127.0.0.1 for every loopback
     address.
 
-    Of several addresses it is the lowest one, of IPv4 if there is one. A name that can't be resolved is
-    returned unchanged. The call waits for the network only if `host` is a name. `localhost` is never looked
-    up: not every machine has it in /etc/hosts.
+    If a host has several addresses, the lowest one is returned, preferably of IPv4. A name that can't be
+    resolved is returned unchanged. The call waits for the network only if `host` is a name. `localhost` is
+    never looked up: not every machine has it in /etc/hosts.
     """
     if host.lower() == "localhost":
         return "127.0.0.1"

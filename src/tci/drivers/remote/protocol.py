@@ -1,10 +1,10 @@
 """The messages between two TCI processes: one owns the robot (gate, lease, watchdog), others command it.
 
-The robot's process sends a `State` in every period and each skin frame once. A behaviour's process answers
-with `Orders` in every period, even with none: that is its heartbeat. Orders echo the stamp of the state they
-answer, so delays are detected without synchronised clocks. They are repeated until a state acknowledges their
-number, so a lost datagram has no effect. All three carry the session of the robot's process: messages of
-other sessions are counted and ignored.
+The robot's process sends a `State` in every period and each skin frame once. A behaviour's process replies
+with `Orders` in every period, even without orders; this is its heartbeat. The reply contains the stamp of the
+state, so delays are detected without synchronised clocks. Orders are repeated until a state acknowledges
+their number, so a lost datagram has no effect. All three carry the session of the robot's process: messages
+of other sessions are counted and ignored.
 """
 
 from __future__ import annotations
@@ -82,9 +82,9 @@ class Orders:
     """Orders of one behaviour's process, which also serve as its heartbeat."""
 
     session: int
-    """Session of the state that it answers."""
+    """Session of the state to which it is the reply."""
     seen: float
-    """`sent` [s] of the state that it answers."""
+    """`sent` [s] of the state to which it is the reply."""
     client: int
     """Number of the sender, a new one after each start."""
     name: str
@@ -92,7 +92,8 @@ class Orders:
     sequence: int
     """Number of the message, which increases by one with each message of the client."""
     halt: Reason | None
-    """Reason why the robot should hold, as the sender's own gate does; None while that runs."""
+    """Reason for which the sender's own gate holds, so that the robot should hold too; None while that gate
+    runs."""
     leaving: bool
     """True if this is the last message."""
     first: int

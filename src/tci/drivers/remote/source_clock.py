@@ -6,11 +6,11 @@ import math
 
 JUMP = 1.0
 """Jump [s] back of the stamps, or of the delay below its minimum, that means that the sender's clock was set
-or the sender was restarted. A smaller one is a message out of order, or a faster path. Assumed: far above the
-delays of a local network."""
+or the sender was restarted. A smaller jump is caused by a message out of order, or by a faster path. Assumed:
+far above the delays of a local network."""
 WINDOW = 5.0
-"""Time [s] for which a minimum of the delay is used. A delay that lasts for two windows belongs to the path.
-Assumed: clocks drift by less than a millisecond in it."""
+"""Time [s] for which a minimum of the delay is used. A delay that lasts for two windows counts as a property
+of the path. Assumed: clocks drift by less than a millisecond in this time."""
 FIRST = 20
 """Number of messages after which the offset may change only slowly. Assumed: the shortest delay occurs among
 them."""
@@ -23,8 +23,8 @@ class SourceClock:
     """Converts a sender's stamps to this process's clock, and detects delayed messages.
 
     The shortest recent delay of a message counts as zero; a longer one makes the message older by the
-    difference. Thus delayed data is not taken for fresh, times between messages are those of the sender, and
-    a jump of the sender's clock has no effect.
+    difference. Thus delayed data does not look recent, times between messages are those of the sender, and a
+    jump of the sender's clock has no effect.
     """
 
     def __init__(self) -> None:
@@ -39,8 +39,8 @@ class SourceClock:
         """Returns the time of measurement [s, this clock] for a `stamp` [s, sender's clock] and `arrival` [s,
         this clock].
 
-        None for a message that is older than an earlier one, or a repetition. A stamp of 0 is no stamp: the
-        result is then the arrival.
+        None for a message that is older than an earlier one, or a repetition. A stamp of 0 means that there
+        is no stamp; the result is then the time of arrival.
         """
         if not 0.0 < stamp < 1e12:  # NaN fails this test too
             return arrival

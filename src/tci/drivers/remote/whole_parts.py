@@ -1,4 +1,4 @@
-"""Set-points for controllers that accept the joints of a robot part only as a whole."""
+"""Set-points for controllers that accept only commands to all joints of a robot part."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from tci.robot.description import Robot
 
 
 class WholeParts:
-    """Completes commands: joints without a command keep the position at which others of their part came under
-    command."""
+    """Completes commands: joints without a command keep the position that they had when other joints of their
+    part came under command."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
@@ -22,7 +22,8 @@ class WholeParts:
         self._stays: dict[int, float] = {}
 
     def forget(self) -> None:
-        """Forgets all kept positions: the robot was away or halted, and its posture may have changed."""
+        """Forgets all kept positions, because the robot was disconnected or halted, and its posture may have
+        changed."""
         self._stays.clear()
 
     def complete(self, safe: SafeCommand, here: Array) -> dict[str, list[float]]:

@@ -24,8 +24,8 @@ FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8
 """NumPy's type codes of PointField's datatypes."""
 
 SILENT = 0.1
-"""Age [s] of an acceleration, beside the joints, above which torques tell of no touch. Assumed: a base that
-leans by 6 degrees in that time changes the weight on joints less than a touch does."""
+"""Age [s] of an acceleration, relative to the joint data, above which torques are not used to detect touches.
+Assumed: a base that leans by 6 degrees in that time changes the torques by less than a touch."""
 
 
 def stamp_of(fields: Mapping[str, Any]) -> float:
@@ -135,8 +135,8 @@ class ImuArrivals:
             self._stamp, self._links, self._gravity = stamp, (root, link), gravity
 
     def complete(self, joints: JointReading) -> JointReading:
-        """Returns joints with the gravity of the root link, if it has arrived; once it is silent without
-        torques, since the weight that they hold is unknown."""
+        """Adds the gravity of the root link to the joints, if it has arrived. If it is no longer sent,
+        removes the torques, since the effect of weight is then unknown."""
         if self._gravity is None or self._kinematics is None:
             return joints
         if joints.stamp - self._stamp > SILENT:

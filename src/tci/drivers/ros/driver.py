@@ -1,7 +1,7 @@
-"""A driver over any ROS, for a robot that another TCI process serves or one with ROS topics of its own.
+"""A driver over any ROS, for a robot that another TCI process serves, or a robot with its own ROS topics.
 
-The driver detects the kind when it opens. A TCI process sends states and takes orders (`remote`); its own
-gate plans the motion. A robot with ROS topics of its own gets the set-points of the gate in this process.
+The driver detects the kind when it opens. A TCI process sends states and accepts orders (`remote`); its gate
+plans the motion. A robot with its own ROS topics gets the set-points of the gate in this process.
 """
 
 from __future__ import annotations
@@ -139,8 +139,8 @@ class RosDriver(RemoteDriver):
         return ""
 
     def _is_tci(self, wait: float) -> bool:
-        """Returns True if a TCI process serves the robot. Raises DriverError when there is no publisher, and
-        soon for one of another type, which waiting would not change."""
+        """Returns True if a TCI process serves the robot. Raises DriverError if there is no publisher, and,
+        without waiting longer, if the publisher has another type."""
         begin = time.monotonic()
         plain_since = np.inf
         while True:

@@ -42,7 +42,7 @@ class RosNode(ABC):
     def subscribe(
         self, topic: str, kind: MessageType, callback: Callback, *, latched: bool = False, keep: int = 1
     ) -> None:
-        """Passes each message of a topic to `callback`, but between two polls only the last `keep`."""
+        """Passes messages of a topic to `callback`: between two polls, only the last `keep` messages."""
 
     @abstractmethod
     def types_of(self, topic: str) -> tuple[str, ...]:
@@ -53,7 +53,7 @@ class RosNode(ABC):
         """Closes every topic. A second call does nothing."""
 
     def poll(self) -> None:  # noqa: B027 - a node with a thread needs none
-        """Passes on the messages that have arrived, in nodes without a thread for that."""
+        """Passes on the messages that have arrived. Nodes with their own thread need not do this."""
 
     def supports(self, kind: MessageType) -> bool:
         """Returns True if this node can carry messages of a type; it can carry all standard ones."""

@@ -73,7 +73,7 @@ def _rospy() -> Any:
 
 
 class Ros1Node(RosNode):
-    """A user of this process's node: rospy has one per process, which ends with it."""
+    """A user of this process's node: rospy has one node per process, which ends with the process."""
 
     def __init__(self, name: str) -> None:
         """Joins the node. Raises DriverError without a master, MissingExtraError without rospy."""
@@ -101,8 +101,8 @@ class Ros1Node(RosNode):
         self._topics: list[Any] = []
 
     def _serve_in_threads(self) -> None:
-        """Gives each connection a thread of its own: rospy has one for all, which a silent client would
-        block."""
+        """Uses one thread for each connection, since a silent client would block rospy's single thread for
+        all."""
         server = import_module("rospy.impl.tcpros_base").init_tcpros_server()  # returns the existing server
         server.start_server()
         tcp = server.tcp_ros_server
@@ -159,8 +159,8 @@ class Ros1Node(RosNode):
         self._master = None  # closes its connection
 
     def _flush(self) -> None:
-        """Lets rospy's threads send what was published: closing would cut them off and lose the last
-        messages."""
+        """Waits until rospy's threads have sent all published messages, since closing would lose the last
+        ones."""
         publishers = [topic for topic in self._topics if isinstance(topic, self._rospy.Publisher)]
         queued = [connection for publisher in publishers for connection in publisher.impl.connections]
         until = time.monotonic() + FLUSH
@@ -171,8 +171,8 @@ class Ros1Node(RosNode):
 
 
 def _stay_here() -> None:
-    """Makes rospy listen on the loopback interface by a node name that only this machine resolves. A remote
-    master, ROS_IP or ROS_HOSTNAME prevent this."""
+    """Makes rospy listen on the loopback interface, by a host name that only this machine resolves. It is not
+    used with a remote master, ROS_IP or ROS_HOSTNAME."""
     if _is_here() and not any(map(os.environ.get, NAMES)):
         os.environ["ROS_HOSTNAME"] = "localhost"
 

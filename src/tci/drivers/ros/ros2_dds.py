@@ -1,6 +1,6 @@
 """A ROS 2 node on cyclonedds, for machines without ROS: graph, type hashes and QoS as in rmw.
 
-No Python thread of the process receives: Cyclone keeps the newest messages until the loop polls.
+Messages are not received by a Python thread: Cyclone keeps the newest messages until the loop polls.
 ROS_DOMAIN_ID, ROS_AUTOMATIC_DISCOVERY_RANGE, ROS_STATIC_PEERS and CYCLONEDDS_URI have the same effect as in
 ROS.
 """
@@ -36,8 +36,8 @@ from tci.rosmsg.cdr import HEADER, MessageType, decode, encode, item_of
 RELIABLE = Policy.Reliability.Reliable(duration(milliseconds=0))
 """Repeats lost messages, but never waits for a slow reader."""
 FRESH = Policy.Lifespan(duration(seconds=LIFESPAN))
-"""Deletes old messages; otherwise those that a dead reader did not confirm are kept, and sent to later
-readers."""
+"""Deletes old messages. Otherwise messages that a dead reader did not acknowledge would be kept and sent to
+later readers."""
 GRAPH = MessageType(
     "rmw_dds_common/msg/ParticipantEntitiesInfo",
     (("rmw_dds_common/Gid", "gid"), ("rmw_dds_common/NodeEntitiesInfo[]", "nodes")),
@@ -228,7 +228,8 @@ def _open_domain(number: int, reach: str) -> None:
 
 
 def _static_peers() -> list[str]:
-    """Returns the peers as numeric addresses: on an address that it can't parse Cyclone ends the process."""
+    """Returns the peers as numeric addresses, since Cyclone ends the process for an address that it can't
+    parse."""
     found = []
     for peer in filter(None, os.environ.get("ROS_STATIC_PEERS", "").split(";")):
         host, colon, port = peer.partition(":")

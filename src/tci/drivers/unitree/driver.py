@@ -4,8 +4,8 @@ Topics: `rt/lowstate` (from the robot, 500 Hz) has angles, speeds and torques of
 `rt/arm_sdk` (from the driver) targets and gains of waist and arms, and their weight; `rt/lowcmd`, with
 `?control=all`, targets and gains of all motors.
 
-DDS has no passwords here: the interface must be named, and one that others may reach is refused. Commands
-are sent by a process of their own, which hands the motors back even if this one is killed (`keeper`).
+This DDS has no passwords, so the interface must be named, and an interface that others may reach is refused.
+A separate process sends the commands and releases the motors even if this process is killed (`keeper`).
 """
 
 from __future__ import annotations
@@ -57,12 +57,12 @@ class UnitreeDriver(Driver):
     ) -> None:
         """Connects to the robot at the cable of an interface, such as `eth0`.
 
-        An armed driver takes over the motors in the posture in which they are, within a second; with
-        `?control=all` it first switches the robot's own controller off, which keeps its balance.
+        An armed driver takes the motors in their present posture within a second. With `?control=all` it
+        first switches off the robot's own controller, which keeps the balance.
 
         Raises DriverError for an interface that others may reach, when no state arrives within `wait` [s],
         and when the robot is not ready: an error of a motor, another program that commands it, L2+B. Without
-        `skin` the hands' press sensors are not read, and other drivers may bring the skin.
+        `skin` the hands' press sensors are not read, so that other drivers can read the skin.
         """
         self.where = parse_unitree(address)
         if skin:
@@ -246,7 +246,7 @@ class UnitreeDriver(Driver):
         self._wait(WAIT)
 
     def _follow(self, status: Status) -> None:
-        """Makes the gate follow the handover of the motors."""
+        """Holds or stops the gate according to the state of the handover of the motors."""
         before, self._phase = self._phase, status.phase
         if status.lasting:
             self.gate.stop(Reason(Code.ROBOT_REFUSES, f"the motors are handed back: {status.reason}"))

@@ -1,7 +1,7 @@
 """Commands to the motors of one Dex3 hand.
 
-Each command tells the motors to stop by themselves a second after the last one, so that no process has to
-outlive a behaviour for them.
+Each command tells the motors to stop by themselves one second after the last command. So, unlike for the
+arms, no second process is needed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from tci.gate.safe_command import SafeCommand
 from tci.messages import Mode
 
 FOLLOWS, TIMEOUT = 1 << 4, 1 << 7
-"""Bits of a motor's mode beside its number: it follows, and it stops a second after the last command."""
+"""Bits of a motor's mode in addition to its number: it follows commands, and it stops one second after the
+last command."""
 RATE = 100.0
 """Commands per second [Hz], as the vendor's programs for hands send them."""
 LAST = 5
@@ -61,7 +62,7 @@ class FingerMotors:
             self._follow(motors, safe.position[own], safe.velocity[own], safe.torque[own], stiff)
 
     def hold(self) -> None:
-        """Makes the fingers stay where they are."""
+        """Makes the fingers keep their present angles."""
         motors = self.hand.motors
         none = np.zeros(len(motors))
         self._follow(motors, self.hand.state["q"][motors], none, none, none == 0.0)
@@ -69,8 +70,8 @@ class FingerMotors:
     def _follow(
         self, motors: NDArray[np.intp], q: Array, dq: Array, tau: Array, stiff: NDArray[np.bool_]
     ) -> None:
-        """Takes angles, speeds and torques (k,) of some motors, which are `stiff` or under a torque alone. At
-        first the others hold where they are."""
+        """Sets angles, speeds and torques (k,) of some motors, which are `stiff` or only under a torque. At
+        the first call, the other motors keep their present angles."""
         command = self._command
         if self._released:
             return
@@ -84,7 +85,7 @@ class FingerMotors:
         command["kp"][motors], command["kd"][motors] = kp, kd
 
     def repeat(self, now: float) -> None:
-        """Sends the latest targets, if there are some and it is time, at `now` [s]."""
+        """Sends the latest targets, if there are any, when the next command is due at `now` [s]."""
         if self._led and self._due.due(now):
             self._write(encode_hand_command(self._command))
 

@@ -1,8 +1,8 @@
 """Handover of a robot's motors: from its own controller to TCI and back, without a step.
 
 Over rt/arm_sdk the robot mixes set-points by a weight: it rises from 0 at the measured posture, and falls
-while the targets stay. Over rt/lowcmd there is nobody to hand back to: the stiffness rises, and the end is
-damping.
+while the targets stay. Over rt/lowcmd no other controller takes the motors back: the stiffness rises at the
+beginning, and at the end the motors are damped.
 """
 
 from __future__ import annotations
@@ -20,17 +20,19 @@ TAKE = 1.0
 GIVE = 2.0
 """Time [s] in which the weight falls. Assumed: arms of 4 kg then sink without a swing."""
 DAMPED = 0.2
-"""Time [s] of damping at the end of rt/lowcmd. Assumed: joints come to rest in it."""
+"""Time [s] of damping at the end of rt/lowcmd. Assumed: joints come to rest in this time."""
 DAMPING = 2.0
-"""Gain [N m s/rad] of that damping. Assumed: twice the vendor's examples for arms."""
+"""Gain [N m s/rad] of this damping. Assumed: twice that of the vendor's examples for arms."""
 QUIET = 0.1
-"""Time [s] without new targets after which velocities and torques end. Assumed: as old as a state may be."""
+"""Time [s] without new targets after which velocities and torques end. Assumed: equal to the largest age of a
+state."""
 LONGEST = 0.02
-"""Largest time [s] that one step counts for: a process that stood still does not jump. Assumed: five
-periods."""
+"""Largest time [s] by which one step advances, so that a process that did not run for a while causes no jump.
+Assumed: five periods."""
 LEFT = 0.1
-"""Distance [rad] by which a motor that was unseen is farther from its target, if it has left it. Assumed: a
-robot that obeys goes so far in 0.2 s of the fade if its own posture is 1 rad away."""
+"""Increase [rad] of a motor's distance from its target, while no states arrived, from which the motor counts
+as having left the target. Assumed: the motion in 0.2 s of the handover if the controller's own posture is 1
+rad away."""
 ROWS = 5
 Q, DQ, TAU, KP, KD = range(ROWS)
 """Rows of targets (5, 29): angle, velocity, torque and gains of each motor."""
@@ -40,11 +42,11 @@ class Phase(IntEnum):
     """Owner of the motors."""
 
     WAITING = 0
-    """The robot's own controller; nothing is sent."""
+    """The robot's own controller has the motors; nothing is sent."""
     TAKING = 1
     """The weight rises; targets stay at the posture of its beginning."""
     LEADING = 2
-    """TCI; targets are followed."""
+    """TCI has the motors; they follow targets."""
     GIVING = 3
     """The weight falls; targets stay."""
 
@@ -56,7 +58,7 @@ class Handover:
         """Takes the gains (2, 29) of full stiffness and damping; `whole` for rt/lowcmd."""
         self.phase = Phase.WAITING
         self.weight = 0.0
-        """Share (0..1) of TCI's targets; over rt/lowcmd that of the stiffness."""
+        """Weight (0..1) of TCI's targets; over rt/lowcmd, fraction of the stiffness."""
         self._gains, self._whole = gains, whole
         self._goal = np.zeros((ROWS, MOTORS))
         self._now = self._told = 0.0
@@ -80,7 +82,7 @@ class Handover:
     def follow(self, chosen: NDArray[np.bool_], targets: Array, posture: Array, now: float) -> None:
         """Takes targets (5, 29) of the `chosen` motors (29,); the others stay.
 
-        A motor under a torque that is no longer chosen stays at its place in `posture` (29,) [rad].
+        A motor under a torque that is no longer chosen keeps its angle in `posture` (29,) [rad].
         """
         if self.phase is not Phase.LEADING:
             return
@@ -100,10 +102,12 @@ class Handover:
                 self.weight = 1.0  # counts the time of damping
 
     def give_unseen(self, before: Array, posture: Array) -> None:
-        """Begins to hand back the motors of a robot that went unseen from `before` to `posture` (29,) [rad].
+        """Begins to hand back the motors of a robot whose posture changed from `before` to `posture` (29,)
+        [rad] while no states arrived.
 
-        The target of a motor that has left it is where that motor is: the old one would be a step. Those of
-        the others stay, since a motor lies beside its target by as much as its load bends it.
+        For a motor that has left its target, the new target is its present angle, because the old target
+        would cause a step. Other targets stay, since a loaded motor is always at a small distance from its
+        target.
         """
         self.give()
         goal = self._goal[Q]

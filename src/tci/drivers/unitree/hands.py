@@ -1,8 +1,8 @@
 """Dex3 hands: their press sensors as patches of skin, their motors as servos.
 
-The binding of the description says which sensors of which hand are a patch:
-`<address of="PATCH" to="left:0-1"/>`, or `to="left"` for all. A patch's channels are the 12 values of each
-sensor, one sensor after the other. Servos have the names of the motors, or the address `left:MOTOR`.
+The binding of the description assigns sensors of a hand to a patch: `<address of="PATCH" to="left:0-1"/>`, or
+`to="left"` for all sensors of the left hand. A patch's channels are the 12 values of each sensor, one sensor
+after the other. Servos have the names of the motors, or the address `left:MOTOR`.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ NO_VALUE = 30_000.0
 
 
 def patches_of(robot: Robot) -> tuple[Patch, ...]:
-    """Returns the patches that the binding puts on a hand, and those that are felt through joints; a G1 sends
-    no others."""
+    """Returns the patches that the binding assigns to a hand, and those that are felt through joints. A G1
+    sends no other patches."""
     named = {address.of for address in robot.binding("unitree").addresses}
     return tuple(patch for patch in robot.patches if patch.through_joints or patch.name in named)
 
@@ -66,7 +66,7 @@ def fingers_of(robot: Robot, side: str) -> tuple[NDArray[np.intp], NDArray[np.in
 
 
 class Hand:
-    """One hand, as its states tell."""
+    """State of one hand."""
 
     def __init__(self, robot: Robot, side: str, node: UnitreeNode, *, skin: bool = True) -> None:
         """Opens a reader if the robot has fingers or, with `skin`, patches there. Raises DriverError for a
@@ -89,8 +89,8 @@ class Hand:
         self.stamp = -np.inf
         """Time [s] of the latest state."""
         self.fault = ""
-        """Reason for which the fingers must not move, which remains until a person connects again; empty
-        without one."""
+        """Reason for which the fingers must not move, until a person connects again; an empty text for
+        none."""
         self._count = 0
 
     def poll(self, now: float) -> None:

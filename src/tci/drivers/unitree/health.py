@@ -1,4 +1,4 @@
-"""Conditions under which a robot may be commanded, judged by its own states."""
+"""Conditions under which a robot may be commanded, checked on its states."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ L2, B = 1 << 5, 1 << 9
 
 
 class Health:
-    """Judges the states of one robot. A fault of its own remains until a person connects again."""
+    """Checks the states of one robot. A fault of the robot remains until a person connects again."""
 
     def __init__(self, *, simulation: bool = False) -> None:
         """Accepts states without checksum if they come from the vendor's `simulation`."""
@@ -44,8 +44,8 @@ class Health:
         self._there, self._names = np.arange(MOTORS), NAMES
 
     def see(self, state: Any, right: bool, now: float) -> bool:
-        """Takes a state that arrived at `now` [s], and if its checksum is right; returns True if it can be
-        used."""
+        """Stores a state that arrived at `now` [s], with the result of its checksum. Returns True if the
+        state can be used."""
         if not right and not (self._simulation and state["crc"] == 0):
             self.wrong += 1
             return False
@@ -70,7 +70,8 @@ class Health:
         return now - self._heard
 
     def passing(self, now: float) -> str:
-        """Returns the reason why no command may be sent at `now` [s], which may end by itself; or nothing."""
+        """Returns the reason why no command may be sent at `now` [s], which may end by itself; an empty text
+        for none."""
         if self.state is None:
             wrong = f" ({self.wrong} with a wrong checksum)" if self.wrong else ""
             return f"no usable state from the robot{wrong}"

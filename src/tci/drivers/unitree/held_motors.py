@@ -1,6 +1,6 @@
-"""The driver's end of the process that holds a robot's motors (`keeper`).
+"""The driver's side of the connection to the process that holds a robot's motors (`keeper`).
 
-If that process is killed, this one hands the motors back in its place.
+If that process is killed, this process hands the motors back instead.
 """
 
 from __future__ import annotations
@@ -47,10 +47,11 @@ class Status(NamedTuple):
 
 
 class HeldMotors:
-    """Starts the keeper and talks with it. It outlives this process."""
+    """Starts the keeper and communicates with it. The keeper continues if this process ends."""
 
     def __init__(self, where: UnitreeAddress, period: float, node: UnitreeNode, health: Health) -> None:
-        """Starts the process; nothing is taken yet. Raises DriverError on systems without its sockets.
+        """Starts the process, which does not take the motors yet. Raises DriverError on systems without the
+        required sockets.
 
         `node` and `health` are the driver's, for the case that the process is killed.
         """
@@ -132,12 +133,12 @@ class HeldMotors:
             self._socket.close()
 
     def _watch(self) -> None:
-        """Notices the end of the process, whatever the behaviour does meanwhile."""
+        """Detects the end of the process, in a thread that does not depend on the behaviour."""
         self._process.wait()
         self.poll()
 
     def _succeed(self) -> None:
-        """Hands the motors back in a thread, after the end of a process that had them still."""
+        """Hands the motors back, in a thread, if the process ended while it held them."""
         with suppress(subprocess.TimeoutExpired):
             if self._process.wait(1.0) == 0 or self.status.phase is Phase.WAITING:
                 words = self.status.reason or "the process that holds the motors has ended"

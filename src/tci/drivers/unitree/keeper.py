@@ -1,8 +1,9 @@
-"""Process that holds a robot's motors for a behaviour, and hands them back when that ends, however it ends.
+"""Process that holds a robot's motors for a behaviour, and hands them back at every end of the behaviour's
+process.
 
-It is started by the driver, sends the set-points that the driver gives it, and judges the robot's states on
-its own. The behaviour's process may be killed at any instant: its end of the socket then closes, and the
-motors are handed back slowly (`handover`).
+The driver starts this process and sends it set-points. The process sends them to the robot, and checks the
+robot's states itself. If the behaviour's process is killed, the socket closes, and this process hands the
+motors back slowly (`handover`).
 """
 
 from __future__ import annotations
@@ -36,13 +37,14 @@ FOLLOWS = struct.Struct(f"<c{MOTORS}?{ROWS * MOTORS}d")
 STATUS = struct.Struct("<B?d")
 """Phase, whether a fault lasts, and weight; then the reason as text."""
 DISCOVERY = 0.5
-"""Time [s] after the first state in which other writers are looked for. Assumed: participants answer a new
-one at once."""
+"""Time [s] after the first state in which it searches for other writers. Assumed: participants answer a new
+one immediately."""
 SILENT = 1.0
-"""Time [s] without targets after which a driver that has sent some counts as hung. Assumed: far longer than
-a loop's holds."""
+"""Time [s] without targets after which a driver that has sent targets before counts as failed. Assumed: far
+longer than pauses of a loop."""
 LOOK = 0.1
-"""Time [s] between two looks for other writers. Assumed: a person who starts another program is slower."""
+"""Time [s] between two searches for other writers. Assumed: a person needs longer to start another
+program."""
 GRACE = 0.1
 """Time [s] after the first state before which commands of others do not count: the robot's own controller
 may have sent one before it was switched off. Assumed: a discovery's jitter."""
@@ -86,7 +88,8 @@ class Keeper:
         self._told = b""
 
     def succeed(self, state: Any, goal: Array, weight: float, now: float) -> None:
-        """Begins to hand back what another keeper held that was killed: targets (5, 29) and their weight.
+        """Begins to hand back the motors of another keeper that was killed: its targets (5, 29) and their
+        weight.
 
         `state` is the robot's latest one.
         """
@@ -180,7 +183,7 @@ class Keeper:
             self._reason = ""
 
     def _take(self, now: float) -> None:
-        """Takes the motors if the driver wants that and nothing is against it."""
+        """Takes the motors if the driver has requested this and no condition forbids it."""
         if not self._wanted or self.health.lasting or self.health.passing(now):
             return
         if self._first is None or now - self._first < DISCOVERY:
@@ -206,7 +209,7 @@ class Keeper:
             self._write(encode_command(self._command))
 
     def _report(self) -> None:
-        """Tells the driver what has changed."""
+        """Reports changes to the driver."""
         handover = self.handover
         status = STATUS.pack(handover.phase, bool(self.health.lasting), handover.weight)
         status += self._reason.encode()[:400]
@@ -221,7 +224,8 @@ class Keeper:
 
 
 def keep(keeper: Keeper, driver: socket.socket, period: float) -> None:
-    """Works once per `period` [s], and at once when targets arrive, until the motors are handed back."""
+    """Executes a step once per `period` [s], and immediately when targets arrive, until the motors are handed
+    back."""
     poll = select.poll()
     poll.register(driver, select.POLLIN)
     due = time.monotonic()

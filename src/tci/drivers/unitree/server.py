@@ -1,7 +1,7 @@
 """Serves a simulated G1 on the topics of a real one, to the vendor's SDKs and to the driver.
 
-The built-in controller of this robot keeps the posture in which it gets the motors back; that of a real one
-lets the arms go to a posture of its own. Commands pass the gate of this process.
+The simulated controller of this robot keeps the posture in which it gets the motors back; that of a real
+robot moves the arms to its own posture. Commands pass the gate of this process.
 """
 
 from __future__ import annotations
@@ -37,11 +37,12 @@ VARIANT = 5
 WARM, SUPPLY = 30, 50.0
 """Temperature [C] and voltage [V] that motors report. Assumed: a robot at rest."""
 AHEAD = 0.01
-"""Time [s] that set-points are extrapolated by the speed that comes with them: without, each is a motion from
-rest to rest, and the robot begins 12 ms late. Assumed: a stop then overshoots by less than 2 mrad."""
+"""Time [s] by which set-points are extrapolated with their speed. Otherwise each set-point would be a motion
+from rest to rest, and the robot would begin 12 ms late. Assumed: a stop then overshoots by less than 2
+mrad."""
 ELSEWHERE = 2e-3
-"""Distance [rad] of a set-point from the robot's own one that is a command. Assumed: programs hold the joints
-that they do not move where they measured them, to noise and sag."""
+"""Distance [rad] of a set-point from the robot's own set-point from which it counts as a command. Assumed:
+programs send measured angles, with noise and sag, for joints that they do not move."""
 
 
 class UnitreeServer(Server):

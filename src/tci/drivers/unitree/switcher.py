@@ -18,7 +18,8 @@ UNKNOWN, BAD = 3203, 3204
 PATIENCE = 3.0
 """Time [s] that one answer is waited for. Assumed: services answer within milliseconds once connected."""
 TRIES = 5
-"""Number of releases before the controller counts as held by somebody. Assumed: one is enough."""
+"""Number of release calls after which another program is assumed to keep the controller on. Assumed: usually
+one call is enough."""
 NAME = "ai"
 """Name of the controller that walks and balances."""
 
@@ -41,7 +42,8 @@ class Switcher:
             raise DriverError(f"motion_switcher: {data[:80]!r} as an answer; valid: a name") from error
 
     def release(self) -> None:
-        """Switches the robot's own controller off: its legs no longer carry it. Raises DriverError."""
+        """Switches the robot's own controller off, so that the legs no longer carry the robot. Raises
+        DriverError."""
         for _ in range(TRIES):
             if not (name := self.check()):
                 return

@@ -1,7 +1,8 @@
 """Unitree's messages as bytes: records of numpy, and the checksum.
 
-Unitree's checksum is over the C struct, whose padding the bytes on the wire (CDR) leave out in part: here
-messages are records with the layout of the C structs, and `encode_*` removes what the wire lacks.
+Unitree's checksum is computed over the C struct, including padding that the transmitted bytes (CDR) lack in
+part. So messages are records with the layout of the C structs, and `encode_*` removes the padding that is not
+transmitted.
 """
 
 from __future__ import annotations

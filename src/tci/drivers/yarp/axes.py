@@ -36,8 +36,8 @@ def find_axes(board: Board, servos: Sequence[Servo]) -> Axes:
     number.
 
     A board may lack servos that move nothing in the robot's model, such as the fingers and eyes of the iCub
-    in Gazebo: if it has fewer axes than servos and knows some of their names, a number alone gives none to
-    such a servo, since the axis may be a tool. Raises DriverError when the board does not answer, lacks
+    in Gazebo: if it has fewer axes than servos and knows some of their names, such a servo is not assigned by
+    its number alone, since the axis may be a tool. Raises DriverError when the board does not answer, lacks
     another servo, or has other numbers.
     """
     names = names_of(board)

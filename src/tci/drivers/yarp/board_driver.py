@@ -111,8 +111,8 @@ class BoardDriver:
             self._output.close()
 
     def state(self, at: float | None = None) -> tuple[BoardState, float]:
-        """Returns the latest state, or the one nearest to time `at` [s], and its time [s]. The state is in
-        degrees and in the order of the board's axes. Raises DriverError before the first state."""
+        """Returns the latest state, or the state nearest to time `at` [s], and its time [s]. Angles are in
+        degrees, in the order of the board's axes. Raises DriverError before the first state."""
         found = None
         if self.feed is not None:
             found = self.feed.latest if at is None else self.feed.at(at)
@@ -176,8 +176,8 @@ class BoardDriver:
 
     @raises_driver_errors
     def send_torques_only(self, safe: SafeCommand) -> None:
-        """Sends only the torques of servos in torque mode, to a board whose state no longer arrives: it would
-        keep the last ones. The gate ends torques that are not based on fresh data."""
+        """Sends only the torques of servos in torque mode, to a board whose state no longer arrives, because
+        it would keep the last torques. The gate ends torques that are not based on recent data."""
         mine = self._mine
         loose = [
             (place, servo)
@@ -232,8 +232,8 @@ class BoardDriver:
             self._connect_commands()
 
     def _must_switch(self, servo: int, mode: Mode, reported: Mode | None, on: bool) -> bool:
-        """Returns True if the gate changed the mode, or a joint in position mode has to go to
-        position-direct. A mode that another program set stays."""
+        """Returns True if the gate changed the mode, or if a joint in position mode must be switched to
+        position-direct. A mode that another program set is not changed."""
         if mode is not self._requested[servo]:
             return True
         return (

@@ -1,7 +1,7 @@
-"""Control modes of YARP and how a served joint carries them in TCI's modes.
+"""Control modes of YARP, and the corresponding TCI modes of a served joint.
 
-A joint keeps the mode that a client has set; interaction (stiff or compliant) is a second choice, which YARP
-keeps apart and TCI does not.
+A joint keeps the mode that a client has set. In YARP the interaction (stiff or compliant) is a separate
+setting; in TCI it is part of the mode.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class BoardModes:
         return [word for word, mode in MODES.items() if mode in self._servos[joint].modes]
 
     def catch_up(self, joint: int, mode: Mode) -> None:
-        """Takes over a mode that somebody else has set at the gate."""
+        """Adopts a mode that another program has set at the gate."""
         if self.gate_mode(joint) is not mode:
             self._set[joint] = USUAL.get(mode, POSITION), mode is Mode.IMPEDANCE
 

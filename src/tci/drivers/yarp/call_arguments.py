@@ -1,4 +1,4 @@
-"""Checks of the arguments of calls, which come from the wire as they are."""
+"""Checks of the arguments of received calls."""
 
 from __future__ import annotations
 

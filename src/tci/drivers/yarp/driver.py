@@ -222,8 +222,8 @@ class YarpDriver(Driver):
         self._tolerate_refusals(now)
 
     def _tolerate_refusals(self, now: float) -> None:
-        """Holds the gate while a board refuses, at `now` [s]: a board that holds or starts does so for a
-        moment, and gets the request again in each period. Raises DriverError when it refuses for longer than
+        """Holds the gate while a board refuses, at `now` [s]. A board that holds or starts refuses for a
+        short time; it gets the request again in each period. Raises DriverError if it refuses for longer than
         REFUSED."""
         for since, error in self._refused.values():
             if now - since > REFUSED:
@@ -253,7 +253,7 @@ class YarpDriver(Driver):
             dialect = self.boards[part].board.dialect
 
     def _leave_out_absent_servos(self) -> None:
-        """Has commands refused to servos that no board has."""
+        """Makes the gate refuse commands to servos that no board has."""
         absent = {
             servo.index: f"{board.board.prefix} has no axis for it"
             for board in self.boards.values()

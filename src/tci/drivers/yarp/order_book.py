@@ -53,8 +53,8 @@ class OrderBook:
         return waiting
 
     def refuse(self, order: Order, reason: Reason) -> bool:
-        """Records that an order was refused before it reached the gate. Returns True if it was taken from
-        here."""
+        """Records that an order was refused before it reached the gate. Returns True if the order was taken
+        from this book."""
         with self._changed:
             mine = any(order is given for given in self._given)
             if mine:

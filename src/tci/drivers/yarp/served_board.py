@@ -1,4 +1,4 @@
-"""One robot part served as a control board: its answers to calls, and the orders that commands become.
+"""One robot part served as a control board: answers calls, and converts commands to orders.
 
 Both dialects use it. Values of YARP are in degrees, those of TCI in radians.
 """
@@ -239,15 +239,15 @@ class ServedBoard(BoardService):
         return obeying, [found[chosen.index(number)] for number in obeying]
 
     def _obeying(self, chosen: list[int]) -> list[int]:
-        """Returns the joints that a call is for: one for the whole board leaves out those that can't be
-        moved, which keep their place."""
+        """Returns the joints of a call. A call for the whole board leaves out joints that can't be moved;
+        they keep their angle."""
         return self._movable if len(chosen) == self.count and self._movable else chosen
 
     def _aim(self, chosen: Sequence[int], values: Array, speeds: Array) -> None:
         """Sends joints (k,) to angles [deg], or to the nearest ones within their range, at speeds [rad/s].
 
-        A joint that is to move slower than the gate can stays where it is: programs give each joint the speed
-        that brings all there at once, which is none for a joint that is there already.
+        A joint whose speed is below the least speed of the gate does not move: programs choose speeds with
+        which all joints arrive together, and the speed of a joint that is already at its target is 0.
         """
         angles = np.deg2rad(np.clip(values, *self._range[list(chosen)].T)) if len(chosen) else values
         obeying = {*self._obeying(list(chosen))}

@@ -1,1 +1,1 @@
-"""Zenoh: robots served and commanded over its sessions."""
+"""Robots that are served and commanded over Zenoh."""

@@ -1,7 +1,7 @@
 """Zenoh with keys, passwords and access rights: configuration files of a router, its robots and their users.
 
-Everybody proves an identity twice, by a certificate of TCI's own authority (mutual TLS) and by a password,
-and the router gives each one access to its own keys only. The files are in Zenoh's own format; Zenoh's manual
+Every client proves its identity by a certificate of TCI's own authority (mutual TLS) and by a password, and
+the router gives each client access only to its own keys. The files are in Zenoh's own format; Zenoh's manual
 explains it.
 """
 

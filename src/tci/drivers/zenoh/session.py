@@ -19,8 +19,8 @@ PENDING = 10_000
 """Unauthenticated connections that Zenoh lets wait before it refuses more: larger than `ConnectionMonitor`
 allows."""
 LEASE = 2000
-"""Silence [ms] after which a connection counts as broken and is opened again. Assumed: short network failures
-do not end it."""
+"""Time [ms] without data after which a connection counts as broken and is opened again. Assumed: longer than
+short network failures."""
 
 
 def parse_address(text: str, robot: str) -> RemoteAddress:

@@ -49,9 +49,10 @@ def rpy_of(rotation: Array) -> tuple[float, float, float]:
 
 def transform(rotation: Array, position: Array) -> Array:
     """Returns the homogeneous transform (4, 4) of `rotation` (3, 3) and `position` (3,) [m]."""
-    result = np.eye(4)
+    result = np.zeros((4, 4))
     result[:3, :3] = rotation
     result[:3, 3] = position
+    result[3, 3] = 1.0
     return result
 
 

@@ -20,7 +20,7 @@ from tci.robot.description import GenericPart, GenericServo, Robot, Segment
 from tci.robot.generic_arm import Side
 from tci.robot.joint_map import joint_map
 from tci.robot.kinematics import KinematicChain
-from tci.robot.shoulder import Shoulder, angle_about
+from tci.robot.shoulder import Shoulder, angle_about, cross_matrix
 from tci.robot.xml.grammar import MAX_MOUNT
 
 GENERIC_SPEED = float(np.deg2rad(180.0))
@@ -162,8 +162,7 @@ def find_mount(shoulder: Shoulder) -> tuple[float, float, float] | None:
         return None
     if sine < 1e-9:
         return 0.0, 0.0, 0.0
-    x, y, z = across / sine
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    skew = cross_matrix(across / sine)
     roll, pitch, yaw = rpy_of(np.eye(3) + sine * skew + (1.0 - cosine) * skew @ skew)
     return roll, pitch, yaw
 

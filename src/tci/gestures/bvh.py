@@ -266,7 +266,7 @@ def _postures(points: Array, thumb: Array, side: Side, before: Array) -> tuple[A
         y[index] = _bend(upper[index], y[index - 1] if index else before)
     z = -upper
     x = np.cross(y, z)
-    shoulder = shoulder_angles(np.stack([x, y, z], axis=-1), side)
+    shoulder = np.array([shoulder_angles(R_MU, side) for R_MU in np.stack([x, y, z], axis=-1)]).reshape(-1, 3)
     flexor = np.cos(flexion)[:, None] * x + np.sin(flexion)[:, None] * z  # x of the forearm at zero pronation
     pronation = np.arctan2(np.einsum("ki,ki->k", y, thumb), np.einsum("ki,ki->k", flexor, thumb))
     return np.column_stack([shoulder, flexion, -side_sign(side) * pronation]), y[-1]

@@ -8,6 +8,7 @@ rotation.
 
 from __future__ import annotations
 
+from math import asin, atan2, hypot
 from typing import Literal
 
 import numpy as np
@@ -54,18 +55,18 @@ def upper_arm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:
 
 
 def shoulder_angles(R_MU: Array, side: Side) -> Array:
-    """Returns the generic angles (..., 3) [rad] of upper arms at `R_MU` (..., 3, 3), the inverse of
+    """Returns the generic angles (3,) [rad] of an upper arm at `R_MU` (3, 3), the inverse of
     `upper_arm_rotation`.
 
     For an arm that points straight to the side, pitch and yaw rotate about one line; pitch is then 0.
     """
     s = side_sign(side)
-    roll = np.arcsin(np.maximum(np.minimum(-R_MU[..., 1, 2], 1.0), -1.0))
-    sideways = np.hypot(R_MU[..., 0, 2], R_MU[..., 2, 2]) < SIDEWAYS
-    pitch = np.where(sideways, 0.0, np.arctan2(-R_MU[..., 0, 2], R_MU[..., 2, 2]))
-    sine = np.where(sideways, -R_MU[..., 0, 1], R_MU[..., 1, 0])
-    cosine = np.where(sideways, R_MU[..., 0, 0], R_MU[..., 1, 1])
-    return np.stack([pitch, s * roll, -s * np.arctan2(sine, cosine)], axis=-1)
+    # Python floats for speed: it is computed for each reading.
+    (xx, xy, xz), (yx, yy, yz), (_, _, zz) = R_MU.tolist()
+    sideways = hypot(xz, zz) < SIDEWAYS
+    pitch = 0.0 if sideways else atan2(-xz, zz)
+    yaw = atan2(-xy, xx) if sideways else atan2(yx, yy)
+    return np.array([pitch, s * asin(max(min(-yz, 1.0), -1.0)), -s * yaw])
 
 
 def forearm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:

@@ -15,7 +15,7 @@ from math import atan2, cos, dist, pi, remainder, sin, sqrt
 import numpy as np
 
 from tci.errors import DescriptionError, Fault
-from tci.frames import Array
+from tci.frames import Array, read_only
 from tci.robot.description import GenericPart, Robot
 from tci.robot.generic_arm import shoulder_angles, side_sign, upper_arm_rotation
 from tci.robot.kinematics import KinematicChain
@@ -32,6 +32,9 @@ arm."""
 SINGULAR = 1e-6
 """Determinant of the generic axes below which their velocities are not defined. Assumed: above rounding
 errors only; it is 0 at 90 degrees of abduction."""
+
+ONE = read_only(np.eye(3))
+"""Rotation (3, 3) by no angle."""
 
 Vector = Sequence[float] | Array
 """Vector (3,), preferably of Python floats: NumPy takes ten times as long for three numbers."""
@@ -88,10 +91,22 @@ class Shoulder:
     def rotation(self, angles: Array) -> Array:
         """Returns `R_TU` (3, 3) of the upper arm at servo `angles` (3,) [rad], as a product of
         exponentials."""
-        rotation = self._at_zero
-        for axis, angle in zip(self.axes[::-1], angles[::-1], strict=True):
-            rotation = turn(axis, angle) @ rotation
+        first, second, third = self._turns(angles)
+        rotation: Array = first @ (second @ (third @ self._at_zero))
         return rotation
+
+    def _turns(self, angles: Array) -> Array:
+        """Returns the rotations (3, 3, 3) by servo `angles` (3,) [rad] about their axes (Rodrigues)."""
+        sine, versine = np.sin(angles)[:, None, None], (1.0 - np.cos(angles))[:, None, None]
+        crosses, squares = self._crosses
+        turns: Array = ONE + sine * crosses + versine * squares
+        return turns
+
+    @cached_property
+    def _crosses(self) -> tuple[Array, Array]:
+        """Matrices (3, 3, 3) of the cross products with the axes, and their squares."""
+        crosses = np.stack([cross_matrix(axis) for axis in self.axes])
+        return crosses, crosses @ crosses
 
     def solutions(self, R_TU: Array) -> list[Array]:
         """Returns the servo angles (3,) [rad] that give the rotation: at most two solutions, each near the
@@ -148,8 +163,8 @@ class Shoulder:
         """Returns the axes (3, 3) of the joints at servo `angles` (3,) [rad], one per column, seen from the
         torso."""
         first, second, third = self.axes
-        carried = turn(first, angles[0])
-        return np.column_stack([first, carried @ second, carried @ turn(second, angles[1]) @ third])
+        carried, other, _ = self._turns(angles)
+        return np.column_stack([first, carried @ second, carried @ other @ third])
 
     def generic(self, R_TU: Array, R_TM: Array) -> Array:
         """Returns the generic angles (3,) [rad] of the upper arm's rotation, on the mount `R_TM` (R' = B^T
@@ -190,10 +205,15 @@ def shoulder_of(robot: Robot, part: str) -> Shoulder:
 
 def turn(axis: Array, angle: float) -> Array:
     """Returns the rotation (3, 3) by `angle` [rad] about a unit `axis` (3,) (Rodrigues)."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    rotation: Array = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
+    cross = cross_matrix(axis)
+    rotation: Array = ONE + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
     return rotation
+
+
+def cross_matrix(axis: Array) -> Array:
+    """Returns the matrix (3, 3) whose product with a vector is the cross product of `axis` (3,) with it."""
+    x, y, z = axis
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def angle_about(axis: Vector, start: Vector, end: Vector) -> float:

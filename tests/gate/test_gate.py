@@ -134,6 +134,14 @@ def test_a_joint_outside_its_limits_comes_in_though_nobody_says_where_to(mode: M
     driven.assert_within_limits()
 
 
+def test_a_joint_that_a_touch_pressed_outside_comes_no_farther_in_than_its_limit() -> None:
+    """At a tenth of its speed limit it came farther in, against the finger that had pressed it."""
+    driven = Driven(make_robot(modes=(Mode.TORQUE, Mode.VELOCITY)), [0, 0, 2.0002, 0, 0, 0])
+    driven.step(PlatformSwitch(np.array([2]), Mode.VELOCITY))
+    driven.settle()
+    assert 2.0 - 1e-5 < np.array(driven.path)[:, 2].min() <= 2.0
+
+
 @pytest.mark.parametrize("mode", [Mode.POSITION, Mode.VELOCITY])
 def test_a_joint_that_sags_does_not_wander_outside_however_often_it_starts_anew(mode: Mode) -> None:
     """A G1's shoulder went out by its sag each time: it began where it had sagged to, and stayed."""

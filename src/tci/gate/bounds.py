@@ -63,6 +63,14 @@ class Bounds:
         inside: Array = np.where(outside, nearest, position)
         return inside
 
+    def inward(self, position: Array, share: float) -> Array:
+        """Returns the velocity (n,) [rad/s] with which servos at `position` (n,) [rad] outside their limits
+        come to rest just inside of them, at most a `share` of the speed limit; 0 for the other servos."""
+        left = self.inside(position) - position
+        most = np.minimum(_stopping_speed(np.abs(left), self.acceleration, self.jerk), share * self.velocity)
+        inward: Array = np.sign(left) * most
+        return inward
+
     def allowed_velocity(self, position: Array, velocity: Array) -> Array:
         """Returns `velocity` (n,) [rad/s], reduced for servos at `position` (n,) [rad] that could not stop in
         time.

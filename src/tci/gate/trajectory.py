@@ -207,8 +207,8 @@ class OnlineTrajectory:
         if self._any_driven:
             allowed = self.bounds.allowed_velocity(here, np.nan_to_num(self._drive))
             if self._outside:
-                inward = np.sign(self.bounds.inside(here) - here)
-                allowed = np.where(inward, CREEP * inward * self.bounds.velocity, allowed)
+                inward = self.bounds.inward(here, CREEP)
+                allowed = np.where(inward, inward, allowed)
             self._driving = bool(allowed.any())
             self._input.target_velocity = allowed.tolist()
         try:

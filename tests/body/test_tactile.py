@@ -90,6 +90,20 @@ def test_the_image_shows_the_touch_where_its_taxels_are(body: GenericBody, feel:
     assert felt == pytest.approx(seen.contacts[0].force, rel=0.2)
 
 
+@pytest.mark.parametrize("patch", ["left_thigh", "head_skin", "left_hand"])
+def test_skin_around_another_part_is_unrolled_too(patch: str) -> None:
+    whole = GenericBody(tci.load_robot("nao-whole"))
+    places = pressure_image(untouched(whole), whole, patch).places
+    surface = whole.skin.surfaces[patch]
+    apart = np.linalg.norm(surface.positions[:, None] - surface.positions, axis=2)
+    flat = np.linalg.norm(places[:, None] - places, axis=2)
+    assert flat[apart > 0.03].min() > 0.01, "its two sides do not lie on each other"
+    corners = places[surface.faces]
+    (p, q), (r, s) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
+    whole_ones = np.ptp(corners[:, :, 0], axis=1) < 0.03  # not across the cut
+    assert (p * s - q * r)[whole_ones].min(initial=0.0) >= 0.0, "seen from outside"
+
+
 @pytest.mark.parametrize(("along", "around"), [(0.014, 0.005), (0.005, 0.014)])
 def test_the_shape_has_the_touch_axes(body: GenericBody, feel: Feel, along: float, around: float) -> None:
     (contact,) = feel(stress(body, along=along, around=around)).contacts

@@ -17,7 +17,7 @@ from tci.errors import TciError
 from tci.frames import Array, frozen
 from tci.messages import Contact, Perception
 from tci.skin.layout import AXES
-from tci.skin.triangulation import is_sheet
+from tci.skin.triangulation import is_sheet, unroll
 
 FRICTION = 0.5
 """Ratio of tangential to normal force at which skin slips. Assumed: between the values for rubber on steel
@@ -44,9 +44,9 @@ def pressure_image(
 ) -> PressureImage:
     """Returns the pressure on a patch as an image. Each pixel has the pressure of the nearest taxel.
 
-    A sleeve is cut along its extensor side and unrolled at its mean radius; other skin is projected onto its
-    mean plane. Raises UnknownNameError for an unknown patch, TciError for a perception without skin or a
-    pixel size that is not above 0.
+    A sleeve is cut along its extensor side, or anywhere if it lies on no arm, and unrolled at its mean
+    radius. A sheet is projected onto its mean plane. Raises UnknownNameError for an unknown patch, TciError
+    for a perception without skin or a pixel size that is not above 0.
     """
     if perception.skin is None or perception.joints is None:
         raise TciError("a perception without skin has no pressure image; valid: one made by a Perceiver")
@@ -54,8 +54,11 @@ def pressure_image(
         raise TciError(f"pressure image: pixel {pixel} m; valid: above 0 and finite")
     description, surface = body.robot.patch(patch), body.skin.surfaces[patch]
     segment = body.robot.limb_segment(description)
-    if segment is None or is_sheet(surface.normals):
+    if is_sheet(surface.normals):
         places = _flattened(surface.positions, surface.normals)
+    elif segment is None:
+        places, _, axes = unroll(surface.positions, surface.normals)
+        places *= [np.sign(np.linalg.det(axes)), 1.0]  # to the right as seen from outside
     else:
         u, theta, radius = body.skin.limb(patch, perception.joints)
         places = np.column_stack([theta * radius.mean(), (1.0 - u) * segment.length])

@@ -64,7 +64,22 @@ def _on_plane(places: Array, normals: Array) -> NDArray[np.intp]:
 
 
 def _around_axis(places: Array, normals: Array) -> NDArray[np.intp]:
-    """Returns triangles (f, 3) of a limb from its unrolled skin.
+    """Returns triangles (f, 3) of a limb from its unrolled skin."""
+    unrolled, turn, _ = unroll(places, normals)
+    unrolled += TIE * np.random.default_rng(0).standard_normal(unrolled.shape)
+    n = len(places)
+    shift = np.array([turn, 0.0])
+    faces = _delaunay(np.concatenate([unrolled - shift, unrolled, unrolled + shift]))
+    # Each triangle is found once per turn; that whose lowest taxel is on the middle turn is kept.
+    lowest = np.take_along_axis(faces, (faces % n).argmin(axis=1)[:, None], axis=1)[:, 0]
+    faces = faces[lowest // n == 1] % n
+    faces = faces[[len({*face}) == 3 for face in faces.tolist()]]
+    return _skin_only(faces, places, normals)
+
+
+def unroll(places: Array, normals: Array) -> tuple[Array, float, Array]:
+    """Returns the coordinates (n, 2) [m] of a limb's skin around its axis and along it, the length [m] of a
+    turn, and unit vectors (3, 3): along, and the two across between which the angle rises.
 
     The axis has the direction in which the normals vary least, and the least distance from the lines along
     the normals.
@@ -77,16 +92,7 @@ def _around_axis(places: Array, normals: Array) -> NDArray[np.intp]:
     from_axis = flat - np.linalg.lstsq(beside.sum(axis=0), towards, rcond=None)[0]
     around = np.arctan2(from_axis[:, 1], from_axis[:, 0])
     turn = 2.0 * np.pi * np.linalg.norm(from_axis, axis=1).mean()
-    unrolled = np.column_stack([around / (2.0 * np.pi) * turn, along])
-    unrolled += TIE * np.random.default_rng(0).standard_normal(unrolled.shape)
-    n = len(places)
-    shift = np.array([turn, 0.0])
-    faces = _delaunay(np.concatenate([unrolled - shift, unrolled, unrolled + shift]))
-    # Each triangle is found once per turn; that whose lowest taxel is on the middle turn is kept.
-    lowest = np.take_along_axis(faces, (faces % n).argmin(axis=1)[:, None], axis=1)[:, 0]
-    faces = faces[lowest // n == 1] % n
-    faces = faces[[len({*face}) == 3 for face in faces.tolist()]]
-    return _skin_only(faces, places, normals)
+    return np.column_stack([around / (2.0 * np.pi) * turn, along]), float(turn), axes
 
 
 def _skin_only(faces: NDArray[np.intp], places: Array, normals: Array) -> NDArray[np.intp]:

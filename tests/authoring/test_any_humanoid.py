@@ -205,6 +205,29 @@ def test_legs_that_are_left_out_are_told_with_the_reason(from_torso: bool, tmp_p
     assert left_out(propose(MadeHumanoid(from_torso=from_torso).urdf(tmp_path), name="made")) == []
 
 
+def test_a_torso_that_slides_is_told(tmp_path: Path) -> None:
+    path = MadeHumanoid(legs=False).urdf(tmp_path)
+    lift = (
+        "<link name='column'><inertial><mass value='3'/><inertia ixx='.1' iyy='.1' izz='.1' ixy='0' ixz='0' "
+        "iyz='0'/></inertial></link><joint name='lift' type='prismatic'><parent link='column'/>"
+        "<child link='torso'/><axis xyz='0 0 1'/><limit lower='0' upper='.3' effort='9' velocity='.1'/>"
+        "</joint>"
+    )
+    text = path.read_text().replace("<child link='torso'/>", "<child link='column'/>")
+    path.write_text(text.replace("</robot>", f"{lift}</robot>"))
+    robot = propose(path, name="made")
+    assert "waist_yaw" in {servo.name for servo in robot.servos}
+    assert left_out(robot) == ["lift: no generic joint slides; at the model's zero in simulation"]
+
+
+def test_exchanged_names_of_the_sides_are_one_of_the_causes_that_are_told(tmp_path: Path) -> None:
+    path = MadeHumanoid().urdf(tmp_path)
+    text = path.read_text().replace("left_", "?_").replace("right_", "left_").replace("?_", "right_")
+    path.write_text(text)
+    with pytest.raises(DescriptionError, match="and names of the left on the left"):
+        propose(path, name="made")
+
+
 def test_joints_of_a_neck_that_are_left_out_are_told(tmp_path: Path) -> None:
     path = MadeHumanoid(head=("yaw",)).urdf(tmp_path)
     text = path.read_text()

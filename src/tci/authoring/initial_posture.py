@@ -55,7 +55,8 @@ def check_reach(draft: Robot, part: GenericPart) -> None:
     message = (
         f"{part.name}: its limits allow no posture in which it hangs with its forearm ahead; "
         f"{draft.servos[joints.servos[worst]].name} has {low:.0f} to {high:.0f} degrees and needs "
-        f"{needed:.0f}; valid: limits of this side and of this joint, in the model's file"
+        f"{needed:.0f}; valid, in the model's file: limits of this side and of this joint, and names of the "
+        "left on the left"
     )
     raise DescriptionError(draft.source, [Fault(0, message)])
 

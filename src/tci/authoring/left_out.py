@@ -16,10 +16,12 @@ STEEPEST = 0.26
 """Least cosine between the axis of hip pitch and the y axis with which joints still count as a leg that is
 left out. Assumed: 75 degrees; a steeper axis is that of another joint."""
 
+SLIDES = int(mujoco.mjtJoint.mjJNT_SLIDE)
+
 
 def left_out(robot: Robot) -> list[str]:
-    """Returns a note for each kind of part that a proposal leaves out, although places or names of joints
-    show that the model has it."""
+    """Returns a note on the joints that slide, and one for each kind of part whose joints a proposal leaves
+    out, although their places or names tell it."""
     if robot.model is None:
         return []
     model = bare_model(robot.model)
@@ -32,14 +34,17 @@ def left_out(robot: Robot) -> list[str]:
     mapped = {robot.servos[servo].joint for servo in servos}
     taken = {place for place, joint in enumerate(joints) if joint.name in mapped}
     kinds = {part.kind for part in robot.parts if any(one.servo is not None for one in part.servos)}
-    notes: list[str] = []
+    sliding = [one.name for one in map(model.joint, range(model.njnt)) if one.type[0] == SLIDES]
+    told = f"{', '.join(sliding)}: no generic joint slides; at the model's zero in simulation"
+    notes = [told] if sliding else []
     if "leg" not in kinds and (legs := find_legs(joints, taken, extent_of(joints), slanted=STEEPEST)):
         hips = [joints[leg.hip] for leg in legs.values()]
         slants = [np.rad2deg(np.arccos(min(1.0, abs(float(hip.axis[1]))))) for hip in hips]
-        return [
+        steep = (
             f"no legs: {' and '.join(hip.name for hip in hips)} are slanted by {max(slants):.0f} degrees "
             f"against the left-right axis; valid: at most {np.rad2deg(np.arccos(SLANTED)):.0f}"
-        ]
+        )
+        return [*notes, steep]
     angle = np.rad2deg(np.arccos(ALIKE))
     reasons = {
         "leg": "form no pair of legs that bend at hip, knee and ankle",

@@ -45,21 +45,65 @@ def test_the_figure_says_what_the_command_says(recorded: Path, tmp_path: Path) -
 def test_lines_are_those_of_the_recording(recorded: Path) -> None:
     robot = package.load_robot("nao")
     periods = list(perceive(Recording(recorded), robot))
-    part, series = collect(robot, periods, part=None)
+    (part,), series = collect(robot, periods, part=None)
     assert part == "left_arm"
     forces = [sum(contact.force for contact in period.perception.contacts) for period in periods]
     assert np.array_equal(series.forces["left_forearm"], forces)
-    commanded = np.isfinite(series.sent).all(axis=1)
+    commanded = np.isfinite(series.sent[part]).all(axis=1)
     assert commanded.any()
     # The reference leads the motion, and the arm reaches it in the end.
-    assert np.abs(series.sent[-1] - series.measured[-1]).max() < np.deg2rad(1.0)
-    other, right = collect(robot, periods, part="right_arm")
+    assert np.abs(series.sent[part][-1] - series.measured[part][-1]).max() < np.deg2rad(1.0)
+    (other,), right = collect(robot, periods, part="right_arm")
     assert other == "right_arm"
-    assert not np.isfinite(right.sent).any()
+    assert not np.isfinite(right.sent[other]).any()
     with pytest.raises(UnknownNameError, match="tail"):
         collect(robot, periods, part="tail")
     with pytest.raises(RecordingError, match="no period"):
         collect(robot, periods, begin=5.0, part=None)
+
+
+class Nod(package.Capability[int]):
+    """Lowers the head when a contact begins."""
+
+    def init(self, body: package.GenericBody) -> int:
+        return 0
+
+    def step(
+        self, memory: int, perception: package.Perception, body: package.GenericBody
+    ) -> tuple[tuple[package.GenericCommand, ...], int]:
+        if memory or not perception.contacts:
+            return (), memory
+        return (package.GenericCommand("head", package.Mode.POSITION, np.deg2rad([15.0, 0.0, 0.0])),), 1
+
+
+def test_a_response_of_another_part_is_drawn_and_a_contact_to_the_end_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "nod.mcap"
+    with (
+        package.connect("nao", "sim") as driver,
+        package.Recorder(path, driver.robot, period=driver.period) as recorder,
+    ):
+        assert isinstance(driver, SimulatedDriver)
+        driver.world.finger.poke("right_forearm", 150)
+        package.run(
+            driver,
+            Nod(),
+            duration=0.4,
+            observe=lambda tick: recorder.tick(tick.now, tick.reading, tick.commands, tick.sent),
+        )
+    periods = list(perceive(Recording(path), driver.robot))
+    parts, series = collect(driver.robot, periods, part=None)
+    assert parts == ("right_arm", "head")
+    assert np.ptp(series.measured["head"][:, 0]) > np.deg2rad(5.0)
+    (touch,) = series.touches
+    assert (touch.responding, touch.lasts) == ("head", True)
+    said = tci("plot", str(path), "--out", str(tmp_path / "nod.svg"))
+    assert "no command" not in said
+    assert "(head), contact to the end (" in said
+    assert "behaviour not recorded" in (tmp_path / "nod.svg").read_text()
+    assert touch.to_json()["lost_ms"] is None
+    assert touch.commanded is not None
+    assert touch.moved is not None
+    assert touch.began <= touch.commanded < touch.moved
 
 
 def test_rims_of_fields_are_where_the_field_ends() -> None:
@@ -73,7 +117,7 @@ def test_bad_formats_and_recordings_without_a_robot_are_told(recorded: Path, tmp
     robot = package.load_robot("nao")
     _, series = collect(robot, list(perceive(Recording(recorded), robot)), part=None)
     with pytest.raises(UnknownNameError, match="valid: png, pdf, svg"):
-        draw(robot, series, "left_arm", tmp_path / "a.docx", fields=(), title="")
+        draw(robot, series, tmp_path / "a.docx", fields=(), title="")
     log = tmp_path / "data.log"
     log.write_text("1 0.5 240 230\n2 0.52 240 231\n")
     tci("log", "import", str(log), str(tmp_path / "foot.mcap"))

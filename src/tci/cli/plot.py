@@ -19,7 +19,8 @@ def plot(
     ] = None,
     robot: RecordedRobot = None,
     part: Annotated[
-        str | None, typer.Option(help="Generic part to draw. \\[default: the one touched first]")
+        str | None,
+        typer.Option(help="Generic part to draw. \\[default: the one touched first, and those that respond]"),
     ] = None,
     begin: Begin = float("-inf"),
     end: End = float("inf"),
@@ -49,22 +50,28 @@ def plot(
         for period in perceive(recording, found):
             periods.append(period)
             progress.advance(task)
-        chosen, series = collect(found, periods, begin=begin, end=end, part=part)
+        parts, series = collect(found, periods, begin=begin, end=end, part=part)
         progress.update(task, description="drawing")
-        about = recording.about
-        title = f"{found.title or found.name}, {about.get('capability') or 'no behaviour'}, {file.name}"
-        draw(found, series, chosen, out, fields=default_fields(), title=title)
+        behaviour = recording.about.get("capability") or "behaviour not recorded"
+        title = f"{found.title or found.name}, {behaviour}, {file.name}"
+        draw(found, series, out, fields=default_fields(), title=title)
     touches = [touch.to_json() for touch in series.touches]
     if as_json:
-        print_json({"file": str(out), "part": chosen, "periods": len(series.time), "touches": touches})
+        facts = {"file": str(out), "part": parts[0], "parts": parts, "periods": len(series.time)}
+        print_json({**facts, "touches": touches})
         return
     for touch in series.touches:
         after = touch.to_json()
         numbers = ", ".join(
             f"{word} {after[key]:.0f} ms" if after[key] is not None else f"no {word}"
-            for word, key in (("command", "command_ms"), ("motion", "motion_ms"), ("lost", "lost_ms"))
+            for word, key in (("command", "command_ms"), ("motion", "motion_ms"))
         )
+        other = "" if touch.responding == touch.part else f" ({touch.responding})"
+        length = 1e3 * (touch.ended - touch.began)
+        lost = f"contact to the end ({length:.0f} ms)" if touch.lasts else f"lost {length:.0f} ms"
         console.print(
-            f"{touch.began:8.3f} s  {touch.patch}: {touch.peak_force:.1f} N, {numbers}", highlight=False
+            f"{touch.began:8.3f} s  {touch.patch}: {touch.peak_force:.1f} N, {numbers}{other}, {lost}",
+            highlight=False,
+            soft_wrap=True,
         )
     console.print(f"figure {out}", highlight=False, markup=False)

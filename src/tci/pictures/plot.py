@@ -41,10 +41,10 @@ class Series:
     """Force (k,) [N] on each patch that was touched."""
     response: Array
     """Largest commanded speed (k,) [rad/s] of any servo."""
-    measured: Array
-    """Generic angles (k, n) [rad] of the part."""
-    sent: Array
-    """Generic angles (k, n) [rad] that were sent to the part; NaN where none were."""
+    measured: dict[str, Array]
+    """Generic angles (k, n) [rad] of each part to draw."""
+    sent: dict[str, Array]
+    """Generic angles (k, n) [rad] that were sent to each part to draw; NaN where none were."""
     peak: dict[str, Array]
     """Largest pressure (taxels,) [Pa] of each patch."""
     joints: JointReading
@@ -60,8 +60,10 @@ def collect(
     begin: float = -np.inf,
     end: float = np.inf,
     part: str | None,
-) -> tuple[str, Series]:
-    """Returns the part to draw (by default the one touched first, else the first arm) and its series.
+) -> tuple[tuple[str, ...], Series]:
+    """Returns the parts to draw and their series.
+
+    By default, these are the part touched first (else the first arm) and all parts that respond to a touch.
 
     Raises RecordingError if no period lies between `begin` and `end` [s], UnknownNameError for an unknown
     part.
@@ -72,30 +74,32 @@ def collect(
         raise RecordingError(f"no period from {begin} to {end} s{there}")
     touches = find_touches(chosen)
     arms = [known.name for known in robot.parts if known.kind == "arm"] or [p.name for p in robot.parts]
-    part = part or (touches[0].part if touches else arms[0])
-    robot.part(part)
-    if part not in chosen[0].perception.posture:
-        raise UnknownNameError("generic part", part, chosen[0].perception.posture)
+    posture = chosen[0].perception.posture
+    respond = {name for touch in touches for name in (*touch.commands, *touch.motions)}
+    first_part = part or (touches[0].part if touches else arms[0])
+    robot.part(first_part)
+    if first_part not in posture:
+        raise UnknownNameError("generic part", first_part, posture)
+    others = [] if part else [name for name in posture if name in respond - {first_part}]
+    parts = first_part, *others
     forces: dict[str, Array] = {}
     peak: dict[str, Array] = {}
-    sent, measured, response = [], [], []
+    response = []
     names = [patch.name for patch in robot.patches]
     for index, period in enumerate(chosen):
         for contact in period.perception.contacts:
             forces.setdefault(contact.patch, np.zeros(len(chosen)))[index] += contact.force
         for name, pressure in period.skin.by_patch(names).items():
             peak[name] = np.maximum(peak.get(name, 0.0), pressure)
-        measured.append(period.perception.posture[part])
-        sent.append(_sent(robot, period, part))
         speeds = period.decision["velocity"] if period.decision else ()
         response.append(np.abs(speeds).max(initial=0.0))
     first = next((p for p in chosen if touches and p.now >= touches[0].began), chosen[0])
-    return part, Series(
+    return parts, Series(
         time=np.array([period.now for period in chosen]),
         forces=forces,
         response=np.array(response),
-        measured=np.array(measured),
-        sent=np.array(sent),
+        measured={name: np.array([p.perception.posture[name] for p in chosen]) for name in parts},
+        sent={name: np.array([_sent(robot, p, name) for p in chosen]) for name in parts},
         peak=peak,
         joints=first.reading.joints,
         touches=tuple(touches),
@@ -115,29 +119,32 @@ def _sent(robot: Robot, period: Perceived, part: str) -> Array:
     return generic_posture(robot, JointReading(period.now, 0, position, still))[part]
 
 
-def draw(
-    robot: Robot, series: Series, part: str, path: Path, *, fields: Sequence[ReceptiveField], title: str
-) -> None:
-    """Writes the figure in the format of the path's suffix (png, pdf, svg).
+def draw(robot: Robot, series: Series, path: Path, *, fields: Sequence[ReceptiveField], title: str) -> None:
+    """Writes the figure in the format of the path's suffix (png, pdf, svg). Unrolls the skin of the first
+    part.
 
     Raises UnknownNameError for another format.
     """
     form = path.suffix.removeprefix(".").lower()
-    figure = Figure(figsize=(7.2, 8.6), facecolor="white", layout="constrained")
+    first, *others = series.measured
+    more = 2.3 * len(others)
+    figure = Figure(figsize=(7.2, 8.6 + more), facecolor="white", layout="constrained")
     canvas = FigureCanvasAgg(figure)
     if form not in canvas.get_supported_filetypes():
         raise UnknownNameError("format of a figure", form, ("png", "pdf", "svg"))
     figure.suptitle(title, fontsize=9, color=INK, x=0.01, ha="left")
-    upper, lower = figure.subfigures(2, 1, height_ratios=(1.45, 1.0), squeeze=False)[:, 0]
-    lines = upper.subplots(3, 1, sharex=True, height_ratios=(1.0, 0.8, 1.5))
+    upper, lower = figure.subfigures(2, 1, height_ratios=(5.1 + more, 3.5), squeeze=False)[:, 0]
+    heights = 1.0, 0.8, *(1.5 for _ in series.measured)
+    lines = upper.subplots(len(heights), 1, sharex=True, height_ratios=heights)
     shown = _window(series)
     _draw_forces(lines[0], series)
     _draw_response(lines[1], series)
-    _draw_angles(lines[2], robot, series, part)
-    lines[2].set_xlim(*shown)
-    lines[2].set_xlabel("time [s]")
+    for axes, part in zip(lines[2:], series.measured, strict=True):
+        _draw_angles(axes, robot, series, part)
+    lines[-1].set_xlim(*shown)
+    lines[-1].set_xlabel("time [s]")
     left, right = lower.subplots(1, 2, width_ratios=(1.6, 1.0))
-    _draw_skin(lower, left, robot, series, part, fields)
+    _draw_skin(lower, left, robot, series, first, fields)
     _draw_latency(right, series)
     for axes in (*lines, left, right):
         _plain(axes)
@@ -177,10 +184,9 @@ def _draw_angles(axes: Axes, robot: Robot, series: Series, part: str) -> None:
             continue
         name = JOINTS[joint] if robot.part(part).kind == "arm" else servo.name
         colour = LINES[joint % len(LINES)]
-        axes.plot(
-            series.time, np.rad2deg(series.measured[:, joint]), color=colour, label=name.replace("_", " ")
-        )
-        axes.plot(series.time, np.rad2deg(series.sent[:, joint]), color=colour, linestyle=(0, (2, 2)))
+        measured, sent = np.rad2deg(series.measured[part][:, joint]), np.rad2deg(series.sent[part][:, joint])
+        axes.plot(series.time, measured, color=colour, label=name.replace("_", " "))
+        axes.plot(series.time, sent, color=colour, linestyle=(0, (2, 2)))
     axes.plot([], [], color=PALE, linestyle=(0, (2, 2)), label="sent")
     axes.legend(loc="upper right", ncols=3)
 

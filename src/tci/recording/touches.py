@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -31,10 +31,29 @@ class Touch:
     """Time [s] of the last period with a contact."""
     peak_force: float = 0.0
     """Largest total force [N] of the part's contacts."""
-    commanded: float | None = None
-    """Time [s] of the first command for the part since then; None without one."""
-    moved: float | None = None
-    """Time [s] at which a generic joint of the part had changed by `MOVED`; None if none did."""
+    lasts: bool = False
+    """True if the contact lasts to the end of the recording."""
+    commands: dict[str, float] = field(default_factory=dict)
+    """Time [s] of the first command since then for each part that was commanded; "" stands for the robot's
+    own joints."""
+    motions: dict[str, float] = field(default_factory=dict)
+    """Time [s] at which a generic joint of each part that moved had changed by `MOVED`."""
+
+    @property
+    def responding(self) -> str:
+        """Part whose response is measured: the touched one, or the first one if only others respond."""
+        among = {part: time for part, time in self.commands.items() if part} or self.motions
+        return self.part if self.part in among or not among else min(among, key=among.__getitem__)
+
+    @property
+    def commanded(self) -> float | None:
+        """Time [s] of the first command; None without one."""
+        return self.commands.get(self.responding, self.commands.get(""))
+
+    @property
+    def moved(self) -> float | None:
+        """Time [s] of the first motion; None without one."""
+        return self.motions.get(self.responding)
 
     def to_json(self) -> dict[str, object]:
         """Returns plain values for JSON; times are relative to the first contact, in milliseconds."""
@@ -45,7 +64,8 @@ class Touch:
             "peak_force_n": self.peak_force,
             "command_ms": None if self.commanded is None else 1e3 * (self.commanded - self.began),
             "motion_ms": None if self.moved is None else 1e3 * (self.moved - self.began),
-            "lost_ms": 1e3 * (self.ended - self.began),
+            "lost_ms": None if self.lasts else 1e3 * (self.ended - self.began),
+            "responding_part": self.responding,
         }
 
 
@@ -53,7 +73,7 @@ def find_touches(periods: Iterable[Perceived]) -> list[Touch]:
     """Returns all touches in the order of their beginnings."""
     found: list[Touch] = []
     last: dict[str, Touch] = {}
-    start: dict[str, Array] = {}
+    start: dict[str, Mapping[str, Array]] = {}
     for period in periods:
         forces: dict[str, float] = {}
         patches: dict[str, str] = {}
@@ -64,17 +84,19 @@ def find_touches(periods: Iterable[Perceived]) -> list[Touch]:
             touch = last.get(part)
             if touch is None or period.now - touch.ended > PAUSE:
                 touch = last[part] = Touch(part, patches[part], period.now, period.now)
-                start[part] = period.perception.posture[part]
+                start[part] = period.perception.posture
                 found.append(touch)
             touch.ended = period.now
             touch.peak_force = max(touch.peak_force, force)
         for part, touch in last.items():
             if period.now - touch.ended > PAUSE:
                 continue
-            wanted = any(command["part"] == part and len(command["values"]) for command in period.commands)
-            if touch.commanded is None and wanted:
-                touch.commanded = period.now
-            turned = float(np.abs(period.perception.posture[part] - start[part]).max(initial=0.0))
-            if touch.moved is None and turned > MOVED:
-                touch.moved = period.now
+            for command in period.commands:
+                if command["part"] in ("", *start[part]) and len(command["values"]):
+                    touch.commands.setdefault(command["part"], period.now)
+            for name, angles in period.perception.posture.items():
+                if name not in touch.motions and np.abs(angles - start[part][name]).max(initial=0.0) > MOVED:
+                    touch.motions[name] = period.now
+    for touch in last.values():
+        touch.lasts = touch.ended == period.now
     return found

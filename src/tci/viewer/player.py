@@ -175,8 +175,8 @@ class Player:
             self._happened.append((touch.began, touched(contacts[0], self.fields)))
             if touch.commanded is not None:
                 for command in by_time[touch.commanded].commands:
-                    if command["kind"] == GenericCommand.__name__ and command["part"] == touch.part:
-                        self._happened.append((touch.commanded, moves(touch.part, command["values"])))
+                    if command["kind"] == GenericCommand.__name__ and command["part"] == touch.responding:
+                        self._happened.append((touch.commanded, moves(touch.responding, command["values"])))
                         break
         self._happened.sort()
 

@@ -11,7 +11,7 @@ with tci.connect(robot, "sim") as driver:
     for now in driver.ticks(duration=1.0):
         sent = driver.write(driver.gate.step(commands, driver.read().joints, now))
         commands = []
-        for message in sent.clamped:
+        for message in (*sent.refusals, *sent.clamped):
             print(message)
     wrist = arm.positions(driver.read().joints)
     print(f"wrist pitch is at {np.rad2deg(wrist['l_wrist_pitch']):.1f} degrees")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import runpy
 import subprocess
 import sys
 from functools import cache
@@ -35,6 +36,18 @@ def test_example(path: Path) -> None:
     assert SAID.get(path.stem, "") in run.stdout
     if path == EXAMPLES[0]:
         assert words_of(README.split("```text\n")[1].split("```")[0]) == words_of(run.stdout)
+
+
+def test_a_loop_of_ones_own_says_that_degrees_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (example,) = (path for path in EXAMPLES if path.stem == "03_native_joints")
+    (tmp_path / "degrees.py").write_text(example.read_text().replace("np.deg2rad(-30)", "-30"))
+    runpy.run_path(str(tmp_path / "degrees.py"))
+    said, wrist = capsys.readouterr().out.splitlines()
+    assert "l_wrist_pitch" in said
+    assert "radians" in said
+    assert "is at 0.0 degrees" in wrist.replace("-0.0", "0.0")
 
 
 def test_a_move_takes_as_long_whatever_rate_a_loop_has() -> None:

@@ -159,14 +159,16 @@ def test_45_an_exception_of_a_thread_stops_the_robot_and_is_raised(driver: Simul
 
 
 @pytest.mark.parametrize(
-    ("number", "error"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)]
+    ("number", "error", "ended"),
+    [(signal.SIGINT, KeyboardInterrupt, "Ctrl-C"), (signal.SIGTERM, SystemExit, "SystemExit: 143")],
 )
 def test_42_a_signal_brings_the_robot_to_rest(
-    driver: SimulatedDriver, number: int, error: type[BaseException]
+    driver: SimulatedDriver, number: int, error: type[BaseException], ended: str
 ) -> None:
-    before = signal.getsignal(number)
+    before, report = signal.getsignal(number), LoopReport()
     with pytest.raises(error):
-        run(driver, Swing(40, lambda: os.kill(os.getpid(), number)), duration=1.0)
+        run(driver, Swing(40, lambda: os.kill(os.getpid(), number)), duration=1.0, report=report)
+    assert report.ended == ended
     assert driver.world.time < 0.1 + 0.5
     driver.world.advance(driver.world.time + 0.05)
     assert speed(driver) < 0.02

@@ -127,7 +127,8 @@ def run(
         except BaseException as error:
             interruption.rests = True
             where = f" in thread {interruption.thread}" if error is interruption.failure else ""
-            loop.report.ended = f"{type(error).__name__}{where}: {error}".removesuffix(": ")
+            name = "Ctrl-C" if isinstance(error, KeyboardInterrupt) else type(error).__name__
+            loop.report.ended = f"{name}{where}: {error}".removesuffix(": ")
             loop.stop(loop.report.ended, error)
             raise
 

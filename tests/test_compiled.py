@@ -5,13 +5,15 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import threading
+import time
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tci import compiled
+from tci import compile_ahead, compiled
 from tci.capabilities import answer, discounts
 from tci.compile_ahead import _state, modules_with_loops
 from tci.skin.kernels import condition, contacts, nearest
@@ -132,6 +134,30 @@ def test_the_first_process_compiles_side_by_side_and_says_so(tmp_path: Path) -> 
     assert use("one") == [""]
     package.joinpath("one", "loops.py").write_text(LOOPS.replace("2.0", "3.0"))
     assert "compiling" in use("one")[0]
+
+
+def test_a_process_says_that_it_waits_for_another_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(compile_ahead, "HERE", tmp_path)
+    with compile_ahead._alone():
+        assert not capsys.readouterr().err
+        waits = threading.Thread(target=_enter_alone)
+        waits.start()
+        words, begin = "", time.monotonic()
+        while not words and time.monotonic() - begin < 5.0:
+            time.sleep(0.001)
+            words = capsys.readouterr().err
+        assert words == "tci: another tci process compiles its loops; waiting for it\n"
+        assert waits.is_alive()
+    waits.join(5.0)
+    assert not waits.is_alive()
+    assert not capsys.readouterr().err
+
+
+def _enter_alone() -> None:
+    with compile_ahead._alone():
+        pass
 
 
 def test_progress_counts_loops_and_weighs_their_length(tmp_path: Path) -> None:

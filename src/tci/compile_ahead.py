@@ -60,14 +60,20 @@ def compile_ahead(is_missing: Callable[[], bool]) -> None:
 
 @contextmanager
 def _alone() -> Iterator[None]:
-    """Waits until no other process compiles. On a system without file locks, two processes may do the same
-    work; this is harmless."""
+    """Waits until no other process compiles, and says so on stderr.
+
+    On a system without file locks, two processes may do the same work; this is harmless.
+    """
     if fcntl is None:
         yield
         return
     place = os.open(HERE, os.O_RDONLY)
     try:
-        fcntl.flock(place, fcntl.LOCK_EX)
+        try:
+            fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            print("tci: another tci process compiles its loops; waiting for it", file=sys.stderr, flush=True)
+            fcntl.flock(place, fcntl.LOCK_EX)
         yield
     finally:
         os.close(place)

@@ -242,6 +242,7 @@ def test_a_capability_that_fails_is_told_with_its_place(
     ("arguments", "words"),
     [
         (("run", "withdrawl", "nao"), "withdrawal"),
+        (("run", "withdrawal", "naoo"), "did you mean 'nao'?"),
         (("run", "withdrawal", "nao", "--fault", "plague@1"), "stall"),
         (("run", "withdrawal", "nao", "--fault", "stal@1"), "did you mean 'stall'?"),
         (("run", "withdrawal", "nao", "--fault", "stall"), "NAME@TIME:DURATION"),
@@ -252,6 +253,21 @@ def test_what_is_not_there_is_one_message_with_what_is(arguments: tuple[str, ...
     text = told_by(*arguments, status=1)
     assert words in text
     assert "Traceback" not in text
+
+
+def test_a_wrong_name_of_a_robot_is_said_before_any_loop_is_compiled() -> None:
+    program = (
+        "import sys\n"
+        "from tci.cli.main import main\n"
+        "sys.argv = ['tci', 'run', 'withdrawal', 'naoo']\n"
+        "try:\n"
+        "    main()\n"
+        "finally:\n"
+        "    print('tci.compiled' in sys.modules)\n"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert "naoo" in run.stderr
+    assert run.stdout == "False\n"
 
 
 def test_the_list_of_faults() -> None:

@@ -18,9 +18,20 @@ def _above_zero(seconds: float | None) -> float | None:
     raise typer.BadParameter(f"{seconds} s; valid: above 0 s and finite")
 
 
+def _known_robots(given: str | list[str] | None) -> str | list[str] | None:
+    """Raises UnknownNameError for a robot without a description, before a command loads anything else."""
+    from tci.robot.catalogue import check_name
+
+    for name in [given] if isinstance(given, str) else given or ():
+        check_name(name)
+    return given
+
+
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
 _robot = typer.Argument(
-    help="Robot: a name from tci robots, or a description file.", autocompletion=completion.robots
+    help="Robot: a name from tci robots, or a description file.",
+    autocompletion=completion.robots,
+    callback=_known_robots,
 )
 RobotName = Annotated[str, _robot]
 OptionalRobot = Annotated[str | None, _robot]
@@ -30,6 +41,7 @@ SomeRobots = Annotated[
         help="Robots: names from tci robots, or description files. "
         "\\[default: nao and icub, the robots of the paper, if installed]",
         autocompletion=completion.robots,
+        callback=_known_robots,
     ),
 ]
 RecordedRobot = Annotated[

@@ -32,6 +32,12 @@ def robot_names() -> tuple[str, ...]:
     return tuple(sorted({*_packaged(), *_entries()}))
 
 
+def check_name(name_or_path: str) -> None:
+    """Raises UnknownNameError for a text that is neither a known robot's name nor a path. Loads no robot."""
+    if not _is_path(name_or_path) and name_or_path not in (names := robot_names()):
+        raise UnknownNameError("robot", name_or_path, [*names, "or the path of a description (.xml)"])
+
+
 def load_robot(name_or_path: str | os.PathLike[str]) -> Robot:
     """Returns a robot by its name, or by the path of its description (any text with a slash or that ends in
     .xml).
@@ -50,10 +56,8 @@ def load_robot(name_or_path: str | os.PathLike[str]) -> Robot:
     packaged = _packaged()
     if text in packaged:
         return _shared(text, read_robot(packaged[text]))
-    entries = _entries()
-    if text in entries:
-        return _shared(text, read_robot(_path_of(entries[text])))
-    raise UnknownNameError("robot", text, [*robot_names(), "or the path of a description (.xml)"])
+    check_name(text)
+    return _shared(text, read_robot(_path_of(_entries()[text])))
 
 
 def _shared(name: str, robot: Robot) -> Robot:

@@ -19,7 +19,7 @@ from tci import GenericBody, cli, load_robot
 from tci.cli.check import check
 from tci.cli.guide import FIRST, NEXT
 from tci.cli.main import app
-from tci.cli.robots import load_robots
+from tci.cli.robots import load_robots, robots
 from tci.errors import MissingExtraError
 from tci.robot.description import Robot
 from tci.runtime.arguments import load_capability
@@ -195,6 +195,24 @@ def test_a_robot_that_is_not_installed_is_no_part_of_the_json(
     told = capsys.readouterr()
     assert not told.out
     assert "icub is left out" in told.err
+
+
+def test_the_advice_for_robots_that_are_not_installed_is_one_unbroken_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def load(name: str) -> Robot:
+        raise MissingExtraError(f"the model of {name}", "models", f"pip install '{'x' * 80}[robots]'")
+
+    monkeypatch.setattr("tci.robot.catalogue.load_robot", load)
+    monkeypatch.setattr("tci.robot.catalogue.robot_names", lambda: ("g1", "icub"))
+    monkeypatch.setattr("tci.cli.robots.console.width", 80)
+    robots()
+    told = capsys.readouterr().out
+    assert told.count("pip install") == 1
+    assert f"not installed: models, for g1, icub; pip install '{'x' * 80}[robots]'\n" in told
+    robots(as_json=True)
+    rows = json.loads(capsys.readouterr().out)["robots"]
+    assert [row["missing"].count("pip install") for row in rows] == [1, 1]
 
 
 def test_brackets_in_a_name_are_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -26,7 +26,8 @@ def robots(as_json: AsJson = False) -> None:
 
     from tci.robot.catalogue import robot_names
 
-    rows = [_row(name) for name in robot_names()]
+    found = {name: _load(name) for name in robot_names()}
+    rows = [_row(name, robot) for name, robot in found.items()]
     if as_json:
         print_json({"robots": rows})
         return
@@ -35,7 +36,7 @@ def robots(as_json: AsJson = False) -> None:
     )
     for row in rows:
         if "missing" in row:
-            table.add_row(f"[bold]{row['name']}[/]", Text(row["missing"], "yellow"))
+            table.add_row(f"[bold]{row['name']}[/]", Text("not installed", "yellow"))
         else:
             table.add_row(
                 f"[bold]{row['name']}[/]",
@@ -46,16 +47,29 @@ def robots(as_json: AsJson = False) -> None:
                 ", ".join(row["drivers"]),
             )
     console.print(table)
+    missing: dict[tuple[str, str], list[str]] = {}
+    for name, robot in found.items():
+        if isinstance(robot, MissingExtraError):
+            missing.setdefault((robot.missing, robot.advice), []).append(name)
+    for (package, advice), names in missing.items():
+        words = f"not installed: {package}, for {', '.join(names)}; {advice}"
+        console.print(words, style="yellow", highlight=False, markup=False, soft_wrap=True)
     console.print("show one: [bold]tci describe NAME[/]; add your own: docs/robot-description.md")
 
 
-def _row(name: str) -> dict[str, Any]:
+def _load(name: str) -> Robot | MissingExtraError:
+    """Returns a robot, or the error for a model that is not installed."""
     from tci.robot.catalogue import load_robot
 
     try:
-        robot = load_robot(name)
+        return load_robot(name)
     except MissingExtraError as error:
-        return {"name": name, "missing": str(error)}
+        return error
+
+
+def _row(name: str, robot: Robot | MissingExtraError) -> dict[str, Any]:
+    if isinstance(robot, MissingExtraError):
+        return {"name": name, "missing": str(robot)}
     return {
         "name": name,
         "title": robot.title,

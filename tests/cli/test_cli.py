@@ -13,7 +13,9 @@ from pathlib import Path
 import pytest
 
 from tci.cli.console import console
+from tci.cli.demo import _touches
 from tci.cli.main import main
+from tci.experiments.same_touch import SameTouch
 from tci.exports.facts import query, read_facts
 from tci.robot.catalogue import load_robot
 
@@ -123,6 +125,12 @@ def test_a_demo_names_the_next_step(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr("tci.cli.demo._run_trials", lambda *words, **options: None)
     text = tci("demo", "nao", "--headless", "--out", str(tmp_path))
     assert f"Next: open {tmp_path / 'demo.png'}, then poke" in text
+
+
+def test_both_numbers_of_the_same_touch_have_a_head() -> None:
+    table = _touches([SameTouch("nao", 3.0, 2.0, 1.75, 0.35, True)])
+    assert [column.header for column in table.columns] == ["probe\nmm", "pressed\nN", "nao\nN  gain"]
+    assert [*table.columns[2].cells] == ["1.75  0.35"]
 
 
 def test_demo_says_where_it_cannot_write(tmp_path: Path) -> None:

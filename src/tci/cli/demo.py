@@ -153,7 +153,7 @@ def _run_trials(
         print_json(report.to_json())
         return
     console.print(_table(report, mode))
-    console.print(_touches(report))
+    console.print(_touches(report.same_touch))
     _summary(report, robots)
     console.print(f"picture {picture}\nreport  {path}", highlight=False, markup=False)
     if not headless and sys.stdout.isatty() and (os.environ.get("DISPLAY") or sys.platform != "linux"):
@@ -207,7 +207,7 @@ def _table(report: Report, mode: str) -> Table:
     return table
 
 
-def _touches(report: Report) -> Table:
+def _touches(same: Sequence[SameTouch]) -> Table:
     """Returns the table of equal touches: the force and the gain of each robot."""
     from rich.table import Table
 
@@ -218,11 +218,11 @@ def _touches(report: Report) -> Table:
         pad_edge=False,
         collapse_padding=True,
     )
-    names = list(dict.fromkeys(row.robot for row in report.same_touch))
-    for name in ("probe\nmm", "pressed\nN", *names):
-        table.add_column(name, justify="right", no_wrap=True)
+    names = list(dict.fromkeys(row.robot for row in same))
+    for head in ("probe\nmm", "pressed\nN", *(f"{name}\nN  gain" for name in names)):
+        table.add_column(head, justify="right", no_wrap=True)
     touches: dict[tuple[float, float], list[SameTouch]] = {}
-    for row in report.same_touch:
+    for row in same:
         touches.setdefault((row.probe_mm, row.pressed_n), []).append(row)
     for (probe, pressed), rows in touches.items():
         table.add_row(

@@ -34,8 +34,8 @@ def robot_names() -> tuple[str, ...]:
 
 def check_name(name_or_path: str) -> None:
     """Raises UnknownNameError for a text that is neither a known robot's name nor a path. Loads no robot."""
-    if not _is_path(name_or_path) and name_or_path not in (names := robot_names()):
-        raise UnknownNameError("robot", name_or_path, [*names, "or the path of a description (.xml)"])
+    if not (_is_path(name_or_path) or name_or_path in _packaged() or name_or_path in _entries()):
+        raise UnknownNameError("robot", name_or_path, [*robot_names(), "or the path of a description (.xml)"])
 
 
 def load_robot(name_or_path: str | os.PathLike[str]) -> Robot:

@@ -72,15 +72,15 @@ def load_capability(name: str) -> Capability[Any]:
 
 def _from_module(module: str, name: str) -> object:
     """Returns an object of a module, which may be in the working directory."""
+    valid = "valid: MODULE:CLASS, such as my_file:Shrug for the class Shrug in my_file.py"
+    if module.startswith("."):  # Python would take it for a relative import
+        raise CommandError(f"{module}:{name}: a path is no module; {valid}")
     sys.path.insert(0, "")
     try:
-        if module.startswith("."):  # Python would take it for a relative import
-            raise ImportError("a path is no module")
         found = import_module(module)
     except (ImportError, ValueError) as error:
         raise CommandError(
-            f"{module}:{name}: {error}; searched: {Path.cwd()} and the installed packages; valid: "
-            "MODULE:CLASS, such as my_file:Shrug for the class Shrug in my_file.py"
+            f"{module}:{name}: {error}; searched: {Path.cwd()} and the installed packages; {valid}"
         ) from error
     if not hasattr(found, name):
         words = dict.fromkeys([*vars(found), *dir(found)])  # a package may load its names on first use

@@ -1,7 +1,11 @@
-"""YARP's authentication: each end proves that it has the key of `auth.conf`. Nothing is encrypted.
+"""YARP's authentication: each end proves that it has the key in `auth.conf`. Data is not encrypted.
 
-Acceptor A and connector B, nonces of 8 bytes, HMAC-SHA256:
-    A -> B   n1, mac(n1)        B -> A   n2, mac(n1 n2)        A -> B   n3, mac(n1 n2 n3)
+A is the end that accepted the connection, B the end that opened it. n1, n2 and n3 are random numbers of 8
+bytes, and mac is HMAC-SHA256 with the key.
+
+- A sends n1 and mac(n1).
+- B sends n2 and mac(n1 n2).
+- A sends n3 and mac(n1 n2 n3).
 """
 
 from __future__ import annotations
@@ -17,7 +21,8 @@ NONCE, DIGEST = 8, 32
 
 
 def accept(sock: socket.socket, source: SocketSource, key: bytes) -> None:
-    """Authenticates as the acceptor. Raises WireError when the other end does not have the key."""
+    """Authenticates at the end that accepted the connection. Raises WireError if the other end lacks the
+    key."""
     first = secrets.token_bytes(NONCE)
     sock.sendall(first + _mac(key, first))
     second = _receive(source, key, first)
@@ -26,7 +31,8 @@ def accept(sock: socket.socket, source: SocketSource, key: bytes) -> None:
 
 
 def connect(sock: socket.socket, source: SocketSource, key: bytes) -> None:
-    """Authenticates as the connector. Raises WireError when the other end does not have the key."""
+    """Authenticates at the end that opened the connection. Raises WireError if the other end lacks the
+    key."""
     first = _receive(source, key, b"")
     second = secrets.token_bytes(NONCE)
     sock.sendall(second + _mac(key, first + second))

@@ -1,7 +1,7 @@
-"""The client of a control board: its properties, limits and commands.
+"""The client of a control board, which is the YARP device that controls the joints of a robot part.
 
-Calls differ between the dialects; the commands streamed to `command:i` are nearly the same. Angles are in
-degrees.
+Calls differ between the two dialects, YARP 3.x and 4.x. The commands that are streamed to the port
+`command:i` differ only in their heads. Angles are in degrees.
 """
 
 from __future__ import annotations
@@ -39,12 +39,13 @@ class Stream(Enum):
 
 
 MOST_AXES = 256
-"""Largest number of axes of a board. Assumed: each is asked for its name, and robots have far fewer."""
+"""Largest number of axes of a board. Assumed: robots have far fewer axes. Each axis is asked for its name, so
+the bound limits the number of calls."""
 
 
 @dataclass(frozen=True, slots=True)
 class AxisLimits:
-    """Range of a joint that a board permits."""
+    """Range of angles that a board permits for a joint."""
 
     lower: float
     """Smallest angle [deg]."""
@@ -53,9 +54,10 @@ class AxisLimits:
 
 
 def find_board(network: Network, prefix: str, sender: str, dialect: Dialect | None = None) -> Board:
-    """Returns the board whose ports begin with `prefix`. The name of its call port shows its dialect.
+    """Returns the board with port names that begin with `prefix`. The name of its call port determines its
+    dialect.
 
-    Raises UnknownNameError when there is none, PortError when the name server doesn't answer.
+    Raises UnknownNameError if no board has this prefix, and PortError if the name server does not answer.
     """
     there = {contact.name: contact for contact in network.list()}
     found = [
@@ -78,15 +80,15 @@ def find_board(network: Network, prefix: str, sender: str, dialect: Dialect | No
 
 
 class Board(ABC):
-    """Calls to one control board. All raise PortError when the board does not answer or refuses."""
+    """Calls to one control board. Every call raises PortError if the board does not answer or refuses."""
 
     dialect: Dialect
     port: str
-    """Suffix of the name of its call port."""
+    """End of the call port's name, after the prefix."""
 
     def __init__(self, prefix: str, network: Network, contact: Contact, sender: str) -> None:
         self.prefix = prefix
-        """Common prefix of its ports: `/icub/left_arm`."""
+        """Common beginning of the names of the board's ports, for example `/icub/left_arm`."""
         self._rpc = network.caller(contact, sender, self.dialect)
         self._open_calls: deque[tuple[Sequence[Any], float]] = deque()
         self._refusal: PortError | None = None
@@ -121,7 +123,7 @@ class Board(ABC):
 
     @abstractmethod
     def check(self, call: Sequence[Any], answer: Sequence[Any]) -> Sequence[Any]:
-        """Returns the data in an answer. Raises PortError for one that refuses."""
+        """Returns the data in an answer. Raises PortError if the board refuses the call."""
 
     def set_modes(self, joints: Sequence[int], mode: Vocab) -> None:
         """Switches joints to a control mode."""
@@ -132,17 +134,17 @@ class Board(ABC):
         self.call(self.interaction_call(joint, mode))
 
     def call(self, call: Sequence[Any]) -> Sequence[Any]:
-        """Makes a call and returns the data of its answer."""
+        """Makes a call and returns the data in the answer."""
         return self.check(call, self._rpc.call(*call))
 
     def send_call(self, call: Sequence[Any]) -> None:
-        """Makes a call without waiting for its answer."""
+        """Makes a call without waiting for the answer; `settle` reads the answer later."""
         self._rpc.send_call(*call)
         self._open_calls.append((call, time.monotonic()))
 
     def settle(self, patience: float = 0.0) -> bool:
-        """Returns True if all calls of `send_call` are answered, waiting at most `patience` [s] for each.
-        Raises PortError when one was refused, or not answered within PATIENCE."""
+        """Returns True if all calls of `send_call` are answered. Waits at most `patience` [s] for each
+        answer. Raises PortError if a call was refused, or was not answered within PATIENCE."""
         while self._open_calls:
             call, since = self._open_calls[0]
             if not self._rpc.is_answered(patience) and time.monotonic() - since < PATIENCE:
@@ -168,14 +170,14 @@ class Board(ABC):
 
     @abstractmethod
     def stop(self) -> None:
-        """Stops all joints where they are, whatever their commands."""
+        """Stops all joints at their present angles, regardless of their commands."""
 
     @abstractmethod
     def head(self, stream: Stream, joints: Sequence[int]) -> list[Any]:
-        """Returns the head of a streamed command to some joints. Other joints are not affected."""
+        """Returns the head of a streamed command: the quantity, and the joints that the command affects."""
 
     def command(self, stream: Stream, joints: Sequence[int], values: Array) -> list[Any]:
-        """Returns a streamed command: its head and its numbers."""
+        """Returns a streamed command: the head, and the values (k,) of the joints."""
         return [self.head(stream, joints), values]
 
     def _count(self, found: Sequence[Any], what: str) -> int:
@@ -192,7 +194,8 @@ class Board(ABC):
 
 
 class BoardV3(Board):
-    """YARP 3.12: calls of vocabularies. `[is] [x] data [tsta] n t [ok]`, `[fail]` or `[nak]`."""
+    """Control board of YARP 3.12. Calls consist of vocabularies. The answer is `[is] [x] data [tsta] n t
+    [ok]`, `[fail]` or `[nak]`."""
 
     dialect = V3
     port = "/rpc:i"
@@ -228,7 +231,7 @@ class BoardV3(Board):
         return [Vocab(stream.value[1]), len(joints), list(joints)]
 
     def _get(self, *words: Any) -> list[Any]:
-        """Returns the data in an answer, without its vocabularies and its time."""
+        """Makes a call of `[get]`. Returns the data in the answer, without vocabularies and time."""
         answer = self.call(_words("get", *words))
         if answer[0] != Vocab("is") or len(answer) < 6 or answer[-4] != Vocab("tsta"):
             raise PortError(
@@ -250,7 +253,8 @@ def _words(*items: Any) -> list[Any]:
 
 
 class BoardV4(Board):
-    """YARP 4.0: calls by name. `([ok]) data`, `[ok]`, or another vocabulary for a failure."""
+    """Control board of YARP 4.0. A call begins with the name of a method. The answer is `([ok]) data` or
+    `[ok]`; after a failure it has another vocabulary instead of `[ok]`."""
 
     dialect = V4
     port = "/nws/rpc:i"

@@ -1,6 +1,8 @@
-"""A control board that this process offers: the part that the calls and streamed commands of clients need.
+"""Base class of a control board that this process offers to clients. It defines the methods that the calls
+and streamed commands of clients need.
 
-Angles in degrees, velocities in degrees per second, torques in N m. Joints are numbers from 0; None is all.
+Angles are in degrees, velocities in degrees per second, torques in N m. Joints are numbered from 0. As an
+argument, None selects all joints.
 """
 
 from __future__ import annotations
@@ -17,8 +19,8 @@ Joints = Sequence[int] | None
 
 
 class BoardService(ABC):
-    """Base class of served boards. Arguments come from the wire unchecked: methods raise CallError for
-    wrong ones, and for what can't be done."""
+    """Base class of served boards. Arguments come unchecked from clients. Methods raise CallError if an
+    argument is wrong, or if the board can't execute the call."""
 
     count: int
     """Number of joints, n."""
@@ -31,21 +33,23 @@ class BoardService(ABC):
     accelerations: Array
     """Acceleration (n,) [deg/s2] of position moves."""
     counter = 0
-    """Number of answers so far that carry a time."""
+    """Number of answers with a time that were sent so far."""
 
     @property
     @abstractmethod
     def set_points(self) -> Mapping[Stream, Array]:
-        """Set-points (n,) that joints follow: target positions [deg] in position modes, velocities [deg/s],
-        torques [N m]. The measured position, or 0, of a joint that follows none."""
+        """Set-points (n,) of all joints: positions [deg], velocities [deg/s] and torques [N m]. If a joint
+        follows no set-point of a quantity, its value is the measured position, or 0 for velocity and
+        torque."""
 
     def awaited(self) -> AbstractContextManager[None]:
-        """Returns the context of one call. On its exit the board has obeyed, or CallError is raised."""
+        """Returns a context manager for one call. When the context ends, the board has executed the call, or
+        CallError is raised."""
         return nullcontext()
 
     @abstractmethod
     def joints(self, numbers: Joints) -> list[int]:
-        """Returns the joints as a list, checked: each exists and is named once."""
+        """Returns the joints as a list. Raises CallError if a joint does not exist or is named twice."""
 
     @abstractmethod
     def name(self, joint: int) -> str:
@@ -69,19 +73,19 @@ class BoardService(ABC):
 
     @abstractmethod
     def set_modes(self, joints: Joints, words: Sequence[int]) -> None:
-        """Switches to control modes (k,), as vocabularies."""
+        """Switches joints to control modes (k,), which are vocabularies."""
 
     @abstractmethod
     def set_interactions(self, joints: Joints, words: Sequence[int]) -> None:
-        """Makes joints stiff or compliant: STIFF or COMPLIANT (k,), as vocabularies."""
+        """Makes joints stiff or compliant. `words` (k,) are the vocabularies STIFF or COMPLIANT."""
 
     @abstractmethod
     def impedance(self, joint: int) -> Array:
-        """Returns stiffness [N m/deg] and damping [N m s/deg] of a joint (2,)."""
+        """Returns an array (2,) with the stiffness [N m/deg] and damping [N m s/deg] of a joint."""
 
     @abstractmethod
     def impedance_limits(self, joint: int) -> tuple[float, float]:
-        """Returns the highest stiffness [N m/deg] and damping [N m s/deg] that a joint may be given."""
+        """Returns the highest stiffness [N m/deg] and damping [N m s/deg] that are allowed for a joint."""
 
     @abstractmethod
     def set_impedance(self, joint: int, stiffness: float, damping: float) -> None:
@@ -89,24 +93,24 @@ class BoardService(ABC):
 
     @abstractmethod
     def set_speeds(self, joints: Joints, speeds: Sequence[float]) -> None:
-        """Sets the speed (k,) [deg/s] of moves from now on."""
+        """Sets the speeds (k,) [deg/s] of joints for moves from now on."""
 
     @abstractmethod
     def set_accelerations(self, joints: Joints, values: Sequence[float]) -> None:
-        """Sets the acceleration (k,) [deg/s2] of moves from now on."""
+        """Sets the accelerations (k,) [deg/s2] of joints for moves from now on."""
 
     @abstractmethod
     def move(self, joints: Joints, angles: Sequence[float], *, relative: bool = False) -> None:
-        """Begins a move to angles (k,) [deg] at the speed that is set."""
+        """Begins a move of joints to angles (k,) [deg], at the speed of `set_speeds`."""
 
     @abstractmethod
     def is_done(self, joints: Joints) -> bool:
-        """Returns True if all moves have arrived."""
+        """Returns True if all moves of these joints have reached their targets."""
 
     @abstractmethod
     def stream(self, stream: Stream, joints: Joints, numbers: Sequence[float]) -> None:
-        """Follows streamed set-points (k,): angles [deg], velocities [deg/s] or torques [N m]."""
+        """Makes joints follow streamed set-points (k,): angles [deg], velocities [deg/s] or torques [N m]."""
 
     @abstractmethod
     def stop(self, joints: Joints) -> None:
-        """Stops the joints where they are."""
+        """Stops the joints at their present angles."""

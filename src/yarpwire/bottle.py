@@ -1,8 +1,9 @@
-"""Bottle and Vector as bytes, in either dialect.
+"""Bottles (lists of items) and Vectors (arrays of doubles) as bytes, in both dialects.
 
-bottle = int32 256|subtag, int32 count, items      subtag: the items' tag when all have one primitive type
-item   = int32 tag (not when there is a subtag), value
-vector = int32 256|float64, int32 count, doubles
+- A Bottle is: int32 256|subtag, int32 count, and the items. The subtag is the tag of all items if they have
+  one primitive type, otherwise 0.
+- An item is its int32 tag and its value. In a Bottle with a subtag, items have no tags.
+- A Vector is: int32 256|float64, int32 count, and the doubles.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ from yarpwire.values import (
 LIST, DICT = 256, 512
 GROUP = LIST | DICT
 DEEPEST = 32
-"""Deepest nesting that is read. Assumed: YARP's own messages nest a few levels; deeper data is malicious or
-damaged."""
+"""Deepest nesting of lists that is read. Assumed: YARP's own messages nest a few levels; deeper data is
+malicious or damaged."""
 
 INT8, INT16, INT32, INT64, VOCAB32, STRING, BLOB = 32, 64, 1, 17, 9, 4, 12
 PACKS: dict[type, tuple[int, str]] = {
@@ -60,18 +61,18 @@ FORMATS = {name: _formats(dialect) for name, dialect in DIALECTS.items()}
 
 
 def encode_bottle(items: Sequence[Any] | NDArray[Any], dialect: Dialect) -> bytes:
-    """Returns a Bottle as bytes. Raises WireError for values that a Bottle can't hold."""
+    """Returns a Bottle as bytes. Raises WireError if a Bottle can't hold a value."""
     sub, body = _body(items, dialect)
     return WORD.pack(LIST | sub) + body
 
 
 def encode_vector(values: Array, dialect: Dialect) -> tuple[bytes, bytes]:
-    """Returns numbers (n,) as a Vector: its head and its doubles, the two blocks that YARP sends."""
+    """Returns the two blocks that YARP sends for a Vector: its head, and its numbers (n,) as doubles."""
     return HEAD.pack(LIST | dialect.float64, len(values)), np.asarray(values, DOUBLE).tobytes()
 
 
 def decode_bottle(data: bytes, dialect: Dialect) -> list[Any]:
-    """Returns the items of a Bottle. Raises WireError, also for bytes that are left over."""
+    """Returns the items of a Bottle. Raises WireError if `data` is not exactly one Bottle."""
     source = Memory(data)
     items = read_bottle(source, dialect)
     if source.left():
@@ -82,7 +83,8 @@ def decode_bottle(data: bytes, dialect: Dialect) -> list[Any]:
 
 
 def read_bottle(source: Source, dialect: Dialect) -> list[Any]:
-    """Reads a Bottle up to its last byte and no further: a reply has no length field."""
+    """Reads a Bottle up to its last byte and no further. So it can also read replies, which have no length
+    field."""
     code = _word(source)
     if code & LIST == 0 or code < 0:
         raise WireError(f"a Bottle begins with {code}; valid: {LIST} + the tag of its items")
@@ -90,8 +92,8 @@ def read_bottle(source: Source, dialect: Dialect) -> list[Any]:
 
 
 def decode_vector(data: bytes, dialect: Dialect) -> NDArray[np.float64]:
-    """Returns the numbers (n,) of a Vector. Raises WireError for anything else, most often the other
-    dialect."""
+    """Returns the numbers (n,) of a Vector. Raises WireError if `data` is not a Vector of this dialect. The
+    usual cause is a Vector of the other dialect."""
     if len(data) < 8:
         raise WireError(f"a Vector of {len(data)} bytes; valid: 8 + 8 per number")
     code, count = HEAD.unpack_from(data)
@@ -104,8 +106,8 @@ def decode_vector(data: bytes, dialect: Dialect) -> NDArray[np.float64]:
 
 
 def dialect_of_vector(data: bytes) -> Dialect | None:
-    """Returns the dialect in which these bytes are a Vector of doubles; None if neither, or for an empty
-    Vector."""
+    """Returns the dialect in which `data` is a Vector of doubles. Returns None if `data` is not a Vector, or
+    is an empty Vector."""
     if len(data) <= 8:
         return None
     code, count = HEAD.unpack_from(data)
@@ -162,7 +164,7 @@ def _value(source: Source, tag: int, dialect: Dialect, deepest: int) -> Value:
 
 
 def _body(items: Sequence[Any] | NDArray[Any], dialect: Dialect) -> tuple[int, bytes]:
-    """Returns the tag that all items share, or 0, and count and items as bytes."""
+    """Returns the common tag of all items (0 if there is none), and the bytes of their count and values."""
     if isinstance(items, np.ndarray):
         if items.dtype == DOUBLE and items.ndim == 1 and items.size:
             return dialect.float64, WORD.pack(len(items)) + items.tobytes()

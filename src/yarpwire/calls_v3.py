@@ -1,4 +1,5 @@
-"""Calls to a served control board in YARP 3.12's vocabularies: `[get] [encs]`, `[set] [pos] 0 12.5`."""
+"""Calls to a served control board in the form of YARP 3.12, such as `[get] [encs]` or `[set] [pos] 0
+12.5`."""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ from yarpwire.errors import CallError, YarpError
 from yarpwire.values import Vocab
 
 PROTOCOL = (1, 9, 0)
-"""Protocol version that 3.12's control boards report."""
+"""Protocol version that control boards of YARP 3.12 report."""
 OK, FAIL, IS = Vocab("ok"), Vocab("fail"), Vocab("is")
 Words = Sequence[Any]
 USAGE = {
@@ -34,11 +35,12 @@ USAGE = {
     "[set] [vmos] ($fVelocity ...)": "move all axes at velocities",
     "[set] [stos]": "stop all axes",
 }
-"""Calls that a person types first, with their purpose."""
+"""Calls that `[help]` lists, each with its purpose."""
 
 
 def answer_v3(board: BoardService, items: Words) -> list[Any]:
-    """Returns 3.12's answer to a call: `[fail]` for an unknown or impossible one."""
+    """Returns the answer to a call in the form of YARP 3.12. The answer to an unknown or impossible call is
+    `[fail]`."""
     words = [item.word if isinstance(item, Vocab) else item for item in items]
     try:
         if words[:2] == ["get", "prot"]:
@@ -57,7 +59,7 @@ def answer_v3(board: BoardService, items: Words) -> list[Any]:
 
 
 def _explain(words: Words) -> list[Any]:
-    """Returns the calls, each followed by its purpose for `help more`."""
+    """Returns the answer to `help`: all calls. For `help more`, each call is followed by its purpose."""
     if words == ["more"]:
         return [Vocab("many"), *(line for call, purpose in USAGE.items() for line in (call, f"   {purpose}"))]
     return [Vocab("many"), *USAGE]
@@ -89,7 +91,8 @@ def _set(board: BoardService, word: str, rest: Words) -> None:
 
 
 def _targets(kind: str, rest: Words) -> tuple[Sequence[int] | None, Sequence[float]]:
-    """Returns joints and values of one joint, of all (`s`), or of some (`g`)."""
+    """Returns the joints and values in a call. `kind` is `s` for all joints, `g` for some joints, and empty
+    for one joint."""
     if kind == "s":
         return None, rest[0]
     return (rest[1], rest[2]) if kind == "g" else ([rest[0]], [rest[1]])

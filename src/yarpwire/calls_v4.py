@@ -1,4 +1,4 @@
-"""Calls to a served control board by YARP 4.0's names: `getEncoderAllRPC`, `positionMoveOneRPC 0 12.5`."""
+"""Calls to a served control board in the form of YARP 4.0, such as `positionMoveOneRPC 0 12.5`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from yarpwire.returns_v4 import FAIL, METHOD_FAILED, NOT_IMPLEMENTED, OK, RETURN
 from yarpwire.values import Array, Vocab
 
 PROTOCOL = b"\0\1\0\0\1\0\0\0" + b"\0\0\4\0\0\0\0\0"
-"""Answer of 4.0's control boards to `getRemoteProtocolVersion`: no valid Bottle, but clients expect it."""
+"""Answer of YARP 4.0's control boards to `getRemoteProtocolVersion`. It is not a valid Bottle, but clients
+expect these bytes."""
 INTERFACES = (
     "iAxisInfo", "iControlLimits", "iControlMode", "iEncodersTimed", "iImpedanceControl", "iInteractionMode",
     "iPositionControl", "iPositionDirect", "iTorqueControl", "iVelocityControl", "iVelocityDirect",
@@ -23,8 +24,11 @@ Answers = Callable[..., Sequence[Any] | None]
 
 
 def answer_v4(board: BoardService, items: Sequence[Any]) -> list[Any] | bytes:
-    """Returns 4.0's answer to a call: `[ok]`, `([ok]) data`, a refusal of the same structure, or `[fail]` for
-    a method that 4.0 does not have."""
+    """Returns the answer to a call in the form of YARP 4.0.
+
+    The answer to an executed call is `[ok]` or `([ok]) data`. The answer to a refused call has the same
+    fields, with an error instead of `[ok]`. The answer is `[fail]` if YARP 4.0 does not have the method.
+    """
     first = items[0] if items else ""
     method = first.word if isinstance(first, Vocab) else str(first)
     if method == "getRemoteProtocolVersion":
@@ -44,7 +48,7 @@ def answer_v4(board: BoardService, items: Sequence[Any]) -> list[Any] | bytes:
 
 
 def _axis(values: Callable[[BoardService], Array | None]) -> tuple[Answers, Answers, Answers]:
-    """Returns the answers with the value of one joint, with those of some, and with those of all."""
+    """Returns three functions. They answer with the value of one joint, of some joints, and of all joints."""
 
     def one(board: BoardService, joint: int) -> list[Any]:
         return [float(_known(values(board))[board.joints([joint])[0]])]

@@ -1,4 +1,4 @@
-"""Carriers: the formats in which messages travel on a connection."""
+"""Carriers. A carrier is the format of the messages on a connection."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ class Carrier:
 
     name: str
     code: int | None = None
-    """Number that a binary header adds to its magic number; None for text."""
+    """Number of the carrier in a binary header, added to the magic number. None for text carriers."""
     acknowledged: bool = False
     """True if the receiver acknowledges each message."""
     greeting: str = ""
-    """First word of a text connection."""
+    """First word that is sent on a text connection. Empty for binary carriers."""
 
 
 TCP = Carrier("tcp", code=131, acknowledged=True)
@@ -30,7 +30,8 @@ BY_CODE = {carrier.code: carrier for carrier in CARRIERS.values() if carrier.cod
 
 
 def find_carrier(name: str) -> Carrier:
-    """Returns the carrier of that name, without its modifiers (`tcp+recv...`). Raises UnknownNameError."""
+    """Returns the carrier with this name; modifiers (`tcp+recv...`) are ignored. Raises UnknownNameError if
+    no carrier has this name."""
     plain = name.partition("+")[0]
     if plain not in CARRIERS:
         raise UnknownNameError("carrier", plain, CARRIERS)

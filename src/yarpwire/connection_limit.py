@@ -1,8 +1,10 @@
-"""A bound on the number of connections of a server, over any transport; a new connection is always accepted.
+"""A bound on the number of connections of a server. A new connection is always accepted; if there are too
+many, older connections are closed.
 
-There is no login, so a connection is unknown until it has sent a valid message, which must happen soon. If
-there are too many connections, unknown ones are closed first, then the one that was silent for the longest
-time. Otherwise a client that has sent a valid message may be idle for any time.
+There is no login. A connection counts as unknown until it has sent a valid message, and it must send one
+within PATIENCE. If there are too many connections, unknown connections are closed first, then the connections
+that were silent for the longest time. As long as there are not too many, a connection that has sent a valid
+message may be idle for any time.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 MOST = 64
-"""Largest number of connections of a server. Assumed: more than the ports of an iCub need of each other."""
+"""Largest number of connections of a server. Assumed: a port of an iCub needs fewer connections."""
 PATIENCE = 2.0
 """Time [s] within which an unknown connection must send a valid message. Assumed: a client sends its greeting
 immediately, and a slow network needs a tenth of this time."""
@@ -24,13 +26,14 @@ class AcceptedConnection:
     """One connection."""
 
     end: Callable[[], None]
-    """Function that closes it. Any thread may call it."""
+    """Function that closes the connection. Any thread may call this function."""
     last_message: float
-    """Time [s] of its last message on the monotonic clock; at first, of its arrival."""
+    """Time [s] of the connection's last message, on the monotonic clock. Before the first message, it is the
+    time of the connection's arrival."""
     verified: bool = False
-    """True if it has sent a valid message."""
+    """True if the connection has sent a valid message."""
     host: str = ""
-    """Address of its other end."""
+    """Address of the connection's other end."""
 
     def mark_verified(self, now: float | None = None) -> None:
         """Records a valid message."""
@@ -38,7 +41,8 @@ class AcceptedConnection:
 
 
 def surplus(connections: Iterable[AcceptedConnection], now: float, most: int) -> list[AcceptedConnection]:
-    """Returns the connections to close so that at most `most` remain, in that order."""
+    """Returns the connections to close, in the order of closing, so that at most `most` remain. Unknown
+    connections that are older than PATIENCE are always closed."""
     oldest_first = sorted(connections, key=lambda one: (one.verified, one.last_message))
     late = sum(not one.verified and now - one.last_message > PATIENCE for one in oldest_first)
     return oldest_first[: max(late, len(oldest_first) - most)]
@@ -58,7 +62,7 @@ class ConnectionLimit:
         return len(self._open)
 
     def add(self, end: Callable[[], None], host: str = "") -> AcceptedConnection:
-        """Adds a connection; others are closed if it is one too many."""
+        """Adds a connection. If there are too many then, other connections are closed."""
         self.trim(room=1)
         connection = AcceptedConnection(end, self._clock(), host=host)
         with self._lock:
@@ -66,7 +70,7 @@ class ConnectionLimit:
         return connection
 
     def trim(self, *, room: int = 0) -> None:
-        """Closes surplus connections, so that `room` places are free."""
+        """Closes surplus connections, so that `room` new connections can be added."""
         with self._lock:
             going = surplus(self._open, self._clock(), self._most - room)
             self._open.difference_update(going)
@@ -80,7 +84,7 @@ class ConnectionLimit:
             self._open.discard(connection)
 
     def end_all(self) -> None:
-        """Closes all connections, when the server closes."""
+        """Closes all connections. Called when the server closes."""
         with self._lock:
             going, self._open = self._open, set()
         for connection in going:

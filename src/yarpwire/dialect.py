@@ -1,4 +1,5 @@
-"""The two dialects of YARP. Their type numbers overlap, so a message is never read as the other dialect."""
+"""The two dialects of YARP, 3.x and 4.x. One type number can mean different types in the two dialects, so a
+program must choose the dialect."""
 
 from __future__ import annotations
 
@@ -7,16 +8,16 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """Differences on the wire between YARP 3.x and 4.x."""
+    """Type numbers (tags) of one dialect, as far as YARP 3.x and 4.x differ."""
 
     name: str
     """Major version: `3` or `4`."""
     float64: int
     """Tag of a double."""
     float32: int
-    """Tag of a single-precision float. The 4.x tag is the double's tag in 3.x."""
+    """Tag of a single-precision float. In 4.x it has the number that means a double in 3.x."""
     vocab64: int | None
-    """Tag of an eight-letter vocabulary; None if the dialect has none."""
+    """Tag of a vocabulary of up to eight letters. None if the dialect lacks this type."""
 
 
 V3 = Dialect("3", float64=10, float32=128, vocab64=None)

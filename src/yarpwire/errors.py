@@ -1,4 +1,4 @@
-"""All errors of yarpwire, with a common root."""
+"""All errors of yarpwire. They derive from `YarpError`."""
 
 from __future__ import annotations
 
@@ -7,23 +7,26 @@ from difflib import get_close_matches
 
 
 class YarpError(Exception):
-    """Root of all errors that yarpwire raises on purpose."""
+    """Base class of all errors that yarpwire raises on purpose."""
 
 
 class WireError(YarpError):
-    """A message that violates the protocol, or a value that it can't express. It was dropped."""
+    """A message that violates the protocol, or a value that the protocol can't express. The message was
+    dropped."""
 
 
 class RepetitionError(YarpError):
-    """A valid message without new data: its sender works, but the sensor has no new measurement."""
+    """A valid message without new data: the sender works, but the sensor has no new measurement."""
 
 
 class PortError(YarpError):
-    """A port, name server or control board can't be opened or reached, does not answer, or refuses."""
+    """A port, name server or control board can't be opened or reached, does not answer, or refuses a
+    request."""
 
 
 class UnknownNameError(PortError):
-    """A name that is not registered; the message lists the registered ones, and the nearest of them."""
+    """A name that is not registered. The error message lists the registered names, and suggests the most
+    similar one."""
 
     def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
         self.valid = tuple(valid)
@@ -33,11 +36,11 @@ class UnknownNameError(PortError):
 
 
 class CallError(YarpError):
-    """A call or a command that is unknown to a served control board or impossible for it."""
+    """A call or command that a served control board does not know or can't execute."""
 
 
 class BindingsError(YarpError):
-    """YARP's own Python bindings can't be imported; `advice` says how to get them."""
+    """YARP's own Python bindings can't be imported. `advice` says how to install them."""
 
     def __init__(self, missing: str, advice: str) -> None:
         self.missing, self.advice = missing, advice

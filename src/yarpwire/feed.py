@@ -14,14 +14,13 @@ from yarpwire.incoming import Delivery
 from yarpwire.network import Network
 
 KEPT = 4
-"""Number of messages that are kept. Assumed: those of several ports can then be taken from about the same
-time."""
+"""Number of messages that are kept. Assumed: enough to choose messages of several ports that were measured at
+nearly the same time."""
 RESTARTED = 100
-"""Decrease of a message count from which its sender counts as restarted. Assumed: more than the messages that
-may arrive out of order."""
+"""If the message count decreases by more than this number, the sender counts as restarted. Assumed: never so
+many messages arrive out of order."""
 LATE = 0.003
-"""Time [s] after a message is due for which it is still waited for. Assumed: a fraction of a control
-period."""
+"""Longest time [s] to wait for a message after it was due. Assumed: a fraction of a control period."""
 MIXED = 0.1
 """Weight of a new interval in the running mean of the intervals between messages. Assumed: the mean covers
 about ten messages."""
@@ -36,26 +35,26 @@ class Sample(Generic[Value]):
     stamp: float
     """Time of measurement [s] on this machine's monotonic clock."""
     sequence: int
-    """Number of the message, which increases with each new one."""
+    """Number of the message, which increases by one with each message."""
 
 
 class Clock(Protocol):
     """Maps the clock of a sender to this machine's monotonic clock."""
 
     difference: float | None
-    """Offset [s] of this clock from the sender's; None before the first message."""
+    """Time on this machine's clock minus time on the sender's clock [s]. None before the first message."""
 
     def place(self, stamp: float, arrival: float) -> float | None:
-        """Returns the time [s, this clock] of what was stamped `stamp` [s, sender's clock] and came at
-        `arrival` [s, this clock].
+        """Returns the time of measurement [s] of a message, on this machine's clock.
 
-        None if it is older than something before it, or has its stamp.
+        `stamp` [s] is the time in the message, on the sender's clock. `arrival` [s] is the time of arrival,
+        on this machine's clock. Returns None if an earlier message has an equal or a later stamp.
         """
 
 
 class Feed(Generic[Value]):
-    """Reads one port. Only the latest messages are kept; unreadable ones are counted and dropped, and those
-    for which `decode` raises RepetitionError are dropped only."""
+    """Reads one port and keeps the latest messages. Unreadable messages are counted and dropped. Messages for
+    which `decode` raises RepetitionError are dropped and not counted."""
 
     def __init__(
         self,
@@ -68,21 +67,22 @@ class Feed(Generic[Value]):
         carrier: str,
         clock: Clock | None = None,
     ) -> None:
-        """Connects. `clock` gives the time of measurement of a message; without one, its arrival counts.
+        """Connects to the port `source`.
 
-        Raises PortError, as UnknownNameError for a port that is not registered.
+        `clock` gives the time of measurement of a message. Without `clock`, the time of arrival is used.
+        Raises UnknownNameError if the port is not registered, and PortError if the connection fails.
         """
         self.source = source
         self.recent: tuple[Sample[Value], ...] = ()
-        """The latest few messages, oldest first."""
+        """The latest KEPT messages, oldest first."""
         self.clock = clock
-        """Conversion from the sender's clock to this one, if given."""
+        """Conversion from the sender's clock to this machine's clock; None if no `clock` was given."""
         self.lost = 0
-        """Number of missing messages between those that arrived, by their count."""
+        """Number of lost messages, computed from gaps in the message counts."""
         self.wrong = 0
         """Number of messages that were dropped because they are invalid."""
         self.last_error = ""
-        """Error of the last of them."""
+        """Error of the last invalid message."""
         self._decode, self._carrier = decode, carrier
         self._count: int | None = None
         self._arrived = self._heard = 0.0
@@ -102,17 +102,18 @@ class Feed(Generic[Value]):
         return self.recent[-1] if self.recent else None
 
     def at(self, stamp: float) -> Sample[Value] | None:
-        """Returns the message that was measured nearest to a time [s]."""
+        """Returns the kept message that was measured nearest to the time `stamp` [s]; None if none has
+        arrived."""
         return min(self.recent, key=lambda sample: abs(sample.stamp - stamp), default=None)
 
     def wait(self, seconds: float) -> bool:
-        """Returns True if a message has arrived, waiting at most `seconds` [s]."""
+        """Waits at most `seconds` [s] for the first message. Returns True if a message has arrived."""
         return self._came.wait(seconds)
 
     def await_due(self, until: float, longer: float) -> None:
-        """Waits for the next message if it is due before `until` [s], since a reader that reads just before
-        its arrival would get it a period late. Does not wait for messages with intervals below `longer`
-        [s]."""
+        """Waits for the next message if it is due before `until` [s]. Otherwise a program that reads shortly
+        before the message arrives would get the message one period late. Does not wait if the interval
+        between messages is at most `longer` [s]."""
         before, due, now = self.recent, self._arrived + self._every, time.monotonic()
         if self._every <= longer or not now - LATE <= due <= until:
             return
@@ -125,7 +126,7 @@ class Feed(Generic[Value]):
         return now - self._heard
 
     def reconnect(self) -> None:
-        """Connects to the source again. Raises PortError."""
+        """Connects to the source again. Raises PortError if that fails."""
         self.port.listen_to(self.source, self._carrier)
 
     def close(self) -> None:
@@ -164,7 +165,7 @@ class Feed(Generic[Value]):
         self._fresh.set()
 
     def _measured(self, stamp: float, arrived: float) -> float:
-        """Returns the time [s, this clock] of a message that is new by its count."""
+        """Returns the time of measurement [s] of a new message, on this machine's clock."""
         if self.clock is None:
             return arrived
         placed = self.clock.place(stamp, arrived)

@@ -1,4 +1,4 @@
-"""A connection that another program made to a port of this process: its messages, and their answers."""
+"""A connection that another program opened to a port of this process: reads messages and sends answers."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from yarpwire.text import from_text, to_text
 from yarpwire.values import Array
 
 BURST, SLICE = 200, 0.01
-"""Largest number of messages that are read from one connection in this time [s]; for more messages, the
-sender must wait or drop them. Assumed: 20 000 messages per second are more than any real sender needs."""
+"""At most BURST messages are read from one connection in SLICE [s]. A faster sender must wait or drop
+messages. Assumed: 20 000 messages per second are more than any real sender needs."""
 UDP_LARGEST = 65_507
 
 
@@ -36,25 +36,25 @@ class Delivery:
     """One received message."""
 
     command: Command
-    """Data, a call or an order to the port, with its envelope."""
+    """Kind of the message (data, call, or order to the port), and its envelope."""
     sender: str
-    """Name of the port that sent it."""
+    """Name of the port that sent the message."""
     arrived: float
     """Time of arrival [s] on the monotonic clock."""
     body: bytes | str
-    """A Bottle as bytes, or as text."""
+    """Body of the message: a Bottle as bytes or as text."""
 
     @property
     def stamp(self) -> Stamp | None:
-        """Envelope of the message, if it is a Stamp."""
+        """Envelope of the message, if the envelope is a Stamp; otherwise None."""
         return self.command.stamp
 
     def items(self, dialect: Dialect) -> list[Any]:
-        """Returns the items of the Bottle. Raises WireError."""
+        """Returns the items of the Bottle. Raises WireError if the body is invalid."""
         return from_text(self.body) if isinstance(self.body, str) else decode_bottle(self.body, dialect)
 
     def vector(self, dialect: Dialect) -> Array:
-        """Returns the numbers (n,) of a Vector. Raises WireError for anything else."""
+        """Returns the numbers (n,) of a Vector. Raises WireError if the body is not a Vector."""
         if isinstance(self.body, bytes):
             return decode_vector(self.body, dialect)
         items = from_text(self.body)
@@ -64,7 +64,7 @@ class Delivery:
 
 
 Answer = Sequence[Any] | str | bytes | None
-"""A Bottle, or raw lines, or raw bytes, or nothing."""
+"""Answer to a message: a Bottle, raw lines of text, raw bytes, or no answer."""
 
 
 class Incoming:
@@ -88,8 +88,8 @@ class Incoming:
         self._closed = False
 
     def greet(self, key: bytes | None, names: Callable[[str], None]) -> None:
-        """Reads the name of the other end and answers; `names` may raise an error to refuse it. Raises
-        WireError."""
+        """Reads the name of the other end, passes the name to `names`, and answers. `names` may raise an
+        error to refuse the connection. Raises WireError if the greeting is invalid."""
         self._socket.settimeout(PATIENCE)
         if key is not None:
             auth.accept(self._socket, self._source, key)
@@ -113,7 +113,7 @@ class Incoming:
         self._socket.sendall(message.number(port))
 
     def run(self) -> None:
-        """Delivers messages until the end of the connection. Raises WireError for unreadable ones."""
+        """Delivers messages until the end of the connection. Raises WireError if a message is unreadable."""
         if self._datagrams is not None:
             self._socket.close()  # as YARP does, at both ends
             self._run_datagrams(self._datagrams)
@@ -181,7 +181,8 @@ class Incoming:
         return int(sock.getsockname()[1])
 
     def _run_datagrams(self, sock: socket.socket) -> None:
-        """Reads until a quit message, since a silent sender may still be alive."""
+        """Reads datagrams until a quit message arrives. Silence does not end the connection, since the sender
+        may still work."""
         with sock:
             while not self._closed:
                 try:
@@ -203,7 +204,8 @@ class Incoming:
                 self._handle(command, body)
 
     def _wait(self) -> None:
-        """Waits for the next message without limit, and for the rest of a message until the timeout."""
+        """Waits for the next message without a time limit. The rest of a message must arrive before the
+        timeout."""
         if self.count % BURST == 0:
             self._wait_slice()
         while True:
@@ -213,7 +215,7 @@ class Incoming:
                 continue
 
     def _wait_slice(self) -> None:
-        """Limits the rate: waits until SLICE has passed since the last burst."""
+        """Limits the rate of messages: waits until SLICE has passed since the last burst began."""
         now = time.monotonic()
         if now - self._slice < SLICE:
             time.sleep(self._slice + SLICE - now)
@@ -226,8 +228,8 @@ class Incoming:
 
 
 def _be_patient(sock: socket.socket) -> None:
-    """Bounds each wait by PATIENCE with the system's own timeout, since Python's timeout needs one more call
-    per message."""
+    """Limits each wait to PATIENCE. Uses the operating system's timeout, since Python's timeout needs one
+    more system call per message."""
     sock.settimeout(None)
     seconds = struct.pack("@ll", int(PATIENCE), int(PATIENCE % 1 * 1e6))
     for option in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):

@@ -1,5 +1,5 @@
-"""A TCP port that others connect to: one thread that accepts, one per connection; `connection_limit`
-bounds their number."""
+"""A TCP port that other programs connect to. One thread accepts connections, and each connection has its own
+thread. `connection_limit` bounds the number of connections."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from yarpwire.connection_limit import MOST, AcceptedConnection, ConnectionLimit
 from yarpwire.errors import PortError, YarpError
 
 LEAVING = 0.1
-"""Longest time [s] that `close` waits for the threads of its connections. Assumed: once shut down they end
-within a millisecond; a thread that outlives the program would keep all of its objects."""
+"""Longest time [s] that `close` waits for the threads of its connections. Assumed: after a shutdown, the
+threads end within a millisecond. `close` waits because a thread that does not end keeps its objects in
+memory."""
 
 
 class Listener:
@@ -24,7 +25,7 @@ class Listener:
     def __init__(
         self, host: str, port: int, serve: Callable[[socket.socket, AcceptedConnection], None], *, name: str
     ) -> None:
-        """Opens the port. Raises PortError when it is in use."""
+        """Opens the port. Raises PortError if the port is in use."""
         self._name, self._serve = name, serve
         self._limit = ConnectionLimit()
         self._threads: set[threading.Thread] = set()
@@ -49,8 +50,8 @@ class Listener:
         return self._wrong + self._limit.ended
 
     def close(self) -> None:
-        """Closes the port and every connection. It shuts them down first, since the port number may be reused
-        immediately."""
+        """Closes the port and every connection. Sockets are shut down before they are closed, so that the
+        port number can be used again immediately."""
         self._closed = True
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
@@ -101,11 +102,12 @@ class Listener:
 
 
 def _end(sock: socket.socket) -> None:
-    """Shuts a socket down, which wakes the thread that waits for it; closing alone would not."""
+    """Shuts a socket down. This wakes the thread that waits for data; closing the socket would not wake
+    it."""
     with contextlib.suppress(OSError):
         sock.shutdown(socket.SHUT_RDWR)
 
 
 def error_text(error: Exception) -> str:
-    """Returns the text of an error, with its type if it is an unexpected one."""
+    """Returns the text of an error, with its type if the error is unexpected."""
     return str(error) if isinstance(error, YarpError | OSError) else f"{type(error).__name__}: {error}"

@@ -1,9 +1,11 @@
-"""YARP's framing of messages as bytes. All integers are little-endian.
+"""Format of YARP's messages as bytes. All integers are little-endian.
 
-number   `YA` int32 `RP`
-header   number 7777 + carrier, int32 length, sender's name and NUL
-index    number 10, blocks (1 byte), 1, FF x 8, int32 length of each block, int32 0
-command  int32 0 `~` c 00 01, or int32 length `~` 00 00 01, text and NUL: the first of the blocks
+- A number is `YA`, an int32 value and `RP`.
+- A connection begins with a header: number 7777 + carrier, int32 length of the name, sender's name and NUL.
+- A message begins with an index: number 10, count of blocks (1 byte), byte 1, and 8 bytes FF. Then the int32
+  lengths of the blocks follow, and int32 0.
+- The first block is a command. Its short form is int32 0, `~`, a letter, 00 01. Its long form is int32
+  length, `~`, 00 00 01, and a text with NUL.
 """
 
 from __future__ import annotations
@@ -20,10 +22,10 @@ from yarpwire.source import LONGEST, Source
 INDEX = struct.Struct("<2si2sBB8x")
 MAGIC = 7777
 LONGEST_NAME = 1000
-"""Longest name [bytes] in a header, NUL included; as in YARP."""
+"""Length [bytes] of the longest name in a header, with NUL. YARP has an equal limit."""
 MOST_BLOCKS = 255
 DATA, CALL, ADMIN, QUIT = "D", "d", "a", "q"
-"""Kinds of commands: data, data that wants a reply, an order to the port, the end."""
+"""Kinds of commands: data, a call (data that needs a reply), an order to the port itself, and the end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +33,7 @@ class Stamp:
     """The envelope of a message."""
 
     count: int
-    """Number of the message, which increases by one."""
+    """Number of the message, which increases by one with each message."""
     time: float
     """Time of measurement [s] on the sender's clock."""
 
@@ -46,11 +48,11 @@ class Command:
     kind: str
     """DATA, CALL, ADMIN, QUIT, or another letter of YARP's text commands."""
     rest: str = ""
-    """Text after the letter: the envelope of data."""
+    """Text after the letter. For data, the text is the envelope."""
 
     @property
     def stamp(self) -> Stamp | None:
-        """The envelope, if it is a Stamp."""
+        """The envelope as a Stamp; None if the envelope has another form."""
         words = self.rest.split()
         try:
             stamp = Stamp(int(words[0]), float(words[1]))
@@ -67,7 +69,7 @@ _FILL = b"\xff" * 8
 
 
 def number(value: int) -> bytes:
-    """Returns a yarp number."""
+    """Returns `value` as the bytes of a number: `YA`, int32, `RP`."""
     return struct.pack("<2si2s", b"YA", value, b"RP")
 
 
@@ -75,7 +77,8 @@ _TEN = number(10)
 
 
 def read_number(source: Source) -> int:
-    """Returns the value of a yarp number. Raises WireError for anything else."""
+    """Reads a number (`YA`, int32, `RP`) and returns its value. Raises WireError if the bytes are no
+    number."""
     head, value, tail = struct.unpack("<2si2s", source.take(8))
     if (head, tail) != (b"YA", b"RP"):
         raise WireError(f"{head!r} ... {tail!r} where a yarp number begins with b'YA' and ends with b'RP'")
@@ -83,7 +86,7 @@ def read_number(source: Source) -> int:
 
 
 def header(code: int, name: str) -> bytes:
-    """Returns the beginning of a connection, with its carrier's code and its sender's name."""
+    """Returns the header of a connection, with the carrier's code and the sender's name."""
     text = name.encode() + b"\0"
     if len(text) > LONGEST_NAME:
         raise WireError(f"a name of {len(text)} bytes; valid: below {LONGEST_NAME}")
@@ -91,7 +94,7 @@ def header(code: int, name: str) -> bytes:
 
 
 def read_name(source: Source) -> str:
-    """Returns the sender's name, which follows the number of the header."""
+    """Reads the sender's name, which follows the number at the beginning of a header."""
     length = struct.unpack("<i", source.take(4))[0]
     if not 1 <= length <= LONGEST_NAME:
         raise WireError(f"a sender's name of {length} bytes; valid: 1 to {LONGEST_NAME}")
@@ -99,7 +102,7 @@ def read_name(source: Source) -> str:
 
 
 def pack_message(blocks: Sequence[bytes]) -> bytes:
-    """Returns an index and its blocks."""
+    """Returns a message: the index and the blocks."""
     if len(blocks) > MOST_BLOCKS:
         raise WireError(f"a message of {len(blocks)} blocks; valid: up to {MOST_BLOCKS}")
     count = len(blocks)
@@ -108,12 +111,12 @@ def pack_message(blocks: Sequence[bytes]) -> bytes:
 
 
 def read_message(source: Source) -> list[bytes]:
-    """Returns the blocks of a message. Raises WireError for invalid lengths."""
+    """Returns the blocks of a message. Raises WireError if a length is invalid."""
     return [source.take(length) for length in _lengths(source)]
 
 
 def read_payload(source: Source) -> bytes:
-    """Returns the blocks of a message in one piece: their boundaries carry no meaning."""
+    """Returns all blocks of a message in one piece, since the boundaries between blocks have no meaning."""
     return source.take(sum(_lengths(source)))
 
 
@@ -131,12 +134,13 @@ def _lengths(source: Source) -> tuple[int, ...]:
 
 @cache
 def _words(count: int) -> struct.Struct:
-    """Returns the format of `count` integers; cached, since there are at most 2 x 255."""
+    """Returns the format of `count` integers. Formats are cached, which is possible since `count` is at most
+    2 x 255."""
     return struct.Struct(f"<{count}i")
 
 
 def pack_command(kind: str, rest: str = "") -> bytes:
-    """Returns a command: its letter alone, or with text after it. QUIT is always text."""
+    """Returns a command in the short form, or with `rest` in the long form. QUIT always has the long form."""
     if not rest and kind != QUIT:
         return b"\0\0\0\0~" + kind.encode() + b"\0\1"
     text = f"{kind} {rest}".rstrip().encode() + b"\0"
@@ -144,7 +148,7 @@ def pack_command(kind: str, rest: str = "") -> bytes:
 
 
 def unpack_command(payload: bytes) -> tuple[Command, bytes]:
-    """Returns the command that a message begins with, and its body."""
+    """Returns the command at the beginning of a message, and the body after the command."""
     if len(payload) < 8 or payload[4:5] != b"~":
         raise WireError(
             f"a message begins with {payload[:8]!r}; valid: a command, 8 bytes with '~' as the fifth"

@@ -1,4 +1,4 @@
-"""A name server in Python, for machines without YARP: sufficient for YARP's tools and devices, and for
+"""A name server in Python, for machines without YARP. It is sufficient for YARP's tools and devices, and for
 yarpwire."""
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ from yarpwire.names import END, PATIENCE, ROOT, Contact
 from yarpwire.source import SocketSource
 
 FIRST_PORT = 2
-"""Offset from the server's own port number at which it begins to assign ports, as in YARP."""
+"""First port number that the server assigns, minus the server's own port number. YARP has an equal offset."""
 MOST_NAMES = 10_000
-"""Largest number of names that it keeps. Assumed: bounds memory."""
+"""Largest number of registered names. Assumed: this bounds the memory."""
 MOST_PROPERTIES = 16
-"""Largest number of properties of a name. Assumed: bounds memory; YARP's ports set four."""
+"""Largest number of properties of a name. Assumed: this bounds the memory; YARP's ports set four
+properties."""
 LONGEST_REQUEST = 2000
-"""Largest number of characters of a request. Assumed: bounds memory; a name may have half of it."""
+"""Largest number of characters of a request. Assumed: twice the longest name, which bounds the memory."""
 
 USAGE = (
     "Here are some ways to use the name server:",
@@ -45,7 +46,8 @@ class NameServer:
     def __init__(
         self, host: str = "127.0.0.1", port: int = 0, *, key: bytes | None = None, space: str = ROOT
     ) -> None:
-        """Listens at once; port 0 takes a free one. Raises PortError for a port that is in use."""
+        """Starts the server. With port 0, the server uses a free port. Raises PortError if the port is in
+        use."""
         self._lock = threading.Lock()
         self._contacts: dict[str, Contact] = {}
         self._properties: dict[str, dict[str, list[str]]] = {}
@@ -79,7 +81,8 @@ class NameServer:
             sock.sendall(answer.encode())
 
     def answer(self, line: str, peer: str = "127.0.0.1") -> str:
-        """Returns its answer to one request, which came from host `peer`."""
+        """Returns the answer to a request that came from host `peer`. Raises WireError if the request is
+        invalid."""
         if len(line) > LONGEST_REQUEST:
             raise WireError(f"a request of {len(line)} characters; valid: at most {LONGEST_REQUEST}")
         words = re.split(r'["\s]+', line.strip())

@@ -1,7 +1,8 @@
 """The name server's client, and the files with the name server's address.
 
-$YARP_CONFIG_HOME/yarp.conf, else $XDG_CONFIG_HOME/yarp/yarp.conf, else ~/.config/yarp/yarp.conf
-holds `127.0.0.1 10000 yarp`; another namespace than /root has a file of its own name.
+The file `yarp.conf` contains the address, for example `127.0.0.1 10000 yarp`. The file is in
+$YARP_CONFIG_HOME if this variable is set, otherwise in $XDG_CONFIG_HOME/yarp, otherwise in ~/.config/yarp.
+Each namespace other than /root has its own file, which is named after the namespace.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ ROOT = "/root"
 GROUP = ("224.2.1.1", 10000)
 """Multicast address at which name servers answer searches."""
 PATIENCE = 2.0
-"""Time [s] that a peer may take to answer. Assumed: on a local network it answers within a second."""
+"""Longest time [s] to wait for an answer of another program. Assumed: on a local network, answers arrive
+within a second."""
 RECORD = re.compile(r"registration name (\S+) ip (\S+) port ([0-9]{1,5}|none) type (\S+)")
 
 
@@ -42,7 +44,8 @@ class Contact:
         return f"registration name {self.name} ip {self.host} port {self.port} type {self.carrier}"
 
     def answers(self) -> bool:
-        """Returns True if something listens there: the names of a program that crashed stay registered."""
+        """Returns True if a program listens at this address. After a crash, a program's ports stay registered
+        but no longer listen."""
         try:
             socket.create_connection((self.host, self.port), timeout=PATIENCE).close()
         except OSError:
@@ -51,7 +54,7 @@ class Contact:
 
 
 def parse_contact(line: str) -> Contact | None:
-    """Returns the contact in a name server's line; None if there is none."""
+    """Returns the contact in a line from a name server; None if the line has no contact."""
     found = RECORD.match(line)
     if found is None or found[3] == "none" or not 0 < int(found[3]) < 65536:
         return None
@@ -76,7 +79,7 @@ def config_file(space: str) -> Path:
 
 
 def parse_address(text: str, *, port: int = 10000) -> tuple[str, int]:
-    """Parses `HOST:PORT` or `HOST`. Raises PortError."""
+    """Parses `HOST:PORT` or `HOST`. Raises PortError if the port number is invalid."""
     host, _, digits = text.partition(":")
     if digits and not (digits.isascii() and digits.isdigit() and 0 <= int(digits[:6]) < 65536):
         raise PortError(
@@ -86,8 +89,8 @@ def parse_address(text: str, *, port: int = 10000) -> tuple[str, int]:
 
 
 def read_key() -> bytes | None:
-    """Returns the key of `auth.conf`, group AUTH; None if authentication is off. Raises PortError if the key
-    is missing."""
+    """Returns the key in group AUTH of the file `auth.conf`. Returns None if there is no file: authentication
+    is off. Raises PortError if the file has no key."""
     path = config_folder() / "auth.conf"
     if not path.is_file():
         return None
@@ -100,9 +103,11 @@ def read_key() -> bytes | None:
 
 
 def find_server(space: str | None = None) -> tuple[str, int]:
-    """Returns host and port of the name server, from the file, else by a search in the network.
+    """Returns host and port of the name server, from the configuration file.
 
-    Raises PortError with advice if both fail.
+    If there is no file, searches the network as `yarp detect` does.
+
+    Raises PortError with advice if no name server is found.
     """
     space = space or namespace()
     path = config_file(space)
@@ -121,8 +126,8 @@ def find_server(space: str | None = None) -> tuple[str, int]:
 
 
 def detect(space: str, *, wait: float = 0.3) -> tuple[str, int] | None:
-    """Searches the network for the name server of a namespace, as `yarp detect` does; None if none
-    answers."""
+    """Searches the network for the name server of a namespace, as `yarp detect` does. Returns None if no
+    server answers."""
     line = f"NAME_SERVER query {space}\n".encode()
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
@@ -148,11 +153,11 @@ class Names:
     def __init__(self, address: tuple[str, int], *, key: bytes | None = None) -> None:
         self.address = address
         self.key = key
-        """Key of the authentication; None if it is off."""
+        """Key for authentication; None if authentication is off."""
 
     def request(self, *words: str) -> list[str]:
-        """Returns the lines of the answer to a request. Raises PortError when there is no answer, or an
-        invalid one."""
+        """Sends a request and returns the lines of the answer. Raises PortError if no valid answer
+        arrives."""
         host, port = self.address
         line = f"NAME_SERVER {' '.join(words)}"
         if not line.isprintable():
@@ -179,8 +184,8 @@ class Names:
         return lines
 
     def query(self, name: str) -> Contact:
-        """Returns the contact of a port. Raises UnknownNameError for one that is not registered, PortError as
-        `request`."""
+        """Returns the contact of a port. Raises UnknownNameError if the port is not registered, and PortError
+        if no valid answer arrives."""
         for line in self.request("query", name):
             if (contact := parse_contact(line)) is not None:
                 return contact

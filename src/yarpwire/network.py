@@ -1,7 +1,7 @@
 """The interface to a YARP network: ports by name, and connections between them.
 
-It has two implementations, `wire` (pure Python) and `bindings` (YARP's). All other code, such as that of
-boards and skin, is independent of both.
+The interface has two implementations: `wire` in pure Python, and `bindings` with YARP's own bindings. All
+other code, for example for boards and skin, works with both.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from yarpwire.values import Array
 
 
 class NamedPort(Protocol):
-    """A port that others find by its name."""
+    """A port that other programs find by its name."""
 
     name: str
     last_error: str
@@ -26,27 +26,30 @@ class NamedPort(Protocol):
 
     @property
     def outputs(self) -> Sequence[str]:
-        """Names of the ports that this one sends to."""
+        """Names of the ports to which this port sends."""
 
     def write(self, value: Array | Sequence[Any], stamp: Stamp | None = None) -> None:
-        """Sends a Vector (an array) or a Bottle (a list) to all readers. It never waits, and nothing is
-        queued."""
+        """Sends a Vector (an array) or a Bottle (a list) to all readers. Never waits: if a reader is too
+        slow, the message is dropped."""
 
     def listen_to(self, source: str, carrier: str) -> None:
-        """Makes another port send to this one. Raises PortError, also when it refuses."""
+        """Makes the port `source` send to this port. Raises PortError if `source` can't be reached or
+        refuses."""
 
     def register(self) -> None:
-        """Registers the port, again after a restart of the name server. Raises PortError."""
+        """Registers the port. Call this again after the name server has restarted. Raises PortError if that
+        fails."""
 
     def close(self) -> None:
         """Unregisters the port and closes every connection."""
 
 
 class Writer(Protocol):
-    """A connection that sends to another port. It never waits."""
+    """A connection that sends to another port. Sending never waits."""
 
     def offer(self, value: Array | Sequence[Any], dialect: Dialect, stamp: Stamp | None = None) -> bool:
-        """Sends a Vector (an array) or a Bottle (a list), or drops it. Raises PortError for a lost reader."""
+        """Sends a Vector (an array) or a Bottle (a list). Returns False if the message was dropped, since the
+        reader is too slow. Raises PortError if the reader is lost."""
 
     def is_over(self) -> bool:
         """Returns True if the reader has disconnected."""
@@ -56,10 +59,10 @@ class Writer(Protocol):
 
 
 class Caller(Protocol):
-    """Calls to another port, and their replies. Every failure is a PortError; calls are not repeated."""
+    """Makes calls to another port. Every failure raises PortError. A failed call is not repeated."""
 
     def call(self, *items: Any, patience: float = PATIENCE) -> list[Any]:
-        """Returns the reply to a call; empty if the other end sends none."""
+        """Makes a call and returns the reply, which is empty if the other end sends no reply."""
 
     def send_call(self, *items: Any) -> None:
         """Sends a call without waiting for its reply, which `read_reply` returns."""
@@ -75,14 +78,14 @@ class Caller(Protocol):
 
 
 class Network(ABC):
-    """A YARP network. Methods raise PortError when the name server does not answer."""
+    """A YARP network. Methods raise PortError if the name server does not answer."""
 
     title: str
     """Name of the implementation, for messages."""
     address: tuple[str, int]
     """Host and port of the name server."""
     dialect: Dialect | None = None
-    """The only dialect that it supports; None for both."""
+    """The only dialect that this network supports; None if it supports both dialects."""
 
     @abstractmethod
     def list(self) -> list[Contact]:
@@ -94,19 +97,20 @@ class Network(ABC):
 
     @abstractmethod
     def query(self, name: str) -> Contact:
-        """Returns the contact of a port. Raises UnknownNameError for one that is not registered."""
+        """Returns the contact of a port. Raises UnknownNameError if the port is not registered."""
 
     @abstractmethod
     def port(
         self, name: str, dialect: Dialect, receive: Callable[[Delivery], Answer] | None = None
     ) -> NamedPort:
-        """Opens a port; `receive` gets each message, from a thread of the port's own, and answers calls."""
+        """Opens a port. A thread of the port calls `receive` with each message. For a call, `receive` returns
+        the answer."""
 
     @abstractmethod
     def writer(self, target: str, sender: str) -> Writer:
-        """Connects to a port by fast_tcp. Raises PortError."""
+        """Connects to the port `target` with the carrier fast_tcp. Raises PortError if that fails."""
 
     @abstractmethod
     def caller(self, target: Contact, sender: str, dialect: Dialect) -> Caller:
-        """Returns the calls to a port, by tcp. The connection is opened when it is needed, and again after a
-        failure."""
+        """Returns an object that makes calls to a port, with the carrier tcp. It connects at the first call,
+        and again after a failure."""

@@ -25,23 +25,24 @@ from yarpwire.text import to_text
 from yarpwire.values import Array
 
 MOST_UNANSWERED = 16
-"""Number of messages without acknowledgement above which new ones are dropped. Assumed: the reader is then
-slower than the sender."""
+"""Largest number of messages without acknowledgement. When this number is reached, new messages are dropped.
+Assumed: the reader is then slower than the sender."""
 STUCK = 1.0
-"""Longest time [s] that the rest of a message waits for a reader that does not read. Assumed: a running
-reader reads within a few periods."""
+"""Longest time [s] to wait until a reader accepts the rest of a message. Then the connection counts as lost.
+Assumed: a running reader reads within a few periods."""
 GOODBYE = 0.5
-"""Longest time [s] for the quit message of a datagram connection. Assumed: closing must not wait long for a
-dead reader."""
+"""Longest time [s] to wait for each step of ending a udp connection. Assumed: closing must not wait long for
+a dead reader."""
 DATAGRAM = 65_499
 
 
 def dial(
     contact: Contact, sender: str, carrier: Carrier, key: bytes | None, *, patience: float = PATIENCE
 ) -> tuple[socket.socket, SocketSource, int]:
-    """Connects to a port and gives the sender's name. The last value is the other end's answer.
+    """Connects to a port and sends the sender's name. Returns the socket, its source of bytes, and the number
+    that the port answered.
 
-    Raises PortError when nothing answers, or not as a YARP port does.
+    Raises PortError if nothing answers, or if the answer is not that of a YARP port.
     """
     sock = None
     try:
@@ -67,7 +68,8 @@ def dial(
 
 
 def order(contact: Contact, words: Sequence[Any], key: bytes | None) -> str:
-    """Gives an order to another port, as `yarp connect` does, and returns its answer. Raises PortError."""
+    """Sends an order to another port, as `yarp connect` does, and returns the answer. Raises PortError if
+    that fails."""
     sock, source, _ = dial(contact, "admin", TEXT_ACK, key)
     with sock:
         try:
@@ -81,7 +83,7 @@ def order(contact: Contact, words: Sequence[Any], key: bytes | None) -> str:
 
 
 def is_over(sock: socket.socket) -> bool:
-    """Returns True if the other end has closed a connection on which it sends nothing now."""
+    """Returns True if the other end has closed the connection and all received data is read."""
     try:
         sock.setblocking(False)  # a time-out of the socket's own would be waited for
         return not sock.recv(1, socket.MSG_PEEK)
@@ -94,8 +96,8 @@ def is_over(sock: socket.socket) -> bool:
 def is_readable(sock: socket.socket, patience: float) -> bool:
     """Returns True if data or the end of a connection arrives within `patience` [s].
 
-    `select.select` would refuse file descriptors of 1024 and above. Raises OSError or ValueError for a closed
-    socket.
+    Does not use `select.select`, which refuses file descriptors of 1024 and above. Raises OSError or
+    ValueError if the socket is closed.
     """
     with selectors.DefaultSelector() as selector:
         selector.register(sock, selectors.EVENT_READ)
@@ -103,10 +105,10 @@ def is_readable(sock: socket.socket, patience: float) -> bool:
 
 
 class Outgoing:
-    """Sends messages without waiting: if a reader is too slow, newer ones are dropped."""
+    """Sends messages without waiting. If the reader is too slow, new messages are dropped."""
 
     def __init__(self, contact: Contact, sender: str, carrier: Carrier, key: bytes | None = None) -> None:
-        """Connects. Raises PortError as `dial`."""
+        """Connects to a port. Raises PortError if that fails."""
         self.contact, self.carrier = contact, carrier
         self._sender, self._key = sender, key
         self.dropped = 0
@@ -120,7 +122,8 @@ class Outgoing:
         self._socket.setblocking(False)
 
     def offer(self, value: Array | Sequence[Any], dialect: Dialect, stamp: Stamp | None = None) -> bool:
-        """Sends a Vector (an array) or a Bottle (a list), or drops it. Raises PortError for a lost reader."""
+        """Sends a Vector (an array) or a Bottle (a list). Returns False if the message was dropped, since the
+        reader is too slow. Raises PortError if the reader is lost."""
         rest = "" if stamp is None else str(stamp)
         if self.carrier.code is None:
             return self.push(f"{f'D {rest}'.strip()}\r\n{to_text(list(value))}\r\n".encode())
@@ -131,7 +134,8 @@ class Outgoing:
         return self.push(message.pack_message([message.pack_command(message.DATA, rest), *blocks]))
 
     def push(self, data: bytes) -> bool:
-        """Sends an encoded message. Raises PortError when the reader is lost."""
+        """Sends an encoded message. Returns False if the message was dropped. Raises PortError if the reader
+        is lost."""
         try:
             if self.carrier is UDP:
                 self._send_datagrams(data)
@@ -167,12 +171,12 @@ class Outgoing:
         self.drop()
 
     def drop(self) -> None:
-        """Closes the socket without a quit message. It never waits."""
+        """Closes the socket without a quit message and without waiting."""
         self._socket.close()
 
     def _part(self) -> None:
-        """Ends a udp connection as YARP does: by an order over a text connection, which the reader
-        answers."""
+        """Ends a udp connection as YARP does: sends the order to end it over a text connection, and waits for
+        the answer."""
         sock, source, _ = dial(self.contact, "admin", TEXT, self._key, patience=GOODBYE)
         with sock:
             sock.sendall(f"~{self._sender}\r\nq\r\n".encode())
@@ -198,7 +202,7 @@ class Outgoing:
         return self._unanswered < MOST_UNANSWERED
 
     def _to_datagrams(self, port: int) -> None:
-        """Sends to the UDP port that the reader named from now on."""
+        """Switches from the TCP connection to datagrams, which go to the UDP port that the reader named."""
         peer = self._socket.getpeername()
         self._socket.close()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

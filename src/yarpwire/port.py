@@ -1,4 +1,5 @@
-"""A port: it accepts connections and opens them, on orders of other programs."""
+"""A named port. Accepts connections, and opens connections to other ports when a program such as `yarp
+connect` orders it."""
 
 from __future__ import annotations
 
@@ -39,9 +40,10 @@ ORDERS = (
 
 
 class Port:
-    """A named port. `receive` gets each message of data and each call, whose reply it returns.
+    """A named port. `receive` is called with each message. For a call, `receive` returns the reply.
 
-    `receive` is called from the connection's own thread. An error that it raises ends only that connection.
+    Each connection has its own thread, which calls `receive`. An error that `receive` raises ends only this
+    connection.
     """
 
     def __init__(
@@ -53,15 +55,15 @@ class Port:
         receive: Callable[[Delivery], Answer] | None = None,
         host: str | None = None,
     ) -> None:
-        """Listens and registers. Raises PortError when the name server doesn't answer or the TCP port is in
-        use."""
+        """Starts to listen and registers the port. Raises PortError if the name server does not answer, or if
+        the TCP port is in use."""
         if not name.startswith("/") or any(letter.isspace() for letter in name):
             raise PortError(f"port name {name!r}; valid: it begins with / and has no spaces")
         self.name, self.dialect, self.names = name, dialect, names
         self.wrong = 0
         """Number of messages that could not be decoded."""
         self.last_error = ""
-        """Error of the last of them."""
+        """Latest error of a message or a connection."""
         self._receive = receive
         self._lock = threading.Lock()
         self._inputs: dict[str, Incoming] = {}
@@ -79,7 +81,8 @@ class Port:
             raise
 
     def register(self) -> None:
-        """Registers the port, again after a restart of the name server. Raises PortError."""
+        """Registers the port. Call this again after the name server has restarted. Raises PortError if that
+        fails."""
         properties = {
             "offers": SPOKEN,
             "accepts": SPOKEN,
@@ -90,23 +93,23 @@ class Port:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the ports that send to this one."""
+        """Names of the ports that send to this port."""
         return tuple(self._inputs)
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """Names of the ports that this one sends to."""
+        """Names of the ports to which this port sends."""
         return tuple(self._outputs)
 
     @property
     def dropped(self) -> int:
-        """Number of messages dropped because readers were too slow, and of connections ended because of their
-        data."""
+        """Number of messages dropped because readers were too slow, plus number of connections ended because
+        of invalid data or to make room."""
         return self._listener.dropped + sum(output.dropped for output in list(self._outputs.values()))
 
     def write(self, value: Array | Sequence[Any], stamp: Stamp | None = None) -> None:
-        """Sends a Vector (an array) or a Bottle (a list) to all readers. It never waits, and nothing is
-        queued."""
+        """Sends a Vector (an array) or a Bottle (a list) to all readers. Never waits: if a reader is too
+        slow, its message is dropped."""
         for name, output in list(self._outputs.items()):
             try:
                 output.offer(value, self.dialect, stamp)
@@ -118,7 +121,8 @@ class Port:
                 output.drop()
 
     def connect(self, target: str, carrier: str = FAST_TCP.name) -> None:
-        """Sends to another port from now on. Raises PortError."""
+        """Connects to the port `target`, to which `write` also sends from now on. Raises PortError if that
+        fails."""
         if target not in self._outputs and len(self._outputs) >= MOST:
             raise PortError(f"{self.name} sends to {MOST} ports already; valid: at most {MOST}")
         found = Outgoing(self.names.query(target), self.name, find_carrier(carrier), self.names.key)
@@ -128,7 +132,8 @@ class Port:
             old.drop()  # the reader has closed it, as a second connection of that name
 
     def listen_to(self, source: str, carrier: str = FAST_TCP.name) -> None:
-        """Makes another port send to this one. Raises PortError, also when it refuses."""
+        """Makes the port `source` send to this port. Raises PortError if `source` can't be reached or
+        refuses."""
         contact = self.names.query(source)
         url = f"{find_carrier(carrier).name}:/{self.name}"
         said = outgoing.order(contact, [Vocab("add"), url], self.names.key)
@@ -175,8 +180,8 @@ class Port:
             raise
 
     def _let_go(self, incoming: Incoming) -> None:
-        """Ends a connection to make room: a dead sender over udp is not detectable, and others may never
-        send."""
+        """Ends a connection to make room for a new one. This is needed since a dead sender over udp can't be
+        detected, and other senders may never send anything."""
         if not self._closed:
             self.last_error = (
                 f"{incoming.sender or 'a client without a name'}, silent the longest, "
@@ -185,7 +190,7 @@ class Port:
         incoming.close()
 
     def _add(self, name: str, incoming: Incoming) -> None:
-        """Adds a connection. A second one of the same sender ends the first, as in YARP."""
+        """Adds a connection. A second connection of one sender ends the first connection, as in YARP."""
         if not name.startswith("/"):
             return
         with self._lock:
@@ -244,7 +249,8 @@ class Port:
         return [Vocab("fail"), "send [help] for list of valid commands"]
 
     def _properties(self, name: str) -> Answer:
-        """Returns the directions of this port if it has that `name`; it has no other properties."""
+        """Returns the directions (input, output, calls) of this port, if `name` is its name. The port has no
+        other properties."""
         if name != self.name:
             return (
                 [Vocab("fail"), f"cannot find any connection to/from {name}"] if name.startswith("/") else []
@@ -280,8 +286,8 @@ class Port:
 
 
 def own_host(server: tuple[str, int]) -> str:
-    """Returns this machine's address as the name server sees it: the loopback address for a server on this
-    machine."""
+    """Returns this machine's address in the network of the name server. It is the loopback address if the
+    name server is on this machine."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect(server)

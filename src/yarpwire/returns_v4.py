@@ -1,7 +1,7 @@
-"""Structures that the methods of 4.0's control boards return.
+"""Structures of the answers of YARP 4.0's control boards, for each method.
 
-A refusal contains the whole structure too, because a client reads every field of the method and would wait
-for a missing one.
+The answer to a refused call also contains the whole structure. A client reads every field of the method, and
+would wait for a missing field.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from yarpwire.values import Loose, Vocab
 
 OK, FAIL = Vocab("ok"), Vocab("fail")
 NOT_IMPLEMENTED = Vocab("err2")
-"""Result of a method that no robot served here has, such as the gains of a PID."""
+"""Result of a method that served boards do not implement, such as reading the gains of a PID controller."""
 METHOD_FAILED = Vocab("err5")
-"""Result of a call with wrong arguments, or that the robot refuses."""
+"""Result of a call that has wrong arguments or that the robot refuses."""
 EMPTY: dict[str, Any] = {
     "double": 0.0, "int": 0, "bool": FAIL, "string": "", "list": [],
     "pid": [0.0] * 10, "pid_info": [""] * 13,
 }  # fmt: skip
-"""Values of the fields of a refusal, by their types."""
+"""Values of the fields in the answer to a refused call, by the type of the field."""
 
 _METHODS = {
     "": """
@@ -84,12 +84,12 @@ RETURNS = {
 
 
 def reply(method: str, found: Sequence[Any] | None) -> list[Any]:
-    """Returns the reply to a call that was obeyed: `[ok]`, or `([ok]) data` with the fields `found`."""
+    """Returns the reply to an executed call: `[ok]`, or `([ok]) data` with the fields `found`."""
     return _structure(method, OK, found or ())
 
 
 def refusal(method: str, result: Vocab) -> list[Any]:
-    """Returns the reply to a call that is refused: `result`, and every field of the method's structure."""
+    """Returns the reply to a refused call: `result`, and every field of the method's structure."""
     return _structure(method, result, [EMPTY[field] for field in RETURNS[method]])
 
 
@@ -98,7 +98,7 @@ def _structure(method: str, result: Vocab, fields: Sequence[Any]) -> list[Any]:
 
 
 def explain(method: str = "") -> list[Any]:
-    """Returns the reply to `help`: all methods, or the fields that one of them returns."""
+    """Returns the reply to `help`: the names of all methods, or the fields that `method` returns."""
     lines = ["*** Available commands:", *sorted(RETURNS), "help"]
     if method in RETURNS:
         lines = [f"{method} returns: {', '.join(('result', *RETURNS[method]))}"]

@@ -19,12 +19,12 @@ from yarpwire.source import SocketSource
 from yarpwire.text import from_text, to_text
 
 SOON = 0.05
-"""Longest time [s] for the rest of a reply that has begun to arrive. Assumed: replies are short and sent at
-once."""
+"""Longest time [s] to wait for the rest of a reply that has begun to arrive. Assumed: replies are short and
+sent in one piece."""
 
 
 class Rpc:
-    """Calls to a port. The connection is opened when it is needed, and again after a failure."""
+    """Makes calls to a port. Connects at the first call, and again after a failure."""
 
     def __init__(
         self,
@@ -42,10 +42,10 @@ class Rpc:
         self._lock = threading.Lock()
 
     def call(self, *items: Any, patience: float = PATIENCE) -> list[Any]:
-        """Returns the reply to a call; empty if the other end sends none.
+        """Makes a call and returns the reply, which is empty if the other end sends no reply.
 
-        Raises PortError when nothing answers within `patience` [s], and for an invalid reply. The call is not
-        repeated: the caller decides about that.
+        Raises PortError if nothing answers within `patience` [s], or if the reply is invalid. A failed call
+        is not repeated.
         """
         with self._lock, self._port_errors(items):
             while self._open_calls:
@@ -55,7 +55,8 @@ class Rpc:
             return self._reply(source)
 
     def send_call(self, *items: Any) -> None:
-        """Sends a call without waiting for its reply, which `read_reply` returns. Raises PortError."""
+        """Sends a call without waiting for its reply, which `read_reply` returns. Raises PortError if sending
+        fails."""
         with self._lock, self._port_errors(items):
             self._send(self._connect(PATIENCE)[0], items)
             self._open_calls += 1
@@ -71,7 +72,8 @@ class Rpc:
             return True
 
     def read_reply(self, patience: float = SOON) -> list[Any]:
-        """Returns the reply to the oldest open call. Raises PortError as `call`."""
+        """Returns the reply to the oldest open call. Raises PortError if no valid reply arrives within
+        `patience` [s]."""
         with self._lock, self._port_errors(()):
             return self._next_reply(patience)
 
@@ -83,7 +85,7 @@ class Rpc:
 
     @contextmanager
     def _port_errors(self, items: Sequence[Any]) -> Iterator[None]:
-        """Turns errors inside into a PortError, and closes the connection."""
+        """Turns errors inside the context into a PortError, and closes the connection after an error."""
         try:
             yield
         except (OSError, EOFError, WireError) as error:

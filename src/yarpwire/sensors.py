@@ -1,7 +1,8 @@
-"""Messages of YARP 4's devices with several sensors, `MultipleAnalogSensors`: skin patches among them.
+"""Messages of `MultipleAnalogSensors`, YARP 4's devices with several sensors, for example skin patches.
 
-`/PREFIX/measures:o` streams a list for each kind of sensor, with `((values) time)` for each sensor of that
-kind; `/PREFIX/rpc:o` answers `getMetadata` with `(name frame more)` for each, in the order of the measures.
+The port `/PREFIX/measures:o` streams one list for each kind of sensor. This list has an item `((values)
+time)` for each sensor of the kind. The port `/PREFIX/rpc:o` answers `getMetadata` with `(name frame more)`
+for each sensor, in the order of the measures.
 """
 
 from __future__ import annotations
@@ -21,12 +22,13 @@ KINDS = (
     "TemperatureSensors", "SixAxisForceTorqueSensors", "ContactLoadCellArrays", "EncoderArrays",
     "SkinPatches", "PositionSensors", "LinearVelocitySensors", "ThreeAxisAngularAccelerometers",
 )  # fmt: skip
-"""Kinds of sensors, in the order of a message."""
+"""Kinds of sensors, in the order of their lists in a message."""
 SKIN = KINDS.index("SkinPatches")
 MEASURES, METADATA = "/measures:o", "/rpc:o"
 """Ends of the names of the two ports of a device."""
 MOST = 1000
-"""Largest number of sensors of a kind in one message. Assumed: bounds memory; an iCub has a few."""
+"""Largest number of sensors of a kind in one message. Assumed: this bounds the memory; an iCub has a few
+sensors of a kind."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,14 +42,14 @@ class Measure:
 
 
 def encode_measures(measures: Sequence[Measure], kind: int = SKIN) -> list[Any]:
-    """Returns the message with the measures of a device that has sensors of one kind."""
+    """Returns the message with the measures of a device that has only sensors of `kind`."""
     message: list[Any] = [[] for _ in KINDS]
     message[kind] = [[one.values, float(one.time)] for one in measures]
     return message
 
 
 def decode_measures(message: Sequence[Any], kind: int = SKIN) -> tuple[Measure, ...]:
-    """Returns the measures of one kind in a message. Raises WireError for an invalid one."""
+    """Returns the measures of one kind in a message. Raises WireError if the message is invalid."""
     if len(message) != len(KINDS) or not all(isinstance(part, list) for part in message):
         raise WireError(
             f"{len(message)} parts of measures; valid: {len(KINDS)} lists, one for each kind of sensor"
@@ -58,15 +60,15 @@ def decode_measures(message: Sequence[Any], kind: int = SKIN) -> tuple[Measure, 
 
 
 class Renewal:
-    """Distinguishes new measures from repeated ones, since a server stamps every message anew, even if a
-    sensor has no new value."""
+    """Detects measures that are repeated. A server gives each message a new stamp, also if the sensors have
+    no new values."""
 
     def __init__(self) -> None:
         self._last: tuple[float, ...] = ()
 
     def check(self, measures: Sequence[Measure]) -> None:
-        """Raises RepetitionError unless all measures are newer than the last ones that passed. A time of 0 or
-        NaN is none."""
+        """Raises RepetitionError if the time of a measure equals the time of the last accepted measure of its
+        sensor. Times of 0 and NaN are not compared, since they are no valid times."""
         times = tuple(one.time for one in measures)
         if len(times) == len(self._last) and any(
             time == last != 0.0 for time, last in zip(times, self._last, strict=True)
@@ -83,7 +85,8 @@ def _measure(one: Any, kind: str) -> Measure:
 
 
 def answer_metadata(items: Sequence[Any], names: Sequence[str], kind: int = SKIN) -> list[Any] | bytes:
-    """Returns the answer to a call of a device's rpc port, with the `names` of its sensors."""
+    """Returns the answer to a call to the rpc port of a device. `names` are the names of the device's
+    sensors."""
     first = items[0] if items else ""
     word = first.word if isinstance(first, Vocab) else str(first)
     if word == "getRemoteProtocolVersion":

@@ -8,9 +8,10 @@ from typing import Protocol
 from yarpwire.errors import WireError
 
 LONGEST = 1 << 24
-"""Length [bytes] of the longest message that is read. Assumed: a skin of 4000 taxels has 32 kB."""
+"""Length [bytes] of the longest message that is read. Assumed: more than any message needs, since the values
+of 4000 taxels have 32 kB."""
 LONGEST_LINE = 1 << 16
-"""Length [bytes] of the longest line of text. Assumed: bounds memory."""
+"""Length [bytes] of the longest line of text. Assumed: this bounds the memory."""
 CHUNK = 1 << 16
 
 
@@ -18,7 +19,7 @@ class Source(Protocol):
     """A source from which bytes are taken in order."""
 
     def take(self, count: int) -> bytes:
-        """Returns the next `count` bytes. Raises WireError when there can't be so many."""
+        """Returns the next `count` bytes. Raises WireError if fewer than `count` bytes can follow."""
         ...
 
     def left(self) -> int:
@@ -43,8 +44,8 @@ class Memory:
 
 
 class SocketSource:
-    """A socket as a source. It is read up to a budget of bytes, which `allow` renews; the socket's own
-    timeout bounds each wait."""
+    """A socket as a source. It reads at most a budget of bytes, which `allow` sets again for each message.
+    The socket's own timeout limits each wait."""
 
     def __init__(self, sock: socket.socket) -> None:
         self._socket = sock
@@ -53,15 +54,15 @@ class SocketSource:
         self._budget = LONGEST
 
     def allow(self, budget: int = LONGEST) -> None:
-        """Sets the budget of the next message to `budget` bytes in all."""
+        """Sets the budget, the largest number of bytes of the next message."""
         self._budget = budget
 
     def left(self) -> int:
         return self._budget
 
     def take(self, count: int) -> bytes:
-        """Returns the next `count` bytes. Raises WireError for more than the budget, EOFError at the end,
-        TimeoutError after the socket's timeout."""
+        """Returns the next `count` bytes. Raises WireError if `count` is above the budget, EOFError at the
+        end of the connection, and TimeoutError after the socket's timeout."""
         if not 0 <= count <= self._budget:
             raise WireError(f"length {count}; valid: 0 to {self._budget}")
         self._budget -= count
@@ -77,7 +78,7 @@ class SocketSource:
         return self._buffer[self._at : self._at + count]
 
     def line(self) -> str:
-        """Returns the next line of text without its end. Raises WireError for one without an end."""
+        """Returns the next line of text without its line end. Raises WireError if the line is too long."""
         while (end := self._buffer.find(b"\n", self._at)) < 0:
             held = len(self._buffer) - self._at
             if held > LONGEST_LINE:
@@ -88,11 +89,12 @@ class SocketSource:
         return line.rstrip(b"\r").decode("utf-8", errors="replace")
 
     def waiting(self) -> bool:
-        """Returns True if received bytes have not been taken yet."""
+        """Returns True if bytes were received that were not taken yet."""
         return self._at < len(self._buffer)
 
     def await_next(self) -> None:
-        """Waits for the beginning of the next message, which may have LONGEST bytes. Raises as `take`."""
+        """Waits for the beginning of the next message, and sets the budget to LONGEST. Raises EOFError at the
+        end of the connection, and TimeoutError after the socket's timeout."""
         self._budget = LONGEST
         if self._at >= len(self._buffer):
             self._need(1)

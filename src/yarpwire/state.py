@@ -1,7 +1,7 @@
-"""A control board's published state: `stateExt:o`, a list of 22 items (3.x) or 24 (4.x).
+"""State that a control board publishes at its port `stateExt:o`: a list of 22 items (3.x) or 24 items (4.x).
 
-Each quantity is a list with a value per joint, followed by its validity. Units are degrees and degrees per
-second.
+Each quantity has two items: a list with one value per joint, and the validity of this list (`[ok]` or
+`[fail]`). Units are degrees and degrees per second.
 """
 
 from __future__ import annotations
@@ -19,14 +19,15 @@ from yarpwire.values import Array, Float32, Vocab
 OK, FAIL = Vocab("ok"), Vocab("fail")
 JOINTS = ("position", "velocity", "acceleration", "motor_position", "motor_velocity", "motor_acceleration")
 QUANTITIES = (*JOINTS, "torque", "duty_cycle", "current", "modes", "interactions", "temperature")
-"""Quantities in the order of the wire; 3.x has no temperature."""
+"""Quantities in the order of the message. 3.x has no temperature."""
 MOST_JOINTS = 256
-"""Largest number of joints of a board. Assumed: bounds memory; an iCub's boards have up to 16."""
+"""Largest number of joints of a board. Assumed: this bounds the memory; an iCub's boards have up to 16
+joints."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoardState:
-    """State of the joints of one board; None for a quantity that the board does not measure."""
+    """State of the joints of one board. A quantity is None if the board does not measure it."""
 
     position: Array
     """Angles (n,) [deg]."""
@@ -41,7 +42,7 @@ class BoardState:
 
 
 def encode_state(state: BoardState, dialect: Dialect) -> list[Any]:
-    """Returns the items of a state's Bottle."""
+    """Returns the items of the Bottle that contains a state."""
     count = len(state.position)
     known = {"position": state.position, "velocity": state.velocity, "torque": state.torque}
     words = {"modes": state.modes, "interactions": state.interactions}
@@ -59,7 +60,7 @@ def encode_state(state: BoardState, dialect: Dialect) -> list[Any]:
 
 
 def decode_state(items: Sequence[Any], dialect: Dialect) -> BoardState:
-    """Returns the state in a Bottle. Raises WireError that names the invalid item."""
+    """Returns the state in a Bottle. Raises WireError if an item is invalid; the error names the item."""
     pairs = _pairs(dialect)
     if len(items) != 2 * pairs:
         raise WireError(f"a state of {len(items)} items; valid for YARP {dialect.name}: {2 * pairs}")

@@ -1,6 +1,7 @@
-"""Commands streamed to a served board's `command:i`: a list of a head and a Vector.
+"""Commands that clients stream to the port `command:i` of a served board: a list of a head and a Vector.
 
-3.x heads: `[dpos]`, `[dpo] j`, `[dpog] n (j ..)`; 4.x puts the interface before: `[ipod] [dpos]`.
+In YARP 3.x, the head for position is `[dpos]` for all joints, `[dpo] j` for joint j, and `[dpog] n (j ..)`
+for n joints. In 4.x, the name of the interface precedes the head: `[ipod] [dpos]`.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ INTERFACES = {"dpo": "ipod", "vmo": "ivel", "dtq": "itrq", "pos": "ipos"}
 
 
 def obey(board: BoardService, items: Sequence[Any], dialect: Dialect) -> None:
-    """Executes a streamed command. Raises CallError for one that is unknown or impossible."""
+    """Executes a streamed command. Raises CallError if the command is unknown or impossible."""
     if len(items) != 2 or not all(isinstance(item, list) for item in items):
         raise CallError(f"a streamed command of {len(items)} items; valid: a head and a list of numbers")
     head = [item.word if isinstance(item, Vocab) else item for item in items[0]]

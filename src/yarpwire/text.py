@@ -1,4 +1,4 @@
-"""Bottles as text: `1 2.5 hello (3 4) [set] {1 2 3}`."""
+"""Bottles as text, for example `1 2.5 hello (3 4) [set] {1 2 3}`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FLOAT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\Z|[+-]?(inf|nan)\Z", 
 
 
 def to_text(items: Sequence[Any]) -> str:
-    """Returns items of a Bottle as text, as YARP writes them."""
+    """Returns the items of a Bottle in the text form of YARP."""
     return " ".join(_item(item) for item in items)
 
 
@@ -50,8 +50,8 @@ def _quoted(text: str) -> str:
 
 
 def from_text(text: str) -> list[Any]:
-    """Returns the items of a Bottle written as text. Raises WireError for one that is not closed or nests too
-    deep."""
+    """Returns the items of a Bottle in text form. Raises WireError if the text is invalid, for example if a
+    list is not closed or lists nest too deeply."""
     open_lists: list[list[Any]] = [[]]
     at = 0
     while at < len(text):

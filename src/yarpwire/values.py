@@ -1,7 +1,7 @@
-"""Values of a Bottle: Python types, and small subclasses where the wire distinguishes more types.
+"""Values of a Bottle: Python types, and small subclasses for further types of YARP.
 
-int (int32 or int64 by its size), float (float64), str, bytes (blob), bool (vocab), list, Vocab
-Int8, Int16, Int64, Float32, Vocab64, Dict, Loose
+An int is sent as int32 or int64, depending on its size. A float is sent as float64, bytes as a blob, and a
+bool as a vocabulary. The subclasses are Vocab, Vocab64, Int8, Int16, Int64, Float32, Dict and Loose.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ Array = NDArray[np.float64]
 
 
 class Vocab(int):
-    """Up to four letters packed into an int32: `Vocab("set")`. Equal to its number."""
+    """A vocabulary: up to four letters that are packed into an int32, such as `Vocab("set")`. Equal to this
+    integer."""
 
     def __new__(cls, word: str | int) -> Vocab:
-        """Packs the letters. Raises WireError for a text that does not fit."""
+        """Packs the letters. Raises WireError if the text does not fit."""
         return super().__new__(cls, _pack(word, 4))
 
     @property
@@ -34,7 +35,7 @@ class Vocab(int):
 
 
 class Vocab64(int):
-    """Up to eight letters packed into an int64 (4.x only)."""
+    """A vocabulary of up to eight letters that are packed into an int64 (4.x only)."""
 
     def __new__(cls, word: str | int) -> Vocab64:
         return super().__new__(cls, _pack(word, 8))
@@ -62,15 +63,16 @@ class Float32(float):
 
 
 class Dict(list[Any]):
-    """A list marked as a dictionary: a list of lists (key value)."""
+    """A list that is marked as a dictionary. Its items are lists (key value)."""
 
 
 class Loose(list[Any]):
-    """A list of items of one type in which each item has a tag. Replies of 4.x contain such lists."""
+    """A list in which each item has its own tag, although all items have one type. Replies of 4.x contain
+    these lists."""
 
 
 Value = int | float | str | bytes | Sequence[Any]
-"""One item of a Bottle; lists nest."""
+"""One item of a Bottle. Lists may contain lists."""
 
 
 def _pack(word: str | int, size: int) -> int:

@@ -15,14 +15,14 @@ from yarpwire.rpc import Rpc
 
 
 class Wire(Network):
-    """Pure-Python implementation of both dialects; it needs nothing installed."""
+    """A YARP network in pure Python, for both dialects. It does not need YARP."""
 
     title = "yarpwire, YARP in pure Python"
 
     def __init__(self, server: tuple[str, int] | None = None) -> None:
-        """Connects to the name server at `server` (host, port); None for the one of yarp.conf.
+        """Uses the name server at `server` (host, port), by default the name server that `find_server` finds.
 
-        Raises PortError when the address of the name server is unknown.
+        Raises PortError if the address of the name server is unknown.
         """
         self.names = Names(server or find_server(), key=read_key())
         self.address = self.names.address

@@ -1,8 +1,8 @@
 """Calibrates a patch from a recording in which a force sensor measures the load on it.
 
-The bias of the force sensor and the rest values of the skin need not be known: the force is modelled as an
-offset plus the sum of each taxel's force times a gain. Since a recording presses few places, a penalty keeps
-the gains of taxels near that of the patch; cross-validation chooses the penalty.
+The bias of the force sensor and the rest values of the skin need not be known. The force is modelled as an
+offset plus the sum, over all taxels, of force times gain. In a recording, few places are pressed; so a
+penalty keeps the gain of each taxel near the gain of the patch. Cross-validation chooses the penalty.
 """
 
 from __future__ import annotations
@@ -20,19 +20,20 @@ from tci.robot.skin_files.calibration import PatchCalibration
 from tci.skin.baseline import BaselineSettings
 
 BLOCK = 10
-"""Number of consecutive frames that are used or held out together. Assumed: 0.2 s of an iCub's skin, so that
-held-out frames differ from those used for the fit."""
+"""Number of consecutive frames that are used or held out together. Assumed: 0.2 s on an iCub, so that
+held-out frames differ from the frames used for the fit."""
 FEWEST = 8 * BLOCK
-"""Least number of frames. Assumed: two blocks for each part of the cross-validation."""
+"""Least number of frames. Assumed: two blocks for each of the four folds of the cross-validation."""
 REST = 0.05
-"""Fraction of frames, those in which the patch reads least, from which rest values are computed. Assumed: on
-a robot that sways, each part of the skin is unloaded in this fraction of the frames."""
+"""Fraction of the frames from which rest values are computed: the frames with the least sum of raw values.
+Assumed: on a robot that sways, each part of the skin is unloaded in this fraction of the frames."""
 PENALTIES = (np.inf, 100.0, 10.0, 1.0, 0.1, 0.01, 0.001)
-"""Penalties of gains that differ between taxels, relative to the mean square of their forces. Assumed: from
-one gain for all to gains that fit noise."""
+"""Candidates for the penalty on differences between the gains of taxels, relative to the mean square of the
+taxels' forces. Assumed: the largest gives one gain for all taxels, the smallest gives gains that fit
+noise."""
 LEAST, MOST = 0.2, 5.0
-"""Range of a taxel's gain, relative to that of the patch. Assumed: a taxel that the recording hardly presses
-must not get a gain near 0."""
+"""Range of a taxel's gain, relative to the gain of the patch. Assumed: a taxel that is hardly pressed in the
+recording must not get a gain near 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,25 +41,28 @@ class ForceFit:
     """Gains of a patch's taxels, and errors on frames that were not used for the fit."""
 
     gains: Array
-    """Factor (n,) of each taxel's response in the description; zeros if the load does not grow with the
-    patch."""
+    """Factor (n,) for each taxel, by which the response in the description is to be multiplied.
+
+    Zeros if the measured load does not increase with the forces of the patch.
+    """
     offset: float
     """Force [N] that the sensor read while the patch was at rest."""
     penalty: float
-    """Penalty of gains that differ; infinite for one gain."""
+    """Penalty on differences between gains; infinite if all taxels have one gain."""
     held_out: float
     """Root mean square error [N] on every second block of frames, after a fit to the other blocks."""
     held_out_one_gain: float
-    """Error [N] with one gain for all taxels."""
+    """Error [N] as in `held_out`, with one gain for all taxels."""
     held_out_raw_sum: float
-    """Error [N] of the sum of all raw values with gain and offset."""
+    """Error [N] as in `held_out`, if the load is modelled as the sum of all raw values with gain and
+    offset."""
 
 
 def calibrate_to_force(
     sensor: Sensor, areas: Array, stamps: Array, values: Array, times: Array, forces: Array, *,
     when: str = "unknown",
 ) -> tuple[PatchCalibration, ForceFit]:  # fmt: skip
-    """Calibrates a patch with the result of `fit_recording`. Raises TciError if there is no gain."""
+    """Calibrates a patch with the result of `fit_recording`. Raises TciError if all gains are zero."""
     found, rest, noise = fit_recording(sensor, areas, stamps, values, times, forces)
     if not found.gains.any():
         raise TciError(
@@ -82,9 +86,10 @@ def fit_recording(
 ) -> tuple[ForceFit, Array, Array]:
     """Fits gains of taxels with `areas` (n,) [m2] to raw `values` (m, n) at `stamps` (m,) [s].
 
-    The force sensor read `forces` (k, components) [N] at `times` (k,) [s], on the same clock. The load is the
-    component along which the force changes most, in the sense in which it grows with the patch. Returns the
-    fit, and rest values and noise (n,) [counts]. Raises TciError for data without a fit.
+    The force sensor measured `forces` (k, components) [N] at `times` (k,) [s]; `stamps` and `times` are of
+    one clock. The load is the component of the force along the direction in which the force changes most. Its
+    sign is chosen such that the load increases with the sum of the raw values. Returns the fit, and rest
+    values and noise (n,) [counts]. Raises TciError for too few frames, or for values that are not finite.
     """
     inside = (stamps >= times[0]) & (stamps <= times[-1])
     if inside.sum() < FEWEST:
@@ -109,10 +114,10 @@ def fit_recording(
 
 
 def fit_force(parts: Array, load: Array, blocks: NDArray[np.intp], *, raw: Array) -> ForceFit:
-    """Fits gains to a `load` (m,) [N] from the taxels' forces `parts` (m, n) [N] by the description.
+    """Fits gains to a `load` (m,) [N], from the forces `parts` (m, n) [N] of the taxels without gains.
 
-    `blocks` (m,) are numbers of frames that are held out together; `raw` (m,) is the sum that the errors are
-    compared with.
+    `blocks` (m,) is the block number of each frame; the frames of a block are held out together. `raw` (m,)
+    is the sum of all raw values of each frame, for the error `held_out_raw_sum`.
     """
     train = blocks % 2 == 0
     test, some = ~train, blocks[train] // 2
@@ -131,8 +136,10 @@ def fit_force(parts: Array, load: Array, blocks: NDArray[np.intp], *, raw: Array
 
 
 def _fit(parts: Array, load: Array, penalties: Sequence[float]) -> list[tuple[Array, float]]:
-    """Returns for each penalty the gains (n,), zeros if the load does not grow with the patch, and the offset
-    [N]."""
+    """Returns the gains (n,) and the offset [N] for each penalty.
+
+    The gains are zeros if the load does not increase with the forces of the patch.
+    """
     fits = []
     for factors in _factors(parts, load, penalties):
         total = parts @ factors
@@ -144,8 +151,10 @@ def _fit(parts: Array, load: Array, penalties: Sequence[float]) -> list[tuple[Ar
 
 
 def _factors(parts: Array, load: Array, penalties: Sequence[float]) -> Iterator[Array]:
-    """Yields each taxel's gain (n,) relative to the patch's, by ridge regression whose penalty is on
-    differences."""
+    """Yields, for each penalty, the gains (n,) of the taxels relative to the gain of the patch.
+
+    They are found by ridge regression; the penalty is on the differences from the gain of the patch.
+    """
     same = np.ones(parts.shape[1])
     U, S, Vt = np.linalg.svd(parts - parts.mean(axis=0), full_matrices=False)
     total, rest = S * (Vt @ same), U.T @ (load - load.mean())
@@ -181,23 +190,27 @@ def _root_mean_square(values: Array) -> float:
 
 
 def _along(forces: Array, total: Array) -> Array:
-    """Returns the component (m,) [N] of `forces` (m, components) that changes most, growing with `total`
-    (m,)."""
+    """Returns the component (m,) [N] of `forces` (m, components) along the direction of largest change.
+
+    Its sign is chosen such that it increases with `total` (m,).
+    """
     away = forces - forces.mean(axis=0)
     load: Array = forces @ np.linalg.svd(away, full_matrices=False)[2][0]
     return load if (load - load.mean()) @ (total - total.mean()) >= 0.0 else -load
 
 
 def _rest(counts: Array) -> Array:
-    """Returns rest values (n,) [counts]: medians over the frames in which the patch reads least."""
+    """Returns rest values (n,) [counts]: medians over the frames with the least sum of counts."""
     least = np.argsort(counts.sum(axis=1), kind="stable")[: max(BLOCK, int(REST * len(counts)))]
     rest: Array = np.median(counts[least], axis=0)
     return rest
 
 
 def _noise(counts: Array) -> Array:
-    """Returns the noise (n,) [counts]: the median over blocks of the standard deviation in each, as most are
-    quiet."""
+    """Returns the noise (n,) [counts]: the median, over all blocks, of the standard deviation in a block.
+
+    In most blocks the load hardly changes.
+    """
     whole = counts[: len(counts) // BLOCK * BLOCK].reshape(-1, BLOCK, counts.shape[1])
     noise: Array = np.median(whole.std(axis=1, ddof=1), axis=0)
     return noise

@@ -16,13 +16,14 @@ from tci.robot.skin_files.calibration import PatchCalibration
 from tci.skin.baseline import BaselineSettings
 
 NODES = 6
-"""Largest number of straight pieces of the response. Assumed; fewer are used if there are fewer than two
+"""Largest number of linear pieces of the response. Assumed. Fewer pieces are used if there are fewer than two
 loads per piece."""
 STIFF = 0.03
-"""Weight of the smoothing that keeps slopes of adjacent pieces equal. Assumed: small against that of the
-loads."""
+"""Weight of the smoothing that keeps the slopes of adjacent pieces similar. Assumed: small against the weight
+of the loads."""
 FEWEST_FRAMES = 20
-"""Least number of frames at rest. Assumed: a standard deviation of 20 frames is known to about 16 percent."""
+"""Least number of frames at rest. Assumed: a standard deviation estimated from 20 frames has an error of
+about 16 percent."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,9 +41,10 @@ def calibrate(
 ) -> PatchCalibration:
     """Calibrates a patch with taxels of `areas` (n,) [m2] from raw frames at `rest` (frames, n) and `loads`.
 
-    The force of a load is modelled as the sum of area times pressure. Pressure is a piecewise linear function
-    of the counts away from rest, found by least squares with non-negative slopes. Without loads the
-    description's response is kept. Raises TciError for data that do not determine the calibration.
+    The force of a load is modelled as the sum of area times pressure over all taxels. Pressure is modelled as
+    a piecewise linear function of the counts away from rest; its slopes are found by non-negative least
+    squares. Without loads, the response of the description stays in use. Raises TciError for data that do not
+    determine the calibration.
     """
     _check(areas, rest, loads)
     level, noise = rest.mean(axis=0), rest.std(axis=0, ddof=1)

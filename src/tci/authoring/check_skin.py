@@ -24,11 +24,11 @@ def check_skins(
     *,
     progress: Callable[[str, int, int], None] = lambda skin, done, count: None,
 ) -> list[dict[str, Any]]:
-    """Returns the distances of one skin file from one link, or of every patch of a robot from its own link.
+    """Returns the distances of a skin file from `link`, or of every patch of a robot from its own link.
 
-    Each row is made of JSON values. `progress` is called before each skin with its name, the number of those
-    done and of all. Raises CommandError for a file without a link, a link without a file, and a robot without
-    skin.
+    Each row consists of JSON values. `progress` is called before each skin with its name, the number of skins
+    that are done, and the number of all skins. Raises CommandError for `file` without `link`, `link` without
+    `file`, or a robot without skin.
     """
     if (file is None) != (link is None):
         raise CommandError("--file and --link need each other; valid: --file FILE --link LINK")

@@ -12,15 +12,15 @@ from tci.robot.kinematics import KinematicChain
 from tci.skin.surfaces import build_surface
 
 PITCH = 0.004
-"""Default least distance [m] between taxels. Assumed: about that on an iCub's fingertips."""
+"""Default least distance [m] between taxels. Assumed: about the distance on an iCub's fingertips."""
 
 
 def with_dense_skin(robot: Robot, taxels: int, *, patches: int | None = None, pitch: float = PITCH) -> Robot:
     """Returns the robot with about `taxels` taxels in `patches` patches, on cones fitted to its limbs' skin.
 
-    If there are more patches than the robot has, its limbs are divided lengthwise. If taxels would be closer
-    than `pitch` [m], the cones are larger than the limbs. Raises TciError for a robot without skin on limbs,
-    or fewer than 9 taxels in a patch.
+    If `patches` is larger than the number of the robot's patches on limbs, the limbs are divided lengthwise.
+    If the taxels would lie closer than `pitch` [m], the cones are made larger than the limbs. Raises TciError
+    for a robot without skin on limbs, or for fewer than 9 taxels in a patch.
     """
     own = [patch for patch in robot.patches if robot.limb_segment(patch)]
     count = len(own) if patches is None else patches
@@ -41,7 +41,8 @@ def with_dense_skin(robot: Robot, taxels: int, *, patches: int | None = None, pi
 
 
 def _piece(patch: Patch, fit: ConeFit, number: int, of: int, taxels: int, pitch: float) -> Patch:
-    """Returns piece `number` of `of` pieces of a limb's cone, with about `taxels` taxels."""
+    """Returns one patch with about `taxels` taxels: piece `number`, from 0, of `of` pieces of a limb's
+    cone."""
     gap = 0.05 if number + 1 < of else 0.0
     begin, end = fit.length * number / of, fit.length * (number + 1 - gap) / of
     r1, r2 = float(fit.radius(np.array(begin))), float(fit.radius(np.array(end)))
@@ -63,13 +64,13 @@ def _piece(patch: Patch, fit: ConeFit, number: int, of: int, taxels: int, pitch:
 
 
 def _towards(axis: Array) -> tuple[float, float, float]:
-    """Returns roll, pitch and yaw [rad] of a frame whose -z points along `axis` (3,)."""
+    """Returns roll, pitch and yaw [rad] of a frame with its negative z axis along `axis` (3,)."""
     x, y, z = -axis
     return 0.0, float(np.arctan2(np.hypot(x, y), z)), float(np.arctan2(y, x))
 
 
 def with_skin_rate(robot: Robot, rate: float) -> Robot:
-    """Returns the robot with skin frames at `rate` [Hz]. Raises CommandError."""
+    """Returns the robot with skin frames at `rate` [Hz]. Raises CommandError for a rate out of range."""
     if not 1.0 <= rate <= 1000.0:
         raise CommandError(f"skin rate {rate:g} Hz; valid: 1 to 1000")
     patches = tuple(patch.model_copy(update={"rate": rate}) for patch in robot.patches)

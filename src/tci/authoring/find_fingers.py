@@ -1,7 +1,8 @@
 """Finds the fingers of a hand: chains of joints beside each other on a palm, identified by place and name.
 
-A finger bends in the direction in which its joints can move farther. The thumb is the finger whose axis
-differs from the others', or that bends against them; the index finger is next to the thumb.
+A finger bends in the direction in which its joints can move farther. The bending axis of the thumb differs
+from those of the other fingers, or the thumb bends against the other fingers. The index finger is next to the
+thumb.
 """
 
 from __future__ import annotations
@@ -23,24 +24,25 @@ from tci.robot.shoulder import angle_about
 PARALLEL = 0.8
 """Least cosine between the axes of joints that bend one finger. Assumed: 37 degrees; thumbs are twisted."""
 FEWEST = 3
-"""Least number of chains of a hand; fewer are a gripper."""
+"""Least number of finger-like chains of a hand. An end effector with fewer chains counts as a gripper."""
 CLEAR = np.deg2rad(25.0)
-"""Least difference [rad] between the ranges of a finger in both directions for which the larger one is the
-bending direction."""
+"""Least difference [rad] between the ranges of a finger in its two directions. If the difference is larger,
+the finger bends in the direction with the larger range; if not, its bending direction is in doubt."""
 APART = 0.1
-"""Difference of cosines by which a thumb must be farther from the other fingers than any of them. Assumed:
-fingers fan out by less."""
+"""The thumb is the finger without which the other bending axes are most parallel. Without the thumb, their
+least cosine must be higher by this value than without any other finger. Assumed: fingers fan out by less."""
 BESIDE = 0.3
-"""Distance of a thumb from the middle of the palm, as a fraction of half its width, from which it is on a
-side. Assumed; the thumb of a Dex3 is in the middle."""
+"""Least distance of a thumb from the middle of the palm, as a fraction of half the palm's width, at which the
+thumb counts as on one side. Assumed; the thumb of a Dex3 is in the middle."""
 FLEXED = np.deg2rad(30.0)
-"""Angle [rad] of each joint of a finger at which its spread is tested, since a joint may rotate a straight
-finger about its own axis."""
+"""Angle [rad] by which each bending joint is bent to test which joint spreads the finger. A straight finger
+can't show this, since a joint may rotate it about its own axis."""
 SIDEWAYS = 0.3
-"""Least cosine between the motion of a spread finger's tip and its direction. Assumed: less is no spread."""
+"""Least cosine between the motion of the finger's tip and the direction of spread. Assumed: a joint with a
+smaller cosine does not spread the finger."""
 ROUNDED = float(np.deg2rad(15.0))
-"""Step [rad] to which a thumb's opposition at the model's zero is rounded. Assumed: shapes give no better
-accuracy."""
+"""Step [rad] to which the thumb's opposition at the model's zero is rounded. Assumed: an angle derived from
+shapes is not more accurate."""
 _NAMES = {
     "thumb": re.compile(r"(?i)thumb|(?<![a-z])th(?=j|\d|_|-|$)"),
     "index": re.compile(r"(?i)index|forefinger|(?<![a-z])ff(?=j|\d|_|-|$)"),
@@ -56,31 +58,34 @@ class DoubtfulFingersError(Exception):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Finger:
-    """Joints of one finger, by index, at the model's zero in the frame H."""
+    """Indices of the joints of one finger, and its directions in the frame H at the model's zero.
+
+    Frame H lies at the model's root: x forward, y left, z up.
+    """
 
     chain: tuple[int, ...]
-    """All its joints, from the palm outwards."""
+    """All joints of the finger, from the palm outwards."""
     flexion: tuple[int, ...]
-    """Joints that bend it."""
+    """Joints that bend the finger."""
     signs: tuple[float, ...]
-    """Direction in which each of these joints turns to bend the finger towards the palm."""
+    """Direction (1 or -1) in which each joint of `flexion` turns to bend the finger towards the palm."""
     axis: Array
-    """Axis (3,) about which it bends."""
+    """Axis (3,) about which the finger bends."""
     ahead: Array
-    """Unit vector (3,) from its first bending joint to its tip."""
+    """Unit vector (3,) from the first bending joint to the tip, perpendicular to `axis`."""
     tip: Array
-    """Its end (3,) [m]."""
+    """End (3,) [m] of the finger."""
     name: str = ""
     spread: int | None = None
-    """Joint that spreads it, or opposes the thumb; None if there is none."""
+    """Joint that spreads the finger, or opposes the thumb; None if there is none."""
     outward: float = 1.0
-    """Direction in which that joint turns for a positive spread."""
+    """Direction (1 or -1) in which the joint `spread` turns for a positive spread."""
     offset: float = 0.0
-    """Spread [rad] at the model's zero."""
+    """Spread of a finger, or opposition of the thumb [rad], at the model's zero."""
 
     @property
     def palmar(self) -> Array:
-        """Direction (3,) in which the tip moves as it bends."""
+        """Direction (3,) in which the tip moves when the finger bends."""
         return np.cross(self.axis, self.ahead)
 
 
@@ -88,10 +93,11 @@ def find_fingers(
     joints: Sequence[Joint], arm: int, side: Side, facts: Mapping[str, JointFacts],
     tips: Mapping[int, Array], *, trust: str | None = None,
 ) -> tuple[Finger, ...]:  # fmt: skip
-    """Returns the fingers that the joint `arm` carries, in the order of the generic ones; none for a gripper.
+    """Returns the fingers that the joint `arm` carries, in the order of generic fingers; none for a gripper.
 
-    `tips` are the ends (3,) [m] of the links that joints move. `trust` is `names` or `places`, which decides
-    if these contradict each other. Raises DoubtfulFingersError.
+    `tips` are the ends (3,) [m] of the links, by the index of the joint that moves each link. If names and
+    places of fingers contradict each other, `trust` ("names" or "places") decides. Raises
+    DoubtfulFingersError if the fingers can't be identified.
     """
     able = [one for one in carried(joints, arm) if not facts[joints[one].name].stuck]
     best: list[tuple[int, ...]] = []
@@ -121,7 +127,8 @@ def find_fingers(
 
 
 def _chain(joints: Sequence[Joint], first: int, able: Sequence[int]) -> tuple[int, ...]:
-    """Returns the chain that begins with a joint; empty if it branches, as linkages of grippers do."""
+    """Returns the chain that begins with the joint `first`. If the chain branches, as in linkages of
+    grippers, the result is empty."""
     chain, after = [], [first]
     while len(after) == 1:
         chain.append(after[0])
@@ -133,8 +140,11 @@ def _finger(
     joints: Sequence[Joint], chain: tuple[int, ...], facts: Mapping[str, JointFacts],
     tips: Mapping[int, Array],
 ) -> Finger:  # fmt: skip
-    """Returns a chain as a finger without name and spread. Raises DoubtfulFingersError if its limits do not
-    show its bending direction."""
+    """Returns a chain as a finger without name and spread.
+
+    Raises DoubtfulFingersError if the bending direction can't be derived from the limits, or the end of the
+    finger is unknown.
+    """
     last = joints[chain[-1]].axis
     first = next(
         i for i in range(len(chain)) if all(abs(joints[j].axis @ last) > PARALLEL for j in chain[i:])
@@ -164,7 +174,7 @@ def _base(joints: Sequence[Joint], finger: Finger) -> Array:
 
 
 def _named(joints: Sequence[Joint], finger: Finger) -> str | None:
-    """Returns the name of a finger that most of its joints and links contain; None for none."""
+    """Returns the finger name that most names of the finger's joints and links contain; None if none does."""
     words = [word for one in finger.chain for word in (joints[one].name, joints[one].link)]
     counts = {name: sum(bool(words_of.search(word)) for word in words) for name, words_of in _NAMES.items()}
     most = max(counts, key=counts.__getitem__)
@@ -172,7 +182,10 @@ def _named(joints: Sequence[Joint], finger: Finger) -> str | None:
 
 
 def _thumb(joints: Sequence[Joint], fingers: Sequence[Finger], trust: str | None) -> int:
-    """Returns the thumb among fingers: by its place, and by its name. Raises DoubtfulFingersError."""
+    """Returns the index of the thumb, found by its place and by its name.
+
+    Raises DoubtfulFingersError if place and name contradict each other, or if there is no thumb.
+    """
 
     def alike(without: int) -> float:
         rest = [finger.axis for one, finger in enumerate(fingers) if one != without]
@@ -201,8 +214,10 @@ def _thumb(joints: Sequence[Joint], fingers: Sequence[Finger], trust: str | None
 def _across(
     joints: Sequence[Joint], fingers: Sequence[Finger], thumb: int, side: Side
 ) -> tuple[Array, Array]:
-    """Returns unit vectors (3,) out of the palm, and across it towards the thumb. For a thumb in the middle,
-    the direction is that of a human hand."""
+    """Returns two unit vectors (3,): out of the palm, and along the palm towards the thumb.
+
+    If the thumb is in the middle of the palm, the second vector points to the thumb's side of a human hand.
+    """
     others = [finger for one, finger in enumerate(fingers) if one != thumb]
     palmar, ahead = (
         np.mean(vectors, axis=0) for vectors in zip(*((f.palmar, f.ahead) for f in others), strict=True)
@@ -243,7 +258,7 @@ def _spread(joints: Sequence[Joint], finger: Finger, palmar: Array, radial: Arra
 
 
 def _turned(vector: Array, axis: Array, angle: float) -> Array:
-    """Returns a vector (3,) turned about an axis (3,) (Rodrigues)."""
+    """Returns a vector (3,) turned about a unit axis (3,) by an angle [rad] (Rodrigues' formula)."""
     turned: Array = (
         vector * np.cos(angle) + np.cross(axis, vector) * np.sin(angle)
         + axis * float(axis @ vector) * (1.0 - np.cos(angle))

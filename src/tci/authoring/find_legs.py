@@ -9,16 +9,17 @@ from tci.authoring.joint_tree import Joint, ancestors
 from tci.robot.generic_arm import Side
 
 ALIKE = 0.96
-"""Least cosine between the axes of knee and ankle and the y axis. Assumed: about 16 degrees."""
+"""Least cosine between the axis of a knee or ankle and the y axis. Assumed: they differ by at most 16
+degrees."""
 SLANTED = 0.8
-"""Least cosine between the axis of hip pitch and the y axis. Assumed: 37 degrees; the hips of some humanoids
-are slanted by 30."""
+"""Least cosine between the axis of hip pitch and the y axis. Assumed: they differ by at most 37 degrees; the
+hips of some humanoids are slanted by 30 degrees."""
 TALL = 0.1
 """Least height of a hip above its ankle, as a fraction of the extent of all joints. Assumed: smaller than any
 legs."""
 SEGMENT = 0.25
-"""Least part of that height between hip and knee, and between knee and ankle. Assumed: keeps toes and
-parallel linkages apart from knees and ankles."""
+"""Least height between hip and knee, and between knee and ankle, as a fraction of the hip's height above the
+lowest joint. Assumed: excludes toes and parallel linkages, whose joints lie closer together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +27,7 @@ class Leg:
     """Joints of a leg, by index."""
 
     chain: tuple[int, ...]
-    """All its joints, from the hip down."""
+    """All joints of the leg, from the hip down."""
     hip: int
     """Joint of hip pitch."""
     knee: int
@@ -37,8 +38,11 @@ class Leg:
 def find_legs(
     joints: Sequence[Joint], taken: set[int], extent: float, *, slanted: float = SLANTED
 ) -> dict[Side, Leg]:
-    """Finds both legs, by side, among joints that are not `taken` and have the `extent` [m]; empty for a
-    robot without just two. `slanted` is the least cosine between the axis of hip pitch and the y axis."""
+    """Finds both legs, by side, among the joints that are not `taken`.
+
+    The result is empty for a robot that does not have exactly two legs. `extent` [m] is the extent of all
+    joints. `slanted` is the least cosine between the axis of hip pitch and the y axis.
+    """
     parents = {joint.parent for joint in joints}
     heights = [float(joint.anchor[2]) for joint in joints]
     found: dict[Side, Leg] = {}
@@ -62,7 +66,7 @@ def find_legs(
 
 
 def _leg(joints: Sequence[Joint], chain: Sequence[int], side: Side, slanted: float) -> Leg | None:
-    """Returns the leg in a chain from the root to a leaf; None if there is none."""
+    """Returns the leg in a chain of joints from the root outwards; None if the chain contains no leg."""
     sign = 1.0 if side == "left" else -1.0
     down = [one for one in chain if abs(joints[one].axis[1]) > ALIKE]
     hips = [one for one in chain if abs(joints[one].axis[1]) > slanted]
@@ -84,7 +88,10 @@ def _leg(joints: Sequence[Joint], chain: Sequence[int], side: Side, slanted: flo
 
 
 def _first_aside(joints: Sequence[Joint], chain: Sequence[int], sign: float) -> int | None:
-    """Returns the place in a chain from which all joints carry only joints of one side."""
+    """Returns the index of the first joint in a chain that carries only joints of the side `sign` (1: left).
+
+    None if there is no such joint.
+    """
     for place, one in enumerate(chain):
         if all(
             joints[other].anchor[1] * sign > 0.0

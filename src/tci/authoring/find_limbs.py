@@ -1,4 +1,7 @@
-"""Finds a humanoid's arms, legs, trunk and head in its kinematic model, by geometry first."""
+"""Finds a humanoid's arms, legs, trunk and head in its kinematic model.
+
+Geometry decides first; joint names are used as well.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +23,9 @@ from tci.robot.generic_arm import Side
 from tci.robot.kinematics import bare_model
 
 MIRRORED = 0.025
-"""Largest distance of a left limb from the mirror image of the right one, and of a neck's axis from the
-median plane, as a fraction of the extent of all joints. Assumed: above asymmetries of CAD models, below the
-length of a limb."""
+"""Largest distance of a left limb from the mirror image of the right limb, and of a neck's axis from the
+median plane, as a fraction of the extent of all joints. Assumed: larger than asymmetries of CAD models,
+smaller than the length of a limb."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,17 +51,18 @@ class FoundLimbs:
     """Pose (4, 4) [m] of the torso frame T in its link E."""
 
     def behind(self, joint: int) -> list[int]:
-        """Returns the joint and all joints that it carries."""
+        """Returns `joint` and all joints that it carries."""
         return carried(self.joints, joint)
 
 
 def find_limbs(model: Model, points: LinkPoints, *, arms: tuple[str, str] | None = None) -> FoundLimbs:
-    """Finds arms, legs, trunk and head of a model with the shapes and masses `points`.
+    """Finds arms, legs, trunk and head of a model; `points` gives the shapes and masses of its links.
 
-    The z axis of its root, or else its y axis, points up. Joint names decide between left and right if they
-    contain a side. `arms` names the first joint of the left and of the right shoulder. Raises
-    DescriptionError for a model without two mirrored arms of the generic kind, or with limbs that can't be
-    distinguished, and the errors of `load_spec`.
+    The z axis of the model's root must point up, or else its y axis. If joint names contain a side, they
+    decide between left and right. `arms` are the names of the first joints of the left and the right
+    shoulder; without `arms`, places and names decide which limbs are arms. Raises DescriptionError for a
+    model without two mirrored arms of the generic kind, or if arms and legs can't be distinguished. Also
+    raises the errors of `load_spec`.
     """
     compiled = bare_model(model)
     data = mujoco.MjData(compiled)
@@ -114,8 +118,11 @@ def _arms_of(
     model: Model, joints: Sequence[Joint], pairs: Sequence[Pair], points: LinkPoints, R_RH: Array, *,
     chosen: tuple[str, str] | None,
 ) -> dict[str, Limb]:  # fmt: skip
-    """Returns the one pair of limbs that are arms, each with an end. Raises DescriptionError for none,
-    several, or limbs whose places and names contradict each other."""
+    """Returns the two arms by side, each with the end of its forearm.
+
+    Raises DescriptionError if no pair of limbs is a pair of arms, if several are, or if the place and the
+    names of a pair contradict each other.
+    """
     if chosen is not None:
         own = [
             pair
@@ -145,7 +152,10 @@ def _arms_of(
 
 
 def _kind(joints: Sequence[Joint], pair: Pair, points: LinkPoints, R_RH: Array) -> Vote:
-    """Returns the kind of a pair on which place and names agree, or which one of them determines."""
+    """Returns the kind of a pair of limbs, from their place and their names.
+
+    None if the two contradict each other, or if neither of them determines the kind.
+    """
     moved = [joints[limb.ball[0]].link for limb in pair.values()]
     centre = points.centre_of_mass_without(moved)
     place = hangs_as(pair, None if centre is None else float((centre @ R_RH)[2]))
@@ -156,7 +166,11 @@ def _kind(joints: Sequence[Joint], pair: Pair, points: LinkPoints, R_RH: Array) 
 def _ended(
     model: Model, joints: Sequence[Joint], side: str, limb: Limb, points: LinkPoints, R_RH: Array
 ) -> Limb:
-    """Returns the limb with the end of its forearm: by a joint, or else by a fixed hand or the shape."""
+    """Returns the limb with the end of its forearm: at a joint, or else at a fixed hand or the end of its
+    shape.
+
+    Raises DescriptionError if the model contains none of these.
+    """
     if not limb.ends_nowhere:
         return limb
     link = joints[limb.bend if limb.turn is None else limb.turn].link
@@ -172,7 +186,8 @@ def _ended(
 
 
 def _all_limbs(joints: Sequence[Joint]) -> list[Limb]:
-    """Returns the limbs attached to the trunk, without limb-like chains farther out on them."""
+    """Returns the limbs attached to the trunk. Limb-like chains farther out, such as a wrist, are left
+    out."""
     shared = {index for index in range(len(joints)) if _carries_both_sides(joints, index)}
     found = []
     for index in range(len(joints)):
@@ -183,15 +198,18 @@ def _all_limbs(joints: Sequence[Joint]) -> list[Limb]:
 
 
 def extent_of(joints: Sequence[Joint]) -> float:
-    """Returns the largest extent [m] of all joints that are in a chain, since some models have placeholders
-    far away."""
+    """Returns the extent [m] of all joints along the axis on which it is largest.
+
+    A joint that neither carries a joint nor is carried by one is left out: in some models it is a placeholder
+    far away.
+    """
     parents = {joint.parent for joint in joints}
     chained = [one.anchor for place, one in enumerate(joints) if one.parent >= 0 or place in parents]
     return float(np.ptp(chained or [np.zeros(3)], axis=0).max())
 
 
 def _carries_both_sides(joints: Sequence[Joint], index: int) -> bool:
-    """True if a joint carries joints of both sides, so that it belongs to the trunk."""
+    """True if a joint carries joints of the left and of the right side, so that it belongs to the trunk."""
     sideways = [joints[other].anchor[1] for other in carried(joints, index)]
     left, right = max(sideways), -min(sideways)
     return bool(
@@ -200,7 +218,7 @@ def _carries_both_sides(joints: Sequence[Joint], index: int) -> bool:
 
 
 def _mirrored(joints: Sequence[Joint], limbs: list[Limb]) -> list[Mapping[str, Limb]]:
-    """Returns pairs of a left and a right limb."""
+    """Returns pairs of a left and a right limb that are mirror images."""
     mirror, tolerance = np.array([1.0, -1.0, 1.0]), MIRRORED * extent_of(joints)
     pairs: list[Mapping[str, Limb]] = []
     for left in limbs:
@@ -214,12 +232,14 @@ def _mirrored(joints: Sequence[Joint], limbs: list[Limb]) -> list[Mapping[str, L
 
 
 def _own_line(joints: Sequence[Joint], limb: Limb, trunk: tuple[int, ...]) -> list[int]:
-    """Returns the joints that belong to a limb: those that it carries, and those between it and the trunk."""
+    """Returns the joints of a limb: all joints from its first joint outwards, and the joints between the limb
+    and the trunk."""
     return [*carried(joints, limb.ball[0]), *set(ancestors(joints, limb.ball[0])).difference(trunk)]
 
 
 def _shared_link(model: mujoco.MjModel, bodies: list[int], path: str) -> str:
-    """Returns the link that carries both of two bodies. Raises DescriptionError if it is the world."""
+    """Returns the first link that carries both of two bodies. Raises DescriptionError if only the world
+    does."""
     lines = []
     for body in bodies:
         line = []
@@ -239,8 +259,8 @@ def _shared_link(model: mujoco.MjModel, bodies: list[int], path: str) -> str:
 def _median_chain(
     joints: Sequence[Joint], trunk: tuple[int, ...], used: set[int], *, above: float
 ) -> tuple[int, ...]:
-    """Returns the longest chain of joints on the torso that lies in the median plane and ends `above` a
-    height [m]."""
+    """Returns the longest chain of joints on the torso that lies in the median plane and ends higher than
+    `above` [m]."""
     root, tolerance = trunk[0] if trunk else -1, MIRRORED * extent_of(joints)
     best: tuple[int, ...] = ()
     for index, joint in enumerate(joints):

@@ -20,15 +20,21 @@ from tci.skin.surfaces import build_surface, lattice_pitch, neighbour_distance
 
 KINDS: dict[str, Freedom] = {"kinematic": "none", "free centre": "centre", "free axis": "axis"}
 Skin = tuple[str, int, Array, Array, Array, str, float | None]
-"""Name, channels, taxels (n, 3) [m], a point (3,) [m] on the axis and its direction (3,), a note on its file,
-and the distance [m] up to which its description makes taxels neighbours."""
+"""A skin to fit, in this order:
+
+- name, and number of channels
+- taxel positions (n, 3) [m]
+- a point (3,) [m] on the axis, and the direction (3,) of the axis
+- a note on the skin file
+- largest distance [m] between neighbouring taxels by the description, or None
+"""
 
 
 def fit_skins(skin: str, axis: ArrayLike | None, origin: ArrayLike | None) -> list[dict[str, Any]]:
-    """Returns the cones of one skin file, or of every patch on a limb of a robot, as JSON values.
+    """Returns the cones fitted to one skin file, or to every patch on a limb of a robot, as JSON values.
 
-    `axis` (3,) and `origin` (3,) [m] belong to a file. Raises CommandError for an axis of a robot, TciError
-    for a robot without skin on limbs.
+    `axis` (3,) and `origin` (3,) [m] are the axis of the limb, and are for a skin file only. Raises
+    CommandError if one of them is given for a robot, and TciError for a robot without skin on limbs.
     """
     return [_fits(one) for one in _skins(skin, axis, origin)]
 

@@ -1,5 +1,7 @@
-"""Proposes skin for a hand: a cone around the end of each finger, and a pad on the palm. All values are
-assumed."""
+"""Proposes skin for a hand: a sleeve around the end of each finger, and a pad on the palm.
+
+All values are assumed.
+"""
 
 from __future__ import annotations
 
@@ -18,14 +20,14 @@ from tci.robot.generic_fingers import PALM
 
 # All values below are assumed: published fingers are 14 to 24 mm thick.
 TIP, PAD = (0.3, 0.95), (0.45, 0.9)
-"""Range of the last link that the skin of a tip covers, and range of the palm that its pad covers, as
+"""Part of a finger's last link that skin covers, and part of the palm that the pad covers: begin and end, as
 fractions of the length."""
 THIN, THICK, USUAL = 0.006, 0.014, 0.009
-"""Least and largest radius [m] of a tip, and that without shapes."""
+"""Least and largest radius [m] of a finger tip, and its radius if the model has no shapes."""
 ROUND = 0.012
-"""Radius [m] of the pad, which lies on the palm as a cylinder."""
+"""Radius [m] of the pad, a cylinder that lies on the palm."""
 HEIGHT = 0.015
-"""Height [m] of the palm's surface above its joints if there are no shapes."""
+"""Height [m] of the palm's surface above the wrist's joint, if the model has no shapes."""
 PITCH = 0.006
 """Distance [m] between taxels."""
 
@@ -65,8 +67,10 @@ def hand_skin(
 
 
 def _beside(points: Array, start: Array, end: Array) -> tuple[Array, Array]:
-    """Returns the distances (n,) [m] of points from an axis, and their places (n,) on it, 0 at its start and
-    1 at its end."""
+    """Returns the distances (n,) [m] of points from an axis, and their places (n,) along the axis.
+
+    A place is 0 at the start of the axis and 1 at its end.
+    """
     length = float(np.linalg.norm(end - start))
     axis = (end - start) / length
     along = (points - start) @ axis

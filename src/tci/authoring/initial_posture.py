@@ -1,4 +1,4 @@
-"""Proposes the initial posture of both arms: away from limits, and clear of the body."""
+"""Proposes the initial posture of both arms: away from joint limits and from the body."""
 
 from __future__ import annotations
 
@@ -17,17 +17,22 @@ from tci.robot.model_file import compiled
 POSTURES = np.deg2rad([[25, 25, 0, 60, 0], [25, 25, 0, 75, 0], [35, 30, 0, 60, 0], [20, 40, 0, 60, 0],
                        [40, 20, 10, 70, 0], [25, 15, -15, 50, 0], [15, 15, 0, 45, 0], [30, 45, 0, 75, 0],
                        [45, 45, 0, 60, 0], [30, 60, 0, 90, 0], [30, 45, 30, 75, 0]])  # fmt: skip
-"""Candidates for the initial posture [rad]; the first one that fits is used. All values are assumed."""
+"""Candidates for the initial posture [rad]; the first posture that fits is used. All values are assumed."""
 ROOM = 0.1
-"""Distance [rad] of the initial posture from limits that suffices."""
+"""Sufficient distance [rad] of the initial posture from joint limits."""
 TURNED = float(np.deg2rad(120.0))
-"""Largest rotation [rad] of a shoulder's joint from its rest (the model's zero, or the middle of its range),
-which counts as a limit. Beyond it, an arm like Baxter's, whose elbow bends down while the arm points forward,
-is twisted."""
+"""Largest rotation [rad] of a shoulder's joint from its rest (the model's zero, or the middle of its range).
+
+This rotation counts as a limit. Without this limit, an arm such as Baxter's, with an elbow that bends down
+while the arm points forward, would get a twisted posture.
+"""
 
 
 def with_initial(draft: Robot, part: GenericPart) -> GenericPart:
-    """Returns an arm with the first of POSTURES that keeps its servos away from their limits."""
+    """Returns an arm with the first of POSTURES at which its servos are far enough from their limits.
+
+    If there is none, the posture with the largest distance from limits is used.
+    """
     robot = draft.model_copy(update={"parts": (part,), "digest": f"{part.name} {part.servos[3].scale}"})
     joints = joint_map(robot, part.name)
     start, (lower, upper) = np.zeros(len(draft.servos)), _limits(draft, joints)
@@ -41,8 +46,10 @@ def with_initial(draft: Robot, part: GenericPart) -> GenericPart:
 
 
 def check_reach(draft: Robot, part: GenericPart) -> None:
-    """Raises DescriptionError for an arm whose limits allow none of POSTURES, since the limits of the file
-    are then wrong."""
+    """Raises DescriptionError if the limits of an arm allow none of POSTURES.
+
+    In this case the limits in the model file are wrong.
+    """
     robot = draft.model_copy(update={"parts": (part,), "digest": f"{part.name} reach"})
     joints = joint_map(robot, part.name)
     rooms = [_room(draft, joints, posture, turned=np.inf) for posture in POSTURES]
@@ -62,9 +69,12 @@ def check_reach(draft: Robot, part: GenericPart) -> None:
 
 
 def clear_of_body(draft: Robot, arms: Sequence[GenericPart]) -> list[GenericPart]:
-    """Returns both arms in that posture of POSTURES in which the fewest links are near others, among those
-    with as much distance from limits; unchanged if no links are near. Links that overlap in most postures do
-    so by construction and are not counted in these postures."""
+    """Returns both arms in the posture in which links are least near to other links.
+
+    Candidates are the given posture and all of POSTURES that are far enough from joint limits. If no links
+    are near each other, the arms are returned unchanged. Pairs of links that overlap in most postures overlap
+    by construction; their overlap is not counted.
+    """
     robot = draft.model_copy(update={"parts": tuple(arms), "digest": "clear of body"})
     assert robot.model is not None
     model = compiled(solid_spec(robot, mimics=False), robot.model)
@@ -89,8 +99,11 @@ def clear_of_body(draft: Robot, arms: Sequence[GenericPart]) -> list[GenericPart
 
 
 def _room(draft: Robot, joints: JointMap, posture: Array, *, turned: float = TURNED) -> float:
-    """Returns the least distance [rad] of an arm's servos from their limits, and of its shoulder from a
-    rotation `turned` [rad]; a lower value if they can't reach a posture."""
+    """Returns the least distance [rad] of an arm's servos from their limits in a posture.
+
+    A rotation `turned` [rad] of the shoulder counts as a limit too. If the servos can't reach the posture,
+    the value is reduced by ten times the error.
+    """
     start, (lower, upper) = np.zeros(len(draft.servos)), _limits(draft, joints)
     angles = joints.to_robot(posture, start)
     there = np.array(start)

@@ -1,4 +1,4 @@
-"""Limits and couplings of joints in a model file, and the limits that are proposed from them."""
+"""Limits and couplings of joints in a model file, and the limits proposed from these values."""
 
 from __future__ import annotations
 
@@ -18,53 +18,55 @@ from tci.robot.xml.model import MAX_MODEL_BYTES
 
 # All values below are assumed.
 SPEED = float(np.deg2rad(120.0))
-"""Speed limit [rad/s] where the file gives none, or a placeholder."""
+"""Speed limit [rad/s] of a joint for which the file gives no limit or a placeholder."""
 FASTEST = 50.0
-"""Speed limit [rad/s] from which the file's value counts as a placeholder."""
+"""A speed limit in the file counts as a placeholder from this value [rad/s] on."""
 ACCELERATION = np.deg2rad((400.0, 2400.0))
-"""Least and largest acceleration limit [rad/s2]. Between them, the limit is the acceleration of the largest
-inertia with a quarter of the torque."""
+"""Least and largest acceleration limit [rad/s2]. Between these values, the limit is the acceleration that a
+quarter of the torque gives to the largest inertia."""
 MOST_TORQUE = 0.35
-"""Largest fraction of the torque for the acceleration, if the least acceleration needs more than a
-quarter."""
+"""Largest fraction of the torque used for acceleration, if a quarter is not enough for the least acceleration
+limit."""
 SLOWEST = float(np.deg2rad(30.0))
 """Least acceleration [rad/s2] that the full torque of an arm's joint must give to its largest inertia. Real
-arms are above 10 rad/s2; a file with less has wrong units or a placeholder."""
+arms reach more than 10 rad/s2; a file that gives less has wrong units or a placeholder."""
 LOST = 1.0 / 3.0
-"""Largest fraction of the torque for damping at full speed; the rest is for motion and weight."""
+"""Largest fraction of the torque that may be spent on damping at full speed; the rest is for motion and
+weight."""
 JERK = 100.0
-"""Ratio of the limits of jerk and acceleration [1/s]."""
+"""Jerk limit divided by acceleration limit [1/s]."""
 TORQUE, STRONGEST = 40.0, 1e4
-"""Torque limit [N m] where the file gives none, and value from which the file's counts as a placeholder."""
+"""Torque limit [N m] of a joint for which the file gives none, and torque limit [N m] from which a value in
+the file counts as a placeholder."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointFacts:
-    """A joint in its file; values that the file lacks are 0."""
+    """Values of a joint in a model file. A value that the file does not give is 0."""
 
     lower: float = 0.0
     upper: float = 0.0
-    """Range [rad]; empty if the file gives none."""
+    """Upper limit [rad]; equal to `lower` if the file gives no range."""
     velocity: float = 0.0
     """Largest speed [rad/s]."""
     torque: float = 0.0
     """Largest torque [N m]."""
     follows: str | None = None
-    """Name of the joint that it follows by a fixed ratio (mimic, equality)."""
+    """Name of the leading joint, if this joint follows it by a fixed ratio (mimic, equality)."""
     multiplier: float = 1.0
-    """Its angle per angle of that joint."""
+    """Change of this joint's angle per change of the leading joint's angle."""
     offset: float = 0.0
-    """Its angle [rad] while that joint is at 0."""
+    """Angle [rad] of this joint while the leading joint is at 0."""
     stuck: bool = False
     """True for a joint whose range is a single angle."""
     friction: float = 0.0
     """Torque [N m] of dry friction."""
     damping: float = 0.0
-    """Torque [N m s/rad] that resists motion, per speed."""
+    """Viscous damping [N m s/rad]: torque against the motion, divided by speed."""
 
 
 def read_facts(model: Model, compiled: mujoco.MjModel) -> dict[str, JointFacts]:
-    """Returns what a file gives of each of its joints, by name."""
+    """Returns the values that a model file gives for each of its joints, by joint name."""
     given = _from_mjcf(compiled) if model.format == "mjcf" else _from_urdf(model)
     found = {}
     for name, facts in given.items():
@@ -76,9 +78,13 @@ def read_facts(model: Model, compiled: mujoco.MjModel) -> dict[str, JointFacts]:
 
 
 def driven(joints: Sequence[Joint], facts: Mapping[str, JointFacts], needed: set[int]) -> set[int]:
-    """Returns the joints that count as servos. Stuck ends of chains are left out. Of joints that are coupled
-    by a fixed ratio, the leading one is a servo; but if the follower is `needed` and the leading one (a gear
-    at the motor) carries nothing, the follower is."""
+    """Returns the indices of the joints that count as servos.
+
+    A joint that is `stuck` at the end of a chain is left out, unless it is `needed`. If a joint follows
+    another joint by a fixed ratio, only the leading joint is a servo. There is one exception: if the follower
+    is `needed` and the leading joint (a gear at the motor) carries no joint, the follower is the servo
+    instead.
+    """
     index = {joint.name: place for place, joint in enumerate(joints)}
     parents = {joint.parent for joint in joints}
     servos = set(range(len(joints)))
@@ -94,8 +100,11 @@ def driven(joints: Sequence[Joint], facts: Mapping[str, JointFacts], needed: set
 
 
 def proposed_limits(given: JointFacts, inertia: float) -> Limits:
-    """Returns a joint's limits. Missing values and placeholders in the file are replaced by assumed values;
-    `inertia` [kg m2] is the largest inertia that the joint carries."""
+    """Returns the proposed limits of a joint.
+
+    Assumed values replace missing values and placeholders in the file. `inertia` [kg m2] is the largest
+    inertia that the joint carries.
+    """
     assumed = ["acceleration", "jerk"]
     lower, upper = given.lower, given.upper
     if not lower < upper or max(-lower, upper) > 2.0 * np.pi:
@@ -164,7 +173,7 @@ def _from_mjcf(compiled: mujoco.MjModel) -> dict[str, JointFacts]:
 
 
 def _actuated(compiled: mujoco.MjModel, joint: int) -> float:
-    """Returns the largest torque [N m] of a joint's actuators; 0 if the file bounds none."""
+    """Returns the largest torque [N m] of a joint's actuators; 0 if the file does not limit the torque."""
     if compiled.jnt_actfrclimited[joint]:
         return float(np.abs(compiled.jnt_actfrcrange[joint]).max())
     most = 0.0

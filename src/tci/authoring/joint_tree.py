@@ -11,17 +11,18 @@ from tci.frames import Array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint:
-    """A revolute joint at the model's zero, in the frame H: at the model's root, x forward, y left, z up."""
+    """A revolute joint at the model's zero, in frame H: origin at the model's root, x forward, y left, z
+    up."""
 
     name: str
     link: str
-    """Name of the link that it moves."""
+    """Name of the link that the joint moves."""
     parent: int
-    """Index of the previous joint; -1 for none."""
+    """Index of the joint that carries this joint; -1 for none."""
     axis: Array
-    """Unit vector (3,) of its axis."""
+    """Unit vector (3,) along the joint's axis."""
     anchor: Array
-    """A point (3,) [m] on its axis."""
+    """A point (3,) [m] on the joint's axis."""
 
 
 def read_joints(model: mujoco.MjModel, data: mujoco.MjData, R_RH: Array) -> tuple[Joint, ...]:
@@ -42,7 +43,7 @@ def read_joints(model: mujoco.MjModel, data: mujoco.MjData, R_RH: Array) -> tupl
 
 
 def ancestors(joints: Sequence[Joint], index: int) -> list[int]:
-    """Returns the joint and those that carry it, up to the root."""
+    """Returns the joint and all joints that carry it, from the joint back to the root."""
     line = []
     while index >= 0:
         line.append(index)

@@ -1,4 +1,4 @@
-"""Notes on heads, torsos and legs that a model has and a description lacks, each with the reason."""
+"""Notes on heads, torsos and legs that a model has but a proposed description lacks, with reasons."""
 
 from __future__ import annotations
 
@@ -13,15 +13,18 @@ from tci.robot.description import Robot
 from tci.robot.kinematics import bare_model
 
 STEEPEST = 0.26
-"""Least cosine between the axis of hip pitch and the y axis with which joints still count as a leg that is
-left out. Assumed: 75 degrees; a steeper axis is that of another joint."""
+"""Least cosine between the axis of hip pitch and the y axis at which joints still count as a leg that was
+left out. Assumed: 75 degrees; a joint with a steeper axis is no hip pitch."""
 
 SLIDES = int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def left_out(robot: Robot) -> list[str]:
-    """Returns a note on the joints that slide, and one for each kind of part whose joints a proposal leaves
-    out, although their places or names tell it."""
+    """Returns notes on joints that a proposed description does not use.
+
+    One note lists the sliding joints. Another note follows for each kind of part (head, torso, legs) that is
+    left out although places or names of joints suggest it.
+    """
     if robot.model is None:
         return []
     model = bare_model(robot.model)

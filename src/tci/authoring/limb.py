@@ -1,8 +1,8 @@
-"""Finds limbs by their geometry: three joints form a ball joint, and a fourth joint, at a distance, bends the
-limb.
+"""Finds limbs by geometry: three joints form a ball joint, and a fourth joint, at a distance, bends the limb.
 
-The axis of the fourth is perpendicular to that of the third, which lies along the limb (the generic arm, and
-a human leg). Lengths are compared with the limb's own, so that robots of any size are treated alike.
+The third axis lies along the limb. The fourth axis is perpendicular to the third one. Generic arms and human
+legs are built in this way. Limits on lengths are fractions of the limb's length, so that the size of the
+robot does not matter.
 """
 
 from __future__ import annotations
@@ -19,35 +19,36 @@ from tci.robot.shoulder import SLANT, nearest_point
 PARALLEL = 0.9
 """Cosine above which two successive axes of a ball joint are too close to parallel. Assumed: 26 degrees."""
 ASIDE = 0.6
-"""Largest distance of a limb's axis from its ball joint, and of its bending axis, as a fraction of its
-length. Assumed: with a larger value other chains of joints are taken for limbs, with a smaller one limbs with
-offset joints are missed."""
+"""Largest offset of the limb's axis from the centre of its ball joint, and from the bending axis, as a
+fraction of the limb's length. Assumed: with a larger value other chains of joints are taken for limbs; with a
+smaller value limbs with offset joints are missed."""
 SHORT = 0.18
 """Least length of an upper arm or thigh, as a fraction of the reach of its chain. Assumed: with a larger
-value short limbs are missed, with a smaller one links of a wrist or an ankle are taken for limbs."""
+value short limbs are missed; with a smaller value links of a wrist or an ankle are taken for limbs."""
 BESIDE = 0.3
 """Largest distance of the axis of pronation from the elbow, as a fraction of the upper arm's length. Assumed:
-above the offset of Baxter's elbow (0.22), below that of a wrist."""
+larger than the fraction of Baxter's elbow (0.22), smaller than that of a wrist's joint."""
 STUB = 0.2
-"""Least length of a second segment, as a fraction of the first one's. Assumed: shorter than any forearm."""
+"""Least length of a forearm or shank, as a fraction of the length of the upper arm or thigh. Assumed: real
+forearms are longer."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Limb:
-    """An arm or a leg, by indices of joints."""
+    """An arm or a leg: indices of its joints, and three points on it."""
 
     ball: tuple[int, int, int]
     """Joints of the shoulder or hip, from the trunk outwards."""
     bend: int
     """Joint of the elbow or knee."""
     turn: int | None
-    """First joint after `bend` that turns along the limb (pronation); None if there is none."""
+    """Joint after `bend` that turns the forearm about its length (pronation); None if there is none."""
     centre: Array
     """Centre (3,) [m] of the ball joint: the point of the third axis nearest to the first two."""
     middle: Array
     """Point (3,) [m] of the third axis that is nearest to the bending axis."""
     wrist: Array
-    """End (3,) [m] of the second segment; `middle` if no joint shows it."""
+    """End (3,) [m] of the forearm or shank. Equal to `middle` if there is no joint at that end."""
 
     @property
     def length(self) -> float:
@@ -56,12 +57,12 @@ class Limb:
 
     @property
     def ends_nowhere(self) -> bool:
-        """True if no joint shows the end of the second segment."""
+        """True if the end of the forearm or shank can't be derived from a joint."""
         return float(np.linalg.norm(self.wrist - self.middle)) < STUB * self.length
 
 
 def limb_at(joints: Sequence[Joint], bend: int) -> Limb | None:
-    """Returns the limb that bends at a joint; None if there is none."""
+    """Returns the limb with the joint `bend` as its elbow or knee; None if the joints form no limb."""
     chain = ancestors(joints, bend)
     if len(chain) < 4:
         return None
@@ -86,7 +87,7 @@ def limb_at(joints: Sequence[Joint], bend: int) -> Limb | None:
 def _second_segment(
     joints: Sequence[Joint], bend: int, middle: Array, length: float
 ) -> tuple[int | None, Array]:
-    """Returns the joint that turns along the forearm, if any, and the forearm's end (3,) [m]."""
+    """Returns the joint that turns the forearm about its length, if any, and the forearm's end (3,) [m]."""
     after = [index for index, joint in enumerate(joints) if joint.parent == bend]
     turns: list[tuple[float, int, Array]] = []
     for index in after:

@@ -12,12 +12,15 @@ from tci.authoring.limb import Limb
 Pair = Mapping[str, Limb]
 """A left and a right limb, by side."""
 Vote = Literal["arm", "leg"] | None
-"""Kind of a pair of limbs; None for a vote that can't tell."""
+"""Kind of a pair of limbs; None if the kind can't be determined."""
 
 CLEAR = 0.05
-"""Least height of the limbs' roots above or below the robot's centre of mass, as a fraction of the length of
-upper arm or thigh, for which the height decides between arms and legs. Assumed: above the asymmetry of a
-torso that ends at its shoulders, below the distance between real shoulders and hips."""
+"""Least height of the limbs' roots above or below the robot's centre of mass at which the height decides
+between arms and legs, as a fraction of the length of upper arm or thigh.
+
+Assumed: larger than the asymmetry of a torso that ends at its shoulders, smaller than the distance between
+real shoulders and hips.
+"""
 _NAMES = {
     "arm": re.compile(r"(?i)shoulder|(?<![a-z])sho(?![a-z])|arm|elbow|wrist|hand(?!le)|gripper"),
     "leg": re.compile(r"(?i)hip|(?<![a-z])leg|knee|ank(le|el)?(?![a-z])|foot|thigh|shank|calf"),
@@ -27,8 +30,10 @@ _NAMES = {
 
 
 def named_side(name: str) -> str | None:
-    """Returns the side at the start of a joint's name, or the first side in it: `LARM_SHOULDER_R` and
-    `arml_sho1` are on the left. None if the name contains no side."""
+    """Returns the first side that a joint's name contains; None if it contains no side.
+
+    For example, `LARM_SHOULDER_R` and `arml_sho1` are on the left.
+    """
     found = re.search(
         r"(?i)(?<![a-z])(left|right|[lr](?=arm|leg|hip|sho|[^a-z]))|(?<=arm|leg)[lr](?![a-z])", name
     )
@@ -36,15 +41,20 @@ def named_side(name: str) -> str | None:
 
 
 def is_named_so(joints: Sequence[Joint], pair: Pair) -> bool:
-    """True if the joint names do not contradict the sides. Names with one side for both limbs, such as `_r0`
-    and `_r1`, are ignored."""
+    """True if the names of a pair's first joints do not contradict its sides.
+
+    If the names of both limbs contain one and the same side, such as `_r0` and `_r1`, they are ignored.
+    """
     named = {side: named_side(joints[limb.ball[0]].name) for side, limb in pair.items()}
     return len(set(named.values())) == 1 or all(told in (None, side) for side, told in named.items())
 
 
 def hangs_as(pair: Pair, centre_of_mass: float | None) -> Vote:
-    """Returns the kind of a pair, from the height [m] of the centre of mass of all bodies that the pair does
-    not move: below the roots of the pair for arms, above them for legs."""
+    """Returns the kind of a pair from `centre_of_mass`: its height [m] for all bodies that the pair does not
+    move.
+
+    Arms begin above the centre of mass, legs below it.
+    """
     if centre_of_mass is None:
         return None
     height = sum(float(limb.centre[2]) for limb in pair.values()) / 2.0
@@ -69,11 +79,11 @@ def named_as(joints: Sequence[Joint], pair: Pair) -> Vote:
 
 
 def is_named_as(kind: str, name: str) -> bool:
-    """True if a name contains a kind of part: arm, leg, head or torso."""
+    """True if a name contains a word for a `kind` of part: arm, leg, head or torso."""
     return bool(_NAMES[kind].search(name))
 
 
 def listed(joints: Sequence[Joint], pairs: Iterable[Pair]) -> str:
-    """Lists pairs by their first joints, as the option --arms takes them."""
+    """Returns the names of each pair's first joints, in the format of the option --arms."""
     names = [",".join(joints[pair[side].ball[0]].name for side in ("left", "right")) for pair in pairs]
     return " or ".join(names)

@@ -14,24 +14,27 @@ from tci.robot.mesh_files import NO_MESHES
 from tci.robot.model_file import LEAST_MASS, compiled, load_spec
 
 POINTS = 6000
-"""Number of points on one mesh. Assumed: with fewer, pieces of a limb have no points; more take longer."""
+"""Number of points on one mesh. Assumed: with fewer points, some pieces of a limb (SECTORS, SLABS) would have
+no point; more points take longer."""
 SECTORS, SLABS = 24, 12
-"""Number of pieces around and along a limb; the outermost point of each is used. Assumed; fewer ignore the
-limb's shape, more need more points."""
+"""Number of pieces into which a limb's surface is divided, around and along the limb. The outermost point of
+each piece is used. Assumed: fewer pieces do not follow the limb's shape, more pieces need more points."""
 INSIDE = 0.9
-"""Fraction of these points inside the skin. Assumed: single points that stick out do not widen it."""
+"""Fraction of the outermost points that lie inside the skin. Assumed: single points that stick out do not
+widen the skin."""
 THINNEST = 0.02
-"""Least radius [m] of a skin. Assumed: thinner than any humanoid's forearm."""
+"""Least radius [m] of a skin. Assumed: smaller than the radius of any humanoid's forearm."""
 
 
 class LinkPoints:
     """Samples points on the shapes of a model's links, at the model's zero."""
 
     def __init__(self, model: Model) -> None:
-        """Raises what `load_spec` raises, and DescriptionError for a mesh that MuJoCo can't read."""
+        """Loads the model. Raises the errors of `load_spec`, and DescriptionError for a mesh that MuJoCo
+        can't read."""
         self._model = self.compiled = compiled(load_spec(model), model)
         self.source = model.path
-        """File of the model."""
+        """Path of the model's file."""
         self.shapeless = model.meshes == NO_MESHES
         """True if the model is read without its meshes."""
         self._data = mujoco.MjData(self._model)
@@ -39,14 +42,14 @@ class LinkPoints:
         mujoco.mj_kinematics(self._model, self._data)
 
     def of(self, links: Iterable[str]) -> Array:
-        """Returns points (n, 3) [m] on links and on everything fixed to them, in the root's frame."""
+        """Returns points (n, 3) [m] on links and on all links fixed to them, in the root's frame."""
         bodies = self._with_fixed(self._model.body(link).id for link in links)
         geoms = [geom for geom in range(self._model.ngeom) if int(self._model.geom_bodyid[geom]) in bodies]
         found = [self._on_geom(geom) for geom in geoms]
         return np.concatenate([np.zeros((0, 3)), *found])
 
     def around(self, link: str) -> Array:
-        """Returns points (n, 3) [m] on a link and on those that are joined to it, in the link's frame."""
+        """Returns points (n, 3) [m] on a link and on its neighbouring links, in the frame of `link`."""
         own = self._with_fixed([self._model.body(link).id])
         parents = self._model.body_parentid
         joined = {body for body in range(1, self._model.nbody) if int(parents[body]) in own}
@@ -56,12 +59,13 @@ class LinkPoints:
         return points
 
     def far_end(self, link: str, start: Array) -> Array | None:
-        """Returns the end (3,) [m] of a limb's last segment, which begins at `start` (3,) [m] on a link, in
-        the root's frame.
+        """Returns the end (3,) [m] of a limb's last segment, in the root's frame.
 
-        The end is the origin of the farthest link that is fixed to it, such as a hand; or else the farthest
-        tenth of its shape; or, without shapes, a point at twice the distance of its centre of mass. None if
-        there is none of these.
+        The segment begins at `start` (3,) [m] on `link`. Its end is the mean of the tenth of its surface
+        points that is farthest from `start`. If the model is read without meshes, the end is at twice the
+        distance of the centre of mass from `start`. If a link such as a hand is fixed to `link`, and its
+        origin lies in the outer half of the way from `start` to this end, the origin is used instead. Returns
+        None if none of these exists.
         """
         body = self._model.body(link).id
         points = self.of([link])
@@ -78,8 +82,11 @@ class LinkPoints:
         return hand if halfway < float(np.linalg.norm(hand - start)) < 2.0 * halfway else tip
 
     def centre_of_mass_without(self, links: Iterable[str]) -> Array | None:
-        """Returns the centre of mass (3,) [m] of all that some links of a robot do not carry, in the root's
-        frame; None if that has no mass."""
+        """Returns the centre of mass (3,) [m] of a robot without `links` and all that they carry, in the
+        root's frame.
+
+        None if the remaining links have no mass.
+        """
         moved = {self._model.body(link).id for link in links}
         base = {int(self._model.body_rootid[body]) for body in moved}
         rest = []
@@ -95,7 +102,7 @@ class LinkPoints:
         return centre
 
     def _with_fixed(self, bodies: Iterable[int]) -> set[int]:
-        """Returns bodies and all that are fixed to them."""
+        """Returns `bodies` and all bodies that are fixed to them."""
         found = set(bodies)
         for body in range(1, self._model.nbody):
             if self._model.body_parentid[body] in found and not self._model.body_jntnum[body]:
@@ -103,7 +110,8 @@ class LinkPoints:
         return found
 
     def link_pose(self, link: str) -> tuple[Array, Array]:
-        """Returns `R_RL` (3, 3) and `p_RL` (3,) [m] of a link in the root's frame."""
+        """Returns the rotation `R_RL` (3, 3) and the position `p_RL` (3,) [m] of a link in the root's
+        frame."""
         body = self._model.body(link).id
         return self._data.xmat[body].reshape(3, 3), self._data.xpos[body]
 
@@ -145,7 +153,7 @@ class LinkPoints:
         return points
 
     def _on_mesh(self, mesh: int) -> Array:
-        """Samples points uniformly over the area of a mesh."""
+        """Returns points that are sampled uniformly over the area of a mesh."""
         model = self._model
         first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
         vertices = model.mesh_vert[first : first + count].astype(float)
@@ -176,9 +184,9 @@ def _on_box(half: Array) -> Array:
 def cone_around(points: Array, origin: Array, axis: Array, begin: float, end: float) -> ConeFit | None:
     """Fits a truncated cone around `points` (n, 3) [m] from `begin` to `end` [m] along a limb's axis.
 
-    The axis starts at `origin` (3,) and points distally along the unit vector `axis` (3,); the cone may lie
-    beside it. It encloses nine tenths of the outermost points. Returns None where the limb has too few
-    points.
+    The axis starts at `origin` (3,) and points distally along the unit vector `axis` (3,). The cone is
+    parallel to this axis, but may lie beside it. It encloses about nine tenths of the outermost points.
+    Returns None if the limb has too few points.
     """
     along = (points - origin) @ axis
     near = points[(along >= begin) & (along <= end)]

@@ -1,6 +1,7 @@
 """Finds the channels of a raw recording that are taxels, from the values alone, without a position file.
 
-An iCub's boards send 12 values per triangle, two of them from thermal pads; absent triangles send a constant.
+An iCub's boards send 12 values per triangular module. Two of the 12 come from thermal pads and are no taxels.
+For a module that is not mounted, the board sends constant values.
 """
 
 from __future__ import annotations
@@ -13,16 +14,17 @@ from tci.frames import Array
 
 PER_MODULE = 12
 _PAD = 0.25
-"""Spread below which a channel is a pad, as a fraction of the median of its module. Assumed: pads of an
-iCub's foot have 0.07."""
+"""A channel counts as a thermal pad if its range of values is below this fraction of the median range in its
+module. Assumed: on an iCub's foot, the fraction of a pad is 0.07."""
 
 
 def live_channels(values: Array, *, per_module: int = PER_MODULE) -> NDArray[np.bool_]:
     """Returns a mask (channels,) of the channels that are taxels, from frames (n, channels) with touches.
 
-    If no channel of a module ever changes, the module is absent or its board is silent; the values do not
-    show which. A pad is a position in the module whose values vary little in most modules. Raises TciError
-    for frames that do not divide into modules, hold values that are not finite, or in which nothing changes.
+    If no channel of a module ever changes, its channels are not counted as taxels. The module is then absent
+    or its board sends no data; the values can't show which. A position in the module counts as a thermal pad
+    if its values vary little in most modules. Raises TciError for frames that do not divide into modules,
+    that contain values that are not finite, or in which no value changes.
     """
     if values.ndim != 2 or values.shape[1] % per_module or not len(values):
         raise TciError(f"frames of shape {values.shape}; valid: (n, a multiple of {per_module})")

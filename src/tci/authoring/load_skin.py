@@ -1,6 +1,7 @@
 """Calibration of a patch on a robot, from frames at rest and frames under known loads.
 
-The loads are weights that a person puts on, pokes of the simulated finger, or a log of forces.
+The loads are weights that a person puts on the skin, touches of the finger in simulation, or the forces in a
+log.
 """
 
 from __future__ import annotations
@@ -36,13 +37,13 @@ from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface, build_surface
 
 SILENCE = 5.0
-"""Longest time [s] without a frame of the patch. Assumed: a person notices the end of the data by then."""
+"""Longest time [s] without a frame of the patch; after it, the calibration ends with DriverError."""
 SETTLE = 0.6
-"""Time [s] that the simulated finger presses before frames are taken. Assumed: finger and arm are at rest
-then."""
+"""Time [s] that the simulated finger presses before frames are taken. Assumed: after this time, finger and
+arm are at rest."""
 PLACES = 4
-"""Number of places that the simulated finger presses with each force. Assumed: averages over the taxels'
-grid."""
+"""Number of places that the simulated finger presses with each force. Assumed: enough to average over the
+positions between taxels."""
 
 
 @dataclass(frozen=True)
@@ -50,10 +51,10 @@ class PatchMeasurement:
     """Result of a calibration."""
 
     file: Path
-    """File that it was written to."""
+    """File to which the calibration was written."""
     found: PatchCalibration
     loads: list[dict[str, float]]
-    """For each load its force [N], and that measured with the description's and the calibrated response."""
+    """For each load: its known force, and the force by the described and by the calibrated response [N]."""
     force: ForceFit | None = None
     """Fit to the log of a force sensor, if there was one."""
 
@@ -76,15 +77,17 @@ def calibrate_patch(
         robot: Robot with the patch.
         patch: Name of the patch.
         via: Driver, NAME or NAME:ADDRESS.
-        weights: Known loads [N], light ones first.
-        force_log: Instead of weights, a log of forces beside a recording, see `read_force_log`.
+        weights: Known loads [N], from light to heavy.
+        force_log: Log of forces measured during the recording that `via` replays, instead of `weights`; see
+            `read_force_log`.
         frames: Number of frames to take at rest.
         out: File to write, by default beside the description.
-        ask: Called with a request to the person beside the robot; returns when it is done.
-        progress: Called after each frame with its purpose, the frames so far, and their number.
+        ask: Called with a request to the person beside the robot; returns when the person has done it.
+        progress: Called after each frame with its purpose, the number of frames so far, and the number
+            wanted.
 
-    Raises CommandError for options that exclude each other, UnknownNameError for a patch, DriverError without
-    frames, TciError for a file that can't be read or written.
+    Raises CommandError for options that exclude each other, UnknownNameError if the robot has no such patch,
+    DriverError if no frames arrive, and TciError for a file that can't be read or written.
     """
     site = robot.patch(patch)
     if weights and force_log is not None:
@@ -141,8 +144,9 @@ class _LoadSession:
             driver: Open driver of the robot.
             patch: Name of the patch.
             channels: Channels (taxels,) of the forces in the raw frame.
-            ask: Called with a request to the person; returns when it is done.
-            progress: Called after each frame with the reason, the frames so far, and their number.
+            ask: Called with a request to the person; returns when the person has done it.
+            progress: Called after each frame with its purpose, the number of frames so far, and the number
+                wanted.
         """
         self.driver = driver
         self.patch = patch
@@ -150,13 +154,15 @@ class _LoadSession:
         self._sequence = -1
 
     def ask(self, words: str) -> None:
-        """Makes a request to the person, unless the robot is simulated."""
+        """Makes a request to the person, unless the robot runs in simulation."""
         if not isinstance(self.driver, SimulatedDriver):
             self._ask(words)
 
     def take(self, count: int, what: str) -> tuple[Array, Array]:
-        """Returns stamps (count,) [s] and raw values (count, taxels) of the next frames. Raises
-        DriverError."""
+        """Returns stamps (count,) [s] and raw values (count, taxels) of the next frames.
+
+        Raises DriverError if no more frames arrive.
+        """
         stamps, values = [], []
         for stamp, frame in self._frames():
             stamps.append(stamp)
@@ -191,8 +197,8 @@ class _LoadSession:
 
 
 def _pressed(session: _LoadSession, surface: Surface, weights: Sequence[float]) -> Iterator[Load]:
-    """Yields loads of known force, one after the other: weights put on by a person, or the simulated
-    finger."""
+    """Yields loads of known force, one after the other: by weights on a robot, by the finger in
+    simulation."""
     driver = session.driver
     generator = np.random.default_rng(0)
     for weight in weights:
@@ -219,8 +225,8 @@ def _pressed(session: _LoadSession, surface: Surface, weights: Sequence[float]) 
 
 
 def _compare(sensor: Any, areas: Array, found: PatchCalibration, load: Load) -> dict[str, float]:
-    """Returns the force [N] of a load, and that measured with the description's and the calibrated
-    response."""
+    """Returns the known force of a load, and the force by the described and by the calibrated response
+    [N]."""
     counts = np.sign(sensor.pascal_per_count) * (load.values - np.array(found.rest))
     counts = np.where(counts > 3.0 * np.array(found.noise), counts, 0.0)
     after = sensor.model_copy(update={"response": found.response})

@@ -1,8 +1,8 @@
 """Estimates taxel positions from touches at known places, for skin whose positions were not measured.
 
-A probe, or the robot's own finger, touches the skin at places that are known from kinematics. The response of
-a taxel decreases with its distance from the touch, so responses measure distances. In addition, the centre of
-pressure of each touch is at the probe. The positions of the taxels follow from both by least squares.
+A probe, or the robot's own finger, touches the skin at places that are known from kinematics. Two facts give
+the taxel positions by least squares. First, the response of a taxel decreases with its distance from the
+touch, so that responses measure distances. Second, the centre of pressure of each touch is at the probe.
 """
 
 from __future__ import annotations
@@ -20,19 +20,23 @@ from tci.frames import Array, read_only
 
 # All values below are assumed; lengths are in [m].
 START_WIDTH = 0.005
-"""Initial width of a taxel's response; the width is estimated too."""
+"""Initial width [m] of a taxel's response; the estimation improves the width too."""
 FAINT = 0.04
-"""Fraction of a touch's strongest response below which a response counts as noise."""
+"""A response below this fraction of the touch's strongest response counts as noise."""
 PRIOR = 0.010
-"""Standard deviation of the initial positions."""
+"""Standard deviation [m] of the initial positions."""
 CENTRE, SHIFT, SURFACE = 0.0005, 0.002, 0.0015
-"""Standard deviations: of the centre of pressure from the probe; of the peak of the responses from the probe,
-since skin has edges and gaps; and of taxels from the plane of a touch."""
+"""Three standard deviations [m].
+
+- CENTRE: distance of the centre of pressure from the probe.
+- SHIFT: distance of the peak of the responses from the probe, since skin has edges and gaps.
+- SURFACE: distance of taxels from the tangent plane of a touch.
+"""
 LOGARITHM = 0.15
 """Standard deviation of the logarithm of a touch's strongest response."""
 ROUNDS = 40
 LONGEST_STEP = 0.004
-"""Largest displacement of a taxel in one round."""
+"""Largest displacement [m] of a taxel in one iteration."""
 SETTLED = 1e-6
 
 
@@ -43,7 +47,7 @@ class ProbeTouch:
     point: Array
     """Position (3,) [m] of the probe's contact, in the patch's link."""
     normal: Array
-    """Outward unit normal (3,) at that point, in the link: opposite to the probe's force."""
+    """Outward unit normal (3,) at `point`, in the link: opposite to the probe's force."""
     answers: Array
     """Pressure (n,) on each taxel, in any unit; 0 without response."""
 
@@ -53,21 +57,25 @@ class LocatedTaxels:
     """Taxel positions and normals estimated from touches."""
 
     positions: Array
-    """Positions (n, 3) [m] in the link; the initial ones for taxels that never responded."""
+    """Positions (n, 3) [m] in the link; for a taxel that never responded, its initial position."""
     normals: Array
-    """Outward unit normals (n, 3): the mean over the touches that each taxel responded to, or zero."""
+    """Outward unit normals (n, 3): for each taxel the mean over the touches to which it responded.
+
+    Zero for a taxel that never responded.
+    """
     touches: NDArray[np.intp]
-    """Number (n,) of touches that each taxel responded to."""
+    """Number (n,) of touches to which each taxel responded."""
     width: float
     """Width [m] of a taxel's response, as the standard deviation of a Gaussian."""
 
 
 def locate_taxels(touches: Sequence[ProbeTouch], initial: Array) -> LocatedTaxels:
-    """Estimates the positions of n taxels from touches and `initial` positions (n, 3) [m], which may be some
-    10 mm wrong.
+    """Estimates the positions of n taxels from touches and `initial` positions (n, 3) [m].
 
-    The response of taxel i to touch t is modelled as A_t exp(-|x_i - c_t|^2 / 2 w^2). Gauss-Newton finds all
-    x_i, A_t, c_t and w at once. Raises TciError for touches that do not fit the skin, or fewer than 3.
+    The initial positions may have errors of about 10 mm. The response of taxel i at x_i to touch t is
+    modelled as A_t exp(-|x_i - c_t|^2 / 2 w^2), with peak c_t and width w. The Gauss-Newton method finds all
+    x_i, A_t, c_t and w at once. Raises TciError for touches with another number of taxels, or for fewer than
+    3 touches that were felt.
     """
     initial = np.asarray(initial, dtype=float)
     count = len(initial)
@@ -105,7 +113,10 @@ def locate_taxels(touches: Sequence[ProbeTouch], initial: Array) -> LocatedTaxel
 
 
 class _Problem:
-    """The least-squares problem. Unknowns: taxels (n, 3), peaks (t, 3), logarithms of A (t,), 1 / 2 w^2."""
+    """Least-squares problem of `locate_taxels`.
+
+    Its unknowns are the taxels (n, 3), the peaks (t, 3), the logarithms of A (t,), and 1 / 2 w^2.
+    """
 
     def __init__(
         self, rows: NDArray[np.intp], taxels: NDArray[np.intp], weights: Array, points: Array, normals: Array,

@@ -1,9 +1,9 @@
-"""Finds the pose of a skin on its link from self-touch: one skin of a robot touches another (Roncone et al.
-2014).
+"""Finds the pose of a skin on its link from self-touch: one skin of a robot touches another skin of that
+robot (Roncone et al. 2014).
 
-The poses of both links are known from kinematics. In each touch both skins meet at one point. So the places
-reported by one skin and by the other differ by the rigid error of the mount. Only the pressed taxels are
-used, not their forces.
+The poses of both links are known from kinematics. In each touch, both skins meet at one point. If the skins
+report different places for this point, the difference is the rigid error of the mount. Only the pressed
+taxels are used, not their forces.
 """
 
 from __future__ import annotations
@@ -27,54 +27,56 @@ from tci.robot.description import Robot
 from tci.skin.surfaces import Surface, mount_of
 
 FEWEST = 10
-"""Least number of touches. Assumed: three determine a pose, but single touches have errors of a taxel
-distance."""
+"""Least number of touches. Assumed: three touches determine a pose, but the error of a single touch is as
+large as the distance between taxels."""
 SPREAD = 0.005
-"""Least standard deviation [m] of the touches along their second main axis. Assumed: touches on a line leave
-a turn about it unknown."""
+"""Least standard deviation [m] of the touches along their second principal axis. Assumed: from touches on one
+line, the rotation about this line can't be determined."""
 OUTLIER, ROUNDS = 3.0, 10
-"""Residual, as a multiple of the median, beyond which a touch is left out, and number of rounds that decide.
-Assumed: a touch by something else is far off."""
+"""Residual, as a multiple of the median residual, beyond which a touch is left out, and largest number of
+rounds in which touches are left out. Assumed: a touch by another object has a far larger residual."""
 
 
 TURNS, SETTLED = 200, 1e-7
-"""Largest number of turns between pose and depth, and change [m] of the depth at which they end."""
+"""Pose and depth are fitted alternately: largest number of alternations, and change [m] of the depth below
+which they end."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SelfTouch:
-    """One touch of a skin by another one of the same robot."""
+    """One touch between the skin that is to be located and another skin of the robot."""
 
     reported: Array
-    """Place (3,) [m] of the touch in the link, by the skin whose mount is in doubt."""
+    """Place (3,) [m] of the touch as reported by the skin to be located, in the link of this skin."""
     normal: Array
-    """Outward unit normal (3,) of that skin there."""
+    """Outward unit normal (3,) of the skin to be located, at `reported`."""
     met: Array
-    """Place (3,) [m] in the same link, by the other skin."""
+    """Place (3,) [m] of the touch as reported by the other skin, in the link of the skin to be located."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mount:
-    """Place of a skin on its link, found from touches."""
+    """Correction of the place of a skin on its link, found from touches."""
 
     correction: Array
-    """Pose (4, 4) in the link of the frame in which the skin was assumed to be."""
+    """Pose (4, 4) in the link. The corrected pose of the skin is this pose times the described pose."""
     residual: float
-    """Root mean square distance [m] of the touches after the correction."""
+    """Root mean square distance [m] between the two places of each touch, after correction for mount and
+    depth."""
     depth: float
     """Mean depth [m] to which the skins were pressed into each other."""
     before: float
-    """Root mean square distance [m] without correction."""
+    """Root mean square distance [m] between the two places of each touch, without correction."""
     touches: int
     """Number of touches that were used."""
     left_out: int
-    """Number of touches that were left out as too far off."""
+    """Number of touches that were left out because their residual was too large."""
 
     moved: float
     """Mean distance [m] by which the correction moves the places that were touched."""
 
     def facts(self) -> dict[str, Any]:
-        """Returns what was found as JSON values."""
+        """Returns all values as JSON values: lengths in mm, angles in degrees."""
         turn = self.correction[:3, :3]
         return {
             "touches": self.touches, "left_out": self.left_out,
@@ -86,9 +88,10 @@ class Mount:
 
 
 def find_mount(touches: Iterable[SelfTouch]) -> Mount:
-    """Returns the rigid correction by which reported places meet those of the other skin, by least squares.
+    """Finds the rigid correction, by least squares, that moves the reported places to those of the other
+    skin.
 
-    Raises TciError for fewer than FEWEST touches, or ones that lie on a line.
+    Raises TciError for fewer than FEWEST touches, or for touches that lie on a line.
     """
     rows = [(touch.reported, touch.normal, touch.met) for touch in touches]
     if len(rows) < FEWEST:
@@ -119,9 +122,10 @@ def find_mount(touches: Iterable[SelfTouch]) -> Mount:
 
 
 def mount_in_recording(path: Path, robot: Robot, patch: str) -> Mount:
-    """Returns the mount of a patch from a recording of the robot in which it touches itself.
+    """Returns the mount of a patch from a recording in which the robot touches itself.
 
-    Raises UnknownNameError for a patch, RecordingError for a file, TciError for too few touches.
+    Raises UnknownNameError if the robot has no such patch, RecordingError if the file can't be read, and
+    TciError for too few touches.
     """
     robot.patch(patch)
     body, recording = GenericBody(robot), Recording(path)
@@ -130,7 +134,7 @@ def mount_in_recording(path: Path, robot: Robot, patch: str) -> Mount:
 
 
 def write_mounted(robot: Robot, patch: str, mount: Mount, out: Path) -> None:
-    """Writes a description that extends the robot's and has the patch where it was found.
+    """Writes a description that extends the robot's description and corrects the place of one patch.
 
     Raises CommandError if `out` exists or does not lie beside the robot's description.
     """
@@ -152,9 +156,10 @@ def write_mounted(robot: Robot, patch: str, mount: Mount, out: Path) -> None:
 
 
 def self_touches(body: GenericBody, patch: str, perceptions: Iterable[Perception]) -> Iterator[SelfTouch]:
-    """Yields one touch for each uninterrupted time in which `patch` and one skin of another link are pressed.
+    """Yields one touch for each interval in which `patch` and a skin on another link are pressed together.
 
-    Each of the two must have one contact. The period with most pressed taxels is used.
+    A perception counts only if `patch` has one contact, and all skins on other links together have one
+    contact. Of each interval, the perception with the most pressed taxels is used.
     """
     surfaces, chain = body.skin.surfaces, body.skin.kinematics
     link = surfaces[patch].link
@@ -180,7 +185,7 @@ def self_touches(body: GenericBody, patch: str, perceptions: Iterable[Perception
 
 
 def moved_patch(robot: Robot, patch: str, correction: Array) -> Robot:
-    """Returns a robot whose `patch` is moved in its link by a pose (4, 4)."""
+    """Returns the robot with `patch` moved in its link by the pose `correction` (4, 4)."""
     own = robot.patch(patch)
     mount = correction @ mount_of(own)
     moved = own.model_copy(update={"xyz": tuple(mount[:3, 3].tolist()), "rpy": rpy_of(mount[:3, :3])})
@@ -189,17 +194,17 @@ def moved_patch(robot: Robot, patch: str, correction: Array) -> Robot:
 
 
 def _centre(surface: Surface, contact: Contact) -> tuple[Array, Array]:
-    """Returns the point (3,) [m] of a surface amid the pressed taxels, whatever their force, and the normal
-    (3,) there."""
+    """Returns the centre (3,) [m] of the pressed taxels, projected onto the surface, and the normal (3,) at
+    this point. The forces are not used."""
     points, normals = surface.project(surface.positions[contact.taxels].mean(axis=0)[None])
     return points[0], normals[0]
 
 
 def _fit(reported: Array, normals: Array, met: Array) -> tuple[Array, float]:
-    """Returns the pose (4, 4) and the depth [m] that together are best, found in turn.
+    """Returns the pose (4, 4) and the depth [m] with the least residual; they are fitted alternately.
 
-    Without the depth, a skin around half of a limb would get a pose that is too deep. On a plane the depth
-    can't be determined and stays 0.
+    If the depth were neglected, a skin around half of a limb would be placed too deep. For a flat skin the
+    depth can't be determined and stays 0.
     """
     depth = 0.0
     for _ in range(TURNS):

@@ -1,7 +1,8 @@
 """Proposes a description of a humanoid from its URDF or MJCF alone.
 
-Arms come from the geometry by the generic arm's definition, limits from the file, sleeves of skin from the
-shapes of the links. Values that the file does not contain are proposed and marked as assumed.
+The arms are found by their geometry: it must fit the definition of the generic arm. Limits are copied from
+the file. Sleeves of skin are fitted to the shapes of the links. Values that the file does not contain are
+proposed and marked as assumed.
 """
 
 from __future__ import annotations
@@ -33,14 +34,21 @@ def propose(
 ) -> Robot:  # fmt: skip
     """Proposes the description of the robot whose URDF or MJCF is at `path`, for review by a person.
 
-    `package` is the installed Python package that contains the model. With `mount`, shoulders that equal the
-    generic one except for a small rotation get eq. 1 on a mount; otherwise they are retargeted, in the torso
-    frame. `meshes` is a folder with meshes that are not at the paths in the model, or "none". `arms` names
-    the first joint of the left and of the right shoulder, `elbow` is the direction in which the left elbow's
-    joint bends the arm; both are for models in which they are in doubt. `trust_fingers` decides if names and
-    places of fingers contradict each other. `skin_on_hands` adds assumed skin on palms and finger tips.
-    Raises DescriptionError for a file that is not a model of a humanoid with two arms, or in which arms,
-    elbows, the ends of forearms or fingers are in doubt.
+    Args:
+        path: URDF or MJCF file.
+        name: Name of the robot.
+        package: Installed Python package that contains the model.
+        mount: True to use eq. 1, on a mount, for a shoulder that differs from the generic shoulder only by a
+            small rotation; otherwise this shoulder is retargeted in the torso frame.
+        meshes: Folder with the meshes, if they are not at the paths in the model; "none" to do without
+            meshes.
+        arms: Names of the first joints of the left and the right shoulder, if the arms are in doubt.
+        elbow: Direction in which the left elbow's joint bends the arm, if it is in doubt.
+        trust_fingers: Decision if names and places of fingers contradict each other.
+        skin_on_hands: Adds assumed skin on palms and finger tips.
+
+    Raises DescriptionError for a file that is not a model of a humanoid with two arms, or if arms, elbows,
+    the ends of forearms or fingers are in doubt.
     """
     model = Model(
         format=model_format(path), path=str(path.resolve()), package=package, meshes=meshes, torso_link="?"
@@ -85,8 +93,8 @@ def propose(
 
 
 def _check_arms(body: FoundLimbs, servos: Iterable[Servo], points: LinkPoints, path: str) -> None:
-    """Raises DescriptionError for a joint of an arm without a motor of its own, or with one that can't move
-    the arm."""
+    """Raises DescriptionError if a joint of an arm has no motor of its own, or too little torque to move the
+    arm."""
     own = {servo.joint: servo for servo in servos}
     for limb in body.arms.values():
         for joint in (*limb.ball, limb.bend, *([] if limb.turn is None else [limb.turn])):
@@ -105,7 +113,7 @@ def _check_arms(body: FoundLimbs, servos: Iterable[Servo], points: LinkPoints, p
 
 
 def _servos(body: FoundLimbs, facts: Mapping[str, JointFacts], points: LinkPoints) -> tuple[Servo, ...]:
-    """Returns a servo for each actuated joint, limb by limb."""
+    """Returns a servo for each actuated joint, in this order: torso, head, arms, legs, other joints."""
     needed = {*body.trunk, *body.head, *(joint for leg in body.legs.values() for joint in leg.chain)}
     for limb in body.arms.values():
         needed |= {*limb.ball, limb.bend, *wrist(body, limb), *([] if limb.turn is None else [limb.turn])}
@@ -135,7 +143,8 @@ def _side(name: str) -> Side:
 
 
 def _first(body: FoundLimbs, shoulder: int) -> int:
-    """Returns the first joint that carries only one arm, which may be a collar bone before the shoulder."""
+    """Returns the first joint that carries only one arm. It is the shoulder, or a collar bone that carries
+    the shoulder."""
     joint = shoulder
     others = {limb.ball[0] for limb in body.arms.values()} | {leg.chain[0] for leg in body.legs.values()}
     while (parent := body.joints[joint].parent) >= 0 and len(others & set(body.behind(parent))) == 1:

@@ -21,26 +21,27 @@ from tci.robot.joint_map import joint_map
 from tci.robot.shoulder import Shoulder, angle_about
 
 Sign = Literal[1, -1]
-"""Direction in which a joint turns."""
+"""Direction in which a joint turns, about its axis in the model."""
 
 LINEAR = 1e-6
-"""Error [rad] up to which a shoulder counts as linear (eq. 1)."""
+"""Largest error [rad] of eq. 1 at which a shoulder counts as linear."""
 FARTHER = np.deg2rad(25.0)
-"""Least difference [rad] between the largest flexions in both directions for which the larger one decides."""
+"""An elbow bends in the direction with the larger range of flexion, if the ranges of the two directions
+differ by more than this angle [rad]."""
 TWISTED = np.deg2rad(45.0)
-"""Least difference [rad] between the shoulder rotations for both directions for which the smaller one
-decides."""
+"""If the ranges of flexion do not decide, the rotations of the shoulder decide, if they differ by more than
+this angle [rad] between the two directions. The direction with the smaller rotation is used."""
 
 
 def elbow_senses(
     draft: Robot, body: FoundLimbs, points: LinkPoints, index: Mapping[str | None, int], *, left: Sign | None
 ) -> dict[str, Sign]:
-    """Returns the direction in which each elbow's joint bends its arm, by side; the right elbow mirrors the
-    left one.
+    """Returns the direction in which each elbow's joint bends its arm, by side.
 
-    It is `left` if given. Otherwise it is the direction in which the elbow can move farther. If its limits
-    are symmetric, it is the one from which the shoulder turns less to bring the arm from the model's zero to
-    the generic postures. Raises DescriptionError if neither tells.
+    The direction of the left elbow is `left`, if given. Otherwise it is the direction in which the elbow can
+    move farther. If the limits are about symmetric, it is the direction with which the shoulder turns less
+    from the model's zero to the generic postures. The right elbow mirrors the left elbow. Raises
+    DescriptionError if none of these rules decides.
     """
     ways: list[dict[str, Sign]] = [_mirrored(body, sense) for sense in (1, -1)]
     if left is not None:
@@ -79,20 +80,22 @@ def largest_flexion(
 
 
 def _bent_at_zero(body: FoundLimbs, limb: Limb, sense: float) -> float:
-    """Returns the generic elbow angle [rad] at the model's zero."""
+    """Returns the generic elbow angle [rad] at the model's zero, if the elbow bends in the direction
+    `sense`."""
     return angle_about(sense * body.joints[limb.bend].axis, *axes_of(body, limb))
 
 
 def _mirrored(body: FoundLimbs, left: Sign) -> dict[str, Sign]:
-    """Returns the directions of both elbows, mirror images of each other."""
+    """Returns the directions of both elbows by side. The motion of the right elbow mirrors that of the
+    left."""
     axes = {side: body.joints[limb.bend].axis for side, limb in body.arms.items()}
     image = left * axes["left"] * [-1.0, 1.0, -1.0]  # axes are axial vectors
     return {"left": left, "right": 1 if float(image @ axes["right"]) > 0.0 else -1}
 
 
 def _shoulder_turn(draft: Robot, part: GenericPart) -> float:
-    """Returns the largest turn [rad] of a shoulder joint, from the model's zero, that the easiest of POSTURES
-    needs."""
+    """Returns the largest rotation [rad] of a shoulder joint from the model's zero, in the posture of
+    POSTURES for which it is smallest."""
     digest = f"{part.name} bent {part.servos[3].scale}"
     joints = joint_map(draft.model_copy(update={"parts": (part,), "digest": digest}), part.name)
     start, shoulder = np.zeros(len(draft.servos)), joints.ids < 3
@@ -107,8 +110,10 @@ def arm(
     draft: Robot, body: FoundLimbs, side: Side, points: LinkPoints, index: Mapping[str | None, int], *,
     sense: Sign, mount: bool = False,
 ) -> GenericPart:  # fmt: skip
-    """Returns the generic arm whose elbow's joint bends it in the direction `sense`: transforms, segments,
-    and an initial posture that fits."""
+    """Returns the generic arm of one side: transforms, segments, and an initial posture that fits.
+
+    `sense` is the direction in which the elbow's joint bends the arm.
+    """
     joints, limb = body.joints, body.arms[side]
     servos = [
         generic_joint(id, JOINTS[id], index[joints[joint].name], transform="retarget")
@@ -144,9 +149,9 @@ def _segments(body: FoundLimbs, limb: Limb, points: LinkPoints) -> tuple[Segment
 
 
 def _linear_where_exact(draft: Robot, part: GenericPart, *, mount: bool) -> GenericPart:
-    """Returns the arm with eq. 1 for its shoulder where that is exact, in the torso frame or on a mount.
+    """Returns the arm with eq. 1 for its shoulder, if eq. 1 is exact in the torso frame or on a mount.
 
-    An arm without an exact solution is returned unchanged.
+    If eq. 1 is not exact, the arm is returned unchanged.
     """
     shoulder = Shoulder(draft.model_copy(update={"parts": (part,)}), part)
     turns = [(0.0, 0.0, 0.0), *([found] if mount and (found := find_mount(shoulder)) else [])]

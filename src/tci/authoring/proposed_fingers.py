@@ -23,16 +23,17 @@ from tci.robot.generic_arm import Side
 from tci.robot.generic_fingers import JOINTS, PALM
 
 Trust = Literal["names", "places", "none"]
-"""Decision on fingers in doubt: by their names, by their places, or that there are none."""
+"""Decision on fingers in doubt. "names": their names decide. "places": their places decide. "none": the hand
+is described without fingers."""
 SHORTEST = 0.005
-"""Length [m] of the last link of a finger below which its shape does not tell its end. Assumed:
-shorter than any finger tip."""
+"""Least length [m] of a finger's last link by its shape; a shorter result is not used. Assumed: shorter than
+any finger tip."""
 Hands = Mapping[Side, tuple[Finger, ...]]
-"""Fingers of each hand that has some."""
+"""Fingers by side. Hands without fingers are left out."""
 
 
 class _Drive(NamedTuple):
-    """Servo that moves a joint: the joint's angle is multiplier x the servo's + offset."""
+    """Servo that moves a joint: joint angle = `multiplier` * servo angle + `offset`."""
 
     servo: Servo
     multiplier: float
@@ -42,8 +43,8 @@ class _Drive(NamedTuple):
 def find_hands(
     body: FoundLimbs, facts: Mapping[str, JointFacts], points: LinkPoints, path: str, *, trust: Trust | None
 ) -> Hands:
-    """Returns the fingers of both hands. Raises DescriptionError for fingers in doubt unless `trust`
-    decides."""
+    """Returns the fingers of both hands. Raises DescriptionError for fingers in doubt, if `trust` does not
+    decide."""
     hands: dict[Side, tuple[Finger, ...]] = {}
     for name, limb in body.arms.items():
         side: Side = "left" if name == "left" else "right"
@@ -63,8 +64,11 @@ def find_hands(
 
 
 def _alike(hands: Hands) -> Hands:
-    """Returns the hands with the left thumb's opposition at the model's zero on both sides, if they differ by
-    one step of rounding only."""
+    """Returns the hands with equal opposition of both thumbs at the model's zero.
+
+    Oppositions that differ by more than one step of rounding are left unchanged. Otherwise the value of the
+    first hand is used for both hands.
+    """
     thumbs = [found[0].offset for found in hands.values() if found[0].name == "thumb"]
     if len(thumbs) < 2 or abs(thumbs[0] - thumbs[1]) > 1.01 * ROUNDED:
         return hands
@@ -74,7 +78,7 @@ def _alike(hands: Hands) -> Hands:
 def with_followers(
     servos: Sequence[Servo], body: FoundLimbs, facts: Mapping[str, JointFacts], hands: Hands
 ) -> tuple[Servo, ...]:
-    """Returns the servos, each with the joints of fingers that follow it."""
+    """Returns the servos, each with the finger joints that follow it mechanically."""
     own = {servo.joint: servo for servo in servos}
     followers: dict[int, list[Mimic]] = {}
     for one in (one for found in hands.values() for finger in found for one in finger.chain):
@@ -120,8 +124,11 @@ def fingers(
 
 
 def _tips(body: FoundLimbs, arm: int, points: LinkPoints) -> dict[int, Array]:
-    """Returns the end (3,) [m] of each link that an arm moves: the next joint, or where its shape ends;
-    without one, it is as long as the link before."""
+    """Returns the end (3,) [m] of each link that an arm moves.
+
+    The end is the place of the next joint. If there is no next joint, the end is that of the link's shape. If
+    the link has no shape either, the link is assumed to be as long as the previous link.
+    """
     ends = {}
     for one in carried(body.joints, arm):
         joint = body.joints[one]
@@ -135,7 +142,7 @@ def _tips(body: FoundLimbs, arm: int, points: LinkPoints) -> dict[int, Array]:
 
 
 def _drive(name: str, own: Mapping[str | None, Servo], facts: Mapping[str, JointFacts]) -> _Drive | None:
-    """Returns what moves a joint; None for one that nothing moves."""
+    """Returns the servo that moves a joint, directly or by coupling; None if no servo moves the joint."""
     multiplier, offset = 1.0, 0.0
     while name not in own:
         given = facts.get(name)
@@ -147,8 +154,11 @@ def _drive(name: str, own: Mapping[str | None, Servo], facts: Mapping[str, Joint
 
 
 def _flexion(bends: Sequence[tuple[float, _Drive]]) -> tuple[dict[int, float], float]:
-    """Returns factor by servo, and offset [rad], of a finger's flexion: the angle of its first joint, which
-    the other motors follow in the ratio of their ranges."""
+    """Returns the factor of each servo, and the offset [rad], of a finger's flexion.
+
+    The flexion is the angle of the finger's first joint. If the finger has several motors, the others follow
+    in the ratio of their ranges.
+    """
     if not bends:
         return {}, 0.0
     ranges: dict[int, tuple[float, float]] = {}
@@ -167,7 +177,11 @@ def _flexion(bends: Sequence[tuple[float, _Drive]]) -> tuple[dict[int, float], f
 def _generic(
     draft: Robot, id: int, name: str, factors: Mapping[int, float], offset: float, shared: Mapping[int, int]
 ) -> GenericServo:
-    """Returns a generic joint: by eq. 1 if one servo moves it and nothing else, else as a synergy."""
+    """Returns a generic joint of a finger.
+
+    The conversion is eq. 1 if only one servo moves the joint and this servo moves no other joint. Else it is
+    a synergy, a weighted sum of servo angles.
+    """
     if not factors:
         return GenericServo(id=id, name=name, servo=None)
     zero = {servo: _near_zero(draft.servos[servo]) for servo in factors}
@@ -180,7 +194,7 @@ def _generic(
 
 
 def _near_zero(servo: Servo) -> float:
-    """Returns the angle [rad] of a servo next to 0 that keeps away from its limits."""
+    """Returns the angle [rad] of a servo that is nearest to 0 and keeps a distance from its limits."""
     lower, upper = servo.limits.lower or 0.0, servo.limits.upper or 0.0
     room = min(ROOM, 0.4 * (upper - lower))
     return float(np.clip(0.0, lower + room, upper - room))

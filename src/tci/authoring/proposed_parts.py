@@ -1,7 +1,7 @@
 """Proposes legs, hands, head and torso: linear joints, matched by the directions of their axes.
 
-The generic zero is standing with straight legs, level feet and hanging arms; offsets come from the file's
-zero posture.
+At generic angles of zero, the robot stands with straight legs, level feet and hanging arms. The offset of a
+joint is its generic angle in the zero posture of the model file.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from tci.robot.shoulder import Shoulder, angle_about, cross_matrix
 from tci.robot.xml.grammar import MAX_MOUNT
 
 GENERIC_SPEED = float(np.deg2rad(180.0))
-"""Speed [rad/s] of generic joints. Assumed; the servos' own limits apply too."""
+"""Speed limit [rad/s] of generic joints. Assumed; the limits of the servos apply too."""
 LEG = {
     "hip_pitch": (0.0, -1.0, 0.0), "hip_roll": (1.0, 0.0, 0.0), "hip_yaw": (0.0, 0.0, -1.0),
     "knee_pitch": (0.0, 1.0, 0.0), "ankle_pitch": (0.0, -1.0, 0.0), "ankle_roll": (-1.0, 0.0, 0.0),
 }  # fmt: skip
-"""Positive axes of a left leg that stands straight, in the torso frame."""
+"""Axes of positive rotation of a straight left leg, in the torso frame."""
 HAND = {"flexion": (-1.0, 0.0, 0.0), "deviation": (0.0, -1.0, 0.0)}
-"""Positive axes of a left hand whose arm is at the generic zero, in the torso frame."""
+"""Axes of positive rotation of a left hand, in the torso frame, while all generic angles of the arm are 0."""
 STANDING = np.deg2rad([20.0, 0.0, 0.0, 40.0, 20.0, 0.0])
-"""Initial posture [rad] of legs, as far as limits allow. Assumed: slightly bent knees, level feet."""
+"""Initial posture [rad] of legs, if limits allow it. Assumed: slightly bent knees, level feet."""
 ROOM = np.deg2rad(3.0)
-"""Distance [rad] of the initial posture from limits. Assumed: above encoder offsets."""
+"""Distance [rad] of the initial posture from limits. Assumed: larger than encoder offsets."""
 
 
 def generic_joint(id: int, name: str, servo: int | None, **more: object) -> GenericServo:
-    """Returns a generic joint with the proposed speed."""
+    """Returns a generic joint with the speed limit GENERIC_SPEED."""
     return GenericServo.model_validate(
         {"id": id, "name": name, "servo": servo, "speed": GENERIC_SPEED, **more}
     )
@@ -48,11 +48,12 @@ def generic_joint(id: int, name: str, servo: int | None, **more: object) -> Gene
 def middle(
     body: FoundLimbs, kind: str, joints: Sequence[int], index: Mapping[str | None, int], *, sense: float = 1.0
 ) -> GenericPart:
-    """Returns head or torso: pitch nods forward, roll leans right, yaw turns left; joints that the robot
-    lacks are fixed.
+    """Returns the generic head or torso, as named by `kind`.
 
-    `joints` are in order from the torso; of parallel ones the nearest to the torso is taken. `sense` is -1
-    for joints that the torso carries and that are to move it, not them.
+    Pitch nods forward, roll leans right, yaw turns left. A generic joint without a matching joint in `joints`
+    is fixed. `joints` are in order from the torso; of parallel joints, the joint nearest to the torso is
+    used. `sense` is 1 for joints that carry the part, and -1 for joints below the torso that the torso
+    carries, so that a positive angle moves the torso and not the legs.
     """
     servos = []
     for id, (name, axis) in enumerate(zip(("pitch", "roll", "yaw"), np.eye(3)[[1, 0, 2]], strict=True)):
@@ -69,7 +70,7 @@ def leg(
     draft: Robot, body: FoundLimbs, found_leg: Leg, side: Side, points: LinkPoints,
     index: Mapping[str | None, int],
 ) -> GenericPart:  # fmt: skip
-    """Returns the generic leg, with each joint where its axis fits."""
+    """Returns the generic leg. Each of its joints is matched to a joint of the robot with a similar axis."""
     mirror = np.array([1.0, 1.0, 1.0] if side == "left" else [-1.0, 1.0, -1.0])
     wanted = {name: mirror * axis for name, axis in LEG.items()}
     chain, hip, knee, ankle = found_leg.chain, found_leg.hip, found_leg.knee, found_leg.ankle
@@ -116,8 +117,11 @@ def leg(
 def hand(
     draft: Robot, body: FoundLimbs, limb: Limb, arm: GenericPart, index: Mapping[str | None, int]
 ) -> GenericPart | None:
-    """Returns the wrist of an arm; None if no joint fits. Axes are compared at the arm's generic zero, where
-    the zero of pronation decides which joint flexes."""
+    """Returns the generic hand with the wrist joints of an arm; None if no joint fits.
+
+    Axes are compared while all generic angles of the arm are 0. Thus the zero of pronation decides which
+    joint of the wrist is flexion.
+    """
     assert arm.side is not None
     robot = draft.model_copy(update={"parts": (arm,), "digest": f"{arm.name} and its hand"})
     joints = joint_map(robot, arm.name)
@@ -153,8 +157,11 @@ def segment(body: FoundLimbs, points: LinkPoints, name: str, link: str, begin: A
 
 
 def find_mount(shoulder: Shoulder) -> tuple[float, float, float] | None:
-    """Finds the mount (roll, pitch, yaw) [rad] on which a shoulder's first axis is that of flexion: the
-    smallest rotation that takes y there. None if it exceeds the limit for mounts."""
+    """Finds the mount (roll, pitch, yaw) [rad] on which a shoulder's first axis is the axis of flexion.
+
+    It is the smallest rotation that turns the y axis to the first axis of the shoulder. None if this rotation
+    exceeds the limit for mounts.
+    """
     axis = shoulder.axes[0] * (1.0 if shoulder.axes[0][1] >= 0.0 else -1.0)
     across = np.cross([0.0, 1.0, 0.0], axis)
     sine, cosine = float(np.linalg.norm(across)), float(axis[1])
@@ -170,8 +177,11 @@ def find_mount(shoulder: Shoulder) -> tuple[float, float, float] | None:
 def _matched(
     body: FoundLimbs, joints: Sequence[int], wanted: Mapping[str, Array]
 ) -> dict[str, tuple[int, float]]:
-    """Matches each wanted axis to one joint with a similar axis; returns joints and the signs of their
-    axes."""
+    """Matches each wanted axis to one joint with a similar axis.
+
+    Returns the joint by name of the wanted axis, with 1 or -1: the sign of the joint's axis along the wanted
+    axis.
+    """
     found: dict[str, tuple[int, float]] = {}
     for name, axis in wanted.items():
         for place in joints:
@@ -183,8 +193,10 @@ def _matched(
 
 
 def wrist(body: FoundLimbs, limb: Limb) -> list[int]:
-    """Returns the first two joints beyond an arm's pronation, as long as each carries one more: the wrist,
-    without fingers."""
+    """Returns the wrist: the first two joints, or fewer, after the pronation of an arm.
+
+    The chain ends where a joint carries several joints, as a palm carries fingers.
+    """
     start = limb.bend if limb.turn is None else limb.turn
     chain: list[int] = []
     after = [start]
@@ -196,7 +208,8 @@ def wrist(body: FoundLimbs, limb: Limb) -> list[int]:
 
 
 def _inside(draft: Robot, servo: int, scale: float, offset: float, wanted: float) -> float:
-    """Returns the generic angle [rad] nearest to `wanted` that keeps a servo away from its limits."""
+    """Returns the generic angle [rad] nearest to `wanted` at which the servo keeps a distance from its
+    limits."""
     limits = draft.servos[servo].limits
     assert limits.lower is not None
     assert limits.upper is not None

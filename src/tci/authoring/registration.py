@@ -1,7 +1,8 @@
-"""Compares a skin's positions with the mesh of its link, and finds the rigid correction if they do not fit.
+"""Compares taxel positions with the mesh of their link, and finds a rigid correction if they do not fit.
 
-Points are matched to the mesh by iterated closest points: first point to point from many starts, then point
-to plane (Besl and McKay 1992; Chen and Medioni 1992). The frame of the file may be any.
+Points are matched to the mesh by iterated closest points: first point to point from many start poses, then
+point to plane (Besl and McKay 1992; Chen and Medioni 1992). The positions may be given in any frame: the
+correction is then the pose of that frame in the link.
 """
 
 from __future__ import annotations
@@ -21,20 +22,23 @@ from tci.robot.description import Model, Robot
 from tci.robot.model_file import compiled, load_spec
 
 DENSITY = 200_000
-"""Number of points that represent the surface of a link. Assumed: on an arm they are 0.5 mm apart."""
+"""Number of points that are sampled on the surface of a link. Assumed: on an arm, neighbouring points are 0.5
+mm apart."""
 OFFSETS = (-0.04, 0.0, 0.04)
-"""Offsets [m] of the starts along each axis of the link. Assumed: about the radius of a limb, so that one
-start is near the solution."""
+"""Offsets [m] of the start poses along each axis of the link. Assumed: about the radius of a limb, so that at
+least one start pose is near the solution."""
 SEARCH = ((3, 120), (9, 25))
-"""Steps of each stage of the search, and number of best starts that are continued after it. Assumed: fewer
-starts may miss the solution, more take longer."""
+"""For each stage of the search: number of steps, and number of best poses that the next stage continues.
+Assumed: with fewer poses the solution may be missed, more poses take longer."""
 REFINED = 3
-"""Number of best poses that are refined with all points. Assumed: the best is among them, as they are refined
-with some points before."""
+"""Number of poses that are refined with all points. Assumed: the best pose is among them, since they are the
+best of a refinement with some of the points."""
 COARSE = 10
-"""Every such point of the surface is used until the refinement. Assumed: on an arm they are 1.5 mm apart."""
+"""Before the last refinement, only every COARSE-th point of the surface is used. Assumed: on an arm, these
+points are 1.5 mm apart."""
 STILL = 1e-5
-"""Motion [rad, m] of a step at which refinement ends. Assumed: far below the distances between points."""
+"""Refinement ends when a step moves the pose by less than this angle [rad] and distance [m]. Assumed: far
+below the distances between points."""
 FITS = 0.005
 """Mean distance [m] up to which a skin fits its link. Assumed: covers are a few millimetres thick."""
 
@@ -51,7 +55,7 @@ class LinkSurface:
     """Search tree of the points."""
 
     def thinned(self, step: int) -> LinkSurface:
-        """Returns the surface with every `step`-th of its points, which were drawn in no order."""
+        """Returns the surface with every `step`-th of its points, which are in random order."""
         points = self.points[::step]
         return LinkSurface(points, self.normals[::step], cKDTree(points))
 
@@ -63,18 +67,18 @@ class LinkSurface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Registration:
-    """Distances of points from a link, as they are and after the best rigid correction that was found."""
+    """Distances of points from the surface of a link, before and after the best rigid correction found."""
 
     mean: float
-    """Mean distance [m] without correction."""
+    """Mean distance [m] of the points from the surface, without correction."""
     largest: float
-    """Largest distance [m] without correction."""
+    """Largest distance [m] of a point from the surface, without correction."""
     correction: Array
     """`T_LF` (4, 4): pose of the points' frame F in the link L."""
     corrected_mean: float
-    """Mean distance [m] after the correction."""
+    """Mean distance [m] of the points from the surface, after the correction."""
     corrected_largest: float
-    """Largest distance [m] after the correction."""
+    """Largest distance [m] of a point from the surface, after the correction."""
 
     @property
     def fits(self) -> bool:
@@ -94,8 +98,8 @@ def _compiled(file: Model) -> mujoco.MjModel:
 
 @lru_cache(maxsize=8)
 def link_surface(robot: Robot, link: str) -> LinkSurface:
-    """Returns the surface of a link. Raises DescriptionError without a model of the robot or mesh of the
-    link."""
+    """Returns the surface of a link. Raises DescriptionError if the robot has no model or the link no
+    mesh."""
     if robot.model is None:
         raise DescriptionError(robot.source, [Fault(0, "no <model>: a surface needs a URDF or MJCF file")])
     model = _compiled(robot.model)
@@ -119,10 +123,10 @@ def link_surface(robot: Robot, link: str) -> LinkSurface:
 
 
 def register(points: Array, surface: LinkSurface) -> Registration:
-    """Compares `points` (n, 3) [m] with a link, and finds the correction of those that do not fit.
+    """Compares `points` (n, 3) [m] with the surface of a link, and finds a correction if they do not fit.
 
-    For a symmetric limb several corrections may be equally good; one of the best is returned. Raises
-    CommandError for fewer than 10 points or ones that are not finite.
+    On a symmetric limb several corrections may be equally good; then one of them is returned. Raises
+    CommandError for fewer than 10 points, or for points that are not finite.
     """
     points = np.asarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1:] != (3,) or len(points) < 10 or not np.isfinite(points).all():
@@ -166,7 +170,7 @@ def _mesh(model: mujoco.MjModel, geom: int) -> Array:
 
 
 def _right_angles() -> list[Array]:
-    """Returns the 24 rotations (3, 3) that map axes to axes."""
+    """Returns the 24 rotations (3, 3) by multiples of 90 degrees about the axes."""
     found = []
     for order in permutations(range(3)):
         for signs in product((1.0, -1.0), repeat=3):
@@ -178,7 +182,11 @@ def _right_angles() -> list[Array]:
 
 
 def _starts(points: Array, surface: LinkSurface) -> Array:
-    """Returns poses (s, 4, 4) to start from: none moved, and all right angles with the centres offset."""
+    """Returns poses (s, 4, 4) to start from.
+
+    They are the identity, and all combinations of a rotation by right angles with an offset (OFFSETS) between
+    the centre of the points and the centre of the surface.
+    """
     centre, theirs = points.mean(axis=0), surface.points.mean(axis=0)
     return np.array(
         [np.eye(4)]
@@ -191,7 +199,7 @@ def _starts(points: Array, surface: LinkSurface) -> Array:
 
 
 def _best(poses: Array, points: Array, surface: LinkSurface, count: int) -> Array:
-    """Returns those `count` of `poses` (s, 4, 4) that bring points nearest to a surface."""
+    """Returns the `count` poses, out of `poses` (s, 4, 4), that bring the points nearest to the surface."""
     far = surface.tree.query(_placed(poses, points))[0].mean(axis=1)
     best: Array = poses[np.argsort(far, kind="stable")[:count]]
     return best
@@ -204,15 +212,19 @@ def _placed(poses: Array, points: Array) -> Array:
 
 
 def _nearest(distance: Array, share: float) -> Array:
-    """Returns weights (s, n, 1), 1 for the `share` of points at the least `distance` (s, n), else 0."""
+    """Returns weights (s, n, 1): 1 for the fraction `share` of points with least `distance` (s, n), else
+    0."""
     last = max(0, int(np.ceil(share * distance.shape[1])) - 1)
     farthest = np.partition(distance, last, axis=1)[:, last : last + 1]
     return (distance <= farthest)[:, :, None].astype(np.float64)
 
 
 def _point_to_point(points: Array, surface: LinkSurface, poses: Array, *, steps: int) -> Array:
-    """Returns improved poses (s, 4, 4): each step moves nine tenths of the points, the nearest ones, to their
-    neighbours."""
+    """Returns improved poses (s, 4, 4).
+
+    Each step moves the nearest nine tenths of `points` as closely as possible to their nearest surface
+    points.
+    """
     for _ in range(steps):
         distance, index = surface.tree.query(_placed(poses, points))
         weights, theirs = _nearest(distance, 0.9), surface.points[index]
@@ -228,8 +240,11 @@ def _point_to_point(points: Array, surface: LinkSurface, poses: Array, *, steps:
 
 
 def _point_to_plane(points: Array, surface: LinkSurface, poses: Array, *, steps: int) -> Array:
-    """Returns improved poses (s, 4, 4): each step moves points onto the planes of their nearest neighbours,
-    where they may slide."""
+    """Returns improved poses (s, 4, 4).
+
+    Each step moves points onto the tangent planes of their nearest surface points. Distances along these
+    planes are ignored.
+    """
     for _ in range(steps):
         here = _placed(poses, points)
         distance, index = surface.tree.query(here)

@@ -1,4 +1,5 @@
-"""Cones through the taxels of a skin, and its unrolled map (x along the limb, theta around it)."""
+"""Cones through the taxels of a skin, and the unrolled map of the skin (x along the limb, theta around
+it)."""
 
 from __future__ import annotations
 
@@ -12,13 +13,14 @@ from tci.exports.cone import ConeFit, Freedom, fit_cone
 from tci.frames import Array
 
 WIDEST = 3.0
-"""Largest radius of a cone, in sizes of its skin. Assumed: skin on a wider cone is practically flat."""
+"""Largest radius of a cone, as a multiple of the size of its skin. Assumed: on a wider cone, the skin is
+practically flat."""
 
 
 def skin_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom) -> ConeFit:
-    """Fits a cone to taxels at `positions` (n, 3) [m] with `fit_cone`, and refuses a flat skin.
+    """Fits a cone to taxels at `positions` (n, 3) [m] with `fit_cone`.
 
-    Raises TciError where no cone fits: an axis of length zero, too few taxels, or taxels in a plane.
+    Raises TciError if no cone fits: for an axis of length zero, too few taxels, or a flat skin.
     """
     if not np.linalg.norm(axis) > 1e-9:
         raise TciError(f"the axis {[float(value) for value in axis]} has no direction; give a vector (3,)")
@@ -34,8 +36,10 @@ def skin_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom) ->
 
 
 def best_cone(positions: Array) -> ConeFit | None:
-    """Returns the cone with free axis and least RMS, from starts along each axis of the frame; None for a
-    flat skin."""
+    """Returns the cone with the least root mean square error; None for a flat skin.
+
+    The axis of the cone is fitted too, starting from each axis of the frame.
+    """
     fits = []
     for axis in np.eye(3):
         try:
@@ -46,10 +50,11 @@ def best_cone(positions: Array) -> ConeFit | None:
 
 
 def unroll(positions: Array, fit: ConeFit) -> tuple[Array, Array]:
-    """Returns place x (n,) [m] along a cone's axis from its proximal end, and angle theta (n,) [rad] around.
+    """Returns x (n,) [m], the place along a cone's axis from its proximal end, and the angle theta (n,) [rad]
+    around the axis.
 
-    Both are exact, whatever the cone's error (eqs 3-4). Theta is from -pi to pi, and zero towards the axis of
-    the frame that is closest to perpendicular to the cone's.
+    Both depend only on the axis of the cone, not on its radii (eqs 3-4). Theta is from -pi to pi. It is zero
+    in the direction of the frame axis that is closest to perpendicular to the cone's axis.
     """
     relative = positions - fit.origin
     across = np.eye(3)[np.argmin(np.abs(fit.axis))]
@@ -60,7 +65,7 @@ def unroll(positions: Array, fit: ConeFit) -> tuple[Array, Array]:
 
 
 def flatten(positions: Array) -> tuple[Array, Array]:
-    """Returns the coordinates (n,) and (n,) [m] of taxels along the two longest directions of their skin."""
+    """Returns the coordinates (n,) and (n,) [m] of taxels along the two main directions of their skin."""
     relative = positions - positions.mean(axis=0)
     # Rows of zeros do not change the directions, but make one or two taxels have three as well.
     longest = np.linalg.svd(np.vstack([relative, np.zeros((3, 3))]), full_matrices=False)[2]

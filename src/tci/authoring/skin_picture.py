@@ -36,7 +36,10 @@ class Map:
 
 
 def maps(skin: str) -> list[Map]:
-    """Returns the map of a skin file, or of every patch of a robot. Raises TciError."""
+    """Returns the map of a skin file, or the maps of all patches of a robot.
+
+    Raises TciError for a file that can't be read, or a robot without skin.
+    """
     path = Path(skin)
     if path.is_file() and path.suffix != ".xml":
         file = read_layout(path)

@@ -15,12 +15,13 @@ from tci.robot.generic_arm import SEGMENTS
 from tci.robot.shoulder import nearest_point
 
 COVER = {"upper_arm": (0.2, 0.8), "forearm": (0.12, 0.9)}
-"""Range of u that skin covers on each segment. Assumed: keeps clear of the joints at both ends."""
+"""Range of u that skin covers on each segment; u is 0 at the proximal joint, 1 at the distal joint. Assumed:
+the skin does not reach the joints at both ends."""
 SLENDER = 0.18
-"""Radius of skin on a segment without shapes, or on a model that is read without its meshes, as a fraction of
-the segment's length. Assumed: between the arms of iCub and those of G1."""
+"""Radius of skin on a segment without shapes, or if the model is read without its meshes, as a fraction of
+the segment's length. Assumed: between the values of iCub's arms and G1's arms."""
 PITCH = 0.009
-"""Distance [m] between taxels. Assumed; on an iCub's modules it is 6.5 mm."""
+"""Distance [m] between taxels. Assumed; on the modules of an iCub the distance is 6.5 mm."""
 
 
 def axes_of(body: FoundLimbs, limb: Limb) -> tuple[Array, Array]:
@@ -43,9 +44,9 @@ def ends_of(body: FoundLimbs, limb: Limb) -> dict[str, tuple[Array, Array]]:
 
 
 def sleeves(body: FoundLimbs, limb: Limb, part: GenericPart, points: LinkPoints) -> list[Patch]:
-    """Returns a cone of skin around each segment; without shapes it is SLENDER.
+    """Returns a cone of skin around each segment of an arm; without shapes, its radius follows from SLENDER.
 
-    Raises DescriptionError for shapes that lie beside their segment.
+    Raises DescriptionError if the shapes of a segment lie beside the axis of the segment.
     """
     upper, forearm = axes_of(body, limb)
     bend = body.joints[limb.bend].axis * float(np.sign(part.servos[3].scale))
@@ -81,8 +82,10 @@ def cone_patch(
     name: str, body: FoundLimbs, part: GenericPart, segment: str, fit: ConeFit, points: LinkPoints, *,
     across: Array, pitch: float = PITCH,
 ) -> Patch:  # fmt: skip
-    """Returns a cone of skin with a distance `pitch` [m] between taxels; its angles count from the plane of
-    its axis and of `across` (3,)."""
+    """Returns a cone of skin with a distance `pitch` [m] between taxels.
+
+    Angles around the cone are measured from the plane of its axis and the vector `across` (3,).
+    """
     link = part.segment(segment).link
     R_RL, p_RL = points.link_pose(link)
     z, y = -fit.axis, -across
@@ -103,13 +106,15 @@ def cone_patch(
 
 
 def slender(length: float) -> float:
-    """Returns the radius [m] of skin on a segment of a length [m] without shapes."""
+    """Returns the radius [m] of skin on a segment without shapes, from its `length` [m]."""
     return max(THINNEST, SLENDER * length)
 
 
 def assumed_skins(robot: Robot) -> list[str]:
-    """Returns a note on the patches whose thickness is estimated from lengths, because there are no
-    shapes."""
+    """Returns a note that lists the patches with a radius estimated from the length of their segment.
+
+    The model has no shapes for these segments. If there are no such patches, the result is empty.
+    """
     found = []
     for patch in robot.patches:
         cone = patch.surface

@@ -1,4 +1,4 @@
-"""Files of touches at known places, and of the taxels that were located by them."""
+"""Files of touches at known places, and of taxels that were located by these touches."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ PLACE = 6
 
 
 def read_touches(path: Path, robot: Robot, surface: Surface) -> list[ProbeTouch]:
-    """Reads touches from a CSV file: x, y, z [m], nx, ny, nz in the patch's link, then the raw frame.
+    """Reads touches from a CSV file with one touch per row.
 
-    Raises CommandError for a file that does not fit the patch.
+    A row contains the place x, y, z [m] and the outward normal nx, ny, nz in the patch's link, then the raw
+    frame. Raises CommandError for a file that does not fit the patch.
     """
     patch = robot.patch(surface.patch)
     try:

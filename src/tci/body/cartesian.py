@@ -1,6 +1,6 @@
 """Cartesian actuators (§3.1): commands for the position of a point of a part, such as the hand of an arm.
 
-The description defines these points and the reference frames of their targets.
+The robot's description defines these points, and the frames in which their targets are given.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from tci.robot.shoulder import shoulder_of
 from tci.skin.skin import segment_pose
 
 SETTINGS = InverseSettings(starts=6)
-"""Settings of the inverse kinematics, with fewer starts than in motion planning, so that an unreachable
-target is recognised sooner."""
+"""Settings of the inverse kinematics. It uses fewer start postures than motion planning does, so that an
+unreachable target is recognised sooner."""
 WAYPOINTS = 9
-"""Number of postures on the path of the joints at which the speed of the point is bounded. Assumed: between
+"""Number of postures on the path at which the speed of the point is computed and limited. Assumed: between
 two postures a joint turns by a few degrees, which changes its lever arm by a few percent."""
 
 
 class Reach:
-    """Kinematics of one Cartesian actuator. Contains work space, so each thread needs its own object."""
+    """Kinematics of one Cartesian actuator. It contains work arrays, so each thread needs its own object."""
 
     def __init__(self, robot: Robot, part: str, point: str) -> None:
         """Builds the kinematics of the actuator `point` of a part.
 
-        Raises CommandError for an actuator that the part does not have or that lacks its shoulder,
-        UnknownNameError for an unknown part, and the errors of KinematicChain.
+        Raises CommandError if the part has no such actuator, or if the model lacks the shoulder to which the
+        targets refer. Raises UnknownNameError for an unknown part, and the errors of KinematicChain.
         """
         words = robot.part(part)
         actuators = {actuator.name: actuator for actuator in words.cartesian}
@@ -48,9 +48,9 @@ class Reach:
         self.actuator = actuators[point]
         """Description of the actuator."""
         self.length = 1.0
-        """Length [m] of the unit of its targets: that of the arm (upper arm plus forearm), or 1 m."""
+        """Unit of targets, as a length [m]: the length of the arm (upper arm plus forearm), or 1 m."""
         self.unit = "m"
-        """Name of that unit."""
+        """Unit of targets, as a word: "arm lengths" or "m"."""
         self._origin, self._rotation = np.zeros(3), np.eye(3)
         if self.actuator.frame == "shoulder":
             self.length, self.unit = sum(words.segment(name).length for name in SEGMENTS), "arm lengths"
@@ -69,7 +69,7 @@ class Reach:
         )
 
     def place(self, position: Array) -> Array:
-        """Returns the point's position (3,) [`unit`] with all servos at `position` (n_servos,) [rad]."""
+        """Returns the position (3,) [`unit`] of the point at servo angles `position` (n_servos,) [rad]."""
         T_TL = self._kinematics.poses(position, [self._link])[self._link]
         return read_only(self._rotation.T @ (apply(T_TL, self._tip) - self._origin) / self.length)
 
@@ -77,8 +77,8 @@ class Reach:
         """Returns servo angles (n_servos,) [rad] that bring the point closest to `target` (3,) [`unit`], and
         the remaining distance [m].
 
-        The angles are within limits and couplings and near `position` (n_servos,) [rad]. Raises CommandError
-        for a target of another shape or one that is not finite.
+        The angles are within limits and couplings. Of several solutions, one near `position` (n_servos,)
+        [rad] is preferred. Raises CommandError if the target has another shape or is not finite.
         """
         if np.shape(target) != (3,) or not np.isfinite(target).all():
             raise CommandError(f"place {target} of {self.part.name}; valid: 3 finite numbers [{self.unit}]")
@@ -87,11 +87,12 @@ class Reach:
         return answer.position, answer.error
 
     def speeds(self, start: Array, end: Array) -> Array:
-        """Returns the speed limits (k,) [rad/s] of the part's servos on the way from `start` to `end`, each
-        (n_servos,) [rad].
+        """Returns the speed limits (k,) [rad/s] of the part's servos on the way from `start` to `end`.
 
-        They are those of the generic joints. If the actuator has a speed limit, they are reduced so that the
-        joints together do not move the point faster on the straight path between the postures.
+        Both postures are servo angles (n_servos,) [rad]. The limits follow from the speed limits of the
+        generic joints. If the actuator has a speed limit, the limits of the servos are reduced: on the
+        straight path in joint space, all servos together do not move the point faster than the actuator
+        allows.
         """
         limits = self._joints.speeds(start)
         if self.actuator.speed is None:
@@ -106,8 +107,10 @@ class Reach:
         return read_only(np.minimum(limits, np.maximum(slowed, SLOWEST)))
 
     def _place_in_link(self) -> tuple[str, Array]:
-        """Returns the link that carries the point, and the point (3,) [m] in it. A point on the axis of a
-        segment is not moved by an axial rotation."""
+        """Returns the link that carries the point, and the point (3,) [m] in this link.
+
+        A rotation of a segment about its own axis does not move a point on this axis.
+        """
         if self.actuator.link is not None:
             return self.actuator.link, np.array(self.actuator.xyz)
         segment = self.part.segment(self.actuator.segment or "")
@@ -121,8 +124,8 @@ class Reach:
 def cartesian_to_platform(robot: Robot, command: CartesianCommand, position: Array) -> PlatformCommand:
     """Returns the command in the robot's own joints, which are at `position` (n_servos,) [rad].
 
-    Raises CommandError, which names the nearest place, for a target out of reach unless the command has
-    `nearest`; and the errors of Reach.
+    Raises CommandError if the target is out of reach, unless `command.nearest` is set; the message contains
+    the nearest place in reach. Also raises the errors of Reach.
     """
     reach = reach_of(robot, command.part, command.point)
     target = np.asarray(command.target, dtype=np.float64)
@@ -145,6 +148,8 @@ def cartesian_to_platform(robot: Robot, command: CartesianCommand, position: Arr
 
 @lru_cache(maxsize=64)
 def reach_of(robot: Robot, part: str, point: str) -> Reach:
-    """Returns the Reach of a Cartesian actuator. The first call is slow, because it reads the model. Raises
-    the errors of Reach."""
+    """Returns the kinematics of a Cartesian actuator. Raises the errors of Reach.
+
+    The first call for an actuator is slow, because it reads the model.
+    """
     return Reach(robot, part, point)

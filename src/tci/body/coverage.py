@@ -35,8 +35,10 @@ class _Limb:
 
 
 class Coverage:
-    """Counts the taxels of one robot around places of its skin. Its caches save time and never change a
-    result."""
+    """Counts the taxels of one robot around places of its skin.
+
+    It contains caches, which save time and never change a result.
+    """
 
     def __init__(self, skin: Skin, landmarks: Landmarks) -> None:
         self._skin, self._landmarks = skin, landmarks
@@ -56,7 +58,8 @@ class Coverage:
     ) -> Array:
         """Returns for each place the fraction (m,) of taxels within `radius` (m,) that are not `masked` (n,).
 
-        It is 1 where there are no taxels. `joints` determine the place of taxels on a limb.
+        The fraction is 1 for a place without taxels around it. The angles `joints` determine the places of
+        taxels on the generic limb.
         """
         counts = np.zeros((2, len(places)))
         limbs = np.array([isinstance(place, LimbPlace) for place in places], np.bool_)
@@ -78,7 +81,7 @@ class Coverage:
         places: Sequence[LimbPlace],
         radius: Array,
     ) -> Array:
-        """Returns the number of taxels and of masked ones (2, m) around places of a limb."""
+        """Returns the numbers of all taxels and of masked taxels (2, m) around places of a limb."""
         limb, counts = self._limbs[part], np.zeros((2, len(places)))
         if limb is not None:
             u, theta = np.array([(place.u, place.theta) for place in places]).T
@@ -94,7 +97,7 @@ class Coverage:
     def _around(
         self, masked: NDArray[np.bool_], part: str, landmarks: tuple[Landmark, ...], radius: Array
     ) -> Array:
-        """Returns the number of taxels and of masked ones (2, m) around landmarks."""
+        """Returns the numbers of all taxels and of masked taxels (2, m) around landmarks."""
         key = part, landmarks, radius.tobytes()
         found = self._near.get(key)
         if found is None:

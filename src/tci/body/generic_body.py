@@ -1,4 +1,4 @@
-"""The generic interface to one robot, both directions (Fig. 2, L3)."""
+"""The generic interface to one robot: geometry for perceptions, and conversion of commands (Fig. 2, L3)."""
 
 from __future__ import annotations
 
@@ -56,31 +56,31 @@ class BodySettings:
     conditioning: ConditioningSettings = field(default_factory=ConditioningSettings)
     """Conversion of raw frames to pressures."""
     calibration: SkinCalibration | None = None
-    """Measured rest values, noise and response of the taxels. None means the file that `tci skin calibrate`
-    wrote beside the description, if there is one."""
+    """Measured rest values, noise and response of the taxels. None means: use the file that `tci skin
+    calibrate` wrote beside the description, if this file exists."""
     joints: JointTouchSettings = field(default_factory=JointTouchSettings)
-    """Conditions under which torques of joints count as a touch, on patches that are felt through joints."""
+    """Conditions under which joint torques count as a touch, for patches that have no taxels."""
     joint_calibration: JointCalibration | None = None
-    """Friction of the joints, and tools in the hands. None means the file that `tci check --hardware` wrote
-    beside the description, if there is one."""
+    """Friction of the joints, and tools in the hands. None means: use the file that `tci check --hardware`
+    wrote beside the description, if this file exists."""
 
 
 @dataclass(frozen=True, eq=False)
 class GenericBody:
-    """The generic view of one robot: computes geometry for its perceptions, and converts generic commands to
+    """One robot as the generic body: computes geometry for perceptions, and converts generic commands to
     joint commands.
 
-    Immutable; pickled as robot and settings. All state that changes is in a `Perceiver`.
+    The object is immutable; it is pickled as robot and settings. All state that changes is in a `Perceiver`.
     """
 
     robot: Robot
     settings: BodySettings = field(default_factory=BodySettings)
     skin: Skin = field(init=False, repr=False)
-    """Taxels as points on the robot."""
+    """Skin of the robot: surfaces with the positions of the taxels."""
     layout: SkinLayout = field(init=False, repr=False)
-    """All taxels in the arrays that perception reads."""
+    """Data of all taxels in arrays, in the order of the arrays of a perception."""
     joint_maps: Mapping[str, JointMap] = field(init=False, repr=False)
-    """Transforms between generic joints and servos, by generic part."""
+    """Transforms between generic joints and servos, by name of the generic part."""
     _parts: Mapping[Kind, tuple[str, ...]] = field(init=False, repr=False)
     _has_joint: Mapping[str, NDArray[np.bool_]] = field(init=False, repr=False)
     _landmarks: Landmarks = field(init=False, repr=False)
@@ -91,8 +91,8 @@ class GenericBody:
     def __post_init__(self) -> None:
         """Builds all tables that depend only on the robot.
 
-        Raises DescriptionError for a model or a skin that can't be used, TciError for a calibration that does
-        not fit the robot.
+        Raises DescriptionError for a model or a skin that can't be used, and TciError for a calibration that
+        does not fit the robot.
         """
         skin, robot = Skin(self.robot), self.robot
         landmarks = Landmarks(skin)
@@ -127,59 +127,68 @@ class GenericBody:
         return self._parts.get(kind, ())
 
     def has_joint(self, part: str) -> NDArray[np.bool_]:
-        """Returns a mask (n,) of the generic joints of a part that this robot has. Raises
-        UnknownNameError."""
+        """Returns a mask (n,) of the generic joints of a part that this robot has.
+
+        Raises UnknownNameError for an unknown part.
+        """
         return self._has_joint[self.robot.part(part).name]
 
     def tied(self, part: str) -> tuple[tuple[int, ...], ...]:
-        """Returns the generic joints of a part that this robot has, in groups. The joints of a group share
-        motors, so they move only together. Raises UnknownNameError."""
+        """Returns groups of generic joints, by index, that can only move together, since they share motors.
+
+        Each joint of the part that this robot has is in one group. Raises UnknownNameError for an unknown
+        part.
+        """
         return self.joint_maps[self.robot.part(part).name].tied
 
     def posture(self, joints: JointReading) -> dict[str, Array]:
         """Returns the generic angles (n,) [rad] of every part, by name (eqs. 1-2).
 
-        Raises FrameError when the reading has another number of joints than the robot.
+        Raises FrameError if the reading has another number of joints than the robot.
         """
         return generic_posture(self.robot, joints)
 
     def home(self, part: str) -> tuple[GenericCommand, ...]:
-        """Returns the commands that set a part up: stiffness, damping, initial posture. Raises
-        UnknownNameError."""
+        """Returns the commands that bring a part to its initial stiffness, damping and posture.
+
+        Raises UnknownNameError for an unknown part.
+        """
         return home(self.robot.part(part))
 
     def place(self, part: str, place: LimbPlace, joints: JointReading) -> Place:
         """Returns the point of the skin at a place of a part's generic limb.
 
-        Raises TciError if there is no skin at that place, UnknownNameError for an unknown part or segment.
+        Raises TciError if there is no skin at this place, UnknownNameError for an unknown part or segment.
         """
         return find_place(self.skin, part, place.segment, place.u, place.theta, joints)
 
     def landmark(self, part: str, landmark: Landmark) -> Place:
         """Returns the point of a part's skin at a landmark.
 
-        Raises TciError if the part has no skin at that landmark, UnknownNameError for an unknown part.
+        Raises TciError if the part has no skin at this landmark, UnknownNameError for an unknown part.
         """
         return self._landmarks.place(part, landmark)
 
     def prepare(self, part: str, landmarks: Iterable[Landmark]) -> None:
-        """Computes the geodesic distance maps of landmarks in advance, since this takes longer than a period
-        of the loop."""
+        """Computes the geodesic distance maps of landmarks in advance.
+
+        Call this method before the loop starts, since one map takes longer than a period of the loop.
+        """
         for landmark in landmarks:
             self._landmarks.around(part, landmark, 0.0)
 
     def reach(self, part: str, point: str = "hand") -> Reach:
-        """Returns the kinematics of the `hand` or the `elbow` of an arm, for Cartesian commands.
+        """Returns the kinematics of a point of a part, such as the "hand" of an arm, for Cartesian commands.
 
-        Raises CommandError for another point or part, UnknownNameError for an unknown part.
+        Raises CommandError if the part has no such point, UnknownNameError for an unknown part.
         """
         return reach_of(self.robot, part, point)
 
     def jacobian(self, perception: Perception, contact: Contact) -> Array:
         """Returns the Jacobian (3, n) [m/rad] of the contact point by the generic joints of its part.
 
-        It is expressed in the torso frame, with zero columns for joints that the robot lacks. Its transpose
-        maps a force at the contact to generic torques.
+        The Jacobian is expressed in the torso frame, with zero columns for joints that the robot lacks. Its
+        transpose maps a force at the contact to torques of the generic joints.
         """
         position = _joints(perception).position
         link = self.robot.patch(contact.patch).link
@@ -187,26 +196,27 @@ class GenericBody:
         return read_only(generic_columns(self.robot, contact.part, moved, position))
 
     def retreat(self, perception: Perception, part: str, target: Array, mode: Mode = Mode.POSITION) -> Array:
-        """Returns the displacement (2, k, c) [m] of each contact point while `part` moves to `target` (n,)
-        [rad].
+        """Returns the displacement (2, k, c) [m] of c contact points at k times while `part` moves to
+        `target` (n,) [rad].
 
-        The motion respects the robot's limits in `mode`, see `Retreat.along`.
+        The two components are normal and tangential, see `Retreat.along`. The motion respects the robot's
+        limits in `mode`.
         """
         position = _joints(perception).position
         return self._retreat.along(position, perception.contacts, part, target, mode)
 
     def retreat_at_ends(self, perception: Perception, part: str, targets: Array) -> Array:
-        """Returns the displacement (2, m, c) [m] of each contact point at the ends of motions of `part`.
+        """Returns the displacement (2, m, c) [m] of c contact points at the ends of m motions of `part`.
 
-        They equal the last displacements of `retreat` for each of the `targets` (m, n) [rad], and need much
-        less time.
+        For each of the `targets` (m, n) [rad], the result is that of `retreat` at its last time, but takes
+        much less computing time.
         """
         return self._retreat.at_ends(_joints(perception).position, perception.contacts, part, targets)
 
     def distance(self, contact: Contact, landmark: Landmark) -> float:
-        """Returns the geodesic distance [m] along the skin from a landmark of the contact's part.
+        """Returns the geodesic distance [m] along the skin between a contact and a landmark of its part.
 
-        It is infinite if the landmark is on other skin.
+        The distance is infinite if contact and landmark are on different patches.
         """
         return self._landmarks.distance(contact, landmark)
 
@@ -215,8 +225,8 @@ class GenericBody:
     ) -> Array:
         """Returns for each place of a part the fraction (m,) of taxels within `radius` (m,) that are trusted.
 
-        It is 1 where there are no taxels. Radii are in limb lengths around a `LimbPlace`, geodesic [m] around
-        a `Landmark`.
+        The fraction is 1 for a place without taxels around it. The radius around a `LimbPlace` is in limb
+        lengths; the radius around a `Landmark` is a geodesic distance [m].
         """
         masked = None if perception.skin is None else perception.skin.masked
         if masked is None:
@@ -224,17 +234,17 @@ class GenericBody:
         return self._coverage.shares(masked, _joints(perception), part, places, radius)
 
     def support(self, perception: Perception, leg: str, target: Array) -> Support:
-        """Returns forces on the soles and the stability margin if `leg` moved to generic angles `target` (n,)
-        [rad]."""
+        """Returns the forces on the soles now, and the stability margin after a motion of `leg` to generic
+        angles `target` (n,) [rad]."""
         return self._stability.support(perception.contacts, _joints(perception).position, leg, target)
 
     def to_platform(
         self, orders: Iterable[Order] | Order, joints: JointReading
     ) -> tuple[list[PlatformOrder], list[Reason]]:
-        """Converts orders to the robot's own joints, which are at `joints` (inverse of eqs. 1-2).
+        """Converts orders to the robot's own joints, which are at the angles `joints` (inverse of eqs. 1-2).
 
-        Also returns the reasons for which other orders can't be converted. Raises UnknownNameError for an
-        unknown part.
+        Returns the converted orders, and a reason for each order that can't be converted. Raises
+        UnknownNameError for an unknown part.
         """
         platform: list[PlatformOrder] = []
         refused: list[Reason] = []
@@ -247,9 +257,10 @@ class GenericBody:
 
 
 def order_to_platform(robot: Robot, order: Order, position: Array) -> PlatformOrder:
-    """Returns one order in the robot's own joints, whose servos are at `position` (n_servos,) [rad].
+    """Returns one order in the robot's own joints, which are at `position` (n_servos,) [rad].
 
-    Orders in the robot's own joints are returned unchanged. Raises CommandError.
+    An order that already is in the robot's own joints is returned unchanged. Raises CommandError if the order
+    can't be converted.
     """
     match order:
         case PlatformCommand() | PlatformSwitch():
@@ -263,7 +274,8 @@ def order_to_platform(robot: Robot, order: Order, position: Array) -> PlatformOr
 
 
 def _joints(perception: Perception) -> JointReading:
-    """Returns the robot's own joints. Raises TciError for a perception that was made without a robot."""
+    """Returns the reading of the robot's own joints. Raises TciError for a perception without this
+    reading."""
     if perception.joints is None:
         raise TciError("a perception without joints; valid: one that a tci.Perceiver made")
     return perception.joints

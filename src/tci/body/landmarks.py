@@ -1,8 +1,8 @@
-"""Landmarks and distances on skin without limb coordinates: torso, head, palm, sole. Receptive fields on such
-skin are discs.
+"""Landmarks and distances on skin without limb coordinates: torso, head, palm, sole.
 
-A field's centre is a landmark, its radius a geodesic distance: the length of the shortest path over the
-skin's faces, from taxel to taxel (Dijkstra 1959), whose length is too long by a few percent at most.
+Receptive fields on this skin are discs: the centre of a field is a landmark, and its radius is a geodesic
+distance. It is the length of the shortest path over the skin's faces, from taxel to taxel (Dijkstra 1959).
+The computed length is at most a few percent too long.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from tci.skin.surfaces import Surface
 
 NEAR = 0.04
 """Distance [m] up to which points of a skin count as directly connected. Assumed: with a larger value paths
-would cross gaps without skin, with a smaller one patches with gaps between modules would be split."""
+would cross gaps without skin; with a smaller value a patch with gaps between its modules would be split."""
 TURNED = 0.5
-"""Least cosine between the normals of directly connected points. Assumed: 60 degrees, so that no path passes
-through a thin limb to its other side."""
+"""Least cosine between the normals of directly connected points. Assumed: the normals differ by at most 60
+degrees, so that no path passes through a thin limb to its other side."""
 STEPS = 3
-"""Number of face edges that one step of a path may span. Assumed: with 1 a path is up to 15 % too long, with
-3 a few percent."""
+"""Number of face edges that one step of a path may span. Assumed: with 1 edge a path is up to 15 % too long,
+with 3 edges a few percent."""
 FACING = 0.2
-"""Least cosine between the normal at a landmark and its direction. Assumed: a direction towards the back of
-the hand then has no landmark on the palm."""
+"""Least cosine between the skin's normal at a landmark and the direction of the landmark. Assumed: then a
+direction towards the back of the hand gives no landmark on the palm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +43,7 @@ class _Reach:
 
     place: Place
     distances: Array
-    """Distance (n,) [m] of every taxel."""
+    """Geodesic distance (n,) [m] of every taxel of the patch from the landmark."""
 
 
 class Landmarks:
@@ -56,8 +56,10 @@ class Landmarks:
         self._latest: tuple[Contact, tuple[NDArray[np.intp], Array]] | None = None
 
     def place(self, part: str, landmark: Landmark) -> Place:
-        """Returns a landmark of a part's skin. Raises TciError if it has none, UnknownNameError for an
-        unknown part."""
+        """Returns the point of a landmark on a part's skin.
+
+        Raises TciError if the part has no skin at this landmark, UnknownNameError for an unknown part.
+        """
         reach = self._reach(part, landmark)
         if reach is None:
             where = landmark.segment or "no segment"
@@ -65,14 +67,18 @@ class Landmarks:
         return reach.place
 
     def around(self, part: str, landmark: Landmark, radius: float) -> tuple[str, NDArray[np.bool_]] | None:
-        """Returns the patch of a landmark, and a mask (n,) of the patch's taxels nearer than `radius` [m];
-        None if the part has no skin there."""
+        """Returns the patch of a landmark, and a mask (n,) of the patch's taxels nearer than `radius` [m].
+
+        None if the part has no skin at this landmark.
+        """
         reach = self._reach(part, landmark)
         return None if reach is None else (reach.place.patch, reach.distances < radius)
 
     def distance(self, contact: Contact, landmark: Landmark) -> float:
-        """Returns the geodesic distance [m] of a contact from a landmark of its part; infinite on other
-        skin."""
+        """Returns the geodesic distance [m] of a contact from a landmark of its part.
+
+        The distance is infinite if contact and landmark are on different patches.
+        """
         reach = self._reach(contact.part, landmark)
         if reach is None or reach.place.patch != contact.patch:
             return np.inf
@@ -118,7 +124,7 @@ class Landmarks:
         return _Reach(place, _geodesics(surface, self._edges[patch.name], point, normal))
 
     def _direction(self, part: GenericPart, patch: Patch, landmark: Landmark) -> Array:
-        """Returns the landmark's direction, a unit vector (3,), in the patch's link."""
+        """Returns the direction of a landmark as a unit vector (3,) in the patch's link."""
         skin = self._skin
         joints = joint_map(skin.robot, part.name)
         position = np.array(initial_position(skin.robot))
@@ -131,8 +137,10 @@ class Landmarks:
 
 
 def _geodesics(surface: Surface, edges: NDArray[np.intp], point: Array, normal: Array) -> Array:
-    """Returns the distance (n,) [m] of every taxel from a point (3,) [m] of the surface, with its normal
-    (3,), along its `edges` (m, 2)."""
+    """Returns the geodesic distance (n,) [m] of every taxel from `point` (3,) [m] on a surface.
+
+    `normal` (3,) is the surface's normal at the point. Paths follow `edges` (m, 2), pairs of taxels.
+    """
     from scipy.sparse.csgraph import dijkstra  # slow to import, and sleeves do without
 
     count = len(surface.positions)
@@ -151,7 +159,10 @@ def _geodesics(surface: Surface, edges: NDArray[np.intp], point: Array, normal: 
 
 
 def _edges(count: int, faces: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Returns pairs (m, 2) of taxels at most STEPS face edges apart, so that paths do not zigzag."""
+    """Returns pairs (m, 2) of taxels that are at most STEPS face edges apart.
+
+    With longer steps, paths zigzag less, so that their lengths are more exact.
+    """
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     near = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(count, count)).tocsr()
     near = near + near.T
@@ -167,8 +178,8 @@ def _lengths(one: Array, normal: Array, other: Array, its_normal: Array) -> Arra
     """Returns path lengths (n,) [m] between points (n, 3) [m] with unit normals (n, 3), on skin of constant
     curvature.
 
-    The chord of an arc that turns by 2 a is shorter than the arc by the factor sin(a) / a; np.sinc(x) is
-    sin(pi x) / (pi x).
+    If the normal turns by 2 a along an arc, the chord is the arc's length times sin(a) / a. Note that
+    np.sinc(x) is sin(pi x) / (pi x).
     """
     half = np.arccos(np.clip((normal * its_normal).sum(axis=-1), -1.0, 1.0)) / 2.0
     lengths: Array = np.linalg.norm(one - other, axis=-1) / np.sinc(half / np.pi)
@@ -176,18 +187,19 @@ def _lengths(one: Array, normal: Array, other: Array, its_normal: Array) -> Arra
 
 
 def _is_near(points: Array, normals: Array, point: Array, normal: Array) -> NDArray[np.bool_]:
-    """Returns a mask (n,) of points (n, 3) [m] that are directly connected to one point (3,), see NEAR and
-    TURNED.
+    """Returns a mask (n,) of `points` (n, 3) [m] that are directly connected to `point` (3,).
 
-    Unit normals are (n, 3) and (3,).
+    NEAR and TURNED define this. `normals` (n, 3) and `normal` (3,) are unit normals at the points.
     """
     near: NDArray[np.bool_] = np.linalg.norm(points - point, axis=-1) <= NEAR
     return near & (normals @ normal > TURNED)
 
 
 def _around(surface: Surface, point: Array, normal: Array) -> tuple[NDArray[np.intp], Array]:
-    """Returns the taxels (k,) near a point with its normal (3,) and the corners of its face, and path lengths
-    (k,) [m] to them."""
+    """Returns taxels (k,) around a point with the normal `normal` (3,), and path lengths (k,) [m] to them.
+
+    They are the directly connected taxels, and the corners of the face on which the point lies.
+    """
     near = np.flatnonzero(_is_near(surface.positions, surface.normals, point, normal))
     corners = nearest_on_faces(surface.positions, surface.faces, point[None])[0][0]
     found: NDArray[np.intp] = np.union1d(near, corners)

@@ -1,4 +1,4 @@
-"""Perception of one robot: the upward direction of the interface (Fig. 2, L3)."""
+"""Perception of one robot: from readings of the driver to perceptions for capabilities (Fig. 2, L3)."""
 
 from __future__ import annotations
 
@@ -18,18 +18,20 @@ from tci.skin.send_on_delta import HoldLast
 
 
 class Perceiver:
-    """Converts the readings of one robot to perceptions. No other object of the interface changes.
+    """Converts the readings of one robot to perceptions.
 
-    It contains baselines, estimation windows and tracks of contacts, and must have one owner. `copy` and
-    pickling preserve the whole state. Equal readings give equal perceptions, bit for bit.
+    Its state consists of baselines, estimation windows and tracks of contacts. All other objects of the
+    generic interface are immutable. Do not share a perceiver: each loop needs its own. `copy` and pickling
+    preserve the whole state. Two perceivers that get equal readings return perceptions that are equal bit for
+    bit.
     """
 
     def __init__(self, body: GenericBody, *, keep_alive: float | None = None) -> None:
-        """Starts without estimates.
+        """Prepares a perceiver without estimates.
 
-        `keep_alive` [s] is set if senders omit unchanged skin frames: each patch then sends at least one
-        frame in that time. None means that they send every frame. Perceptions do not depend on this. Raises
-        TciError unless it is above 0 and finite.
+        Set `keep_alive` [s] if senders omit unchanged skin frames: it is the longest time between two frames
+        of a patch. None means that senders send every frame. Perceptions are equal in both cases. Raises
+        TciError if `keep_alive` is not above 0 and finite.
         """
         self.body = body
         self._held = None if keep_alive is None else HoldLast(body.robot, keep_alive)
@@ -49,7 +51,7 @@ class Perceiver:
     def step(self, reading: Reading, now: float) -> Perception:
         """Perceives one reading at time `now` [s] (eqs. 1-4, 7).
 
-        Raises FrameError, and changes nothing, if a frame or the joints do not fit the robot.
+        Raises FrameError if a frame or the joints do not fit the robot; the state is then unchanged.
         """
         posture = self.body.posture(reading.joints)
         for frame in reading.skin:
@@ -75,7 +77,7 @@ class Perceiver:
         return Perception(now, posture, self._contacts, ended, self._conditioner.state, reading.joints)
 
     def copy(self) -> Perceiver:
-        """Returns an independent copy, in the present state."""
+        """Returns an independent copy of this perceiver with its present state."""
         return deepcopy(self)
 
     @property
@@ -89,18 +91,21 @@ class Perceiver:
         return self._conditioner.health
 
     def rezero(self, patch: str) -> None:
-        """Takes the present readings of a patch as rest. Raises UnknownNameError for an unknown patch."""
+        """Takes the present raw values of a patch as its rest values, as if nothing touched it now.
+
+        Raises UnknownNameError for an unknown patch.
+        """
         self._conditioner.rezero(patch)
 
     def _find(self, posture: Mapping[str, Array], position: Array) -> None:
-        """Finds contacts on the skin, once per skin frame."""
+        """Updates the contacts on the skin, once per skin frame."""
         conditioner = self._conditioner
         links, poses = self.body.layout.links, self.body.skin.kinematics.pose_array
         self._finder.find(conditioner.state, conditioner.estimates, lambda: poses(position, links), posture)
 
 
 def _ended(before: Contacts, after: Contacts) -> tuple[int, ...]:
-    """Returns the identities of contacts that have ended."""
+    """Returns the identities of the contacts in `before` that are not in `after`."""
     if before is after or before.identity.tobytes() == after.identity.tobytes():
         return ()
     now = {*after.identity.tolist()}

@@ -24,15 +24,15 @@ class Place:
     p_L: Array
     """Position (3,) [m] in the patch's link."""
     n_L: Array
-    """Outward unit normal (3,) there, in the patch's link."""
+    """Outward unit normal (3,) of the skin at `p_L`, in the patch's link."""
 
 
 def find_place(skin: Skin, part: str, segment: str, u: float, theta: float, joints: JointReading) -> Place:
-    """Returns the point of the skin at (u, theta) of a limb segment, at the posture `joints`.
+    """Returns the point of the skin at (u, theta) of a limb segment, in the posture `joints`.
 
-    At this point the ray from the segment's axis at `u`, in direction `theta` [rad], leaves the skin: the
-    inverse of `limb_coordinates`. Raises TciError if there is no skin at that place or the part is not an
-    arm, UnknownNameError for an unknown part or segment.
+    A ray starts on the segment's axis at `u`, in direction `theta` [rad]. The result is the point at which it
+    leaves the skin. This is the inverse of `limb_coordinates`. Raises TciError if there is no skin at this
+    place or the part is not an arm, and UnknownNameError for an unknown part or segment.
     """
     robot = skin.robot
     generic_part = robot.part(part)
@@ -57,10 +57,9 @@ def find_place(skin: Skin, part: str, segment: str, u: float, theta: float, join
 
 
 def leave_surface(surface: Surface, origin: Array, direction: Array) -> float | None:
-    """Returns the distance [m] along a ray at which it last crosses the surface's faces; None if it never
-    does.
+    """Returns the distance [m] along a ray to its last intersection with a surface; None if there is none.
 
-    Tests all faces at once (Moeller and Trumbore 1997).
+    All faces are tested at once (Moeller and Trumbore 1997).
     """
     a, b, c = (surface.positions[surface.faces[:, corner]] for corner in range(3))
     edge1, edge2, offset = b - a, c - a, origin - a

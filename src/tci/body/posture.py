@@ -1,4 +1,4 @@
-"""Generic postures: transforms between the robot's joints and generic joints (eqs 1-2)."""
+"""Generic postures: transforms between the robot's own joints and the generic joints (eqs 1-2)."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ ANGLES = (Mode.POSITION, Mode.IMPEDANCE)
 
 
 def generic_columns(robot: Robot, part: str, jacobian: Array, position: Array) -> Array:
-    """Converts a Jacobian (m, n_servos) by the robot's servos to one (m, n) by a part's generic joints.
+    """Converts a Jacobian (m, n_servos) of the robot's servos to a Jacobian (m, n) of a part's generic
+    joints.
 
-    Servos are at `position` (n_servos,) [rad]. Raises CommandError where a transform is singular.
+    The servos are at `position` (n_servos,) [rad]. Raises CommandError if a transform is singular at this
+    position.
     """
     joints = joint_map(robot, part)
     columns = np.zeros((len(jacobian), len(robot.part(part).servos)))
@@ -34,15 +36,21 @@ def generic_columns(robot: Robot, part: str, jacobian: Array, position: Array) -
 def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None = None) -> PlatformCommand:
     """Returns the command in the robot's own joints (inverse of eqs 1-2).
 
-    The command contains only mapped servos: other joints of the robot are never commanded, and values for
-    joints that the robot lacks are dropped. With J = d generic / d servo (gamma for a linear transform),
-    velocities are multiplied by the inverse of J and torques by its transpose, so that power is equal on both
-    sides. Stiffness and damping are fractions and stay unchanged.
+    The command contains only servos that move a generic joint of the part; other servos are not commanded.
+    Values for generic joints that the robot lacks are dropped. With J = d generic / d servo (gamma for a
+    linear transform), velocities are multiplied by the inverse of J, and torques by the transpose of J. So
+    the mechanical power is equal before and after the conversion. Stiffness and damping are fractions and
+    stay unchanged.
 
-    `position` (n_servos,) [rad] are the servo angles, by default the initial posture; linear transforms do
-    not depend on them. Raises CommandError for a wrong number of values, one that is not finite, an angle
-    beyond a full turn, a velocity or torque where a transform is singular, or a part of which the robot has
-    no joint; UnknownNameError for an unknown part.
+    `position` (n_servos,) [rad] are the servo angles, by default those of the initial posture. A conversion
+    by linear transforms does not depend on them.
+
+    Raises UnknownNameError for an unknown part, and CommandError for:
+
+    - a wrong number of values, or a value that is not finite
+    - an angle of more than a full turn
+    - a velocity or torque, if a transform is singular at `position`
+    - a part of which the robot has no joint
     """
     joints = joint_map(robot, command.part)
     values = np.asarray(command.values, dtype=np.float64)
@@ -83,21 +91,25 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
 
 
 def speed_limits(robot: Robot, part: str, position: Array) -> Array:
-    """Returns the speed limit (k,) [rad/s] of each servo of a part, with all at `position` (n_servos,) [rad].
+    """Returns the speed limit (k,) [rad/s] of each servo of a part, at servo angles `position` (n_servos,)
+    [rad].
 
-    They keep each generic joint within the speed limit of the description. For the servos of a retargeted
-    shoulder, that limit applies directly.
+    With these limits, each generic joint stays within its speed limit in the description. For the servos of a
+    retargeted shoulder, the limits of the generic joints are used without conversion.
     """
     return joint_map(robot, part).speeds(position)
 
 
 def switch(robot: Robot, request: SwitchMode) -> PlatformSwitch:
-    """Returns the request for the part's mapped servos. Raises UnknownNameError for an unknown part."""
+    """Returns the request to switch the control mode, for the servos of a part.
+
+    Raises UnknownNameError for an unknown part.
+    """
     return PlatformSwitch(joint_map(robot, request.part).servos, request.mode)
 
 
 def home(part: GenericPart) -> tuple[GenericCommand, ...]:
-    """Returns the commands that set a part up: stiffness, damping, initial posture."""
+    """Returns the commands that bring a part to its initial stiffness, damping and posture."""
     stiffness = read_only([servo.stiffness for servo in part.servos])
     damping = read_only([servo.damping for servo in part.servos])
     return (

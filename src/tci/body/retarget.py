@@ -1,7 +1,8 @@
 """Exact retargeting: converts a posture of the generic arm in the torso frame to any robot's shoulder.
 
-A generic posture is relative to each arm's own mount frame. If limbs must have equal directions in the torso
-frame, the orientation of the shoulder's axes must be considered: iCub's have 15 degrees of yaw.
+By default, a generic posture is relative to the mount frame of each arm. If the limbs of several robots must
+point in equal directions in the torso frame, the orientation of the shoulder's axes must be considered. For
+example, the shoulder axes of iCub are turned by 15 degrees of yaw.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from tci.robot.joint_map import joint_map
 from tci.robot.shoulder import Shoulder, shoulder_of
 
 EXACT = 1e-9
-"""Rotation error [rad] below which a posture counts as reached. Assumed: above rounding errors."""
+"""Largest rotation error [rad] at which a posture counts as reached. Assumed: larger than rounding errors."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,23 +30,26 @@ class Retargeted:
     position: Array
     """Angles (n_servos,) [rad] of all servos; those of other parts are unchanged."""
     upper_arm_error: float
-    """Angle [rad] between the upper arm and the requested direction; 0 if limits allow it."""
+    """Angle [rad] of the rotation between the upper arm and its requested orientation; 0 if limits allow
+    it."""
     joint_errors: Array
     """Differences (2,) [rad] of elbow flexion and pronation from the requested angles, caused by limits."""
 
     @property
     def reached(self) -> bool:
-        """Returns True if the posture is met exactly."""
+        """Returns True if the arm has exactly the requested posture."""
         return self.upper_arm_error <= EXACT and not self.joint_errors.any()
 
 
 def retarget(robot: Robot, part: str, generic: Array, position: Array) -> Retargeted:
     """Returns the posture of an arm closest to generic angles (5,) [rad] in the torso frame.
 
-    `position` (n_servos,) [rad] are the angles of all servos; of two solutions, the one closer to them is
-    returned. It is within limits and couplings; servos of other parts keep their angles. Raises CommandError
-    for another shape or a part that is no arm, UnknownNameError for an unknown one, DescriptionError if the
-    kinematic model lacks the arm's shoulder or elbow.
+    `position` (n_servos,) [rad] are the angles of all servos. If there are two solutions, the solution closer
+    to `position` is returned. The posture is within limits and couplings; servos of other parts keep their
+    angles.
+
+    Raises CommandError if `generic` has another shape or the part is no arm, UnknownNameError for an unknown
+    part, and DescriptionError if the kinematic model lacks the arm's shoulder or elbow.
     """
     words = robot.part(part)
     if words.kind != "arm" or np.shape(generic) != (5,) or not np.isfinite(generic).all():
@@ -69,8 +73,8 @@ def retarget(robot: Robot, part: str, generic: Array, position: Array) -> Retarg
 
 
 def _within(robot: Robot, shoulder: Shoulder, wanted: Array, position: Array) -> tuple[Array, float]:
-    """Returns shoulder angles (3,) [rad] within limits and couplings, and the angle [rad] to the wanted
-    rotation."""
+    """Returns shoulder angles (3,) [rad] within limits and couplings, and the remaining angle [rad] to the
+    wanted rotation."""
     servos = shoulder.servos
     rows, low, high = robot.coupling_rows
     named = rows[:, servos].any(axis=1)
@@ -114,8 +118,10 @@ def _within(robot: Robot, shoulder: Shoulder, wanted: Array, position: Array) ->
 
 
 def angle_between(one: Array, other: Array) -> float:
-    """Returns the angle [rad] between two rotations (3, 3). It is exact near zero, unlike the arccos of the
-    trace."""
+    """Returns the angle [rad] between two rotations (3, 3).
+
+    The result is exact near zero too, unlike the arccos of the trace.
+    """
     half = np.linalg.norm(one - other) / (2.0 * np.sqrt(2.0))
     return float(2.0 * np.arcsin(min(half, 1.0)))
 
@@ -123,7 +129,8 @@ def angle_between(one: Array, other: Array) -> float:
 def with_retargeting(robot: Robot, part: str) -> Robot:
     """Returns the robot with an arm whose generic angles are relative to the torso frame.
 
-    Its shoulder has the transform `retarget`, and no mount. Raises UnknownNameError for an unknown part.
+    The shoulder of the arm has the transform `retarget`, and no mount. Raises UnknownNameError for an unknown
+    part.
     """
     arm = robot.part(part)
     servos = tuple(

@@ -1,8 +1,8 @@
 """Displacement of contact points relative to the touching object, on the path that the gate would execute.
 
-The motion is predicted as the gate would execute it: in the robot's own joints, within their limits and
-couplings, each with its own acceleration, from rest. Displacements are relative to the robot's root, since a
-torso moves too.
+The gate is the safety filter before the driver. The prediction follows its rules: a motion starts from rest,
+in the robot's own joints, within their limits and couplings, and each joint has its own acceleration.
+Displacements are relative to the robot's root, since the torso may move too.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from tci.robot.kernels.links import retreats
 from tci.skin.skin import Skin
 
 EARLY = (0.01, 0.02)
-"""First times [s] of the prediction, at the beginning of the motion. Assumed: joints accelerate differently,
-so a path may begin and end in different directions."""
+"""First times [s] of the prediction, from the beginning of the motion. Assumed: joints accelerate
+differently, so a path may begin in another direction than it ends."""
 SHARES = (0.25, 0.5, 0.75, 1.0)
 """Later times, as fractions of the motion's duration."""
 TIMES = len(EARLY) + len(SHARES)
 UNKNOWN = 100.0
-"""Value for a limit [rad/s, rad/s2, rad/s3] that is not in the description; the gate refuses such a motion
-anyway."""
+"""Value for a limit [rad/s, rad/s2, rad/s3] that the description does not give. Its size does not matter,
+since the gate refuses motions of a joint without limits."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,20 +41,22 @@ class _Motion:
 
     joints: JointMap
     inverse: Array | None
-    """Derivatives (k, n) d servo / d generic, if they are the same in all postures."""
+    """Derivatives of servos by generic joints, transposed, if they are equal in all postures; else None."""
     bounds: Bounds
     outside: Array
-    """Coefficients (m, n_servos) of servos of other parts in its couplings."""
+    """Coefficients (m, n_servos) of the servos of other parts in the couplings of this part."""
     free: NDArray[np.bool_]
-    """Mask (n,), all True: every servo may deviate from a target that couplings forbid."""
+    """Mask (k,) of servos that may deviate from a target that couplings forbid: all True."""
     planner: Ruckig
     input: InputParameter
     trajectory: Trajectory
 
 
 class Retreat:
-    """Predicts for one robot the displacement of contacts by motions. Threads may share it, since each uses
-    separate planners."""
+    """Predicts the displacement of contacts by motions of one robot.
+
+    Threads may share this object, since each thread uses its own planners.
+    """
 
     def __init__(self, skin: Skin) -> None:
         robot = self._robot = skin.robot
@@ -71,19 +73,19 @@ class Retreat:
         """Returns the displacement (2, k, c) [m] of each contact point at k times while `part` moves to
         `target` (n,).
 
-        Element (0, k, c) is along the inward normal, negative towards the object; (1, k, c) is the length
-        perpendicular to the normal. The robot's servos are at `position` (n_servos,) [rad]. In position and
-        impedance mode they arrive together; in other modes each moves as fast as it can. Raises
-        UnknownNameError for an unknown part.
+        Row 0 of the result is the displacement along the inward normal, negative towards the object. Row 1 is
+        the length of the displacement perpendicular to the normal. The motion starts at `position`
+        (n_servos,) [rad]. In position and impedance mode, all servos arrive at one time; in other modes, each
+        servo moves as fast as it can. Raises UnknownNameError for an unknown part.
         """
         motion = self._motion(part)
         return self._displacements(self._angles(motion, position, target, mode), motion, contacts)
 
     def at_ends(self, position: Array, contacts: Contacts, part: str, targets: Array) -> Array:
-        """Returns the displacement (2, m, c) [m] of each contact point at the ends of motions to `targets`
-        (m, n), as `along` does for the last time of one.
+        """Returns the displacement (2, m, c) [m] of each contact point at the end of each of m motions.
 
-        It does not plan the motions. Raises UnknownNameError for an unknown part.
+        The motions go to `targets` (m, n) [rad]. The result is that of `along` at its last time, but no
+        motion is planned, which takes less time. Raises UnknownNameError for an unknown part.
         """
         motion = self._motion(part)
         angles = np.empty((len(targets) + 1, len(position)))
@@ -92,8 +94,11 @@ class Retreat:
         return self._displacements(angles, motion, contacts)
 
     def _displacements(self, angles: Array, motion: _Motion, contacts: Contacts) -> Array:
-        """Returns the displacement (2, k, c) [m] of each contact point from the first of the `angles`
-        (k + 1, n_servos) [rad]."""
+        """Returns the displacement (2, k, c) [m] of each contact point in k postures.
+
+        The first row of `angles` (k + 1, n_servos) [rad] is the posture from which displacements count; the
+        others are the k postures.
+        """
         result = np.zeros((2, len(angles) - 1, len(contacts)))
         if motion.joints.servos.size and len(contacts):
             after = np.array([self._after[site.patch] for site in contacts.sites])
@@ -118,7 +123,8 @@ class Retreat:
         return motions[part]
 
     def _goals(self, motion: _Motion, position: Array, targets: Array) -> Array:
-        """Returns the angles (m, k) [rad] of a part's servos at the ends of motions to `targets` (m, n)."""
+        """Returns the angles (m, k) [rad] of a part's k servos at the ends of m motions to `targets` (m,
+        n)."""
         joints, bounds = motion.joints, motion.bounds
         if motion.inverse is None or len(targets) == 1:
             goals: Array = np.array([joints.to_robot(target, position) for target in targets])
@@ -136,7 +142,8 @@ class Retreat:
         return goals
 
     def _angles(self, motion: _Motion, position: Array, target: Array, mode: Mode) -> Array:
-        """Returns the angles (k + 1, n_servos) [rad] of all servos: now, and at each time."""
+        """Returns the angles (k + 1, n_servos) [rad] of all servos: at the start, and at each of the k
+        times."""
         joints, servos, bounds = motion.joints, motion.joints.servos, motion.bounds
         here, goal = position[servos], self._goals(motion, position, target[None])[0]
         plan = motion.input
@@ -157,7 +164,7 @@ class Retreat:
         return angles
 
     def _motions(self) -> dict[str, _Motion]:
-        """Returns the motions of all parts, for this thread."""
+        """Returns the tables and planners of all parts, by part name, for the calling thread."""
         own: dict[str, dict[str, _Motion]] = self._own.__dict__
         if "motions" not in own:
             own["motions"] = {part.name: _motion(self._robot, part.name) for part in self._robot.parts}

@@ -1,7 +1,8 @@
 """Static stability of a standing robot: the centre of mass over the soles that bear weight.
 
-The ground is assumed to be flat under a loaded sole, so the sole's normal is the vertical. A posture is
-statically stable while the centre of mass lies over the polygon of the soles (Vukobratovic and Borovac 2004).
+The ground is assumed to be horizontal, so that the normal of a loaded sole is vertical. A posture is
+statically stable while the centre of mass lies over the polygon around the loaded soles (Vukobratovic and
+Borovac 2004).
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from tci.robot.joint_map import joint_map
 from tci.skin.skin import Skin
 
 LOADED = 1.0
-"""Force [N] above which a sole counts as loaded. Assumed: a foot on the ground presses with far more, noise
-is below it."""
+"""Least force [N] at which a sole counts as loaded. Assumed: the force of a foot on the ground is far larger,
+and noise is smaller."""
 
 
 class StaticStability:
@@ -39,7 +40,8 @@ class StaticStability:
         """Returns the support of the robot after a motion of the leg `part` to generic angles `target` (n,)
         [rad].
 
-        Servos are at `position` (n_servos,) [rad]. Raises UnknownNameError for an unknown part.
+        The forces on the soles are those of `contacts`. Before the motion, the servos are at `position`
+        (n_servos,) [rad]. Raises UnknownNameError for an unknown part.
         """
         forces = dict.fromkeys([patch.part for patch in self._soles], 0.0)
         for contact in contacts:
@@ -59,10 +61,10 @@ class StaticStability:
 
 
 def inside(point: Array, corners: Array, along: Array) -> float:
-    """Returns the distance [m] of a `point` (3,) from the edge of the hull of `corners` (n, 3), projected
-    along a direction (3,).
+    """Returns the distance [m] of `point` (3,) from the edge of the convex hull of `corners` (n, 3).
 
-    It is positive inside, negative outside, and -inf if the corners span no area.
+    Both are projected along the direction `along` (3,) first. The distance is positive inside the hull,
+    negative outside, and -inf if the corners span no area.
     """
     across = np.linalg.svd(along[None])[2][1:]
     try:

@@ -1,7 +1,7 @@
 """Functions of tactile perception: the pressure image of a patch, the shape of a contact, shear, slip,
 events.
 
-Each takes perceptions; functions that compute places also take the robot's body.
+The functions take perceptions or contacts, and the robot's `GenericBody`.
 """
 
 from __future__ import annotations
@@ -20,23 +20,26 @@ from tci.skin.layout import AXES
 from tci.skin.triangulation import is_sheet, unroll
 
 FRICTION = 0.5
-"""Ratio of tangential to normal force at which skin slips. Assumed: between the values for rubber on steel
-and rubber on wood. Measure it for your skin by a slow pull."""
+"""Ratio of tangential to normal force at which an object slips on the skin. Assumed: between the values for
+rubber on steel and rubber on wood. Measure the ratio of your skin: pull an object slowly until it slips."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PressureImage:
-    """Pressure on an unrolled patch, seen from outside."""
+    """Pressure on an unrolled patch, as seen from outside."""
 
     pressure: Array
     """Pressure (rows, columns) [Pa], NaN where the patch has no skin; the first row is at the top."""
     pixel: float
     """Width and height [m] of a pixel."""
     corner: tuple[float, float]
-    """Coordinates [m] of the image's lower left corner, as in `places`."""
+    """Coordinates [m] of the image's lower left corner, in the plane of `places`."""
     places: Array
-    """Coordinates (taxels, 2) [m] of the taxels in the image's plane: across, up. On a limb these are the arc
-    around it from the flexor side, and the distance from the distal end."""
+    """Coordinates (taxels, 2) [m] of the taxels in the plane of the image: to the right, and up.
+
+    On a limb, the first coordinate is the arc length around the limb from its flexor side; the second is the
+    distance from the distal end of the segment.
+    """
 
 
 def pressure_image(
@@ -44,9 +47,12 @@ def pressure_image(
 ) -> PressureImage:
     """Returns the pressure on a patch as an image. Each pixel has the pressure of the nearest taxel.
 
-    A sleeve is cut along its extensor side, or anywhere if it lies on no arm, and unrolled at its mean
-    radius. A sheet is projected onto its mean plane. Raises UnknownNameError for an unknown patch, TciError
-    for a perception without skin or a pixel size that is not above 0.
+    A sleeve on a limb is cut along its extensor side and unrolled at its mean radius. A sleeve on another
+    part is unrolled too, but the place of its cut is arbitrary. A flat patch is projected onto its mean
+    plane.
+
+    Raises UnknownNameError for an unknown patch, and TciError for a perception without skin or a pixel size
+    that is not above 0.
     """
     if perception.skin is None or perception.joints is None:
         raise TciError("a perception without skin has no pressure image; valid: one made by a Perceiver")
@@ -74,21 +80,21 @@ def pressure_image(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactShape:
-    """Ellipse with the second moments of the pressure of a contact."""
+    """Ellipse that approximates a contact: its second moments are those of the contact's pressure."""
 
     area: float
-    """Area [m2] of the ellipse that has these moments under an even load."""
+    """Area [m2] of the ellipse. A uniform pressure on it would have the second moments of the contact."""
     axes: Array
     """Half of the length and half of the width (2,) [m] of the ellipse."""
     directions: Array
-    """Unit vectors (2, 3) along its length and its width, in the patch's link."""
+    """Unit vectors (2, 3) along the length and the width of the ellipse, in the patch's link."""
 
 
 def contact_shape(contact: Contact, body: GenericBody) -> ContactShape:
-    """Returns the shape of a contact in the tangential plane of the skin at its centre.
+    """Returns the shape of a contact in the tangential plane of the skin, at the centre of the contact.
 
-    Each taxel counts as a square of its area, so that a contact of a single taxel has the shape of the taxel.
-    Raises UnknownNameError for a contact of another robot.
+    Each taxel counts as a square with the taxel's area. So a contact of a single taxel has the size of this
+    taxel, not size 0. Raises UnknownNameError for a contact of another robot.
     """
     surface = body.skin.surfaces[body.robot.patch(contact.patch).name]
     points, force = surface.positions[contact.taxels], contact.taxel_forces
@@ -120,7 +126,7 @@ class ShearForce:
 
 
 def shear_force(contact: Contact, body: GenericBody) -> ShearForce | None:
-    """Returns the shear of a contact; None on skin whose taxels measure only pressure.
+    """Returns the shear force of a contact; None if the taxels of its skin measure only pressure.
 
     Raises UnknownNameError for a contact of another robot.
     """
@@ -139,7 +145,7 @@ class TouchEvent:
     """Identity of the contact."""
     patch: str
     stamp: float
-    """Time [s] of the skin frame that shows it, on the driver's clock."""
+    """Time [s] of the skin frame in which the event was detected, on the driver's clock."""
 
 
 def touch_events(
@@ -148,7 +154,8 @@ def touch_events(
     """Returns the events of contacts between two perceptions, in order of time.
 
     A contact on three-axis skin begins to slip when its shear force reaches `friction` times its normal
-    force. Raises TciError unless `friction` is above 0.
+    force. On skin that measures only pressure, slip is not detected. Raises TciError if `friction` is not
+    above 0 and finite.
     """
     if not 0.0 < friction < np.inf:
         raise TciError(f"touch events: friction {friction}; valid: above 0 and finite")
@@ -174,8 +181,10 @@ def _slips(contact: Contact, body: GenericBody, friction: float) -> bool:
 
 
 def _flattened(positions: Array, normals: Array) -> Array:
-    """Returns the coordinates (n, 2) [m] of points (n, 3) in their mean plane, as seen from outside; the
-    first axis is that of the longer side."""
+    """Returns the coordinates (n, 2) [m] of points (n, 3) in their mean plane, as seen from outside.
+
+    The first coordinate is along the longer side.
+    """
     centred = positions - positions.mean(axis=0)
     normal = normals.mean(axis=0)
     plane = centred - np.outer(centred @ normal, normal) / max(float(normal @ normal), 1e-12)

@@ -1,4 +1,4 @@
-"""The force-distance model (eqs 5-7) for all contacts and receptive fields, compiled."""
+"""The force-distance model (eqs 5-7), in compiled functions for all contacts and receptive fields."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _phi, _psi, _psi_cosine = [inlined(f) for f in (discounts.phi, discounts.psi, di
 
 
 def field_table(fields: Sequence[ReceptiveField]) -> Array:
-    """Returns the fields as a table of numbers (8, m), as `find_answers` reads them."""
+    """Returns m fields as a table of numbers (8, m), in the format that `find_answers` reads."""
     rows = [
         (
             SEGMENTS.index(f.segment), *generic_limb_point(f.u, f.theta), f.radius, f.threshold, f.saturation,
@@ -38,18 +38,18 @@ def field_table(fields: Sequence[ReceptiveField]) -> Array:
 
 @lru_cache(maxsize=16)
 def segments_of(sites: tuple[Site, ...]) -> NDArray[np.int64]:
-    """Returns the index (p,) of each site's segment in SEGMENTS; -1 if the segment is not in it."""
+    """Returns the index (p,) of each site's segment in SEGMENTS; -1 for a segment that SEGMENTS lacks."""
     return read_only([SEGMENTS.index(s.segment) if s.segment in SEGMENTS else -1 for s in sites], np.int64)
 
 
 @lru_cache(maxsize=16)
 def parts_of(sites: tuple[Site, ...]) -> tuple[str, ...]:
-    """Returns the part (p,) of each site."""
+    """Returns the name (p,) of the generic part of each site."""
     return tuple([site.part for site in sites])
 
 
 class Touches(NamedTuple):
-    """The arrays of `Contacts` that the response of a field depends on."""
+    """Those arrays of `Contacts` on which the response of a field depends."""
 
     site: NDArray[np.int64]
     begin: NDArray[np.int64]
@@ -67,9 +67,10 @@ def touches(contacts: Contacts) -> Touches:
 
 @inlined
 def _felt(fields: Array, closest: int, contacts: Touches, c: int) -> float:
-    """Returns the force [N] of a contact, as a field compares it with its thresholds.
+    """Returns the force [N] of a contact that is compared with the thresholds of a field.
 
-    For `weighted` that is the force of eq. 7, see `tci.skin.contacts.weighted_force`.
+    It depends on the `measure` of the field. For "weighted" it is the force of eq. 7, see
+    `tci.skin.contacts.weighted_force`.
     """
     if fields[_MEASURE, closest] == 1.0:
         return contacts.force[c]
@@ -89,10 +90,10 @@ def _felt(fields: Array, closest: int, contacts: Touches, c: int) -> float:
 
 @inlined
 def _squares(fields: Array, segment: float, u: float, y: float, z: float, squares: Array) -> None:
-    """Writes the `squares` (m,) of the distances of a contact from the centres of those fields that contain
-    the contact.
+    """Writes to `squares` (m,) the squared distance of a contact from the centre of each field.
 
-    Infinite for the other fields. The loop has no branch, so that the compiler vectorises it.
+    The value is infinite for a field that does not contain the contact. The loop has no branch, so that the
+    compiler vectorises it.
     """
     places, xs, ys, zs, radii = fields[_SEGMENT], fields[_X], fields[_Y], fields[_Z], fields[_RADIUS]
     for i in range(len(squares)):
@@ -120,18 +121,17 @@ def find_answers(
     nearest: NDArray[np.int64],
     gains: Array,
 ) -> None:
-    """Writes for each contact the index of the `nearest` field that contains the contact, and the gain phi(F)
-    psi(d).
+    """Finds for each contact the nearest field that contains the contact, and the gain phi(F) psi(d).
 
     Args:
         fields: Table (8, m) of `field_table`.
-        cosine: Uses `psi_cosine` instead of `psi`.
+        cosine: True to use `psi_cosine` instead of `psi`.
         segments: Indices (p,) of the sites' segments, from `segments_of`.
         contacts: Arrays of c contacts.
         beside: Index (c,) of a field that is excluded for each contact; -1 for none.
         squares: Scratch array (m,).
-        nearest: Output (c,); -1 if the contact lies in no field.
-        gains: Output (c,), 0..1.
+        nearest: Output (c,): index of the nearest field; -1 if the contact lies in no field.
+        gains: Output (c,): gain of this field, 0 to 1.
     """
     for c in range(len(contacts.site)):
         point = contacts.limb_point[c]

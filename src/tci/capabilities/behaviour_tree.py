@@ -1,7 +1,7 @@
 """Capabilities combined in a behaviour tree, which replaces the paper's task description language (TDL).
 
-The tree is one of py-trees, with selectors, sequences, parallels and decorators as in its manual. TCI adds
-leaves that run capabilities, and a capability that ticks the tree, which `run` takes like any other::
+A tree consists of selectors, sequences, parallels and decorators of the package py-trees; see its manual. TCI
+adds leaves that run capabilities, and the capability `BehaviourTree`, which ticks the tree::
 
     def tree():
         return Selector("arm", memory=False, children=[
@@ -11,7 +11,8 @@ leaves that run capabilities, and a capability that ticks the tree, which `run` 
 
     tci.run(driver, BehaviourTree(tree))
 
-The reflex is ticked first. While it is busy, the task is interrupted; afterwards the task continues.
+In this example the reflex is ticked first. While the reflex is busy, the task is interrupted; afterwards the
+task continues.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ with needs("a behaviour tree", "behaviours"):
 
 
 class Leaf(Behaviour):
-    """A capability in a tree. It keeps its memory when it is interrupted."""
+    """A leaf of a tree that runs a capability. If the leaf is interrupted, the memory of the capability stays
+    unchanged."""
 
     def __init__(self, name: str, capability: Capability[Any]) -> None:
         super().__init__(name)
@@ -42,7 +44,7 @@ class Leaf(Behaviour):
         self.memory: Any = None
         """Memory of the capability."""
         self.seen: tuple[Perception, GenericBody] | None = None
-        """Perception of this tick, and the body; None outside of a tree."""
+        """Perception of this tick, and the generic body; None if the leaf is not in a `BehaviourTree`."""
         self.orders: list[Order] = []
         """Orders of the capability in this tick."""
 
@@ -59,11 +61,10 @@ class Leaf(Behaviour):
 
 
 class Reflex(Leaf):
-    """A leaf with a capability that is busy from time to time. Its status is running while the capability is
-    busy, else failure.
+    """A leaf with a capability that is busy from time to time, such as a withdrawal reflex.
 
-    The capability gets touches only in ticks that reach this leaf, so the leaf must come first, in a selector
-    without memory.
+    The status of the leaf is RUNNING while the capability is busy, else FAILURE. The capability gets touches
+    only in ticks that reach this leaf. So put the leaf first, in a selector without memory.
     """
 
     def __init__(self, name: str, capability: Capability[Any], *, busy: Callable[[Any], bool] = bool) -> None:
@@ -77,10 +78,11 @@ class Reflex(Leaf):
 
 
 class Task(Leaf):
-    """A leaf with a capability that runs until it is done. Its status is running, then success.
+    """A leaf with a capability that runs until it is done.
 
-    If it is ticked after success, it starts from the beginning. After an interruption it continues with its
-    memory, and repeats its last command to each part.
+    The status of the leaf is RUNNING, and SUCCESS at the end. If the leaf is ticked after SUCCESS, the
+    capability starts from the beginning. After an interruption, the capability continues with its memory, and
+    its last command to each part is sent again.
     """
 
     def __init__(
@@ -112,9 +114,10 @@ class Task(Leaf):
 
 @dataclass(frozen=True)
 class BehaviourTree(Capability[Behaviour]):
-    """A capability that ticks a behaviour tree. Raises TciError for a tree without a `Task` or a `Reflex`.
+    """A capability that ticks a behaviour tree. Raises TciError for a tree without any `Task` or `Reflex`.
 
-    Its memory is the tree, which each step changes in place. So call `init` before a replay.
+    The memory of this capability is the tree, and each step changes the tree in place. So call `init` for a
+    new tree before a replay.
     """
 
     tree: Callable[[], Behaviour]
@@ -131,7 +134,10 @@ class BehaviourTree(Capability[Behaviour]):
         return tree
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
-        """Returns the first orders of all leaves. Raises TciError if two need a part in different modes."""
+        """Returns the first orders of all leaves.
+
+        Raises TciError if two leaves need one part in different control modes.
+        """
         begun: list[Order] = []
         modes: dict[str, SwitchMode] = {}
         for leaf in _leaves(self.tree()):
@@ -151,7 +157,8 @@ class BehaviourTree(Capability[Behaviour]):
     def step(
         self, memory: Behaviour, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Order, ...], Behaviour]:
-        """Ticks the tree once. If two leaves move the same part, the order of the first one is used."""
+        """Ticks the tree once. If several leaves move one part, only the orders of the first leaf are
+        used."""
         leaves = list(_leaves(memory))
         for leaf in leaves:
             leaf.seen, leaf.orders = (perception, body), []
@@ -166,17 +173,17 @@ class BehaviourTree(Capability[Behaviour]):
         return tuple(orders), memory
 
     def notes(self, memory: Behaviour) -> tuple[str, ...]:
-        """Returns the notes of all leaves."""
+        """Returns the messages of all leaves for a person."""
         return tuple(note for leaf in _leaves(memory) for note in leaf.capability.notes(leaf.memory))
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """Returns the first fault that a leaf reports; None if there is none."""
+        """Returns the first reason of a leaf to stop the robot; None if no leaf has one."""
         reasons = (leaf.capability.fault(perception, body) for leaf in _leaves(self.tree()))
         return next(filter(None, reasons), None)
 
 
 def _leaves(tree: Behaviour) -> Iterator[Leaf]:
-    """Yields the leaves of TCI in the order in which the tree is ticked."""
+    """Yields the leaves that run capabilities, in the order in which the tree is ticked."""
     if isinstance(tree, Leaf):
         yield tree
     for child in tree.children:
@@ -184,8 +191,10 @@ def _leaves(tree: Behaviour) -> Iterator[Leaf]:
 
 
 def _moved(order: Order) -> str:
-    """Returns the generic part that an order moves; an empty text if it moves none, or moves the robot's own
-    joints."""
+    """Returns the name of the generic part that an order moves.
+
+    The text is empty for an order that moves nothing, or that is in the robot's own joints.
+    """
     if isinstance(order, CartesianCommand) or (
         isinstance(order, GenericCommand) and order.mode in CONTROL_MODES
     ):

@@ -1,9 +1,11 @@
 """Withdrawal of head, torso, hands and legs (§4, beyond the arm): a touched part moves away (eqs 5-6).
 
 The distance d in eq. 5 is measured along the skin, since these parts have no limb coordinates. The force F is
-the sum over all taxels of a contact. A leg that carries the robot must not move. Legs respond only in two
-cases: the `stance` is "supported" and no sole measures the robot's weight; or other legs carry the robot,
-which means that their soles measure its weight and the centre of mass would stay above them.
+the sum over all taxels of a contact. A leg that carries the robot must not move. Therefore a leg responds to
+touches only in two cases:
+
+- The `stance` is "supported", and no sole measures the robot's weight.
+- Other legs carry the robot: their soles measure its weight, and the centre of mass would stay above them.
 """
 
 from __future__ import annotations
@@ -46,18 +48,18 @@ class BodyWithdrawal(Capability[BodyMemory]):
     fields: BodyFields = field(default_factory=default_body_fields)
     """Receptive fields; `load_body_fields` reads others from a file."""
     refractory: float = 0.5
-    """Time [s] without a response after which a touch has ended and the part can withdraw again. Assumed: a
-    hand that slides or shakes makes contact again sooner."""
+    """Time [s] without a touch to respond to, after which the touch has ended and the part can withdraw
+    again. Assumed: a hand that slides or shakes makes contact again in less time."""
     stance: Literal["standing", "supported"] = "standing"
     """`standing`: the legs carry the robot. `supported`: the robot hangs, sits or lies, so the legs carry
     nothing."""
     weight: float = 15.0
-    """Force [N] on a sole from which its leg counts as carrying the robot, for any `stance`. Assumed: below
-    half the weight of the lightest robot, and above touches of a sole to which the reflex responds."""
+    """Least force [N] on a sole at which its leg counts as carrying the robot, for both values of `stance`.
+    Assumed: less than half the weight of the lightest robot, more than the force of a touch on a sole."""
 
     margin: float = 0.01
-    """Least distance [m] of the centre of mass from the edge of the soles on the ground for which a leg of a
-    standing robot may move. Assumed: larger than the error caused by wrong masses in a description."""
+    """Least distance [m] of the centre of mass from the edge of the soles on the ground at which another leg
+    of a standing robot may move. Assumed: larger than the error caused by wrong masses in a description."""
 
     def __post_init__(self) -> None:
         for name in ("refractory", "weight", "margin"):
@@ -95,7 +97,7 @@ class BodyWithdrawal(Capability[BodyMemory]):
         return memory.notes
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """Returns a reason to stop if half of a field's taxels or more are not trusted; else None."""
+        """Returns a reason to stop if more than half of the taxels of a field are not trusted; else None."""
         if perception.skin is None or perception.skin.masked is None:
             return None
         for part in perception.posture:
@@ -107,14 +109,16 @@ class BodyWithdrawal(Capability[BodyMemory]):
         return None
 
     def _own(self, part: str, body: GenericBody) -> list[BodyField]:
-        """Returns those fields of a part's kind for whose motion the robot has at least one joint."""
+        """Returns the fields of a part's kind, without those that would move no joint of this robot."""
         has = body.has_joint(part)
         own = [one for one in self.fields.field if part in body.parts(one.kind)]
         return [one for one in own if len(one.motion) == len(has) and np.any(one.motion * has)]
 
     def _wishes(self, perception: Perception, body: GenericBody) -> dict[str, list[Wish[BodyField]]]:
-        """Returns the wishes of the contacts by part. Each wish has the closest field that contains the
-        contact, and the gain."""
+        """Returns the requested responses (wishes) of the contacts, by part.
+
+        A wish consists of the closest field that contains the contact, and the gain.
+        """
         wishes: dict[str, list[Wish[BodyField]]] = {}
         for index, touch in enumerate(perception.contacts):
             if touch.part not in perception.posture:
@@ -136,7 +140,7 @@ class BodyWithdrawal(Capability[BodyMemory]):
         return wishes
 
     def _heavy(self, contacts: Sequence[Contact]) -> dict[str, float]:
-        """Returns the force [N] on the soles of each leg that carries the robot."""
+        """Returns the force [N] on the soles of each leg that carries the robot, by name of the leg."""
         felt: dict[str, float] = {}
         for contact in contacts:
             if contact.segment == SOLE:
@@ -151,10 +155,9 @@ class BodyWithdrawal(Capability[BodyMemory]):
         perception: Perception,
         body: GenericBody,
     ) -> str:
-        """Returns the reason why a leg must not move to generic angles `target` (n,) [rad]; an empty text if
-        it may.
+        """Returns the reason why a leg must not move to generic angles `target` (n,) [rad].
 
-        It may move if the robot does not stand, or if the other legs carry the robot.
+        The text is empty if the leg may move: the robot does not stand, or the other legs carry the robot.
         """
         if not heavy:
             return "" if self.stance == "supported" else ALONE.format(weight=self.weight)

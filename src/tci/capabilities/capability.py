@@ -1,4 +1,4 @@
-"""The base class of capabilities: frozen settings, explicit memory (Fig. 2, L4)."""
+"""The base class of capabilities, with frozen settings and an explicit memory (Fig. 2, L4)."""
 
 from __future__ import annotations
 
@@ -15,14 +15,15 @@ Memory = TypeVar("Memory")
 
 
 class Capability(ABC, Generic[Memory]):
-    """A behaviour on the generic body, independent of robot, clock and middleware.
+    """A behaviour that uses only the generic body, so it is independent of robot, clock and middleware.
 
-    The object contains only frozen settings. All state is in the memory, which the caller passes in and gets
-    back. Equal memory and perception give equal commands, bit for bit, so that recordings can be replayed.
+    The object contains only frozen settings. All state is in the memory: the caller passes it to each step
+    and gets the next memory back. Equal memory and equal perception give commands that are equal bit for bit,
+    so that recordings can be replayed.
     """
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Raises TciError if a method of the subclass can't be called with the arguments declared below."""
+        """Raises TciError if a method of the subclass takes other arguments than the method of this class."""
         super().__init_subclass__(**options)
         for name in ("init", "begin", "step", "notes", "fault"):
             own, declared = vars(cls).get(name), signature(getattr(Capability, name)).parameters
@@ -41,10 +42,9 @@ class Capability(ABC, Generic[Memory]):
         """Returns the memory before the first step."""
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
-        """Returns the orders to execute once before the first step, such as switches of the control mode. By
-        default there are none.
+        """Returns the orders to execute once before the first step, such as switches of the control mode.
 
-        If the robot refuses one of them, the capability is not run.
+        By default there are none. If the robot refuses one of these orders, the capability is not run.
         """
         return ()
 
@@ -52,13 +52,14 @@ class Capability(ABC, Generic[Memory]):
     def step(
         self, memory: Memory, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Order, ...], Memory]:
-        """Returns the commands for this instant and the memory for the next one. Changes no argument.
+        """Returns the commands for this instant, and the memory for the next step. Changes no argument.
 
-        A command is needed only when the target changes: the gate continues to move towards the last target.
+        A command is needed only if the target changes: the gate (the safety filter before the driver) moves
+        the robot on towards the last target.
 
-        Contacts may be on any part of the robot, also on one that this behaviour does not move, such as the
-        switches on NAO's head. Ignore such contacts: use only contacts whose `part` your behaviour moves, and
-        read other parts of the posture with `.get`.
+        Contacts may be on any part of the robot, for example on the switches of NAO's head. Use only contacts
+        with a `part` that your behaviour moves, and ignore the others. Read the posture with `.get`, since a
+        robot may lack a part.
         """
 
     def notes(self, memory: Memory) -> tuple[str, ...]:
@@ -66,6 +67,8 @@ class Capability(ABC, Generic[Memory]):
         return ()
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """Returns a reason to stop the robot, for example that skin on which this behaviour depends is blind;
-        None if there is none."""
+        """Returns a reason to stop the robot; None if there is none.
+
+        An example: skin on which this behaviour depends gives no data.
+        """
         return None

@@ -1,4 +1,4 @@
-"""A contact stop that wraps another behaviour: a touched part stops, and continues after the touch."""
+"""A contact stop for another behaviour: a touched part stops, and continues after the touch."""
 
 from __future__ import annotations
 
@@ -40,19 +40,19 @@ class StopMemory(Generic[Memory]):
 
 @dataclass(frozen=True)
 class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
-    """Runs `behaviour`, but stops each part while it is touched.
+    """Runs another behaviour, but stops each part while that part is touched.
 
-    The behaviour continues meanwhile. Its last command to a stopped part is executed after the touch. Raises
-    TciError for a setting out of range.
+    During a stop, the behaviour is still stepped, but its commands to the stopped part are not executed.
+    After the touch, its last command to this part is executed. Raises TciError for a setting out of range.
     """
 
     behaviour: Capability[Memory]
     """Behaviour to run."""
     threshold: float = 1.0
-    """Force [N] from which a contact stops its part. Assumed: a light push of a finger."""
+    """Least force [N] at which a contact stops its part. Assumed: a light push of a finger."""
     quiet: float = 0.5
-    """Time [s] without touch after which a part continues. Assumed: a hand that slides or shakes makes
-    contact again within this time."""
+    """Time [s] without touch after which a stopped part continues. Assumed: a hand that slides or shakes
+    makes contact again within this time."""
 
     def __post_init__(self) -> None:
         for name in ("threshold", "quiet"):
@@ -69,10 +69,11 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
     def step(
         self, memory: StopMemory[Memory], perception: Perception, body: GenericBody
     ) -> tuple[tuple[Order, ...], StopMemory[Memory]]:
-        """Returns the behaviour's commands without those for stopped parts. Raises the errors of the
-        behaviour.
+        """Returns the behaviour's commands without those to stopped parts, and the orders that stop or
+        continue parts.
 
-        Raises CommandError for a command in the robot's own joints, because its generic part is unknown.
+        Raises the errors of the behaviour, and CommandError if the behaviour commands the robot's own joints,
+        because the generic part of such a command is unknown.
         """
         now = perception.stamp
         touched = {part: since for part, since in memory.touched.items() if now - since < self.quiet}
@@ -104,17 +105,19 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
         return tuple(commands), StopMemory(memory_after, wanted, touched)
 
     def notes(self, memory: StopMemory[Memory]) -> tuple[str, ...]:
-        """Returns the notes of the behaviour."""
+        """Returns the messages of the behaviour for a person."""
         return self.behaviour.notes(memory.inner)
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """Returns the fault of the behaviour."""
+        """Returns the behaviour's reason to stop the robot; None if there is none."""
         return self.behaviour.fault(perception, body)
 
 
 def _hold(command: Motion, perception: Perception) -> GenericCommand:
-    """Returns the command that stops a part in its control mode: its present posture, zero velocity or zero
-    torque."""
+    """Returns the command that stops a part in the control mode of `command`.
+
+    Its values are the present posture, zero velocity or zero torque.
+    """
     if isinstance(command, CartesianCommand):
         return GenericCommand(command.part, Mode.POSITION, perception.posture[command.part])
     if command.mode in (Mode.POSITION, Mode.IMPEDANCE):

@@ -1,8 +1,8 @@
 """The force-distance model (eqs 5 and 6), one function per factor.
 
-Eq. 5 is printed without parentheses, as phi F psi d Theta. A product of these would be zero at the centre of
-a field and largest at its edge, which contradicts the paper's text. TCI computes phi(F) psi(d) Theta, in
-agreement with the text.
+Equation 5 is printed without parentheses, as phi F psi d Theta. Read as a product with d, this would be zero
+at the centre of a field and largest at its edge, which contradicts the text of the paper. TCI computes phi(F)
+psi(d) Theta, in agreement with the text.
 """
 
 from __future__ import annotations
@@ -24,14 +24,16 @@ def phi(force: float, threshold: float, saturation: float) -> float:
 def psi(distance: float, radius: float) -> float:
     """Returns the distance discount, 0 to 1 (eqs 5-6): 1 - d / r.
 
-    Both in the same unit, radius > 0. 1 at the centre, 0 from the edge on, 0 for NaN.
+    Distance and radius have one unit; the radius is above 0. The result is 1 at the centre, 0 from the edge
+    of the field on, and 0 for NaN.
     """
     return 1.0 - distance / radius if distance < radius else 0.0
 
 
 def psi_cosine(distance: float, radius: float) -> float:
-    """Returns the distance discount, 0 to 1 (eqs 5-6): cos^2(pi d / 2 r), flat at the centre and at the edge.
+    """Returns the distance discount, 0 to 1 (eqs 5-6): cos^2(pi d / 2 r), with slope 0 at centre and edge.
 
-    Both in the same unit, radius > 0. 1 at the centre, 0 from the edge on, 0 for NaN.
+    Distance and radius have one unit; the radius is above 0. The result is 1 at the centre, 0 from the edge
+    of the field on, and 0 for NaN.
     """
     return math.cos(0.5 * math.pi * distance / radius) ** 2 if distance < radius else 0.0

@@ -1,7 +1,7 @@
 """Receptive fields and their base motions (§4.1), read from TOML files.
 
-Fields of arms are circles on the generic limb; fields of other parts are discs on the skin around a landmark.
-One file of each kind is valid for all robots and both sides.
+Fields of arms are circles on the generic limb. Fields of other parts are discs on the skin around a landmark.
+There is one file for arms and one file for the other parts; each is valid for all robots and both sides.
 """
 
 from __future__ import annotations
@@ -29,9 +29,13 @@ BODY_JOINTS = {
 }
 """Generic joints of each kind of part, by index.
 
-Positive directions. Head and torso: pitch nods forward, roll leans right, yaw turns left. Legs and hands,
-equal on both sides: flexion of hip, knee and wrist, abduction, internal rotation, toes up, sole inwards,
-thumb forward. Zero is standing upright with straight legs and straight wrists.
+Positive directions:
+
+- Head and torso: pitch nods forward, roll leans right, yaw turns left.
+- Legs, on both sides: flexion of hip and knee, abduction, internal rotation, toes up, sole inwards.
+- Hands, on both sides: flexion of the wrist, thumb forward.
+
+At angles of zero, the robot stands upright with straight legs and straight wrists.
 """
 BodyKind = Literal["head", "torso", "hand", "leg"]
 
@@ -46,10 +50,10 @@ Motion = Annotated[tuple[float, ...], Field(strict=False), AfterValidator(_one_a
 
 
 class Circle(Description):
-    """Place and size of a field: the fields that a table of the file and `ReceptiveField` have in common."""
+    """Place and size of a receptive field: base of `ReceptiveField` and of the tables in a file."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
-    """Name of the field, unique in a set of fields."""
+    """Name of the field; no other field of a set has this name."""
     segment: Literal["upper_arm", "forearm"]
     """Segment of the arm on which the field lies."""
     u: Annotated[float, Field(ge=0.0, le=1.0)]
@@ -59,7 +63,7 @@ class Circle(Description):
 
 
 class ForceRange(Description):
-    """Range of force over which a response grows."""
+    """Range of force over which a response increases from none to full."""
 
     threshold_n: Annotated[float, Field(ge=0.0)]
     """delta_f [N]: no response up to this force."""
@@ -77,10 +81,10 @@ class ReceptiveField(Circle):
     """A place on the generic limb, and the motion in response to a touch there (eqs 5-6)."""
 
     theta: float
-    """Centre around the segment [rad]: 0 flexor, +pi/2 lateral, pi extensor, -pi/2 medial."""
+    """Centre around the segment [rad]: 0 flexor, +pi/2 lateral, pi extensor, -pi/2 medial side."""
     measure: Measure = "total"
-    """Force of a contact that is compared with `threshold` and `saturation`: that of the whole touch, the
-    mean of eq. 7, or that of the strongest taxel."""
+    """Force of a contact that is compared with `threshold` and `saturation`. "total": force of the whole
+    contact. "weighted": mean of eq. 7. "peak": force of the strongest taxel."""
     threshold: Annotated[float, Field(ge=0.0)]
     """delta_f [N]: no response up to this force."""
     saturation: float
@@ -99,15 +103,15 @@ class BodyField(Description):
     """A disc on the skin of a part, and the motion in response to a touch there (eqs 5-6)."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
-    """Name of the field, unique in a set of fields."""
+    """Name of the field; no other field of a set has this name."""
     kind: BodyKind
     """Kind of the generic part on which the field lies."""
     segment: str = ""
     """Segment of the part; empty for skin that belongs to no segment."""
     towards: Annotated[Vector, Field(strict=False)]
-    """Direction (3,) of the centre, see `tci.messages.Landmark`."""
+    """Direction (3,) in which the centre lies on the skin, see `tci.messages.Landmark`."""
     radius_m: Annotated[float, Field(gt=0.0, le=1.0)]
-    """Geodesic radius r_i [m]."""
+    """Radius r_i [m], measured along the skin (geodesic)."""
     motion_deg: dict[str, float]
     """Base motion Theta_i [degrees] by generic joint."""
 
@@ -124,7 +128,7 @@ class BodyField(Description):
 
     @property
     def landmark(self) -> Landmark:
-        """Centre of the field, as a landmark of the body surface."""
+        """Centre of the field as a landmark on the skin."""
         return Landmark(self.segment, self.towards)
 
     @property
@@ -134,7 +138,7 @@ class BodyField(Description):
 
 
 class BodyFields(Description):
-    """A set of fields, and the range of force over which their responses grow."""
+    """A set of fields, and the range of force over which their responses increase from none to full."""
 
     force: ForceRange
     field: Annotated[tuple[BodyField, ...], Field(min_length=1, strict=False)]
@@ -148,14 +152,14 @@ class BodyFields(Description):
 
 
 class _FieldTable(Circle):
-    """A `[[field]]` of the file, with angles in degrees."""
+    """A table `[[field]]` in a file of arm fields, with angles in degrees."""
 
     theta_deg: float
     motion_deg: Motion
 
 
 class _FieldsFile(Description):
-    """The contents of the file."""
+    """The contents of a file of arm fields."""
 
     force: dict[Measure, ForceRange]
     field: Annotated[list[_FieldTable], Field(min_length=1)]
@@ -163,13 +167,16 @@ class _FieldsFile(Description):
 
 
 def default_fields(*, measure: Measure = "total") -> tuple[ReceptiveField, ...]:
-    """Returns TCI's five fields. Their values are assumed, since no values are published."""
+    """Returns the five default fields of arms. Their values are assumed, since no values are published."""
     with as_file(files("tci.capabilities") / "withdrawal.toml") as path:
         return load_fields(path, measure=measure)
 
 
 def default_surround(*, measure: Measure = "total") -> tuple[ReceptiveField, ...]:
-    """Returns wide fields in addition to the five, which together cover forearm and upper arm."""
+    """Returns the default wide fields of arms. Together they cover forearm and upper arm.
+
+    They are used in addition to `default_fields`.
+    """
     with as_file(files("tci.capabilities") / "withdrawal.toml") as path:
         return load_fields(path, measure=measure, surround=True)
 
@@ -177,10 +184,9 @@ def default_surround(*, measure: Measure = "total") -> tuple[ReceptiveField, ...
 def load_fields(
     path: str | Path, *, measure: Measure = "total", surround: bool = False
 ) -> tuple[ReceptiveField, ...]:
-    """Reads the fields, or with `surround` the wide fields, from a TOML file, with its thresholds for
-    `measure`.
+    """Reads the fields of arms from a TOML file, with the thresholds for `measure`.
 
-    Raises DescriptionError with all faults of the file.
+    With `surround`, the wide fields are read instead. Raises DescriptionError with all faults of the file.
     """
     raw = _read(path)
     faults = [*_structure_faults(raw, _FieldsFile, _FieldTable), *_repeated_names(raw)]
@@ -208,13 +214,19 @@ def load_fields(
 
 
 def default_body_fields() -> BodyFields:
-    """Returns TCI's fields. Their values are assumed, since no values are published."""
+    """Returns the default fields of head, torso, hands and legs.
+
+    Their values are assumed, since no values are published.
+    """
     with as_file(files("tci.capabilities") / "body_withdrawal.toml") as path:
         return load_body_fields(path)
 
 
 def load_body_fields(path: str | Path) -> BodyFields:
-    """Reads the fields from a TOML file. Raises DescriptionError with all faults of the file."""
+    """Reads the fields of head, torso, hands and legs from a TOML file.
+
+    Raises DescriptionError with all faults of the file.
+    """
     raw = _read(path)
     if faults := _structure_faults(raw, BodyFields, BodyField):
         raise DescriptionError(str(path), [Fault(0, fault) for fault in faults])
@@ -234,7 +246,7 @@ def _read(path: str | Path) -> dict[str, Any]:
 
 
 def _structure_faults(raw: dict[str, Any], whole: type[Description], field: type[Description]) -> list[str]:
-    """Returns the faults of a file whose content has the type `whole`, with tables of the type `field`."""
+    """Returns the faults of a file's content `raw`. Types: `whole` for the file, `field` for its tables."""
     try:
         whole.model_validate(raw)
     except ValidationError as error:

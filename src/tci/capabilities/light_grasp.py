@@ -1,9 +1,9 @@
-"""A light grasp reflex: a hand whose palm is touched closes, holds with little force, and opens when a finger
-is pulled.
+"""A light grasp reflex: a hand closes and holds with little force if its palm is touched.
 
-It imitates the palmar grasp of an infant. The flexion of each finger controls the force on that finger
-(integral force control, Raibert & Craig 1981). The robot needs generic fingers with skin on palm and tips.
-Fingers that share a motor close until the first of them presses enough.
+The hand opens when a finger is pulled. This imitates the palmar grasp of an infant. The flexion of each
+finger controls the force on this finger (integral force control, Raibert & Craig 1981). The robot needs
+generic fingers with skin on palm and finger tips. Fingers that share a motor close until the first of them
+presses enough.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from tci.messages import GenericCommand, Mode, Order, Perception
 from tci.robot.generic_fingers import FINGERS, FLEXIONS, PALM
 
 LEAD = 0.1
-"""Largest angle [rad] between a finger's target and its joint. Assumed: prevents integrator windup if a
-finger is blocked."""
+"""Largest angle [rad] by which a finger's target may be ahead of its joint. Assumed: prevents integrator
+windup if a finger is blocked."""
 OPPOSES = 2.0
-"""Speed of the thumb's opposition as a multiple of the speed of flexions. Assumed: the thumb is then across
-the palm before the fingers."""
+"""Speed of the thumb's opposition as a multiple of the speed of flexions. Assumed: then the thumb lies across
+the palm before the fingers close."""
 LONGEST = 0.1
-"""Longest time [s] between two perceptions by which targets move. Assumed: after a longer gap a hand
+"""Largest time step [s] by which targets move between two perceptions. Assumed: after a longer gap, a hand
 continues without a jump."""
 
 
@@ -42,15 +42,15 @@ class Grip:
     closed: bool = False
     """True from the touch of the palm until the hand opens."""
     holds: bool = False
-    """True once a finger has pressed with half of the force."""
+    """True as soon as a finger has pressed with half of the setting `force`."""
     felt: float = -np.inf
     """Latest time [s] at which palm or fingers were touched."""
     rested: float = -np.inf
-    """Latest time [s] without a pull."""
+    """Latest time [s] at which no finger was pulled."""
 
 
 Grips = Mapping[str, Grip]
-"""Memory of a light grasp, by part."""
+"""Memory of a light grasp: the state of each hand, by name of the generic part."""
 
 
 @dataclass(frozen=True)
@@ -63,23 +63,26 @@ class LightGrasp(Capability[Grips]):
     force: float = 1.0
     """Force [N] with which each finger presses: enough to measure a held object, and harmless."""
     touch: float = 0.3
-    """Force [N] on the palm from which the hand closes."""
+    """Least force [N] on the palm at which the hand closes."""
     pull: float = 2.5
-    """Force [N] on a finger from which the hand opens. It also opens when a held object leaves the palm."""
+    """Least force [N] on a finger at which the hand opens. It also opens when a held object leaves the
+    palm."""
     speed: float = 0.3
-    """Speed [rad/s] of the flexion. Assumed: a faster finger would press too much before its skin measures
-    it."""
+    """Speed [rad/s] of the flexion until a finger presses. Assumed: a faster finger would press too much
+    before its skin measures the contact."""
     gain: float = 0.05
-    """Speed [rad/s] of a pressing finger per missing force [N]. Assumed: stiff fingers must not oscillate,
-    although their skin reports a change about 20 ms later."""
+    """Speed of a pressing finger per missing force [rad/s per N]; the missing force is `force` minus the
+    measured force. Assumed: stiff fingers do not oscillate, although their skin reports a change about 20 ms
+    later."""
     opposition: float = 1.2
     """Angle [rad] of the thumb across the palm while the hand is closed."""
     patience: float = 0.15
-    """Least duration [s] of a pull. Assumed: longer than the impact of a finger."""
+    """Least duration [s] of a pull that opens the hand. Assumed: longer than the impact of a finger."""
     quiet: float = 0.5
-    """Time [s] without any touch after which the hand opens, and after which an open one may close again."""
+    """Time [s] without any touch after which a closed hand opens, and after which an open hand may close
+    again."""
     most: float = 1.5
-    """Largest flexion [rad], at which a finger stops that touches nothing."""
+    """Largest flexion [rad]. A finger that touches nothing stops there."""
 
     def __post_init__(self) -> None:
         for name in ("force", "touch", "pull", "speed", "gain", "opposition", "patience", "quiet", "most"):
@@ -89,7 +92,7 @@ class LightGrasp(Capability[Grips]):
             raise TciError(f"light grasp: pull {self.pull}; valid: above the force of {self.force} N")
 
     def init(self, body: GenericBody) -> Grips:
-        """Returns open hands. Raises TciError for a robot without fingers."""
+        """Returns the memory of open hands. Raises TciError for a robot without fingers."""
         if not body.parts("fingers"):
             raise TciError(f"light grasp: {body.robot.name} has no fingers; valid: a robot with them")
         return {}
@@ -108,7 +111,7 @@ class LightGrasp(Capability[Grips]):
         return tuple(commands), grips
 
     def _grip(self, before: Grip, perception: Perception, body: GenericBody, part: str, rest: Array) -> Grip:
-        """Returns the next state of a hand whose open posture is `rest` (n,) [rad]."""
+        """Returns the next state of a hand. Its open posture is `rest` (n,) [rad]."""
         now = perception.stamp
         pressed = dict.fromkeys((*FINGERS, PALM), 0.0)
         for contact in perception.contacts:
@@ -131,7 +134,7 @@ class LightGrasp(Capability[Grips]):
     def _flexion(
         self, before: Grip, perception: Perception, body: GenericBody, part: str, pressed: Mapping[str, float]
     ) -> Array:
-        """Returns targets (n,) [rad] that bring the force on each finger closer to the setting `force`."""
+        """Returns targets (n,) [rad] with which the force on each finger approaches the setting `force`."""
         here = perception.posture[part]
         elapsed = min(max(perception.stamp - before.stamp, 0.0), LONGEST)
         target = np.array(before.flexion)

@@ -1,7 +1,7 @@
-"""Calls of `Capability.begin` and `step` with checks of their results, for the loop and for capabilities that
-wrap others.
+"""Calls of `Capability.begin` and `Capability.step` with checks of the results.
 
-A single command is accepted and becomes a tuple. Any other type is refused.
+The loop uses these functions, and so does a capability that runs another capability inside. If a method
+returns a single command instead of a tuple, the command is put in a tuple. Any other type is refused.
 """
 
 from __future__ import annotations
@@ -15,16 +15,18 @@ from tci.messages import Order, Perception
 
 
 def begin_of(capability: Capability[Memory], perception: Perception, body: GenericBody) -> tuple[Order, ...]:
-    """Returns the first orders of a capability. Raises CommandError as `as_orders` does."""
+    """Returns the first orders of a capability. Raises CommandError if they are no orders (see
+    `as_orders`)."""
     return as_orders(capability.begin(perception, body), f"{type(capability).__name__}: begin")
 
 
 def step_of(
     capability: Capability[Memory], memory: Memory, perception: Perception, body: GenericBody
 ) -> tuple[tuple[Order, ...], Memory]:
-    """Returns the commands of a capability's step, and its memory.
+    """Returns the commands of a capability's step, and the new memory.
 
-    Raises CommandError if the step does not return this pair, and as `as_orders` does.
+    Raises CommandError if the step does not return a pair, or if its commands are no orders (see
+    `as_orders`).
     """
     answer: object = capability.step(memory, perception, body)
     name = type(capability).__name__
@@ -37,9 +39,10 @@ def step_of(
 
 
 def as_orders(given: object, source: str) -> tuple[Order, ...]:
-    """Returns the commands of a capability as a tuple, also if it returned a single command.
+    """Returns the commands of a capability as a tuple, also if `given` is a single command.
 
-    `source` names the capability and its method. Raises CommandError for an object that is not a command.
+    `source` is the name of the capability and its method, for the message of an error. Raises CommandError
+    for an object that is not a command.
     """
     if isinstance(given, tuple) and not given:
         return given

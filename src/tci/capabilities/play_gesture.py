@@ -1,7 +1,7 @@
-"""Playback of a gesture (the paper's second example of a capability); a reflex may interrupt it.
+"""Playback of a gesture (the paper's second example of a capability), which a reflex may interrupt.
 
-While a reflex moves a part, the gesture is paused. Afterwards the parts return to the posture at which it was
-paused, and the gesture continues from there.
+While the reflex moves a part, the gesture is paused. Afterwards all parts return to the posture of the
+gesture at the pause, and the gesture continues from this posture.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class GestureMemory:
 
     phase: Phase
     time: float
-    """Present time [s] in the gesture."""
+    """Time [s] since the beginning of the gesture, without pauses."""
     since: float | None
     """Time [s] at which the phase began; None before the first step."""
     stamp: float
@@ -57,17 +57,16 @@ class PlayGesture(Capability[GestureMemory]):
     fitted: Fitted
     """The gesture, fitted to the robot (`tci.gestures.gesture.fit`)."""
     reflex: Capability[Any] | None = None
-    """Reflex that may interrupt the gesture. Iterating over its memory must yield the parts that it currently
-    moves."""
+    """Reflex that may interrupt the gesture. Its memory must be iterable, and yield the names of the parts
+    that the reflex currently moves."""
     near: float = float(np.deg2rad(1.0))
     """Largest distance [rad] of any joint from its target at which the gesture begins or continues. Assumed:
-    such a distance is not visible."""
+    this distance is not visible."""
     patience: float = 3.0
-    """Longest time [s] of an approach; then the gesture continues anyway. Assumed: an obstacle may prevent a
-    part from reaching its posture."""
+    """Longest time [s] of the motion to the posture at which the gesture begins or continues. After this time
+    it starts in any case. Assumed: an obstacle may prevent a part from reaching this posture."""
     ease: float = 0.4
-    """Time [s] over which the gesture accelerates to its full speed. Assumed: a faster start looks like a
-    jerk."""
+    """Time [s] in which the gesture accelerates to its full speed. Assumed: a faster start looks jerky."""
 
     def __post_init__(self) -> None:
         for name in ("near", "patience", "ease"):
@@ -76,7 +75,7 @@ class PlayGesture(Capability[GestureMemory]):
 
     @property
     def gesture(self) -> Gesture:
-        """The motion that the robot should follow, in its own generic joints."""
+        """The motion that the robot should follow, in the generic joints that it has."""
         return self.fitted.gesture
 
     def init(self, body: GenericBody) -> GestureMemory:
@@ -90,7 +89,8 @@ class PlayGesture(Capability[GestureMemory]):
     def step(
         self, memory: GestureMemory, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Order, ...], GestureMemory]:
-        """Returns the commands of the gesture and of the reflex; for each part only one of them."""
+        """Returns the commands of the gesture and of the reflex. While the reflex moves a part of the
+        gesture, the gesture commands no motion."""
         now = perception.stamp
         inner, orders, busy = memory.reflex, tuple[Order, ...](), frozenset[str]()
         if self.reflex is not None:
@@ -122,16 +122,19 @@ class PlayGesture(Capability[GestureMemory]):
         return orders + self._lead(time, 0.0 if done else pace), memory
 
     def notes(self, memory: GestureMemory) -> tuple[str, ...]:
-        """Returns the notes of the reflex."""
+        """Returns the messages of the reflex for a person."""
         return () if self.reflex is None else self.reflex.notes(memory.reflex)
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """Returns the fault of the reflex; a gesture itself needs no skin."""
+        """Returns the reflex's reason to stop the robot, or None; a gesture itself needs no skin."""
         return None if self.reflex is None else self.reflex.fault(perception, body)
 
     def _lead(self, time: float, pace: float) -> tuple[Order, ...]:
-        """Returns commands to the posture at `time` [s]. The targets are ahead of this posture by the
-        fraction `pace` of the stopping distance, since the gate plans a stop at every target."""
+        """Returns commands to the posture of the gesture at `time` [s].
+
+        The gate (the safety filter before the driver) plans a stop at every target. Therefore the targets are
+        ahead of this posture, by the fraction `pace` of the stopping distance.
+        """
         here, ahead = self.gesture.at(time), self.fitted.targets.at(time)
         return tuple(
             GenericCommand(part, Mode.POSITION, read_only(angles + pace * (ahead[part] - angles)))
@@ -139,7 +142,8 @@ class PlayGesture(Capability[GestureMemory]):
         )
 
     def _hold(self, perception: Perception, busy: frozenset[str]) -> tuple[Order, ...]:
-        """Returns commands that hold the parts of the gesture that the reflex does not move."""
+        """Returns commands that hold each part of the gesture at its present posture, except the parts `busy`
+        that the reflex moves."""
         return tuple(
             GenericCommand(part, Mode.POSITION, perception.posture[part])
             for part in self.gesture.postures

@@ -1,7 +1,8 @@
 """Checks a motion in response to a touch: the motion must not press the skin into a touching object.
 
-Every capability that responds to touches calls this check first. The direction "away" is defined by the
-normals of contacts, not by receptive fields, so it does not depend on the shape of the generic body.
+A capability that responds to touches must call this check before it moves a part. The normals of the contacts
+define which direction is "away". Receptive fields do not, so the check is independent of the shape of the
+generic body.
 """
 
 from __future__ import annotations
@@ -15,13 +16,14 @@ from tci.frames import Array
 from tci.messages import Mode, Perception
 
 PRESSED = 1e-5
-"""Depth [m] up to which a motion counts as tangential to the skin. Assumed: above rounding errors."""
+"""Depth [m] up to which a motion into an object counts as tangential to the skin. Assumed: larger than
+rounding errors."""
 LEAST = 1e-3
-"""Least distance [m] by which the contact point must move away from the object. Assumed: a smaller one would
-not end the contact with a soft object."""
+"""Least distance [m] by which the contact point must move away from the object. Assumed: a smaller distance
+would not end the contact with a soft object."""
 STEEP = 0.2
 """Least ratio of the motion away from the object to the tangential motion. Assumed: the friction coefficient
-of skin is larger, so a motion with a smaller ratio would drag the object along."""
+of skin is larger than this value, so a motion with a smaller ratio would drag the object along."""
 
 
 def why_not(
@@ -33,12 +35,12 @@ def why_not(
     mode: Mode = Mode.POSITION,
     answers: Sequence[int] = (),
 ) -> str:
-    """Returns the reason why a part must not move to generic angles `target` (n,) [rad]; an empty text if it
-    may.
+    """Returns the reason why a part must not move to generic angles `target` (n,) [rad].
 
-    The motion may press no contact, on any part, anywhere on its path. `answers` are the indices in
-    `perception.contacts` of the contacts to which the motion responds; at least one of them must move away
-    from its object. `mode` is the control mode of the motion.
+    The text is empty if the part may move. The motion must not press a contact on any part into its object,
+    anywhere on its path. `answers` are the contacts to which the motion responds, as indices in
+    `perception.contacts`; at least one of them must move away from its object. `mode` is the control mode of
+    the motion.
     """
     inwards, across = body.retreat(perception, part, target, mode)
     if not inwards.size:
@@ -62,10 +64,10 @@ def are_hopeless(
     targets: Array,
     answers: Sequence[Sequence[int]],
 ) -> list[bool]:
-    """Returns True for each motion that `why_not` would refuse because of its end.
+    """Returns for each of m motions True if `why_not` would refuse it because of its end.
 
-    Each motion has a row of `targets` (m, n) [rad] and the contacts that it `answers`. The other motions must
-    be checked by `why_not`.
+    This check is fast, but does not check the path: motions with the result False must still be checked by
+    `why_not`. The motions go to `targets` (m, n) [rad]; `answers` are the contacts to which each responds.
     """
     inwards = body.retreat_at_ends(perception, part, targets)[0]
     pressed = inwards.min(axis=1, initial=np.inf) < -PRESSED
@@ -76,7 +78,7 @@ def are_hopeless(
 
 
 def _why_kept(patch: str, way: Array, across: Array) -> str:
-    """Returns the reason why a contact point does not move away from the object; an empty text if it does.
+    """Returns the reason why a contact point does not move away far or directly enough; else an empty text.
 
     Args:
         patch: Patch of the contact.

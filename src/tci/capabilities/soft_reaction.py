@@ -1,8 +1,8 @@
 """A soft reaction: a touched part yields in the direction of the force.
 
-The transposed Jacobian turns the contact force into torques of the generic joints, tau = J^T f (Khatib 1987).
-In torque mode these torques are sent. In velocity mode, which every robot has, the joint velocities are
-proportional to them (admittance control, Hogan 1985).
+The transposed Jacobian converts the contact force to torques of the generic joints, tau = J^T f (Khatib
+1987). In torque mode these torques are commanded. In velocity mode, which every robot has, the commanded
+joint velocities are proportional to these torques (admittance control, Hogan 1985).
 """
 
 from __future__ import annotations
@@ -20,49 +20,50 @@ from tci.frames import Array, read_only
 from tci.messages import Command, GenericCommand, Mode, Perception, SwitchMode
 
 AHEAD = 0.1
-"""Time [s] over which a motion is checked. Assumed: the next skin frame comes much sooner."""
+"""Time [s] of motion that is checked in advance. Assumed: the next skin frame comes much sooner."""
 MODES = (Mode.VELOCITY, Mode.TORQUE)
 """Control modes in which the soft reaction can run."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Posture:
-    """Last posture of a part, and the posture that it holds without touch."""
+    """Last posture of a part, and the posture that the part holds while it is not touched."""
 
     stamp: float
     """Time [s] of the last posture."""
     angles: Array
     """Last generic angles (n,) [rad]."""
     home: Array
-    """Generic angles (n,) [rad] at the end of the last touch, which torque mode holds."""
+    """Generic angles (n,) [rad] at the end of the last touch. In torque mode the part is held at these
+    angles."""
     refused: str = ""
     """Reason why the touched part does not yield; an empty text if it yields."""
 
 
 Postures = Mapping[str, Posture]
-"""Memory of a soft reaction, by part."""
+"""Memory of a soft reaction: the posture of each part, by part name."""
 
 
 @dataclass(frozen=True)
 class SoftReaction(Capability[Postures]):
     """Lets parts yield to touches. Raises TciError for a setting out of range.
 
-    The defaults are assumed: nobody has published such values for these robots.
+    The defaults are assumed, since no values are published for these robots.
     """
 
     parts: tuple[str, ...] = ("left_arm", "right_arm")
     """Generic parts that yield."""
     mode: Mode = Mode.VELOCITY
-    """Control mode: velocity or torque. In torque mode the robot must compensate gravity itself."""
+    """Control mode: velocity or torque. Use torque mode only on a robot that compensates gravity itself."""
     mobility: float = 3.0
-    """Velocity per torque [rad/s per N m], in velocity mode."""
+    """In velocity mode: commanded velocity divided by the torque of the touch [rad/s per N m]."""
     gain: float = 1.0
-    """Commanded torque as a multiple of the torque of the touch, in torque mode. It is added to the torque of
-    the push, so that the part yields more easily."""
+    """In torque mode: commanded torque divided by the torque of the touch. Both torques act on the joints
+    together, so that the part yields more easily than by the touch alone."""
     stiffness: float = 8.0
-    """Stiffness [N m/rad] with which a part in torque mode is held while it is not touched."""
+    """In torque mode: stiffness [N m/rad] with which a part is held while it is not touched."""
     damping: float = 0.4
-    """Damping [N m s/rad] of all motion in torque mode."""
+    """In torque mode: damping [N m s/rad] of every motion."""
     threshold: float = 0.3
     """Least force [N] of a contact to which a part yields."""
 
@@ -79,7 +80,7 @@ class SoftReaction(Capability[Postures]):
         return {}
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Command, ...]:
-        """Returns the orders that switch its parts to the control mode."""
+        """Returns the orders that switch `parts` to the control mode `mode`."""
         return tuple(SwitchMode(part, self.mode) for part in self.parts)
 
     def step(

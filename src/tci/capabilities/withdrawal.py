@@ -35,7 +35,7 @@ from tci.robot.generic_arm import JOINTS
 
 _find_answers = entry(find_answers)
 DISCOUNTS = ("linear", "cosine")
-"""Names of the distance discounts `discounts.psi` and `psi_cosine`."""
+"""Names of the two distance discounts: `discounts.psi` and `discounts.psi_cosine`."""
 MODES = (Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE)
 """Control modes in which the reflex can run."""
 
@@ -51,7 +51,7 @@ class Answer:
 
 
 WithdrawalMemory = Withdrawals[ReceptiveField]
-"""Current withdrawals by generic part, and the reasons why other touched arms do not move."""
+"""Current withdrawals by generic part, and the reasons for which other touched arms do not move."""
 
 
 @dataclass(frozen=True)
@@ -64,17 +64,17 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     fields: Sequence[ReceptiveField] = field(default_factory=default_fields)
     """Receptive fields; `load_fields` reads others from a file. Without fields there is no reflex."""
     surround: Sequence[ReceptiveField] | None = None
-    """Wide fields that respond if none of `fields` does, or if the response of `fields` is refused: first the
-    closest, then the next. None means `default_surround` if `fields` are the default fields, else no wide
-    fields."""
+    """Wide fields, used if none of `fields` responds or if their response is refused. The closest wide field
+    is tried first, then the second closest. None means: `default_surround` if `fields` are the default
+    fields, else no wide fields."""
     refractory: float = 0.5
-    """Time [s] without a response after which a touch has ended and the arm can withdraw again. Assumed: a
-    hand that slides or shakes makes contact again sooner."""
+    """Time [s] without a touch to respond to, after which the touch has ended and the arm can withdraw again.
+    Assumed: a hand that slides or shakes makes contact again in less time."""
     distance_discount: Literal["linear", "cosine"] = "linear"
     """Form of psi in eq. 5: 1 - d / r, or cos^2(pi d / 2 r)."""
     mode: Mode = Mode.POSITION
-    """Control mode of the arms. The target is equal in all three modes; in impedance mode the arms are soft
-    and also yield to the touch immediately."""
+    """Control mode of the arms. The target posture is equal in all three modes. In impedance mode the arms
+    are soft, so that they also yield to the touch before they withdraw."""
     approach: float = 0.08
     """Time constant [s] with which an arm in velocity mode approaches its target. Assumed: twice the
     longest control period of a driver, so that the loop stays stable."""
@@ -104,7 +104,10 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
             raise TciError(f"withdrawal: softness {self.softness}; valid: above 0, at most 1")
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Command, ...]:
-        """Returns the orders that set mode and stiffness of every arm; none in position mode."""
+        """Returns the orders that set the control mode, and the stiffness in impedance mode, of every arm.
+
+        There are no orders in position mode.
+        """
         if self.mode is Mode.POSITION:
             return ()
         commands: list[Command] = []
@@ -123,8 +126,9 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     ) -> tuple[tuple[Command, ...], WithdrawalMemory]:
         """Returns the commands and the current withdrawals.
 
-        There is one command for each arm whose target changed; in velocity mode, one for each arm that
-        withdraws. Raises CommandError if a touched part does not have the five joints of a base motion.
+        In position and impedance mode there is one command for each arm with a new target. In velocity mode
+        there is one command for each arm that withdraws. Raises CommandError if a touched part does not have
+        the five joints of a base motion.
         """
         contacts, wishes = perception.contacts, dict[str, list[Wish[ReceptiveField]]]()
         if len(contacts):
@@ -143,7 +147,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         return memory.notes
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """Returns a reason to stop if a field has lost half of its taxels or more; else None."""
+        """Returns a reason to stop if more than half of the taxels of a field are not trusted; else None."""
         if perception.skin is None or perception.skin.masked is None:
             return None
         places = [LimbPlace(one.segment, one.u, one.theta) for one in self.fields]
@@ -154,15 +158,16 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         return None
 
     def answer(self, contact: Contact) -> Answer | None:
-        """Returns the response to one contact (eqs 5-7): that of the closest field which contains the
-        contact, or else of the closest such field of the surround; None if there is no such field.
+        """Returns the response to one contact (eqs 5-7), or None if no field responds.
 
-        Only one field responds, since the sum over overlapping fields would not be bounded.
+        The closest of `fields` that contains the contact responds; if there is none, the closest field of
+        `surround` that contains the contact. Only one field responds, since the sum of the responses of
+        overlapping fields would not be bounded.
         """
         return self.answers((contact,))[0]
 
     def answers(self, contacts: Sequence[Contact]) -> list[Answer | None]:
-        """Returns the response to each contact, as if it were the only contact."""
+        """Returns the response to each contact as if this contact were the only one."""
         wishes = self._wishes(Contacts.of(contacts), around={one.part for one in contacts})
         found: list[Answer | None] = [None] * len(contacts)
         for wish in (one for part in wishes.values() for one in reversed(part)):
@@ -170,8 +175,10 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         return found
 
     def _asking(self, memory: WithdrawalMemory, contacts: Contacts) -> set[str]:
-        """Returns the touched arms to which the surround may respond: arms at rest, and arms that the
-        surround already moves."""
+        """Returns the touched arms for which fields of `surround` may respond.
+
+        They are the arms at rest, and the arms that a field of `surround` already moves.
+        """
         parts, own = parts_of(contacts.sites), memory.motions
         touched = {parts[site] for site in {*contacts.site.tolist()}}
         return {part for part in touched if part not in own or own[part].field.name in self._around}
@@ -183,11 +190,11 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     def _wishes(
         self, contacts: Contacts, *, around: Collection[str], moving: Collection[str] = ()
     ) -> dict[str, list[Wish[ReceptiveField]]]:
-        """Returns the requested responses by part. For each contact the first one is that of the closest
-        field; for parts in `around`, those of the two closest fields of the surround follow.
+        """Returns the requested responses (wishes) by part.
 
-        For parts that are `moving`, only the strongest response of each field is used, so the others are left
-        out.
+        Each contact requests the response of the closest of `fields`. For a part in `around`, the responses
+        of the two closest fields of `surround` follow. For a part in `moving`, only the strongest wish of
+        each field is returned, since the weaker ones have no effect.
         """
         wishes: dict[str, list[Wish[ReceptiveField]]] = {}
         segments, felt, parts = segments_of(contacts.sites), touches(contacts), parts_of(contacts.sites)
@@ -216,6 +223,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
 
     @cached_property
     def _tables(self) -> list[tuple[tuple[int, ...], Sequence[ReceptiveField], Array]]:
-        """Returns the fields and the wide fields of the surround, each with its rank and its table."""
+        """Returns two rows, for `fields` and for `surround`: ranks of the responses, fields, and their
+        table."""
         sets = ((0,), self.fields), ((1, 2), self.surround or ())
         return [(ranks, fields, field_table(fields)) for ranks, fields in sets if fields]

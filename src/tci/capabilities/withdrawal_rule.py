@@ -1,8 +1,8 @@
 """The rules of a withdrawal of any part: once per touch, and never towards the touching object.
 
-A touch in a receptive field starts a *withdrawal* of the touched part. The withdrawal lasts until the part
-has had no such touch for the refractory period. During this time all touches of the part count as one: the
-gain may grow, at most to 1, but no other field responds, and no motion is added twice.
+A touch in a receptive field starts a *withdrawal* of the touched part. The withdrawal lasts until no field of
+the part has been touched for the refractory period. During this time all touches of the part count as one
+touch: the gain may increase, at most to 1, but no other field responds, and no motion is added twice.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from tci.messages import GenericCommand, Mode, Perception
 from tci.reasons import Code, Reason
 
 ANEW = 0.02
-"""Time [s] after which a refusal is computed again even without a new skin frame, because the robot may have
-moved. Assumed: one frame of the slowest skin."""
+"""Time [s] after which a refused motion is checked again, also without a new skin frame, because the robot
+may have moved. Assumed: the period of the slowest skin."""
 
 LEAST_COVERAGE = 0.5
-"""Fraction of healthy taxels below which a field is blind. Assumed: most touches of the field are then
-missed."""
+"""A field is blind if the fraction of its healthy taxels is below this value. Assumed: most touches of the
+field are then missed."""
 
 
 class Field(Protocol):
@@ -48,13 +48,13 @@ class Wish(NamedTuple, Generic[F]):
     """The response that one contact requests."""
 
     field: F
-    """The closest of the fields that the contact lies in."""
+    """Field that responds; it contains the contact."""
     gain: float
     """phi(F) psi(d), above 0 and at most 1 (eq. 5)."""
     contact: int
-    """Index in `Perception.contacts`."""
+    """Index of the contact in `Perception.contacts`."""
     rank: int = 0
-    """Position in the order in which the responses of several fields are tried, from 0."""
+    """Order in which the responses of several fields are tried: 0 is tried first."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,46 +62,45 @@ class Withdrawal(Generic[F]):
     """Withdrawal of one part."""
 
     field: F
-    """Field that started it."""
+    """Field that started the withdrawal."""
     origin: Array
-    """Generic posture (n,) [rad] at its start."""
+    """Generic posture (n,) [rad] of the part at the start of the withdrawal."""
     gain: float
-    """Largest gain so far."""
+    """Largest gain phi(F) psi(d) so far."""
     started: float
-    """Time [s] of its start."""
+    """Time [s] at which the withdrawal started."""
     touched: float
     """Time [s] of the latest touch in a field of this part."""
     quiet: bool = False
-    """True if there has been a step without such a touch since then."""
+    """True if no field of this part was touched in the latest step."""
     met: frozenset[int] = frozenset()
-    """Identities of the contacts at the latest check; the motion presses none of them."""
+    """Identities of the contacts that have been checked: the motion does not press any of them."""
     ended: Array | None = None
-    """Generic posture (n,) [rad] at which an object on the path ended the motion; None if the motion was not
-    ended."""
+    """Generic posture (n,) [rad] at which the motion was ended because of an object on the path; else
+    None."""
 
     @property
     def target(self) -> Array:
-        """Target posture (n,) [rad]. One gain for all joints keeps the direction of Theta_i."""
+        """Target posture (n,) [rad]: `origin` + `gain` * base motion, or `ended`."""
         if self.ended is not None:
             return self.ended
         return frozen(self.origin + self.gain * np.array(self.field.motion))
 
     def touched_again(self, now: float) -> Withdrawal[F]:
-        """Returns the withdrawal after a touch at `now` [s]. It calls the constructor, since `replace` takes
-        three times as long."""
+        """Returns the withdrawal after a touch at `now` [s]. `replace` would take three times as long."""
         return Withdrawal(
             self.field, self.origin, self.gain, self.started, now, met=self.met, ended=self.ended
         )
 
     def goes_as(self, before: Withdrawal[F] | None) -> bool:
-        """Returns True if the target equals that of the withdrawal `before`."""
+        """Returns True if this withdrawal has the target of the withdrawal `before`."""
         if before is None or before.ended is not self.ended:
             return False
         return (before.started, before.gain) == (self.started, self.gain)
 
 
 class Refusal(NamedTuple):
-    """Reason why a touched part does not move. It is stored, so that a touch need not be checked in each
+    """Reason why a touched part does not move. It is stored, so that the touch need not be checked in each
     period."""
 
     reason: str
@@ -111,18 +110,18 @@ class Refusal(NamedTuple):
     """Time [s] of the check."""
 
     def stands(self, perception: Perception) -> bool:
-        """Returns True if no new check is needed: the last check is recent, and no skin frame has arrived
-        since then."""
+        """Returns True if no new check is needed: the check is recent, and no skin frame has arrived after
+        it."""
         return perception.stamp - self.stamp < ANEW and _frames(perception) == self.frames
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Withdrawals(Mapping[str, Withdrawal[F]]):
-    """Current withdrawals by part, and the reasons why other touched parts do not move."""
+    """Current withdrawals by part, and the reasons for which other touched parts do not move."""
 
     motions: Mapping[str, Withdrawal[F]]
     refused: Mapping[str, Refusal]
-    """Reasons by part, for the latest touch of each part."""
+    """Refusals by part, each for the latest touch of the part."""
 
     def __getitem__(self, part: str) -> Withdrawal[F]:
         return self.motions[part]
@@ -135,7 +134,7 @@ class Withdrawals(Mapping[str, Withdrawal[F]]):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """A sentence for each touched part that does not move."""
+        """A sentence for each touched part that does not move, with the reason."""
         return tuple(
             f"{part} was touched and does not move: {one.reason}" for part, one in self.refused.items()
         )
@@ -154,16 +153,16 @@ def withdraw_all(
     """Returns the withdrawals of all parts after this instant.
 
     Args:
-        memory: Withdrawals before.
+        memory: Withdrawals before this instant.
         wishes: Responses that the contacts request, by part.
         perception: Perception of this instant.
         body: The generic body.
-        refractory: Time [s] without such a contact after which a touch has ended.
+        refractory: Time [s] without a wish for a part, after which the touch of the part has ended.
         mode: Control mode of the motions.
-        forbids: Function of a part and its target (n,) [rad] that returns a further reason why the part must
-            not move to this target; an empty text if it may.
+        forbids: Further check: a function of a part and its target (n,) [rad] that returns the reason why the
+            part must not move to this target, or an empty text if the part may move.
 
-    Raises CommandError if the number of joints of a touched part differs from that of the base motion.
+    Raises CommandError if a touched part has another number of joints than the base motion of its field.
     """
     if not memory.motions and not wishes:
         return memory
@@ -197,7 +196,7 @@ def withdraw_all(
 def new_targets(
     before: Withdrawals[F], after: Withdrawals[F], mode: Mode = Mode.POSITION
 ) -> tuple[GenericCommand, ...]:
-    """Returns a command for each part whose target changed."""
+    """Returns a command for each part with a new target."""
     return tuple(
         GenericCommand(part, mode, one.target)
         for part, one in after.motions.items()
@@ -232,10 +231,11 @@ def withdraw(
     refused: Refusal | None = None,
     mode: Mode = Mode.POSITION,
 ) -> tuple[Withdrawal[F] | None, Refusal | None]:
-    """Returns the withdrawal of one part after this instant, and the reason if a requested motion is refused.
+    """Returns the withdrawal of one part after this instant, and the refusal if a requested motion is
+    refused.
 
-    `met` are the identities of all contacts; `refused` is the last refusal, which is kept while
-    `Refusal.stands` returns True. The other arguments are those of `withdraw_all`.
+    `met` are the identities of all present contacts. `refused` is the last refusal of the part, which stays
+    valid while `Refusal.stands` returns True. For the other arguments see `withdraw_all`.
     """
     now = perception.stamp
     stands = refused if refused is not None and refused.stands(perception) else None
@@ -265,7 +265,7 @@ def withdraw(
 
 
 def refusal(reason: str, perception: Perception) -> Refusal | None:
-    """Returns a refusal for a reason; None for an empty reason."""
+    """Returns a refusal with this reason; None if the reason is empty."""
     return Refusal(reason, _frames(perception), perception.stamp) if reason else None
 
 
@@ -275,7 +275,7 @@ def told(
     """Returns the refusals by part after a step of one part, with its `withdrawal` and its new refusal, if
     any.
 
-    A refusal is removed when its part moves again.
+    The refusal of a part is removed when the part moves again.
     """
     if reason is not None:
         return refused if refused.get(part) is reason else {**refused, part: reason}
@@ -292,8 +292,8 @@ def _begin(
     met: frozenset[int],
     mode: Mode,
 ) -> tuple[Withdrawal[F] | None, str]:
-    """Starts the strongest wish whose motion is permitted. If there is none, returns the reason for which the
-    strongest wish is refused."""
+    """Starts the motion of the first permitted wish, in order of rank and gain. If none is permitted, returns
+    None and the reason for which the first wish is refused."""
     posture, first = perception.posture[part], ""
     if not np.isfinite(posture).all():
         return None, ""
@@ -332,7 +332,7 @@ def _meet(
 ) -> tuple[Withdrawal[F], str]:
     """Ends a withdrawal at the present posture if its remaining motion would press a new contact.
 
-    Returns the withdrawal, and the reason why it was ended, else `reason`.
+    Returns the withdrawal, and the reason for which it was ended, or `reason` if it was not ended.
     """
     if withdrawal.ended is not None or met <= withdrawal.met:
         return withdrawal, reason

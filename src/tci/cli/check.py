@@ -51,17 +51,18 @@ def check(
 ) -> None:
     """Check a robot description. Prints all faults, each with its line and the valid values.
 
-    Also compares the description with its kinematic model, and its left side with the right one. This finds
-    values that are valid but doubtful: a limit, a sign, a link, a place or a unit.
+    Also compares the description with its kinematic model, and the left side of the robot with its right
+    side. The comparison finds values that are valid but doubtful: a limit, a sign, a link, a place or a unit.
 
-    --simulate compares the axes of its arms with the generic arm, commands both arms far outside their
-    limits, and pokes every receptive field of the withdrawal reflexes and the middle of every patch. The
-    touched part must move away from the finger.
+    --simulate tests the simulated robot. It compares the axes of the robot's arms with those of the generic
+    arm, and commands both arms to angles far outside their limits. Then it pokes every receptive field of the
+    withdrawal reflexes and the middle of every patch; the touched part must move away from the finger.
 
-    --hardware tests the robot itself. It first reads joints and skin. Then it asks before each motion, moves
-    one joint by 2 degrees, slowly, and asks what you saw. Then it asks you to press the skin. This finds
-    wrong signs, zeros, limits and units. With --friction it then moves each joint of limbs without skin by 10
-    degrees and back, slowly, at two speeds, after asking.
+    --hardware tests the real robot. It first reads joints and skin. Then it moves one joint after another
+    slowly by 2 degrees: it asks you before each motion, and asks afterwards what you saw. Then it asks you to
+    press the skin. The test finds wrong signs, zeros, limits and units. With --friction it also measures the
+    friction of each joint of limbs without skin: after asking, it moves the joint slowly by 10 degrees and
+    back, at two speeds.
 
     Exit status: 0 if the file is valid and the tests passed, else 1.
 
@@ -156,7 +157,7 @@ def _print_check(name: str, robot: Robot, notes: list[str], doubtful: list[str])
 def remarks(robot: Robot) -> list[str]:
     """Lists properties of a description that are valid but notable, such as a servo without limits.
 
-    The gate refuses to move such a servo.
+    The gate refuses to move a servo without limits.
     """
     needed = ("lower", "upper", "velocity", "acceleration", "jerk")
     notes = []

@@ -1,5 +1,5 @@
-"""Shell completion of names. It reads only entry points and file names, and imports no driver, so that Tab is
-fast."""
+"""Shell completion of names. It reads only entry points and file names, and imports no driver, so that the
+shell responds quickly to the Tab key."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from importlib.metadata import entry_points
 
 
 def robots(incomplete: str) -> list[str]:
-    """Lists robots whose name begins with `incomplete`. If there is none, the shell offers files."""
+    """Lists robots whose name begins with `incomplete`. If no name does, the shell offers file names."""
     from tci.robot.catalogue import robot_names
 
     return _beginning(incomplete, robot_names())
 
 
 def drivers(incomplete: str) -> list[str]:
-    """Lists drivers whose name begins with `incomplete`, without an address."""
+    """Lists the names of drivers that begin with `incomplete`; the list has no addresses."""
     return _entries("tci.drivers", incomplete)
 
 
 def servers(incomplete: str) -> list[str]:
-    """Lists servers whose name begins with `incomplete`, without an address."""
+    """Lists the names of servers that begin with `incomplete`; the list has no addresses."""
     return _entries("tci.servers", incomplete)
 
 

@@ -21,7 +21,7 @@ def print_json(value: Any) -> None:
 
 @contextmanager
 def told_here() -> Iterator[None]:
-    """Keeps the log of `tci` off the screen, for a command that prints the same events itself."""
+    """Hides the log messages of `tci`, for a command that prints these events itself."""
     log, quiet = logging.getLogger("tci"), logging.NullHandler()
     log.addHandler(quiet)
     try:
@@ -33,7 +33,8 @@ def told_here() -> Iterator[None]:
 def written(
     out: Path, counts: Mapping[str, int], more: Mapping[str, Any] | None = None, *, as_json: bool
 ) -> None:
-    """Prints the file that was written, its size and the number of its messages; `more` as JSON only."""
+    """Prints the path of the file that was written, its size and its number of messages. With JSON output it
+    also prints `more`."""
     size = out.stat().st_size
     if as_json:
         print_json({"file": str(out), "bytes": size, **counts, **(more or {})})

@@ -1,4 +1,4 @@
-"""`tci demo`: pokes simulated robots; writes a table, a picture and a report."""
+"""`tci demo`: pokes simulated robots, prints a table, and writes a picture and a report."""
 
 from __future__ import annotations
 
@@ -58,14 +58,15 @@ def demo(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Poke simulated robots. One withdrawal reflex responds on all of them.
+    """Poke simulated robots. All of them respond with the withdrawal reflex.
 
-    A compliant finger pokes five sites of both arms, with the reflex and without it. The table lists the
-    measurements. OUT/demo.png shows them, and OUT/report.json contains every number.
+    A compliant finger pokes five sites of both arms, with the reflex and without it. A table lists the
+    measurements, OUT/demo.png shows them as a picture, and OUT/report.json contains all numbers.
 
-    --fault pokes one robot once, injects that fault, and prints each event as it happens.
+    --fault pokes one robot once, injects the named fault, and prints each event when it happens.
 
-    --via serves the robot as tci serve does, in real time; the reflex then runs in another process.
+    --via tests a middleware: it serves the simulated robot in real time, as tci serve does, and runs the
+    reflex in another process.
 
     Example:  tci demo nao --out /path/to/folder
 
@@ -111,8 +112,8 @@ def _run_trials(
 ) -> None:
     """Runs every trial on every robot, then prints, draws and writes the measurements.
 
-    Raises UnknownNameError for a mode that the reflex does not support and for a middleware without a binding
-    in a robot's description, and the errors of `try_server`.
+    Raises UnknownNameError if the reflex does not support the mode, or if a robot's description has no
+    binding for the middleware. Also raises the errors of `try_server`.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -161,7 +162,8 @@ def _run_trials(
 
 
 def _mode(name: str) -> Mode:
-    """Returns the control mode of the reflex by name. Raises UnknownNameError for any other."""
+    """Returns a control mode of the reflex by its name. Raises UnknownNameError if the reflex does not
+    support it."""
     from tci.capabilities.withdrawal import MODES
 
     for mode in MODES:
@@ -208,7 +210,7 @@ def _table(report: Report, mode: str) -> Table:
 
 
 def _touches(same: Sequence[SameTouch]) -> Table:
-    """Returns the table of equal touches: the force and the gain of each robot."""
+    """Returns a table that compares the robots for equal touches: the force and the gain on each robot."""
     from rich.table import Table
 
     table = Table(

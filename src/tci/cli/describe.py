@@ -92,7 +92,7 @@ def _print_tables(robot: Robot) -> None:
 
 
 def _cartesian(point: CartesianActuator) -> str:
-    """Returns the line about a Cartesian actuator."""
+    """Returns one line of text that describes a Cartesian actuator."""
     place = f"{point.link} {point.xyz} m" if point.link else f"{point.segment}, u = {point.u:g}"
     speed = f", at most {point.speed:g} m/s" if point.speed is not None else ""
     return f"Cartesian actuator {point.name}: {place}; targets from the {point.frame}{speed}"

@@ -1,4 +1,4 @@
-"""`tci doctor`: diagnoses this machine and the connection to a robot. Nothing moves."""
+"""`tci doctor`: diagnoses this machine and the connection to a robot. It moves no robot."""
 
 from __future__ import annotations
 
@@ -32,12 +32,13 @@ def doctor(
     duration: Annotated[float, typer.Option(help="Time to read the robot \\[s].", min=0.1)] = 2.0,
     as_json: AsJson = False,
 ) -> None:
-    """Find faults of this machine or of the connection to a robot, with advice. Moves nothing.
+    """Find faults of this machine or of the connection to a robot, and print advice. Moves no robot.
 
-    Without a robot it examines this machine. With a robot it examines the connection: each step of
-    connecting, rates, lost frames, age of the data, and differences between robot and description.
+    Without the name of a robot it examines this machine. With a name it examines the connection to the robot:
+    each step of connecting, rates, lost frames and the age of the data. It also compares the robot with its
+    description.
 
-    Exit status 1 if there is a fault.
+    The exit status is 1 if it finds a fault.
 
     Example:  tci doctor
 
@@ -61,7 +62,7 @@ def _examine(
 ) -> tuple[tuple[Finding, ...], tuple[Stream, ...]]:
     """Examines the connection to the robot, then reads the robot through its driver for `duration` [s].
 
-    Returns the findings and the streams that were measured; no streams where the driver can't be opened.
+    Returns the findings and the measured data streams. If the driver can't be opened, there are no streams.
     """
     from rich.progress import BarColumn, Progress, TextColumn
 
@@ -137,6 +138,6 @@ def _table(title: str, findings: Sequence[Finding]) -> Table:
 
 
 def _finite(value: object) -> object:
-    """Returns None for an infinite value, which JSON lacks, such as the age of a source that never sent
-    data."""
+    """Returns a value for JSON: None if it is infinite, because JSON has no infinity. The age of a source
+    that never sent data is infinite."""
     return None if isinstance(value, float) and value in (float("inf"), float("-inf")) else value

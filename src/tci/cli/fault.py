@@ -1,4 +1,5 @@
-"""`tci fault list`: the catalogue of faults, the reaction to each, and the name that injects it."""
+"""`tci fault list`: prints the catalogue of faults, with the expected reaction to each fault and its name for
+--fault."""
 
 from __future__ import annotations
 
@@ -14,14 +15,14 @@ app = typer.Typer(
 
 @app.callback()
 def fault() -> None:
-    """Faults: the expected reaction, its test, and the name that injects the fault."""
+    """Show known faults: the expected reaction, the test, and the name for --fault."""
 
 
 @app.command("list")
 def list_faults(
     as_json: AsJson = False,
 ) -> None:
-    """List the catalogue of faults. A fault with a name can be injected by --fault NAME@TIME."""
+    """List the catalogue of faults. To inject a fault that has a name, use --fault NAME@TIME."""
     from rich import box
     from rich.table import Table
 

@@ -27,7 +27,8 @@ def record(
     duration: Duration = None,
     as_json: AsJson = False,
 ) -> None:
-    """Record the posture of a robot while a person moves it, for at most one hour. Nothing is commanded.
+    """Record the posture of a robot while a person moves the robot, for at most one hour. TCI sends no
+    commands.
 
     Example:  tci gesture record wave.csv nao --via replay:wave.mcap
     """
@@ -89,7 +90,7 @@ def convert(
     target: NewGesture,
     as_json: AsJson = False,
 ) -> None:
-    """Convert motion capture to a gesture.
+    """Convert a file of motion capture (.bvh) to a gesture (.csv).
 
     Example:  tci gesture convert wave.bvh wave.csv
     """
@@ -125,7 +126,7 @@ def play(
 ) -> None:
     """Play a gesture as fast as the robot's limits allow, and print the errors of its joints.
 
-    Exit status 1 if it did not reach the end.
+    The exit status is 1 if the robot did not reach the end of the gesture.
 
     Example:  tci gesture play wave.csv icub --reflex
     """
@@ -164,7 +165,8 @@ def play(
 
 
 def _writable(path: Path) -> None:
-    """Raises CommandError if a gesture can't be written to `path`. Called before the robot is moved."""
+    """Raises CommandError if a gesture can't be written to `path`. The caller checks this before a person
+    moves the robot."""
     if path.suffix.lower() != ".csv" or not path.parent.is_dir():
         raise CommandError(f"{path} can't hold a gesture; valid: a .csv file in a folder that exists")
     if path.exists():
@@ -174,7 +176,7 @@ def _writable(path: Path) -> None:
 def load(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
     """Reads a gesture (.csv) or motion capture (.bvh), and the names of its joints by generic part.
 
-    Raises CommandError for another kind of file, DescriptionError for one that can't be read.
+    Raises CommandError for another kind of file, and DescriptionError if the file can't be read.
     """
     from tci.gestures.bvh import read_bvh
     from tci.gestures.files import read_csv

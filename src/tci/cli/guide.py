@@ -1,4 +1,5 @@
-"""The commands to try first, and for each command the next one to try, which its help names at the end."""
+"""Lists the commands to try first, and for each command the next command to try. The help of a command names
+the next command at its end."""
 
 import os
 import shutil
@@ -41,12 +42,12 @@ NEXT = {
     "zenoh secure": "tci zenoh router keys/router.json5",
     "zenoh router": "tci serve nao --via zenoh",
 }
-"""The command to try after each command."""
+"""For each command: the command to try next."""
 
 
 def next_command(after: str) -> str:
-    """Returns the command to try after another one, preceded by the activation of the environment if the
-    shell does not find `tci`."""
+    """Returns the command to try after another command. If the shell does not find `tci`, the result also
+    contains the command that activates the environment."""
     if shutil.which("tci"):
         return NEXT[after]
     folder = os.path.relpath(os.path.join(sys.prefix, "bin", "activate"))
@@ -54,7 +55,7 @@ def next_command(after: str) -> str:
 
 
 def first_steps() -> str:
-    """Returns the text of `tci` without arguments."""
+    """Returns the text that `tci` without arguments prints."""
     width = max(len(command) for command, _ in FIRST)
     return "\n".join(
         [

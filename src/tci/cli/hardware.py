@@ -1,4 +1,5 @@
-"""`tci check ROBOT --hardware`: first tests of a real robot. The operator is asked before each motion."""
+"""`tci check ROBOT --hardware`: first tests of a real robot. The program asks the operator before each
+motion."""
 
 from __future__ import annotations
 
@@ -50,10 +51,10 @@ class Terminal:
 
 
 class Simulation:
-    """The operator of a simulated robot: the simulated finger presses the skin, and each answer is the
-    expected one.
+    """Replaces the operator for a simulated robot: the simulated finger presses the skin, and each answer is
+    the expected answer.
 
-    The simulated encoders report true angles, so no person needs to look.
+    The simulated encoders report the true angles, so no person needs to look at the joints.
     """
 
     def __init__(self, driver: SimulatedDriver) -> None:
@@ -82,8 +83,8 @@ class Simulation:
 def check_hardware(
     name: str, *, via: str, parts: list[str], taxels: int, friction: Path | None, as_json: bool
 ) -> None:
-    """Reads the robot, moves its joints after asking, and asks the operator to press the skin. Exit status 1
-    after a fault.
+    """Reads the robot, moves its joints after asking, and asks the operator to press the skin. The exit
+    status is 1 if a test found a fault.
 
     Args:
         name: Robot by name or description file.
@@ -94,9 +95,9 @@ def check_hardware(
             measurement.
         as_json: Prints JSON instead of text.
 
-    Raises DriverError if the robot can't be reached or armed, UnknownNameError for a part that it lacks, and
-    CommandError if a question is not answered, or for `friction` of a robot that feels no touches through
-    joints.
+    Raises DriverError if the robot can't be reached or armed, and UnknownNameError for a part that the robot
+    lacks. Raises CommandError if the operator does not answer a question, or if `friction` is given for a
+    robot that feels no touches through joints.
     """
     import numpy as np
 

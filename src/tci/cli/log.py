@@ -68,8 +68,8 @@ def cut(
     end: End = float("inf"),
     as_json: AsJson = False,
 ) -> None:
-    """Copy a time span of a recording to a new, compressed file. Without a span, repair a recording that was
-    cut off.
+    """Copy a time span of a recording to a new, compressed file. If you give no span, repair a recording that
+    was cut off.
 
     Example:  tci log cut touch.mcap poke.mcap --from 0.2 --to 0.9
     """
@@ -113,9 +113,10 @@ def export(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write a recording as tables: joints, decisions of the gate, contacts, and one row for each skin frame.
+    """Write a recording as tables: joints, decisions of the gate, contacts and skin frames.
 
-    A skin frame has the raw values that were received, and pressures \\[Pa] and forces \\[N] of all taxels.
+    The table of a patch has a row for each skin frame: the received raw values, and pressures \\[Pa] and
+    forces \\[N] of all taxels.
 
     Example:  tci log export touch.mcap tables --format csv
     """

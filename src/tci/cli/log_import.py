@@ -107,8 +107,8 @@ def _facts(fit: TableFit) -> dict[str, Any]:
 
 
 def _sentence(fit: TableFit) -> str:
-    """Returns a line that states if the contacts of a part fit the robot's taxels, and the position files
-    that fit."""
+    """Returns a line of text: whether the contacts of a part fit the robot's taxels, and which position files
+    fit."""
     said = {
         "fits": "the robot's taxels are where they were recorded",
         "wrong": f"the robot's taxels are {1e3 * fit.off:.1f} mm from where they were recorded (median): "

@@ -48,9 +48,9 @@ app.add_typer(zenoh_app, name="zenoh")
 
 
 def _finish_help(commands: typer.Typer, group: str = "") -> None:
-    """Joins the lines of help texts into paragraphs, since Typer would keep the line breaks of the source.
+    """Joins the lines of help texts into paragraphs, because Typer would print the line breaks of the source.
 
-    Ends each help with the command to try next.
+    Also adds the command to try next at the end of each help text.
     """
     for command in commands.registered_commands:
         name = command.name or str(getattr(command.callback, "__name__", ""))
@@ -78,32 +78,35 @@ def main_options(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print TCI's version.")
     ] = False,
 ) -> None:
-    """Options that are written before a command. Without a command, prints the commands to try first."""
+    """Defines the options that a user writes before the command. Without a command, prints the commands to
+    try first."""
     if context.invoked_subcommand is None:
         print(first_steps())
 
 
 INTERRUPTED = 130
-"""Exit status of a command that Ctrl-C ended: 128 + SIGINT, as shells report it."""
+"""Exit status of a command that Ctrl-C ended: 128 + SIGINT, the value that shells use."""
 
 
 def _message(error: TciError | OSError) -> str:
-    """Returns the message of an error. For an error with a file it consists of the file's name and the
-    system's message."""
+    """Returns the message of an error. If the error concerns a file, the message consists of the file's name
+    and the system's message."""
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return f"{error.filename}: {error.strerror}"
     return str(error)
 
 
 def _printable(text: str) -> str:
-    """Escapes control characters: the name of a file, for example, must not control the terminal."""
+    """Escapes control characters, because a text from outside, such as a file name, must not control the
+    terminal."""
     return "".join(one if one.isprintable() or one == "\n" else ascii(one)[1:-1] for one in text)
 
 
 def main() -> None:
-    """Entry point. Prints an error of TCI or of a file as one message, and then exits with status 1.
+    """Runs the command line. If an error of TCI or of a file occurs, prints one message and exits with status
+    1.
 
-    SIGTERM acts as Ctrl-C.
+    SIGTERM has the effect of Ctrl-C.
     """
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     as_json = "--json" in sys.argv

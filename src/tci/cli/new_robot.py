@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from tci.robot.description import Robot
 
 MODELS = (".urdf", ".xml", ".mjcf")
-"""Suffixes of models in a package."""
+"""Suffixes of the model files that are searched in a package."""
 
 COMMENT = """Proposed by tci new-robot from {file}: review it.
 From that file: joints; limits of position, speed and torque, except those marked assumed.
@@ -87,8 +87,9 @@ def new_robot(
 ) -> None:
     """Propose the description of a humanoid from its URDF or MJCF.
 
-    Finds arms, hands, fingers, head, torso and legs by their geometry, reads limits from the file and puts
-    sleeves of skin around the arms. Review the result: values that the model lacks are marked as assumed.
+    Finds arms, hands, fingers, head, torso and legs by their geometry, reads limits from the file, and puts
+    sleeves of skin around the arms. Check the result before you use it: values that the model lacks are
+    assumed, and marked as such.
 
     Example:  tci new-robot my_robot.urdf
     """
@@ -150,7 +151,7 @@ def _plain(stem: str) -> str:
 
 
 def _both(arms: str | None) -> tuple[str, str] | None:
-    """Returns the joints of --arms. Raises CommandError unless there are two."""
+    """Returns the joints of --arms. Raises CommandError if --arms does not name two joints."""
     if arms is None:
         return None
     names = [name.strip() for name in arms.split(",")]
@@ -178,7 +179,7 @@ def _trust(fingers: str | None) -> Trust | None:
 def _beside(path: Path, target: Path, *, what: str) -> str:
     """Returns a path relative to the description's folder.
 
-    Raises CommandError for one outside that folder.
+    Raises CommandError for a path outside this folder.
     """
     folder = target.absolute().parent.resolve()
     resolved = path.resolve()
@@ -192,9 +193,11 @@ def _beside(path: Path, target: Path, *, what: str) -> str:
 
 
 def _in_package(model: Path, package: str) -> tuple[Path, str]:
-    """Returns a model of an installed package, given by its path or the end of it, and the end of its path.
+    """Returns the path of a model in an installed package, and the end of this path. The model is given by
+    its path or the end of its path.
 
-    Raises CommandError when the package is not installed, or does not have exactly one such file.
+    Raises CommandError if the package is not installed, or if no file or several files in it fit the given
+    path.
     """
     from tci.robot.xml.node import listed
 
@@ -220,8 +223,8 @@ def _in_package(model: Path, package: str) -> tuple[Path, str]:
 
 
 def _found(robot: Robot) -> list[str]:
-    """Lists the parts, joint maps and patches that were found, one line each, for a comparison with the
-    robot."""
+    """Lists the proposed parts, joint maps and patches, a line for each, so that a person can compare them
+    with the robot."""
     import numpy as np
 
     assert robot.model is not None

@@ -12,7 +12,7 @@ from tci.cli import completion
 
 
 def _above_zero(seconds: float | None) -> float | None:
-    """Raises BadParameter for a duration [s] that is not finite and above 0."""
+    """Raises BadParameter if a duration [s] is not a finite number above 0."""
     if seconds is None or 0.0 < seconds < math.inf:
         return seconds
     raise typer.BadParameter(f"{seconds} s; valid: above 0 s and finite")

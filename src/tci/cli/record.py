@@ -1,4 +1,4 @@
-"""`tci record`: writes the sensor data of a robot to a file. Nothing is commanded."""
+"""`tci record`: writes the sensor data of a robot to a file. It sends no commands."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ def record(
     duration: Duration = None,
     as_json: AsJson = False,
 ) -> None:
-    """Record the raw sensor data of a robot. Nothing is commanded and the robot stays unarmed.
+    """Record the raw sensor data of a robot. TCI sends no commands, and does not arm the robot.
 
-    To record a robot with a behaviour, use tci run --record. Replay a recording with --via replay:FILE.
+    To record a robot while a behaviour runs, use tci run --record. To replay a recording, use --via
+    replay:FILE.
 
     Example:  tci record touch.mcap nao --duration 10
     """
@@ -47,7 +48,8 @@ def record(
 
 
 def print_recording(recorder: Recorder, *, as_json: bool) -> None:
-    """Prints the file that was written, its number of periods and its size, or why recording failed."""
+    """Prints the path of the recording, its number of periods and its size. If recording failed, prints the
+    reason."""
     if as_json:
         print_json(recorder.to_json())
     elif recorder.failed:

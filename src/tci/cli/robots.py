@@ -91,7 +91,8 @@ def _skin(row: dict[str, Any]) -> str:
 
 
 def load_robots(names: Sequence[str]) -> list[Robot]:
-    """Loads the robots with these names. Without names, loads the paper's robots that are installed."""
+    """Loads the robots with these names. Without names, loads those of the paper's two robots that are
+    installed."""
     from tci.robot.catalogue import load_robot
 
     if names:

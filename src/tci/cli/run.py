@@ -1,4 +1,4 @@
-"""`tci run`: runs a capability on a robot and prints the events of gate and loop as they happen."""
+"""`tci run`: runs a capability on a robot and prints the events of gate and loop when they happen."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ def run(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Run a capability on a robot. Prints touches, commands, holds, refusals and clamps as they happen.
+    """Run a capability on a robot. Prints touches, commands, holds, refusals and clamps when they happen.
 
-    A real robot is only read, unless you give --arm. Exit status 1 when the robot had to stop, or when every
-    command was refused.
+    A real robot moves only with --arm; without it TCI only reads the robot. The exit status is 1 if the robot
+    had to stop, or if the gate refused every command.
 
     Example:  tci run withdrawal nao --duration 1 --poke --fault stall@0.32
 
@@ -83,7 +83,8 @@ def run_capability(
     as_json: bool = False,
     rehearsal: bool = False,
 ) -> None:
-    """Runs a capability and prints its events. Exit status 1 after a stop, or if every command was refused.
+    """Runs a capability and prints the events. The exit status is 1 after a STOP, or if every command was
+    refused.
 
     Args:
         name: Capability by name or MODULE:CLASS.
@@ -96,10 +97,10 @@ def run_capability(
         record: Recording to write.
         film: Film to write.
         as_json: Prints JSON instead of text.
-        rehearsal: Runs for the time that the faults need, with realistic noise on the simulated skin.
+        rehearsal: Runs until the faults are over, with realistic noise on the simulated skin.
 
-    Raises UnknownNameError, DriverError, CommandError for invalid times of a fault or for a poke of a real
-    robot, and the errors of the capability.
+    Raises UnknownNameError for an unknown name, DriverError if the connection fails, CommandError for invalid
+    times of a fault or for a poke of a real robot, and the errors of the capability.
     """
     from tci.cli.run_view import RunView, conclude
     from tci.drivers.faults.fault_injector import parse_fault
@@ -151,7 +152,7 @@ def run_capability(
 
 
 def _film(driver: Driver, path: Path) -> Film:
-    """Begins a film of a simulated left arm. Raises CommandError for a real robot."""
+    """Begins a film of the left arm of a simulated robot. Raises CommandError for a real robot."""
     from tci.capabilities.fields import default_fields
     from tci.drivers.simulated import SimulatedDriver
     from tci.pictures.film import Film

@@ -1,4 +1,5 @@
-"""Prints a run as it happens: one line for each event, and below them a line with the current state."""
+"""Prints a run while it happens: a line for each event, and below these lines one line with the current
+state."""
 
 from __future__ import annotations
 
@@ -22,11 +23,11 @@ COLOURS = {
     "RUN": "green", "HOLD": "yellow", "STOP": "bold red", "touch": "blue", "command": "cyan",
     "at rest": "dim", "FAULT": "magenta", "over": "magenta",
 }  # fmt: skip
-"""Colour of each kind of event; yellow for all others."""
+"""Colour of each kind of event. Events of all other kinds are yellow."""
 
 
 class RunView:
-    """Shows a run on the terminal; shows nothing if `quiet`."""
+    """Shows a run on the terminal. If `quiet` is true, it shows nothing."""
 
     def __init__(self, *, quiet: bool) -> None:
         self._live = None if quiet else Live(console=console, refresh_per_second=10, transient=True)
@@ -55,7 +56,8 @@ class RunView:
 
 
 def conclude(session: Session) -> None:
-    """Prints the repeated refusals and clamps, the outcome of each fault, and the statistics of a run."""
+    """Prints the end of a run: repeated refusals and clamps, the outcome of each fault, and the
+    statistics."""
     for kind, reasons in (("refused", session.log.refused), ("clamped", session.log.clamped)):
         for notice in reasons.notices():
             if notice.count > 1:
@@ -99,7 +101,7 @@ def _periods(session: Session) -> str:
 
 
 def _about_recordings(session: Session) -> list[str]:
-    """Returns the lines about the recording that was written and the one that was replayed."""
+    """Returns lines of text about the recording that was written and the recording that was replayed."""
     lines, recorder, driver = [], session.recorder, session.source
     if recorder is not None:
         end = f"[red]{escape(recorder.failed)}[/]" if recorder.failed else "complete"
@@ -119,7 +121,8 @@ def _colour(kind: str) -> str:
 
 
 def _row(time: str, kind: str, words: str, colour: str) -> RenderableType:
-    """Lays out an event in three columns. Text that needs more than one line stays in its column."""
+    """Lays out an event in three columns. If a text needs more than one line, all its lines are in one
+    column."""
     table = Table.grid(padding=(0, 2, 0, 0))
     table.add_column(width=10, justify="right", no_wrap=True)
     table.add_column(width=7, no_wrap=True)

@@ -1,4 +1,4 @@
-"""`tci serve`: offers a robot to other programs. The gate of this process checks their commands."""
+"""`tci serve`: offers a robot to other programs. The gate of this process checks the programs' commands."""
 
 from __future__ import annotations
 
@@ -35,9 +35,10 @@ def serve(
     duration: Duration = None,
     as_json: AsJson = False,
 ) -> None:
-    """Offer a robot, real or simulated, to other programs. The gate of this process checks their commands.
+    """Offer a robot, real or simulated, to other programs. The gate of this process checks all commands.
 
-    A real robot is only read, unless you give --arm. Exit status 1 when the robot had to stop.
+    A real robot moves only with --arm; without it the programs can only read the robot. The exit status is 1
+    if the robot had to stop.
 
     Example:  tci serve nao --via zenoh
     """

@@ -41,10 +41,10 @@ def calibrate(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON and ask nothing.")] = False,
 ) -> None:
-    """Measure a patch's rest values and noise, and its response to known loads, step by step.
+    """Measure the rest values and the noise of a patch, and its response to known loads, step by step.
 
-    Without loads, the response in the description is kept. In simulation the simulated finger presses. The
-    result is stored beside the description and used from then on.
+    If you give no loads, TCI keeps the response in the description. In simulation the simulated finger
+    presses the patch. The result is stored in a file beside the description; from then on TCI uses this file.
 
     Example:  tci skin calibrate nao --patch left_forearm --weight 0.5 --weight 2 --out nao.skin.json
 

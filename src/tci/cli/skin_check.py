@@ -21,10 +21,10 @@ def check(
     link: Annotated[str | None, typer.Option(help="Link that carries the skin of the file.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Measure the distances of taxels from the surface of their link, and compute the correction of a wrong
-    frame.
+    """Measure the distances between taxels and the surface of their link. If the frame of the taxels is
+    wrong, compute its correction.
 
-    Exit status 1 if a skin does not fit its link.
+    The exit status is 1 if a skin does not fit its link.
 
     Example:  tci skin check icub --file right_arm.txt --link r_upper_arm
     """
@@ -69,7 +69,7 @@ def _table(robot: str, rows: list[dict[str, Any]]) -> Table:
 
 
 def _advise(row: dict[str, Any]) -> None:
-    """Prints the correction of a skin whose frame is wrong, or the reason why there is no correction."""
+    """Prints the correction of a skin with a wrong frame, or the reason for which there is no correction."""
     if row["verdict"] == "not checked":
         console.print(f"{row['skin']}: {row['reason']}", style="yellow", highlight=False, markup=False)
     elif row["verdict"] == "wrong" and row["correction"]["mends"]:

@@ -34,10 +34,10 @@ def fit(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fit the paper's truncated cone to a skin, and print the distances of the taxels from it.
+    """Fit the paper's truncated cone to a skin, and print the distances between the taxels and this cone.
 
-    There are three fits: with the given axis, with an axis that may move sideways, and with one that may also
-    tilt. For a robot the given axes are those of its segments.
+    There are three fits: with the given axis, with an axis that may move sideways, and with an axis that may
+    also tilt. If you name a robot, the given axes are the axes of its segments.
 
     Example:  tci skin fit left_forearm.txt --axis 0.9659 0 0.2588
 

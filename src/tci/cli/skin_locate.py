@@ -29,8 +29,8 @@ def locate(
 ) -> None:
     """Find the positions of taxels from touches at known places (spatial self-calibration).
 
-    Without --touches, a simulated probe touches a skin with wrong positions, and the remaining error is
-    printed.
+    Without --touches, TCI tests the method in simulation: a probe touches a skin with wrong positions, and
+    TCI prints the error that remains after the correction.
 
     Example:  tci skin locate nao --patch left_forearm
     """

@@ -31,11 +31,11 @@ def mount(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find the pose of a skin on its link from self-touch: touches by another skin of the robot, of which
-    only the pressed taxels are used.
+    """Find the pose of a skin on its link from self-touch: another skin of the robot touches it. TCI uses
+    only which taxels are pressed, not how much.
 
-    Without --touches, a simulated robot whose skin is mounted wrongly touches itself, and the remaining error
-    is printed.
+    Without --touches, TCI tests the method in simulation: a robot with a wrongly mounted skin touches itself,
+    and TCI prints the error that remains after the correction.
 
     Example:  tci skin mount nao --patch left_forearm
 

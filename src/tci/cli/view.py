@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 REPLAY = "replay:"
 SIMULATED = {"step": 0.002, "rate": 100.0}
-"""Physics step [s] and control rate [Hz] of simulated robots in the viewer. The rate is that of NAO's skin,
-the faster skin of the paper's two robots: no frame is lost, and a faster loop would leave less time for
-drawing."""
+"""Physics step [s] and control rate [Hz] of simulated robots in the viewer. The rate is the frame rate of
+NAO's skin, the faster skin of the paper's two robots, so no frame is lost. A faster loop would leave less
+time for drawing."""
 
 
 def needs_viewer() -> None:
@@ -64,7 +64,7 @@ def view(
 ) -> None:
     """Show robots in the browser, side by side: poke their skin, move their arms, inject faults, record.
 
-    Needs the extra viewer. A real robot is only read, unless you give --arm.
+    Needs the extra viewer. A real robot moves only with --arm; without it TCI only reads the robot.
 
     Example:  tci view nao icub
 
@@ -125,7 +125,8 @@ def _sources(names: Sequence[str], vias: Sequence[str], capability: str, *, arm:
 
 
 def _player(file: str, robot: str | None) -> Player:
-    """Opens a recording and computes its perceptions. Raises RecordingError, also if its robot is unknown."""
+    """Opens a recording and computes its perceptions. Raises RecordingError if the file is not valid, or if
+    the recorded robot is unknown."""
     from rich.progress import Progress
 
     from tci.recording.perceived import recorded_robot
@@ -145,8 +146,8 @@ def _player(file: str, robot: str | None) -> Player:
 
 
 def _one_each(vias: Sequence[str], robots: int) -> list[str]:
-    """Returns one `via` for each robot. Raises CommandError unless there is one for all robots or one for
-    each."""
+    """Returns one `via` for each robot. Raises CommandError if the user gave neither one `--via` for all
+    robots nor one for each robot."""
     if len(vias) == 1:
         return list(vias) * robots
     if len(vias) != robots:

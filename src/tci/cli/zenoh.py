@@ -56,7 +56,7 @@ def secure(
 def router(
     file: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="Configuration file of Zenoh.")],
 ) -> None:
-    """Run a router until Ctrl-C. It replaces zenohd on machines that do not have it."""
+    """Run a router until Ctrl-C. Use it on machines that do not have Zenoh's own router, zenohd."""
     _needs_zenoh()
     from tci.drivers.remote.address import RemoteAddress
     from tci.drivers.zenoh.session import close_session, open_session

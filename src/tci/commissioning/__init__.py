@@ -1,5 +1,5 @@
 """Commissioning: from a new robot to its first touch.
 
-The doctor finds faults of a machine and a robot. The first minutes check directions, limits and skin by small
-motions of one joint after another.
+`tci doctor` finds faults of a machine and a robot. The check of the first minutes moves one joint after
+another a little, and compares directions, limits and skin with the description.
 """

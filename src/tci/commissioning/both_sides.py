@@ -1,4 +1,4 @@
-"""Comparison of the left with the right side of a description: their initial postures."""
+"""Comparison of the initial postures of the left and the right side of a description."""
 
 from __future__ import annotations
 
@@ -9,14 +9,18 @@ import numpy as np
 from tci.robot.description import GenericPart, Robot
 
 UNEVEN = np.deg2rad(5.0)
-"""Largest difference [rad] of generic limits and angles on both sides. Assumed: above the tolerances of real
-arms."""
+"""Largest difference [rad] between generic limits or angles of the left and the right side. Assumed: larger
+than the tolerances of real arms."""
 ROUNDED = 0.06
-"""Largest difference [rad] from an angle in radians that was rounded to one decimal."""
+"""Largest difference [rad] at which an angle counts as the other side's angle in radians, rounded to one
+decimal."""
 
 
 def posture_doubts(robot: Robot) -> Iterator[str]:
-    """Yields where initial postures differ: generic angles have equal signs on both sides."""
+    """Yields a sentence for each joint with different initial angles on the left and the right.
+
+    In symmetric postures, generic angles are equal on both sides, also in sign.
+    """
     for left, right in pairs(robot):
         for one, other in zip(left.servos, right.servos, strict=True):
             if one.servo is None or other.servo is None or abs(one.initial - other.initial) <= UNEVEN:
@@ -32,7 +36,7 @@ def posture_doubts(robot: Robot) -> Iterator[str]:
 
 
 def pairs(robot: Robot) -> Iterator[tuple[GenericPart, GenericPart]]:
-    """Yields each pair of a left and a right part of one kind."""
+    """Yields each pair of a left part and a right part of one kind, such as both arms."""
     for left in robot.parts:
         for right in robot.parts:
             if left.side == "left" and right.side == "right" and left.kind == right.kind:

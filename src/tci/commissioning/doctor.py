@@ -1,4 +1,4 @@
-"""Judges a driver from an observation: lists faults with advice. Commands no motion."""
+"""Judges a driver from an observation: lists faults, each with advice. No motion is commanded."""
 
 from __future__ import annotations
 
@@ -15,17 +15,21 @@ from tci.robot.description import Patch, Robot, Sensor
 from tci.robot.kinematics import KinematicChain
 
 SLOW = 0.8
-"""Fraction of its nominal rate below which a stream is slow. Assumed: rates vary by a few percent."""
+"""A stream of frames is slow if its rate is below this fraction of the nominal rate. Assumed: rates vary by a
+few percent."""
 OFF = 0.15
-"""Deviation of a skin's median from its rest value, as a fraction of the sensor's range, above which it gets
-a warning. Assumed: well above drift, and below an inverted or compensated sensor."""
+"""Deviation of the median of a skin's values from its rest value, as a fraction of the sensor's range, above
+which the skin gets a warning. Assumed: well above drift, and below the deviation of an inverted or
+compensated sensor."""
 TURN = 2.0 * np.pi
 """Largest plausible joint angle [rad]: no joint of a humanoid turns by more than a full turn."""
 
 
 def judge(driver: Driver, seen: Observation) -> tuple[Finding, ...]:
-    """Returns findings about an observed driver, together with those of `Driver.diagnose`. Raises DriverError
-    if the robot does not respond."""
+    """Returns findings about an observed driver, and the findings of `Driver.diagnose`.
+
+    Raises DriverError if the robot does not respond.
+    """
     return (
         *driver.diagnose(),
         *_joint_stream(driver, seen.streams[0], seen.cost),
@@ -180,7 +184,7 @@ def _skin_stream(robot: Robot, stream: Stream) -> Iterator[Finding]:
 
 
 def judge_torques(robot: Robot, reading: Reading) -> Iterator[Finding]:
-    """Returns a finding if joints through which the robot feels touches report no torque."""
+    """Yields a finding if touches are estimated from joint torques, but these joints report no torque."""
     feeling = feeling_servos(robot, KinematicChain(robot)) if len(robot.skin) < len(robot.patches) else []
     torque = reading.joints.torque
     silent = [one.name for one in feeling if torque is None or not np.isfinite(torque[one.index])]

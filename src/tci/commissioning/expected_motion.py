@@ -12,15 +12,16 @@ from tci.robot.joint_map import joint_map
 from tci.robot.kinematics import KinematicChain
 
 VISIBLE = 5e-4
-"""Displacement [m] below which the rotation is described instead. Assumed: smaller displacements are hardly
-visible."""
+"""Displacement [m] of a link below which its rotation is described to the operator instead. Assumed: smaller
+displacements are hardly visible."""
 _WAYS = (("forward", "backward"), ("left", "right"), ("up", "down"))
 _TURNS = (
     ("its top goes to the right", "its top goes to the left"),
     ("its top goes forward", "its top goes backward"),
     ("its front goes to the left", "its front goes to the right"),
 )
-"""Words for positive and negative rotations about the torso's axes x (forward), y (left) and z (up)."""
+"""Words for a positive and a negative rotation about each axis of the torso frame: x (forward), y (left), z
+(up)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +41,8 @@ class ExpectedMotion:
 def expected_motion(
     robot: Robot, kinematics: KinematicChain, position: Array, servo: Servo, change: float
 ) -> ExpectedMotion | None:
-    """Predicts the motion when `servo` turns by `change` [rad], with all servos at `position` (n,) [rad].
+    """Predicts the motion of the robot if `servo` turns by `change` [rad] from the angles `position` (n,)
+    [rad].
 
     Returns None for a servo that moves no link of the model.
     """
@@ -67,7 +69,7 @@ def expected_motion(
 
 
 def _generic(robot: Robot, position: Array, servo: Servo, change: float) -> str:
-    """Returns the name and change of the generic joint that changes most; an empty text if none changes."""
+    """Returns the name of a generic joint that the servo moves, and its change; an empty text for none."""
     after = np.array(position)
     after[servo.index] += change
     for part in robot.parts:

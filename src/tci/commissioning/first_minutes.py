@@ -22,8 +22,8 @@ from tci.runtime.lease import commanding
 LOOK = 1.0
 """Time [s] for which the robot is observed first. Assumed: at least ten frames of every patch."""
 STIFFNESS = 0.8
-"""Stiffness, as a fraction of full stiffness, of servos that are switched on. Assumed: enough for small
-motions, and low enough for a person to hold the joint back."""
+"""Stiffness of the servos that this check switches on, as a fraction of full stiffness. Assumed: enough for
+small motions, and low enough for a person to hold the joint back."""
 POWER = 2.0
 """Longest time [s] to wait until servos are on. Assumed: a servo reports its state several times per
 second."""
@@ -38,12 +38,15 @@ def first_minutes(
     taxels: int | None = 12,
     show: Callable[[Finding], None] = lambda finding: None,
 ) -> tuple[tuple[Finding, ...], float]:
-    """Checks `servos`, then `taxels` of each of `patches` (None: all of them), with the operator's consent.
+    """Checks `servos`, then `taxels` taxels of each patch in `patches` (None: all taxels).
 
-    Calls `show` immediately with each finding. Does not move a robot part for which the observation found a
-    fault or warning, and moves no part after a general fault. Returns all findings, and the largest motion
-    [rad] that was measured. Raises DriverError if another program commands the robot or the robot
-    disconnects, and the errors of the operator.
+    Each motion needs the operator's consent. `show` is called immediately with each finding. A part is not
+    moved if the observation found a fault or warning for one of its servos, or if the operator says that its
+    posture is wrong. No part is moved after a fault of the whole robot. Returns all findings, and the largest
+    motion [rad] that was measured.
+
+    Raises DriverError if another program commands the robot or the robot disconnects, and the errors of the
+    operator.
     """
     found: list[Finding] = []
 
@@ -79,10 +82,9 @@ def first_minutes(
 
 
 def wanted(robot: Robot, names: Sequence[str]) -> tuple[list[Servo], list[Patch]]:
-    """Returns servos and patches by their names, or by the names of their robot parts or generic parts. By
-    default returns all.
+    """Returns servos and patches by their own names, or by the names of their robot parts or generic parts.
 
-    Raises UnknownNameError.
+    Without names, returns all servos and patches. Raises UnknownNameError for an unknown name.
     """
     if not names:
         return list(robot.servos), list(robot.skin)
@@ -112,7 +114,7 @@ def _left_out(servo: Servo) -> Finding:
 
 
 def _postures(driver: Driver, operator: Operator, servos: Sequence[Servo]) -> Iterator[Finding]:
-    """Asks if the posture agrees with the encoders. This checks zero, sign and unit of all joints."""
+    """Asks the operator if the posture agrees with the encoders: a check of zeros, signs and units."""
     names = {servo.name for servo in servos}
     posture = generic_posture(driver.robot, driver.read().joints)
     for part in driver.robot.parts:

@@ -1,7 +1,7 @@
 """Identifies the friction of a joint by slow sweeps in both directions, at two speeds.
 
-Friction changes its sign with the direction, while errors of the model's masses do not, so these errors
-cancel.
+The torque of friction changes its sign with the direction of motion. The torque from errors of the model's
+masses keeps its sign, so these errors cancel.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ SPEEDS = tuple(np.deg2rad([5.0, 20.0]).tolist())
 """Speeds [rad/s] of the two sweeps. Assumed: slow enough to neglect inertia, and different enough to separate
 dry from viscous friction."""
 STEADY = 0.7
-"""Least speed of a sample, as a fraction of the commanded speed. Assumed: in slower samples the joint
-accelerates or sticks."""
+"""Least speed of a sample that is used, as a fraction of the commanded speed. Assumed: in slower samples the
+joint accelerates or sticks."""
 PATIENCE = 5.0
-"""Time [s] after the planned end of a sweep from which the sweep has failed."""
+"""A sweep fails if the servo has not arrived within this time [s] after the planned end."""
 LEAST = 20
 """Least number of samples in each direction of each sweep. Assumed: enough to average the noise of
 currents."""
@@ -44,8 +44,7 @@ class FrictionSweeps:
     """Sweeps one servo after another, if the operator permits it, and stores the friction found."""
 
     def __init__(self, driver: Driver, operator: Operator, calibration: JointCalibration) -> None:
-        """Takes the present `calibration`, of which tools and rotors are used. Raises the errors of
-        `Dynamics`."""
+        """Takes the present `calibration`: its tools and rotors are used. Raises the errors of `Dynamics`."""
         self.driver, self.operator = driver, operator
         self.calibration = calibration
         """Calibration with the friction found so far."""
@@ -81,7 +80,10 @@ class FrictionSweeps:
         return Finding(Level.OK, servo.name, words, figures=figures)
 
     def _move(self, servo: Servo, target: float, speed: float) -> tuple[list[JointReading], str]:
-        """Moves a servo to `target` [rad]; returns the readings, and the reason for an early end, if any."""
+        """Moves a servo to `target` [rad].
+
+        Returns the readings, and the reason for an early end; the reason is empty if the servo arrived.
+        """
         driver, seen = self.driver, list[JointReading]()
         command = PlatformCommand(
             Mode.POSITION, np.array([servo.index]), np.array([target]), np.array([speed])
@@ -103,10 +105,10 @@ class FrictionSweeps:
 def measure_friction(
     driver: Driver, operator: Operator, servos: Sequence[Servo], file: Path
 ) -> tuple[Finding, ...]:
-    """Sweeps those `servos` through which the robot feels touches, and writes their friction into a file.
+    """Measures the friction of those `servos` from which touches are estimated, and writes it to a file.
 
-    Other values of the robot's calibration are kept. Raises the errors of `joint_calibration`, `Dynamics` and
-    `write_json`.
+    The file also contains the other values of the robot's present calibration, unchanged. Raises the errors
+    of `joint_calibration`, `Dynamics` and `write_json`.
     """
     robot = driver.robot
     sweeps = FrictionSweeps(driver, operator, joint_calibration(robot))
@@ -119,15 +121,20 @@ def measure_friction(
 
 
 def feeling_servos(robot: Robot, kinematics: KinematicChain) -> list[Servo]:
-    """Returns the servos through which a robot feels touches: those of robot parts with a patch without
-    taxels."""
+    """Returns the servos from which touches on patches without taxels are estimated, by their torques.
+
+    They are all servos of the robot parts that carry these patches.
+    """
     felt = [patch.link for patch in robot.patches if patch.through_joints]
     boards = {robot.servos[servo].robot_part for link in felt for servo in kinematics.chain(link)}
     return [one for one in robot.servos if one.robot_part in boards and one.joint is not None]
 
 
 def steady(seen: Sequence[JointReading], servo: int, speed: float) -> list[JointReading]:
-    """Returns the readings with a torque in which a servo moves at `speed` [rad/s], in either direction."""
+    """Returns the readings in which a servo moves at about `speed` [rad/s] and reports a torque.
+
+    Motions in both directions count.
+    """
     return [
         one
         for one in seen
@@ -140,7 +147,8 @@ def steady(seen: Sequence[JointReading], servo: int, speed: float) -> list[Joint
 def identify(seen: Sequence[JointReading], servo: int, dynamics: Dynamics) -> JointFriction:
     """Returns dry and viscous friction of a servo from readings of steady motions, by least squares.
 
-    The fit also contains a torque that depends linearly on the angle, for errors of the model's masses.
+    The fit also contains a constant torque and a torque proportional to the angle, which take up errors of
+    the model's masses.
     """
     rows, torques = [], []
     for one in seen:

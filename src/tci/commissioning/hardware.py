@@ -1,8 +1,8 @@
 """Moves one servo after another by 2 degrees, slowly, and asks a person if the motion was right.
 
-If command and encoder have one wrong sign, zero, unit or assignment in common, the encoder can't show it, so
-the operator is asked which link moved. Every command passes the gate. The robot's own stop (`Driver.halt`)
-ends a wrong motion as soon as it is detected.
+If a sign, zero, unit or assignment is wrong for command and encoder alike, the encoder can't show the fault.
+So the operator is asked which link moved. Every command passes the gate, the safety filter before the driver.
+A wrong motion is ended by the robot's own stop (`Driver.halt`) as soon as it is detected.
 """
 
 from __future__ import annotations
@@ -24,31 +24,32 @@ from tci.robot.kinematics import KinematicChain
 MOST = float(np.deg2rad(2.0))
 """Largest motion [rad] of any servo. Assumed: visible, and too small to do harm."""
 STEPS = np.deg2rad([0.03, 0.1, 0.3, 1.0, 1.8])
-"""Successive displacements [rad] of a servo. The first is so small that degrees taken for radians stay below
-MOST; the last leaves room for overshoot."""
+"""Successive displacements [rad] of a servo. The first step is so small that the motion stays below MOST,
+also if the robot takes degrees for radians. The last step leaves room for overshoot."""
 SPEED = float(np.deg2rad(4.0))
 """Speed [rad/s] of these motions. Assumed: slow enough for a person to watch, 2 degrees in half a second."""
 SETTLE = 0.3
-"""Time [s] between the end of a motion and its measurement. Assumed: oscillations have decayed by then."""
+"""Time [s] between the end of a motion and its measurement. Assumed: after this time, oscillations have
+decayed."""
 ARRIVE = 8.0
-"""Longest time [s] of one step. Assumed: far above the half second that a step takes."""
+"""Longest time [s] of one step. Assumed: far longer than the half second that a step takes."""
 HOLDS = 2.0
-"""Longest total time [s] of gate holds during one step. Assumed: short holds, such as those after a late
-frame, are harmless."""
+"""Longest total time [s] for which the gate may hold the robot during one step. Assumed: short holds, such as
+those after a late frame, are harmless."""
 STRAY = float(np.deg2rad(0.4))
-"""Motion [rad] of another servo, or in the wrong direction, that ends a step. Assumed: above the backlash of
-NAO's joints."""
+"""A step ends if another servo moves by more than this angle [rad], or if the servo itself moves by more than
+this angle in the wrong direction. Assumed: larger than the backlash of NAO's joints."""
 RATIO = (0.6, 1.4)
-"""Range of the ratio of measured to commanded motion of a healthy servo. Assumed: backlash and sag cause up
-to 40 % of a motion of 2 degrees."""
+"""Range of measured motion divided by commanded motion for a healthy servo. Assumed: in a motion of 2
+degrees, backlash and sag cause an error of up to 40 %."""
 UNIT = 180.0 / np.pi
 ADVICE = {
     Code.MOVED_WRONG_WAY: "command and encoder have opposite signs: correct the robot's driver",
     Code.MOVED_TOO_FAR: "a unit is wrong: degrees and radians differ by 57.3",
 }
-"""Advice to the operator, by the code of the reason for which a motion ended early."""
+"""Advice to the operator for each code of the reasons for which a motion ends early."""
 ELSE = "check cables, and the order of joints in the binding, before anything else"
-"""Advice for every other code."""
+"""Advice to the operator for all codes that ADVICE lacks."""
 
 
 class ServoCheck:
@@ -59,7 +60,7 @@ class ServoCheck:
         self._kinematics = KinematicChain(driver.robot) if driver.robot.model is not None else None
         self._small: set[str] = set()
         self.largest = 0.0
-        """Largest motion [rad] of any servo measured so far."""
+        """Largest motion [rad] of any servo that was measured so far."""
 
     def check(self, servo: Servo) -> Finding:
         """Moves one servo by a small angle and back, if the operator permits it."""
@@ -99,8 +100,10 @@ class ServoCheck:
         return _verdict(self.driver.robot, servo, way * moved, reason, noise, seen)
 
     def _out(self, servo: Servo, start: Array, way: float, noise: float) -> tuple[Array, Reason | None]:
-        """Moves a servo outward in STEPS. Returns the total motion (n,) [rad] of every servo, and the reason
-        for an early end."""
+        """Moves a servo away from its start in STEPS; `way` is the sign of the motion.
+
+        Returns the total motion (n,) [rad] of all servos, and the reason for an early end, or None.
+        """
         moved = np.zeros(len(start))
         here = start[servo.index]
         for index, step in enumerate(STEPS):
@@ -128,7 +131,7 @@ class ServoCheck:
     ) -> tuple[Array, Reason | None]:
         """Moves a servo to `target` [rad] and waits; `way` is the sign of the motion from `start`.
 
-        Returns the motion (n,) [rad] of all servos from `start`, and the reason for an early end.
+        Returns the motion (n,) [rad] of all servos from `start`, and the reason for an early end, or None.
         """
         driver = self.driver
         command = PlatformCommand(
@@ -170,8 +173,10 @@ class ServoCheck:
     def _stray(
         self, moved: Array, servo: Servo, way: float, others: NDArray[np.bool_], noise: float
     ) -> Reason | None:
-        """Returns a reason to end a motion now: another servo moves, the direction is wrong, or the motion is
-        too large."""
+        """Returns the reason to end a motion now; None if there is none.
+
+        Reasons are: another servo moves, the direction is wrong, or the motion is too large.
+        """
         robot = self.driver.robot
         away = np.abs(moved) > max(STRAY, 3.0 * noise)
         if (away & others).any():
@@ -187,7 +192,7 @@ class ServoCheck:
         return None
 
     def _at_rest(self) -> tuple[Array, float]:
-        """Returns mean angles (n,) [rad] over SETTLE, and the noise [rad] of the encoders."""
+        """Returns the mean angles (n,) [rad] during the time SETTLE, and the noise [rad] of the encoders."""
         samples = [self.driver.read().joints.position for _ in self.driver.ticks(duration=SETTLE)]
         noise = float(np.std(samples, axis=0).max()) * 3.0
         return np.mean(samples, axis=0), max(noise, float(np.deg2rad(0.01)))
@@ -196,8 +201,10 @@ class ServoCheck:
 def _verdict(
     robot: Robot, servo: Servo, moved: Array, reason: Reason | None, noise: float, seen: bool | None
 ) -> Finding:
-    """Returns the finding about a servo after a motion of all servos by `moved` (n,) [rad], positive in the
-    commanded direction."""
+    """Returns the finding about a servo after its motion.
+
+    `moved` (n,) [rad] is the measured motion of all servos, positive in the commanded direction.
+    """
     own = float(moved[servo.index])
     ratio = own / float(STEPS[-1])
     figures = {"commanded_deg": float(np.rad2deg(STEPS[-1])), "measured_deg": float(np.rad2deg(own))}

@@ -1,4 +1,5 @@
-"""Checks a skin taxel by taxel: the operator presses a taxel, and the response is compared with its place."""
+"""Checks a skin taxel by taxel: the operator presses a taxel, and the place of the response is compared with
+the place of the taxel."""
 
 from __future__ import annotations
 
@@ -20,14 +21,15 @@ REST = 0.5
 """Time [s] over which rest values are averaged before a touch. Assumed: at least five frames of every
 patch."""
 PRESS = 10.0
-"""Longest time [s] to wait for a touch, and for its end. Assumed: enough for the operator to find the
+"""Longest time [s] to wait for a touch, and again for its end. Assumed: enough for the operator to find the
 place."""
 LEAST = 0.02
-"""Least change that counts as a touch, as a fraction of the sensor's range, or six times the noise if that is
-more. Assumed: a fingertip changes the value by more than 2 % of the range."""
+"""Least change of a value that counts as a touch, as a fraction of the sensor's range. If six times the noise
+is larger, the least change is six times the noise. Assumed: a fingertip changes the value by more than 2 % of
+the range."""
 NEAR = 0.02
-"""Largest distance [m] of a response from the pressed taxel. Assumed: the size of a fingertip plus that of a
-skin module."""
+"""Largest distance [m] of a response from the pressed taxel. Assumed: the size of a fingertip plus the size
+of a skin module."""
 _WAYS = (("forward", "backward"), ("left", "right"), ("up", "down"))
 _SIDES = ("front (the flexor side)", "outer side", "back (the extensor side)", "inner side")
 
@@ -36,12 +38,12 @@ class SkinCheck:
     """Compares the place where the skin is pressed with the place of its response."""
 
     def __init__(self, driver: Driver, operator: Operator) -> None:
-        """Builds the robot's skin. Raises the errors of `Skin`."""
+        """Computes the places of all taxels of the robot. Raises the errors of `Skin`."""
         self.driver, self.operator = driver, operator
         self.skin = Skin(driver.robot)
 
     def check(self, patch: Patch, count: int | None) -> Iterator[Finding]:
-        """Checks `count` taxels of a patch, spread evenly over its indices; None checks all of them."""
+        """Checks `count` taxels of a patch, at regular steps of the taxel index; None checks all taxels."""
         total = len(self.skin.surfaces[patch.name].positions)
         chosen = np.arange(total)
         if count is not None and count < total:
@@ -104,7 +106,10 @@ class SkinCheck:
     def _responses(
         self, rest: dict[str, Array], noise: dict[str, Array], reading: Reading
     ) -> dict[str, Array]:
-        """Returns the change (taxels,) [counts] of each patch with a response, positive with pressure."""
+        """Returns, for each patch with a response, the change (taxels,) [counts] of its values.
+
+        A change by pressure is positive. Changes below the noise are set to 0.
+        """
         found = {}
         for name, values in self._values(reading).items():
             if name in rest:
@@ -116,7 +121,7 @@ class SkinCheck:
         return found
 
     def _rest(self) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Returns the mean value of each taxel, and the least change that counts as a touch."""
+        """Returns, by patch, the mean value of each taxel, and the least change that counts as a touch."""
         samples: dict[str, list[Array]] = {}
         for _ in self.driver.ticks(duration=REST):
             for name, values in self._values(self.driver.read()).items():
@@ -132,7 +137,7 @@ class SkinCheck:
         return rest, noise
 
     def _settle(self) -> None:
-        """Reads for 0.1 s, because the first values of a touch do not show its place."""
+        """Reads frames for 0.1 s, because the first values of a touch do not yet show its place."""
         for _ in self.driver.ticks(duration=0.1):
             self.driver.read()
 

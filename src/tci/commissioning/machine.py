@@ -19,13 +19,13 @@ from tci.robot.catalogue import load_robot, robot_names
 from tci.runtime.lease import FOLDER, lease
 
 PERIOD = 0.002
-"""Period [s] in the test of the clock, equal to that of simulated robots."""
+"""Period [s] in the test of the clock, equal to the period of simulated robots."""
 LATE = 1e-3
-"""Delay [s] of wake-ups (p99) above which the clock gets a warning. Assumed: half of PERIOD."""
+"""Delay [s] of wake-ups (99th percentile) above which the clock gets a warning. Assumed: half of PERIOD."""
 
 
 def examine_machine(*, duration: float = 0.4) -> tuple[Finding, ...]:
-    """Returns findings about this machine; the clock is tested for `duration` [s]."""
+    """Returns findings about this machine. The clock is tested for the time `duration` [s]."""
     system = f"TCI {tci.__version__}, Python {platform.python_version()}, {platform.platform(terse=True)}"
     return (
         Finding(Level.OK, "machine", f"{system}, {os.cpu_count()} processors"),
@@ -60,7 +60,7 @@ def _driver(name: str) -> Finding:
 
 
 def _library(driver: str) -> str:
-    """Names the library that an extra installed for a driver, with its version."""
+    """Returns the name and version of the library that a driver needs, as installed by an extra of TCI."""
     found = ", ".join(f"{name} {release}" for name, release in installed_by(driver).items())
     return f"its library: {found}" if found else "it needs no extra"
 

@@ -8,19 +8,19 @@ from tci.commissioning.expected_motion import ExpectedMotion
 
 
 class Operator(Protocol):
-    """The person beside the robot."""
+    """The person beside the robot, or a program that answers for this person."""
 
     def may(self, what: str) -> bool:
-        """True if the action is permitted now."""
+        """Asks for permission; True if the action `what` is permitted now."""
 
     def saw(self, what: str, expected: ExpectedMotion | None) -> bool | None:
-        """True if the operator saw the described motion or state; None if it can't be told."""
+        """Asks if the operator saw the described motion or state; None if the operator can't say."""
 
     def still(self, what: str) -> bool:
-        """True if no visible motion happened."""
+        """Asks about a very small motion; True if the operator saw no motion."""
 
     def press(self, patch: str, taxel: int, where: str) -> bool:
-        """Asks to press a taxel and hold it; False if the operator skips it."""
+        """Asks the operator to press a taxel and to keep pressing; False if the operator skips this taxel."""
 
     def release(self) -> None:
-        """Asks to release the taxel."""
+        """Asks the operator to release the taxel."""

@@ -1,5 +1,7 @@
-"""Compares a description with its kinematic model, and its left side with the right one. Finds values that
-are valid but wrong, such as a sign, a limit, a link or a unit."""
+"""Compares a description with its kinematic model, and the left side of the description with the right side.
+
+The comparison finds values that the format permits but that are wrong, such as a sign, a limit or a unit.
+"""
 
 from __future__ import annotations
 
@@ -22,31 +24,31 @@ from tci.robot.mesh_files import NO_MESHES
 from tci.skin.surfaces import build_surface
 
 MIDDLE = {"pitch": (0.0, 1.0, 0.0), "roll": (1.0, 0.0, 0.0), "yaw": (0.0, 0.0, 1.0)}
-"""Positive axes of head and torso, in the torso frame."""
+"""Axes of positive rotation of head and torso, in the torso frame."""
 CONTRARY = -0.5
-"""Cosine of the angle between a joint's axis and the generic axis below which its sign is wrong. Assumed:
-axes of hips and necks are slanted by 30 degrees, not by 60."""
+"""The sign of a joint is wrong if the cosine of the angle between its axis and the generic axis is below this
+value. Assumed: axes of hips and necks are slanted by 30 degrees, not by 60."""
 BEYOND = np.deg2rad(1.0)
-"""Angle [rad] by which a limit may exceed that of the model. Assumed: above rounding to degrees."""
+"""Angle [rad] by which a limit may exceed the limit in the model. Assumed: more than the error of rounding to
+degrees."""
 FORWARD = np.deg2rad([90.0, 0.0, 0.0, 0.0, 0.0])
 """Generic angles [rad] of an arm that is stretched out forward."""
 APART = 0.012
 """Largest distance [m] of a place on the left from the mirror image of its counterpart on the right. Assumed:
-above the asymmetry of real arms, below any relevant offset."""
+larger than the asymmetry of real arms, smaller than any relevant error."""
 WIDER = 1.25
-"""Largest ratio of the extents of a patch and its mirror image. Assumed: real patches of a pair differ by a
-few percent."""
+"""Largest ratio between the sizes of a left patch and its right counterpart. Assumed: the sizes of real
+patches of a pair differ by a few percent."""
 SHARE, AWAY = 0.25, 0.03
-"""Fraction of a patch's taxels that must be within a distance [m] of the shapes of its link and of adjacent
-links. Assumed: models lack covers (soles of NAO: 21 mm) and pieces of forearms (alex: 27 mm)."""
+"""Fraction SHARE of a patch's taxels must be within the distance AWAY [m] of the shapes of its link and of
+adjacent links. Assumed: models lack covers (soles of NAO: 21 mm) and pieces of forearms (alex: 27 mm)."""
 PRESSURE = (3e3, 1e7)
-"""Least and largest pressure [Pa] at the end of a sensor's range. Assumed: a light touch is 3 kPa, and 10 MPa
-destroy a skin."""
+"""Least and largest plausible pressure [Pa] at the end of a sensor's range. Assumed: a light touch is 3 kPa,
+and 10 MPa destroys a skin."""
 
 
 def doubts(robot: Robot) -> list[str]:
-    """Returns one sentence for each contradiction within a description, or between a description and its
-    model."""
+    """Returns one sentence for each contradiction within a description, or between description and model."""
     found = [*_sensors(robot)]
     if robot.model is None:
         return found
@@ -115,7 +117,10 @@ def _limits(robot: Robot) -> Iterator[str]:
 
 
 def _mirrored_limits(robot: Robot) -> Iterator[str]:
-    """Compares the limits of generic joints on the left and on the right if the model has no limits."""
+    """Compares the limits of generic joints on the left with those on the right.
+
+    Pairs of joints that both have limits in the model are left out.
+    """
     assert robot.model is not None
     model = bare_model(robot.model)
     given = {model.joint(j).name for j in range(model.njnt) if model.jnt_limited[j]}
@@ -142,8 +147,12 @@ def _mirrored_limits(robot: Robot) -> Iterator[str]:
 
 
 def _torso(robot: Robot, chain: KinematicChain) -> str | None:
-    """Returns faults of the torso frame: joints of other parts between torso and arm, or shoulders that are
-    not on its left and right."""
+    """Returns a fault of the torso frame; None if there is none.
+
+    It is a fault if a joint of another part moves an arm relative to the torso, or if a shoulder joint does
+    not move its arm relative to the torso. It is also a fault if the left shoulder is not to the left of the
+    right shoulder.
+    """
     assert robot.model is not None
     others = {servo.servo: part.name for part in robot.parts if part.kind != "arm" for servo in part.servos}
     centres = {}
@@ -170,7 +179,7 @@ def _torso(robot: Robot, chain: KinematicChain) -> str | None:
 
 
 def _signs(robot: Robot, chain: KinematicChain, position: Array) -> Iterator[str]:
-    """Compares axes of head, torso, hands and legs with the generic axes."""
+    """Compares the joint axes of head, torso, hands and legs with the generic axes."""
     for part in robot.parts:
         axes = {"head": MIDDLE, "torso": MIDDLE, "hand": HAND, "leg": LEG}.get(part.kind)
         if axes is None:
@@ -216,7 +225,7 @@ def _segments(
 
 
 def _patches(robot: Robot, chain: KinematicChain, postures: list[Array]) -> Iterator[str]:
-    """Compares each patch on the left with its counterpart on the right, while the arms hang."""
+    """Compares each patch on the left with its counterpart on the right, in several `postures`."""
     named = {patch.name: patch for patch in robot.patches}
     for left in robot.patches:
         right = named.get(left.name.replace("left", "right", 1))
@@ -235,7 +244,7 @@ def _patches(robot: Robot, chain: KinematicChain, postures: list[Array]) -> Iter
 
 
 def _distances(robot: Robot, chain: KinematicChain, *, without: set[str]) -> Iterator[str]:
-    """Compares the places of taxels with the shapes of their links, for patches without other doubts."""
+    """Compares the places of taxels with the shapes of their links. Patches in `without` are left out."""
     assert robot.model is not None
     if robot.model.meshes == NO_MESHES or not robot.skin:
         return
@@ -265,13 +274,16 @@ def _cloud(robot: Robot, patch: Patch, chain: KinematicChain, position: Array) -
 
 
 def _apart(left: Array, right: Array) -> float:
-    """Returns the distance [m] of a point (3,) on the left from the mirror image of a point on the right."""
+    """Returns the distance [m] of the point `left` (3,) from the mirror image of the point `right` (3,)."""
     return float(np.linalg.norm(left - right * [1.0, -1.0, 1.0]))
 
 
 def _torques(robot: Robot) -> Iterator[str]:
-    """Compares torque limits with the weight of arms that are stretched out forward, and with the friction
-    and damping of joints at their speed limits."""
+    """Compares torque limits with the torques that a robot needs.
+
+    These are the torques for the weight of arms that are stretched out forward, and for the friction and
+    damping of each joint at its speed limit.
+    """
     assert robot.model is not None
     gravity, model = Gravity(robot), bare_model(robot.model)
     position = np.array(initial_position(robot))
@@ -305,7 +317,7 @@ def _arms(robot: Robot) -> list[GenericPart]:
 
 
 def _at_generic_zero(robot: Robot) -> Array:
-    """Returns servo angles (n,) [rad] with arms and legs at their generic zeros."""
+    """Returns servo angles (n,) [rad] at which all generic angles of arms and legs are 0."""
     position = np.array(initial_position(robot))
     for part in robot.parts:
         if part.kind in ("arm", "leg"):

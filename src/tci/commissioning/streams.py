@@ -1,4 +1,4 @@
-"""Measures the data flow through a driver: rates, lost frames, ages, and the cost of reading."""
+"""Measures the data flow through a driver: rates, lost frames, ages, and the duration of reading."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Stream:
     """Statistics of one source of frames: the joints, or a patch of skin."""
 
     name: str
-    """`joints`, or the patch's name."""
+    """Name of the patch, or "joints"."""
     expected: float | None
     """Nominal frame rate [Hz] in the description; None for the joints."""
     frames: int
@@ -26,20 +26,20 @@ class Stream:
     sent: int
     """Number of frames that the robot sent during the observation, computed from sequence numbers."""
     rate: float
-    """Rate [Hz] at which the robot sent frames, computed from sequence numbers; 0 for fewer than two
-    frames."""
+    """Rate [Hz] at which the robot sent frames, computed from sequence numbers and stamps; 0 for fewer than
+    two frames."""
     lost: int
-    """Number of frames that were sent but not read; 0 if the driver was read too seldom to read all
-    frames."""
+    """Number of frames that were sent but not read. It is 0 if the driver was read too seldom for this
+    count."""
     older: int
     """Number of frames that arrived after a newer one."""
     age: float
-    """Median age [s] of the newest frame when read."""
+    """Median, over all reads, of the age [s] of the newest frame."""
     oldest: float
-    """Largest age [s] of the newest frame when read."""
+    """Largest age [s] of the newest frame in any read."""
 
     def to_json(self) -> dict[str, object]:
-        """Returns plain values for JSON; times in ms."""
+        """Returns the statistics as JSON values; ages are in ms."""
         return {
             "name": self.name,
             "rate_hz": self.rate,
@@ -55,7 +55,7 @@ class Stream:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
-    """Readings of a driver over some time, and their statistics."""
+    """Readings of a driver during some time, and statistics of the frames in them."""
 
     streams: tuple[Stream, ...]
     """Statistics of the joints first, then of the patches in the order of the description."""
@@ -66,11 +66,11 @@ class Observation:
 
 
 HISTORY = 50
-"""Number of readings that an observation stores. Assumed: enough for statistics of values; the number bounds
-memory."""
+"""Largest number of readings that an observation stores, to limit its memory. Assumed: enough for statistics
+of values."""
 ENOUGH = 1.5
-"""Ratio of read rate to frame rate from which missing frames count as lost. Assumed: a margin for irregular
-reading."""
+"""Least ratio of read rate to frame rate at which missing frames count as lost. Assumed: a margin for
+irregular reading."""
 
 
 class _Count:
@@ -90,7 +90,7 @@ class _Count:
         self.ages.append(now - stamp)
 
     def stream(self, name: str, expected: float | None, elapsed: float, reads: int) -> Stream:
-        """Returns the statistics. A source that never sent data has rate 0 and infinite age."""
+        """Returns the statistics of the source. A source that never sent data has rate 0 and infinite age."""
         if not self.seen:
             return Stream(name, expected, 0, 0, 0.0, 0, self.older, np.inf, np.inf)
         (first, begin), (last, end) = self.seen[0], self.seen[-1]
@@ -114,9 +114,10 @@ class _Count:
 def observe(
     driver: Driver, duration: float, *, progress: Callable[[float], None] | None = None
 ) -> Observation:
-    """Reads a driver once per period for `duration` [s]; calls `progress` with the fraction done, 0..1.
+    """Reads a driver once per period for the time `duration` [s], without commands to the robot.
 
-    Commands nothing. Raises DriverError if the robot can't be read.
+    `progress` is called in each period with the fraction of the time that has passed, 0 to 1. Raises
+    DriverError if the robot can't be read.
     """
     patches = {patch.name: patch.rate for patch in driver.robot.skin}
     joints, skin = _Count(), {name: _Count() for name in patches}

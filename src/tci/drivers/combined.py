@@ -14,13 +14,15 @@ from tci.messages import Reading, SkinFrame
 
 
 class CombinedDriver(DriverWrapper):
-    """One driver for the joints and others for the skin. It has the gate, clock and lease of the joints'
-    driver."""
+    """One driver for the joints and others for the skin, used as a single driver. Its gate, clock and lease
+    are those of the joints' driver."""
 
     def __init__(self, joints: Driver, skins: Sequence[Driver]) -> None:
-        """Reads the joints from `joints`, and each patch from the first of `skins` that has sent it.
+        """Reads the joints from `joints`, and each patch of skin from the first driver in `skins` that has
+        sent a frame of this patch.
 
-        All drivers are closed with this one. Raises DriverError when their clocks are not this machine's own.
+        Closing this driver also closes `joints` and `skins`. Raises DriverError if one of them does not use
+        this machine's own clock.
         """
         for driver in (joints, *skins):
             if not isinstance(driver.clock, MonotonicClock):

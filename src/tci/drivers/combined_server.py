@@ -14,10 +14,11 @@ JOIN = " + "
 
 
 class CombinedServer(Server):
-    """One robot that is served on several middlewares at once. Clients of each middleware can command it."""
+    """One robot that is served on several middlewares at once. Clients of each middleware can command the
+    robot."""
 
     def __init__(self, servers: Sequence[Server]) -> None:
-        """Takes servers of one driver; closing this server closes them."""
+        """Takes `servers`, which all serve the same driver. Closing this server also closes them."""
         super().__init__(servers[0].driver, JOIN.join(server.address for server in servers))
         self.servers = tuple(servers)
         self._senders: dict[int, Server] = {}

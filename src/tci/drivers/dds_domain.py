@@ -1,4 +1,4 @@
-"""DDS domains in this process. Cyclone accepts one configuration for each domain."""
+"""DDS domains that are open in this process. The DDS library Cyclone accepts one configuration per domain."""
 
 from __future__ import annotations
 
@@ -8,17 +8,18 @@ from cyclonedds.domain import Domain
 from tci.errors import DriverError
 
 MOST_PARTICIPANTS = 32
-"""Largest number of processes of one domain on this machine that can find each other without multicast, as in
-ROS."""
+"""Largest number of processes on this machine that can find each other in one domain without multicast. ROS
+has the same limit."""
 _open: dict[int, tuple[Domain, str, int]] = {}
-"""Domain, its user and number of openings, by number."""
+"""Open domains by number: the domain, its user, and how many times it was opened."""
 
 
 def open_domain(number: int, settings: str, user: str) -> None:
-    """Opens a domain with Cyclone's `settings`, or shares the domain that the same `user`, such as `ROS 2`,
-    has open.
+    """Opens domain `number` for `user`, for example `ROS 2`, with `settings` for Cyclone.
 
-    Raises DriverError for settings that Cyclone refuses, and for the domain of another user.
+    If `user` has opened this domain before, the open domain is used again.
+
+    Raises DriverError if Cyclone refuses the settings, or if another user has the domain open.
     """
     if number in _open:
         domain, other, count = _open[number]
@@ -36,7 +37,7 @@ def open_domain(number: int, settings: str, user: str) -> None:
 
 
 def close_domain(number: int) -> None:
-    """Closes what `open_domain` has opened."""
+    """Undoes one call of `open_domain`. Undoing the last call closes the domain."""
     domain, user, count = _open.pop(number)
     if count > 1:
         _open[number] = domain, user, count - 1

@@ -1,4 +1,4 @@
-"""Findings about a driver, with advice. `tci doctor` prints them."""
+"""Findings about a driver, with advice. The command `tci doctor` prints them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Level(Enum):
     WARNING = "warning"
     """The driver works, but not as well as it could."""
     FAULT = "fault"
-    """The driver can't work like this."""
+    """The driver can't work until the cause is removed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,16 +27,17 @@ class Finding:
 
     level: Level
     subject: str
-    """Subject of the finding: `connection`, `joints`, the name of a patch or of a servo."""
+    """Subject of the finding, for example `connection`, `joints`, or the name of a patch or servo."""
     what: str
     """Text of the finding."""
     advice: str = ""
     """Recommended action; empty if none is needed."""
     figures: Mapping[str, float | str] = field(default_factory=lambda: MappingProxyType({}))
-    """The finding as numbers, for programs: names end in their unit."""
+    """Values of the finding by name, for programs. If a value has a unit, its name ends in the unit, as in
+    `offset_s`."""
 
     def to_json(self) -> dict[str, object]:
-        """Returns the finding as plain values."""
+        """Returns the finding as a dictionary that can be written as JSON."""
         return {
             "level": self.level.value,
             "subject": self.subject,

@@ -22,18 +22,20 @@ class Driver(ABC):
     """A connection to one robot: `read` returns sensor data, `write` sends the commands that the driver's
     gate created.
 
-    A subclass communicates with the robot in `_receive`, `_send` and `_close`, and converts the robot's units
-    and order. Reading is always allowed; writing needs an armed driver and a command that `gate` created.
+    A subclass communicates with the robot in `_receive`, `_send` and `_close`. In these methods it converts
+    the robot's units to SI units and the robot's joint order to the description's order, and back. Reading is
+    always allowed. Writing needs an armed driver and a command that `gate` created.
     """
 
     before_write: Callable[[], None] | None = None
-    """Called before each command; raises DriverError when this process may no longer command the robot."""
+    """Function that `write` calls before it sends a command. It raises DriverError if this process may no
+    longer command the robot."""
 
     def __init__(self, info: DriverInfo) -> None:
-        """Stores the facts of the connection. Every subclass calls this first; most create `info` by
-        `DriverInfo.of`."""
+        """Stores `info`, the facts about the connection. Every subclass must call this constructor first.
+        Most subclasses create `info` with `DriverInfo.of`."""
         self.info = info
-        """Facts about the connection. A driver replaces them only if it learns more while it connects."""
+        """Facts about the connection. A driver may replace them while it connects, but not later."""
         self._open = True
 
     @property
@@ -48,7 +50,7 @@ class Driver(ABC):
 
     @property
     def gate(self) -> Gate:
-        """The gate; `write` accepts only commands that it created."""
+        """Safety gate of this driver. `write` accepts only commands that this gate created."""
         return self.info.gate
 
     @property
@@ -63,7 +65,8 @@ class Driver(ABC):
 
     @abstractmethod
     def _receive(self) -> Reading:
-        """Returns the latest reading of joints and skin, in SI units and the description's order."""
+        """Returns the latest reading of joints and skin. Joints are in SI units and in the description's
+        order."""
 
     @abstractmethod
     def _send(self, safe: SafeCommand) -> None:
@@ -75,44 +78,49 @@ class Driver(ABC):
 
     @classmethod
     def load_library(cls) -> None:
-        """Loads libraries that the driver's module does not import, because some installations lack them.
+        """Loads optional libraries. The driver's module does not import them, since some installations lack
+        them.
 
-        Raises MissingExtraError.
+        Raises MissingExtraError if a library is not installed.
         """
         return
 
     @classmethod
     def probe(cls, robot: Robot, address: str) -> tuple[Finding, ...]:
-        """Checks each step of a connection to `address`, without a driver. For users whose connection fails.
+        """Checks each step of a connection to `address`, to find out why a connection fails. Creates no
+        driver.
 
-        It moves nothing and raises no exception; each step that fails is a finding with advice.
+        Nothing is moved. A step that fails raises no exception, but is returned as a finding with advice.
         """
         return ()
 
     def diagnose(self) -> tuple[Finding, ...]:
-        """Returns findings that only this driver can make: the dialect in use, lost frames, the clock's
-        offset, and differences between the robot's own data (names, limits, modes) and the description. It
-        moves nothing.
+        """Returns findings that only this kind of driver can make. Nothing is moved.
 
-        Raises DriverError when the robot does not answer.
+        Examples are the protocol version in use, lost frames, the offset of the robot's clock, and
+        differences between the robot's own limits and its description.
+
+        Raises DriverError if the robot does not answer.
         """
         return ()
 
     def ticks(self, *, duration: float | None = None, start: float | None = None) -> Iterator[float]:
-        """Yields the present time [s], once per `period`, from `start` [s] or now on, for `duration` [s] or
-        for ever."""
+        """Yields the present time [s] once per `period`, for a loop.
+
+        Begins at `start` [s], by default now. Ends after `duration` [s]; by default it never ends.
+        """
         return ticks(self.clock, self.period, duration=duration, start=start)
 
     def read(self) -> Reading:
-        """Returns the latest joints and skin frames. Raises DriverError when the driver is closed."""
+        """Returns the latest joint data and skin frames. Raises DriverError if the driver is closed."""
         self._check_open()
         return self._receive()
 
     def write(self, safe: SafeCommand) -> SafeCommand:
-        """Sends a command of this driver's gate, and returns what was sent.
+        """Sends the latest command of this driver's gate, and returns the command that was sent.
 
-        Raises DriverError when the driver is closed or not armed, when the command was not made by this
-        driver's gate, and when another process commands the robot.
+        Raises DriverError if the driver is closed or not armed, if the command is not the gate's latest one
+        or was sent before, or if another process commands the robot.
         """
         self._check_open()
         if not self.armed:
@@ -126,10 +134,10 @@ class Driver(ABC):
         return safe
 
     def halt(self) -> None:
-        """Calls the robot's own stop, which does not use commands of the gate: all joints keep their present
-        angles.
+        """Stops all joints at their present angles. This calls the robot's own stop function instead of
+        sending a command of the gate.
 
-        After that no joint is under command until the next command. Raises DriverError if the driver is
+        Afterwards no joint is under command until the next `write`. Raises DriverError if the driver is
         closed or not armed.
         """
         self._check_open()
@@ -141,14 +149,15 @@ class Driver(ABC):
         self.gate.drop()
 
     def _halt(self) -> None:
-        """Stops the robot by its own means. The default does nothing: the robot stops at its last target."""
+        """Calls the robot's own stop function. The default does nothing: the robot stops at its last
+        target."""
         return
 
     def native(self, robot_part: str) -> NativePart:
-        """Returns the robot's own joints of `robot_part`, to command them in addition to generic joints,
-        through the same gate.
+        """Returns the robot's own joints of `robot_part`.
 
-        Raises UnknownNameError.
+        They can be commanded in addition to the generic joints, through the gate of this driver. Raises
+        UnknownNameError if the robot lacks `robot_part`.
         """
         return NativePart(robot_part, self.robot.servos_of(robot_part))
 
@@ -172,7 +181,8 @@ class Driver(ABC):
 
 
 class NativePart:
-    """The robot's own joints of a part, for joints that are not generic: wrists, fingers, toes (§3)."""
+    """Joints of one robot part, under the robot's own names. Needed for joints that are not generic, such as
+    wrists, fingers and toes (§3)."""
 
     def __init__(self, name: str, servos: tuple[Servo, ...]) -> None:
         self.name = name
@@ -180,16 +190,17 @@ class NativePart:
         self._by_name = {servo.name: servo for servo in servos}
 
     def positions(self, joints: JointReading) -> dict[str, float]:
-        """Returns the angle [rad] of each servo by the robot's own name."""
+        """Returns the angle [rad] of each servo, by the robot's own name of the servo."""
         return {servo.name: float(joints.position[servo.index]) for servo in self.servos}
 
     def command(
         self, values: Mapping[str, float], *, mode: Mode = Mode.POSITION, speed: float = np.inf
     ) -> PlatformCommand:
-        """Returns a command for the gate: `values` by the robot's own joint names, [rad] for positions.
+        """Returns a command for the gate, from `values` by the robot's own joint names ([rad] in position
+        mode).
 
-        `speed` [rad/s] is an upper bound in addition to the limits. Raises CommandError for no values at all,
-        UnknownNameError for a joint that the part lacks.
+        `speed` [rad/s] is an upper bound of the speed, in addition to the servos' limits. Raises CommandError
+        if `values` is empty, and UnknownNameError if the part lacks a joint.
         """
         if not values:
             raise CommandError(f"no values for {self.name}; valid names: {', '.join(self._by_name)}")

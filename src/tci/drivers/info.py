@@ -15,27 +15,31 @@ from tci.robot.description import Robot
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriverInfo:
-    """Facts about one connection to a robot. A wrapper replaces some of them."""
+    """Facts about one connection to a robot. A driver that wraps another driver replaces some of these
+    facts."""
 
     robot: Robot
     clock: Clock
     """Clock of all stamps."""
     gate: Gate
-    """The gate, which alone makes the commands that the driver writes. Its period is that of the commands."""
+    """Safety gate. The driver writes only commands that this gate made. The gate's period is the time between
+    two commands."""
     armed: bool
     """True if the driver may write."""
     lease_name: str
-    """Name of the lease. Drivers with equal names reach one robot, and only one of them may command it at a
-    time."""
+    """Name of the lease, which is the right to command the robot. Drivers with equal lease names reach the
+    same robot, and only one of these drivers may command it at a time."""
     keep_alive: float | None = None
-    """Longest time [s] between two frames of a patch if the skin is sent on change (send-on-delta); None if
+    """Longest time [s] between two frames of a patch, if a frame is sent only when its values change. None if
     every frame is sent."""
     about: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
-    """Facts that a recording needs so that its run can be repeated: seed and step of the physics."""
+    """Facts that a recording stores so that the run can be repeated: random seed and time step of the
+    physics."""
     recorded: bool = False
-    """True if the driver replays a recording: writing moves nothing, and each reading is returned once."""
+    """True if the driver replays a recording. Then `write` moves nothing, and `read` returns each reading
+    once."""
     unreached: Mapping[int, str] = field(default_factory=lambda: MappingProxyType({}))
-    """Reason, by servo index, for each servo that the driver reads but can't move."""
+    """For each servo that the driver reads but can't move: the reason, by servo index."""
 
     @classmethod
     def of(
@@ -52,12 +56,13 @@ class DriverInfo:
         about: Mapping[str, str] | None = None,
         recorded: bool = False,
     ) -> Self:
-        """Returns the facts of a connection over `middleware`, by the robot's binding to it, with a new gate.
+        """Returns the facts about a connection over `middleware`, with a new gate.
 
-        `settings` are the gate's. By default the binding gives the `period` [s] of the commands, and robot
-        and middleware form the `lease_name`.
+        `settings` are the settings of the gate. By default, the `period` [s] of the commands comes from the
+        robot's binding (its settings for this middleware), and the `lease_name` consists of middleware and
+        robot.
 
-        Raises UnknownNameError for a robot without a binding to the middleware.
+        Raises UnknownNameError if the robot has no binding to the middleware.
         """
         binding = robot.binding(middleware)
         gate = Gate(

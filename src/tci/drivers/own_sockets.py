@@ -1,6 +1,7 @@
 """Access to sockets that a library opens in this process without offering settings for them.
 
-Linux lists the sockets of a process. On other systems no sockets are found, and nothing is changed.
+Works only on Linux, which lists the sockets of a process. On other systems this module finds no sockets and
+changes nothing.
 """
 
 from __future__ import annotations
@@ -27,28 +28,31 @@ except ModuleNotFoundError:  # Windows
 
 FOLDER = Path("/proc/self/fd")
 INTERVAL = 0.25
-"""Time [s] between two checks of a library's connections. Assumed: a flood of connections opens no more than
-a few hundred in that time."""
+"""Time [s] between two checks of a library's connections. Assumed: a flood opens no more than a few hundred
+connections between two checks."""
 SO_DOMAIN = 39
-"""Linux's option for the family of a socket, which Python does not define."""
+"""Linux's socket option SO_DOMAIN, the address family of a socket. Python does not define the option."""
 INFO = 256
-"""Bytes requested of Linux's `struct tcp_info`, which grows with its versions."""
+"""Bytes that are requested of Linux's `struct tcp_info`. Newer versions of Linux have a longer struct."""
 SILENT_AT, RECEIVED_AT = 52, 128
-"""Offsets [bytes] in `struct tcp_info` of the time [ms] since data last arrived (u32), and of the number of
-bytes received (u64)."""
+"""Offsets [bytes] of two values in `struct tcp_info`: the time [ms] since data last arrived (u32), and the
+number of bytes received (u64)."""
 
 
 _C: Any = ctypes.CDLL(None, use_errno=True) if FOLDER.is_dir() else None
 
 
 class OwnSocket:
-    """A second file descriptor of a socket. It is not wrapped in a Python socket, which might make the
-    library's own descriptor non-blocking too."""
+    """A second file descriptor of a socket that a library opened.
+
+    The descriptor is not wrapped in a Python socket, because that might also make the library's own
+    descriptor non-blocking.
+    """
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
         self.name = os.readlink(FOLDER / str(descriptor))
-        """Name of the socket in the system, `socket:[INODE]`."""
+        """Name that Linux gives the socket: `socket:[INODE]`."""
 
     def get(self, level: int, option: int, size: int = 4) -> bytes:
         """Returns a socket option as bytes. Raises OSError."""
@@ -72,7 +76,7 @@ class OwnSocket:
         return int.from_bytes(data.raw[2:4], "big")
 
     def end(self) -> None:
-        """Shuts the connection down, for both descriptors. Raises OSError."""
+        """Shuts the connection down, also for the library's own descriptor. Raises OSError."""
         _checked(_C.shutdown(self._descriptor, socket.SHUT_RDWR))
 
 
@@ -82,7 +86,7 @@ def _checked(result: int) -> None:
 
 
 def own_sockets(kind: socket.SocketKind) -> Iterator[OwnSocket]:
-    """Yields each IP socket of type `kind`. Its descriptor is closed before the next one is yielded."""
+    """Yields each IP socket of type `kind` in this process; valid only until the next socket is yielded."""
     for number in os.listdir(FOLDER) if FOLDER.is_dir() else ():
         with suppress(OSError):  # closed in the meantime
             descriptor = os.dup(int(number))
@@ -104,8 +108,8 @@ def listening() -> set[int]:
 def on_interface(name: str) -> Iterator[None]:
     """Makes UDP sockets that are opened inside the block receive data from one network interface only.
 
-    DDS listens on every network interface, even if it is configured to use one, and would also read data that
-    arrives on the others.
+    Needed for DDS, which listens on every network interface although it is configured to use only one.
+    Without this function, DDS would also read data that arrives on the other interfaces.
     """
     before = {found.name for found in own_sockets(socket.SOCK_DGRAM)}
     yield
@@ -120,10 +124,10 @@ def on_loopback() -> AbstractContextManager[None]:
 
 
 class ConnectionMonitor:
-    """Bounds the number of connections to a library's server in this process, as `ConnectionLimit` does for
-    TCI's own servers.
+    """Bounds the number of connections to a library's server in this process.
 
-    A connection is unverified until it has sent a byte.
+    `ConnectionLimit` has the same rules for TCI's own servers. A connection counts as unverified until it has
+    sent a byte.
     """
 
     def __init__(self, port: int, *, most: int = MOST) -> None:
@@ -135,7 +139,8 @@ class ConnectionMonitor:
         threading.Thread(target=self._keep_checking, name=f"connections to {port}", daemon=True).start()
 
     def check(self) -> None:
-        """Closes the connections that exceed the bounds on number and on time without data."""
+        """Closes connections above the largest number, and connections that have sent no byte for too
+        long."""
         now, going = time.monotonic(), set[str]()
         found = [_connection(partial(going.add, one.name), one, now) for one in self._connections()]
         for connection in surplus(found, now, self._most):
@@ -163,7 +168,8 @@ class ConnectionMonitor:
 def _open_more_files() -> None:
     """Raises the process's limit on open files to the system's maximum.
 
-    If NAOqi's server once can't open a file for a connection, it never accepts a connection again.
+    Needed for NAOqi's server: if the server can't open a file for one connection, it accepts no further
+    connections.
     """
     if resource is not None:
         most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]

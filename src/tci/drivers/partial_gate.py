@@ -1,4 +1,4 @@
-"""Gate of a connection that moves only some servos of its robot."""
+"""Gate of a connection that can move only some of the robot's servos."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from tci.robot.description import Limits, Robot
 
 
 class PartialGate(Gate):
-    """Refuses commands to servos that a connection can't reach; otherwise works like any gate.
+    """Gate that refuses commands to servos that a connection can't reach; works like `Gate` otherwise.
 
-    A command to a whole robot part moves the other servos of the part, as for servos that can't be moved at
-    all.
+    A command to a whole robot part is not refused: it moves only the servos of the part that can be reached.
     """
 
     def __init__(
@@ -27,7 +26,8 @@ class PartialGate(Gate):
         stale_after: float,
         settings: GateSettings | None = None,
     ) -> None:
-        """Takes the reason for each servo that is not reached, by its index."""
+        """Makes the gate; `unreached` has the index of each servo that can't be reached, with the reason
+        why."""
         super().__init__(robot, period=period, stale_after=stale_after, settings=settings)
         self._unreached = unreached
         servos = tuple(
@@ -56,7 +56,7 @@ class PartialGate(Gate):
         return super().step(kept, joints, now, refused=why)
 
     def _refusal(self, order: PlatformOrder) -> Reason | None:
-        """Returns the reason to refuse an order; None also for a malformed one, which any gate refuses."""
+        """Returns the reason to refuse an order that moves an unreached servo, or None."""
         for servo, why in self._unreached.items():
             if servo in order.servos:
                 return Reason(Code.ROBOT_REFUSES, f"{self.robot.servos[servo].name} can't be moved: {why}")

@@ -25,34 +25,35 @@ HARMLESS = ("sim", "replay")
 
 
 def driver_names() -> tuple[str, ...]:
-    """Returns the names of the installed drivers, which `connect` takes, without an address."""
+    """Returns the names of the installed drivers, without addresses. `connect` takes these names."""
     return tuple(sorted({point.name for point in entry_points(group=DRIVERS)}))
 
 
 def server_names() -> tuple[str, ...]:
-    """Returns the names of the installed servers, which `open_server` takes, without an address."""
+    """Returns the names of the installed servers, without addresses. `open_server` takes these names."""
     return tuple(sorted({point.name for point in entry_points(group=SERVERS)}))
 
 
 def load_driver(name: str) -> type[Driver]:
-    """Returns the class of a driver by its entry point.
+    """Returns the class of the driver with the entry point `name`.
 
-    Raises UnknownNameError for a driver that is not installed, MissingExtraError when its library is not.
+    Raises UnknownNameError if the driver is not installed, MissingExtraError if the driver's library is not
+    installed.
     """
     driver: type[Driver] = _load(DRIVERS, "driver", name)
     return driver
 
 
 def load_server(name: str) -> Callable[..., Server]:
-    """Returns the class of a server by its entry point. Raises the errors of `load_driver`."""
+    """Returns the class of the server with the entry point `name`. Raises the errors of `load_driver`."""
     factory: Callable[..., Server] = _load(SERVERS, "server", name)
     return factory
 
 
 def as_robot(given: object) -> Robot:
-    """Returns a robot unchanged, or loads the robot with a name or path.
+    """Returns `given` if it is a robot; loads the robot if `given` is a name or path.
 
-    Raises TciError for anything else, and the errors of `load_robot`.
+    Raises TciError if `given` is anything else, and the errors of `load_robot`.
     """
     if isinstance(given, Robot):
         return given
@@ -66,15 +67,17 @@ def as_robot(given: object) -> Robot:
 def connect(
     robot: Robot | str | os.PathLike[str], via: str = "sim", *, arm: bool | None = None, **options: Any
 ) -> Driver:
-    """Opens a driver of `robot`, or of the robot of that name or path.
+    """Opens a driver of `robot`, which may also be the name or path of a robot description.
 
-    `via` is "sim", or "NAME:ADDRESS" for drivers that need an address. With "DRIVER + DRIVER" the first
-    driver reads and moves the joints, and the others read the skin. A simulated robot is armed from the
-    start, a real one only with `arm=True`. `options` are passed to the first driver.
+    - `via` is "sim", or "NAME:ADDRESS" for drivers that need an address. With "DRIVER + DRIVER" the first
+      driver reads and moves the joints, and the others read the skin.
+    - `arm`: a driver sends commands only if it is armed. By default, a driver of a simulation or a recording
+      is armed, and a driver of a real robot is not armed.
+    - `options` are passed to the first driver.
 
-    Raises UnknownNameError for a driver that is not installed or an option that it does not have,
-    MissingExtraError when its library is not installed, DriverError when the robot can't be reached, and the
-    errors of `load_robot`.
+    Raises UnknownNameError if the driver is not installed or does not have one of the options. Raises
+    MissingExtraError if the driver's library is not installed, DriverError if the robot can't be reached, and
+    the errors of `load_robot`.
     """
     robot = as_robot(robot)
     if not isinstance(via, str):
@@ -99,7 +102,7 @@ def connect(
 
 
 def _open_half(robot: Robot, via: str, *, without: str, **options: Any) -> Driver:
-    """Opens a driver for the joints or the skin alone."""
+    """Opens a driver without its skin or without its joints; `without` is "skin" or "joints"."""
     if without not in inspect.signature(load_driver(via.partition(":")[0])).parameters:
         raise DriverError(f"{via} can't leave out its {without}; valid in a combined driver: naoqi, yarp")
     return _open(robot, via, **{without: False}, **options)
@@ -114,12 +117,14 @@ def _open(robot: Robot, via: str, **options: Any) -> Driver:
 
 
 def open_server(driver: Driver, via: str, **options: Any) -> Server:
-    """Opens a server of the robot of `driver` for other programs. `via` is "NAME" or "NAME:ADDRESS", or
-    several with " + " between them; `tci.runtime.serve` runs the server. `options` are passed to the first
-    server.
+    """Opens a server that makes the robot of `driver` available to other programs.
 
-    Raises UnknownNameError for a server that is not installed or an option that it does not have,
-    MissingExtraError when its library is not installed, DriverError when it can't listen at the address.
+    `via` is "NAME" or "NAME:ADDRESS"; several servers are joined by " + ". `options` are passed to the first
+    server. After this, run the server with `tci.runtime.serve`.
+
+    Raises UnknownNameError if the server is not installed or does not have one of the options. Raises
+    MissingExtraError if the server's library is not installed, DriverError if the server can't listen at the
+    address.
     """
     opened: list[Server] = []
     try:
@@ -137,7 +142,8 @@ def open_server(driver: Driver, via: str, **options: Any) -> Server:
 
 
 def _check(options: Iterable[str], factory: Any, what: str) -> None:
-    """Raises UnknownNameError for an option that the factory does not have."""
+    """Raises UnknownNameError if `factory`, the class of a driver or server, does not have one of the
+    options."""
     parameters = inspect.signature(factory).parameters.values()
     if any(one.kind is one.VAR_KEYWORD for one in parameters):
         return  # it accepts any option and checks them itself

@@ -1,7 +1,8 @@
 """`replay:FILE`: a recorded robot, which sends its recorded readings. No hardware is involved.
 
-Loop, behaviour and gate work as usual. With the recorded behaviour and settings, their decisions equal the
-recorded ones, bit for bit. With other settings the replay shows their decisions for the recorded sensor data.
+Loop, behaviour and gate work as usual. If behaviour and settings are those of the recording, every decision
+equals the recorded decision bit for bit. With other settings, the replay shows the decisions of these
+settings for the recorded sensor data.
 """
 
 from __future__ import annotations
@@ -22,8 +23,10 @@ from tci.robot.description import Robot
 
 
 def changed_versions(then: str) -> list[str]:
-    """Returns the recording's versions (JSON) that differ from those installed here, as text; none if they
-    can't be read."""
+    """Returns as text the software versions of a recording that differ from the installed versions.
+
+    `then` holds the recording's versions as JSON. If `then` can't be read, returns an empty list.
+    """
     try:
         known = json.loads(then)
     except ValueError:
@@ -48,12 +51,13 @@ class ReplayClock:
 
 
 class ReplayDriver(Driver):
-    """A driver of a recording."""
+    """A driver that replays a recording instead of reading a robot."""
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = True) -> None:
-        """Opens the file `address`, recorded from this robot by this description.
+        """Opens the recording in the file `address`.
 
-        Raises DriverError for no file or another robot, RecordingError for a file that is no recording.
+        Raises DriverError if there is no file, or if the recording is of another robot or of another version
+        of the robot's description. Raises RecordingError if the file is no recording.
         """
         if not address:
             raise DriverError("a replay needs a recording; valid: replay:FILE")
@@ -83,20 +87,26 @@ class ReplayDriver(Driver):
             )
         )
         self.compared = 0
-        """Number of decisions that were compared with the recorded ones."""
+        """Number of decisions that were compared with the recorded decisions."""
         self.different: list[float] = []
-        """Times [s] of decisions that differ in state, modes, codes, or any bit of a number."""
+        """Times [s] of decisions that differ from the recorded decision in state, modes, codes, or a
+        number."""
         self.changed = changed_versions(about.get("versions", ""))
-        """Versions that differ from the recorded ones: `numpy 2.4.6, here 2.5.0`. Their results may differ in
-        some bits."""
+        """Installed versions of software that differ from the recorded versions, e.g. `numpy 2.4.6, here
+        2.5.0`.
+
+        With other versions, decisions may differ from the recorded decisions in some bits.
+        """
         self._ticks = self.recording.ticks()
         self._tick: RecordedTick | None = None
         if (first := next(self.recording.ticks(), None)) is not None:
             self._clock.time = first.now
 
     def ticks(self, *, duration: float | None = None, start: float | None = None) -> Iterator[float]:
-        """Yields the recorded times [s] as fast as they are requested, to the end of the file; ignores
-        `start`."""
+        """Yields the recorded times [s], without waiting, until the file ends or `duration` [s] is over.
+
+        Ignores `start`.
+        """
         del start
         begun: float | None = None
         for tick in self._ticks:

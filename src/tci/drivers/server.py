@@ -1,7 +1,8 @@
-"""Base class of servers, which make a robot available to other programs: the counterpart of a driver.
+"""Base class of servers, which make a robot available to other programs.
 
-A server uses the process's own driver of the robot, real or simulated. It publishes the robot's sensor data
-and passes on the orders of other programs; `runtime/serve.py` connects it to the gate.
+A server uses the driver that its process has opened for the robot, real or simulated. The server publishes
+the robot's sensor data and receives the orders of other programs; `runtime/serve.py` passes the orders to the
+gate.
 """
 
 from __future__ import annotations
@@ -21,16 +22,17 @@ class Server(ABC):
     """Serves the robot of `driver` to other programs. All methods are called from the loop and never wait."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """Stores the driver. A subclass opens its ports here, and raises DriverError if that fails."""
+        """Stores the driver. A subclass opens its ports here, and raises DriverError if a port can't be
+        opened."""
         self.driver = driver
         self.address = address
 
     @abstractmethod
     def where(self) -> str:
-        """Returns the address of the server for messages, such as the names of its ports."""
+        """Returns the server's address for texts that people read, such as the names of its ports."""
 
     def reach(self) -> str:
-        """Returns the argument of `connect` that reaches the server on this machine."""
+        """Returns the text for `via` with which `connect` on this machine reaches the server."""
         return self.where().partition(",")[0]
 
     @abstractmethod
@@ -38,13 +40,16 @@ class Server(ABC):
         """Returns the orders that arrived since the last call, oldest first."""
 
     def show(self, reading: Reading) -> None:
-        """Publishes urgent data, such as new frames of the skin, before this period's reading is processed.
-        `publish` follows."""
+        """Publishes urgent data, such as new skin frames, before the loop processes this period's reading.
+
+        After processing, the loop calls `publish`.
+        """
         return
 
     @abstractmethod
     def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
-        """Publishes this period's joints and skin, the perception, and the command that the gate allowed."""
+        """Publishes this period's joints and skin, the perception, and the command that the gate let
+        through."""
 
     @abstractmethod
     def close(self) -> None:
@@ -52,11 +57,13 @@ class Server(ABC):
 
     @abstractmethod
     def refuse(self, order: Order, reason: Reason) -> None:
-        """Reports the reason for a refused order to the sender of the order. Refusals by the gate are in the
-        argument `sent` of `publish`."""
+        """Reports to the sender of an order why the order was refused before the gate.
+
+        Refusals by the gate are in the argument `sent` of `publish`.
+        """
 
     def fault(self) -> Reason | None:
-        """Returns a reason to hold, such as a silent commander, or None."""
+        """Returns a reason for which the robot must hold, such as a commander that is silent, or None."""
         return None
 
     def __enter__(self) -> Self:

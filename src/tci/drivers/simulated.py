@@ -19,14 +19,15 @@ from tci.simulation.world import World
 from tci.skin.send_on_delta import SendOnDelta
 
 FASTEST = 10_000.0
-"""Highest rate [Hz] of commands. Assumed: ten times that of the fastest robots' controllers."""
+"""Highest rate [Hz] of commands that can be set. Assumed: ten times the rate of the fastest robots'
+controllers."""
 LATE = 0.1
-"""Delay [s] above which a paced simulation does not catch up with real time. Assumed: clients would see a
-longer catch-up as a jump."""
+"""Delay [s] above which a paced simulation does not catch up with real time. Assumed: if the simulation
+caught up after a longer delay, clients would see a jump."""
 
 
 class WorldClock:
-    """The clock of the simulation: sleeping on it steps the physics."""
+    """The clock of the simulation. `sleep_until` does not wait, but simulates up to that time."""
 
     def __init__(self, world: World) -> None:
         self._world = world
@@ -39,8 +40,10 @@ class WorldClock:
 
 
 class PacedWorldClock(WorldClock):
-    """A clock of the simulation that is no faster than real time: for external programs that share the
-    simulation."""
+    """A clock of the simulation that is no faster than real time.
+
+    Needed for external programs that use the simulation.
+    """
 
     def __init__(self, world: World) -> None:
         super().__init__(world)
@@ -56,7 +59,8 @@ class PacedWorldClock(WorldClock):
 
 
 class SimulatedDriver(Driver):
-    """A driver of a simulated robot. It is armed from the start, since it can do no harm."""
+    """A driver of a simulated robot. The driver is armed from the start, since a simulation can do no
+    harm."""
 
     def __init__(
         self,
@@ -70,15 +74,15 @@ class SimulatedDriver(Driver):
         rate: float | None = None,
         **options: Any,
     ) -> None:
-        """Connects to `world`, or to a new one with `options`: `step`, `seed`, `posture`, ...
+        """Connects to `world`, or to a new `World` with `options`: `step`, `seed`, `posture`, ...
 
-        `rate` [Hz] of the commands is the description's by default.
+        - `rate`: rate [Hz] of the commands; by default the rate in the robot's description.
+        - `paced`: the simulation runs no faster than real time.
+        - `keep_alive` [s]: a skin frame is sent when its values change (send-on-delta), and at least once in
+          this time. By default a skin frame is sent in every period.
 
-        A `paced` world is not faster than real time. With `keep_alive` [s] the skin is sent on change
-        (send-on-delta), and at least once in that time.
-
-        Raises DriverError for an address, which a simulation does not have, for an invalid rate and for
-        options together with a `world`, UnknownNameError for an unknown option.
+        Raises DriverError if `address` is not empty, if the rate is invalid, or if there are options for a
+        `world` that exists already. Raises UnknownNameError for an unknown option.
         """
         if address:
             raise DriverError(f"the simulation has no address; got {address!r}, valid: sim")
@@ -93,7 +97,7 @@ class SimulatedDriver(Driver):
             )
         period = None if rate is None else 1.0 / rate
         self.world = world or World(robot, period=period, **options)
-        """The simulated world, with its `finger` and its physics."""
+        """The simulated world: its physics, and the simulated finger that touches the skin."""
         clock = PacedWorldClock(self.world) if paced else WorldClock(self.world)
         super().__init__(
             DriverInfo.of(

@@ -1,4 +1,4 @@
-"""Base class of drivers around another driver."""
+"""Base class of drivers that wrap another driver."""
 
 from __future__ import annotations
 
@@ -13,10 +13,13 @@ from tci.messages import Reading
 
 
 class DriverWrapper(Driver):
-    """A driver around another one. Every method forwards to `inner`; subclasses override what they change."""
+    """A driver that wraps the driver `inner`. Every method calls the method of `inner`.
+
+    Subclasses override the methods that they change.
+    """
 
     def __init__(self, inner: Driver, **changed: Any) -> None:
-        """Wraps `inner`; `changed` are the fields of `DriverInfo` that differ from `inner`'s."""
+        """Wraps `inner`; `changed` are the fields of `DriverInfo` that differ from the fields of `inner`."""
         super().__init__(replace(inner.info, **changed))
         self.inner = inner
 

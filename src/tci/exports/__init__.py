@@ -1,5 +1,5 @@
-"""Exports of a robot to the formats of other libraries.
+"""Exports of a robot's model for other libraries.
 
-Denavit-Hartenberg parameters, chains for OROCOS KDL and URDF are computed from its description. `facts`
-defines the reply of a served robot to a query.
+The modules compute Denavit-Hartenberg parameters, chains for OROCOS KDL and URDF from a robot's description.
+`facts` defines the data with which a served robot answers a query.
 """

@@ -1,8 +1,8 @@
-"""Chains of segments in the form of OROCOS KDL: a joint, then a fixed transform to the segment's tip.
+"""Chains of segments in the form of OROCOS KDL. A segment is a joint, followed by a fixed transform to a tip.
 
-Servo i turns segment i about `axis` through `origin`, both in the frame of the previous tip; `tip` is the
-segment's own tip in that frame with the servo at zero. This is KDL's Segment(name, Joint(name, origin, axis,
-RotAxis), tip), with TransAxis for a prismatic joint.
+The joint turns the segment about `axis` through `origin`. `tip` is the pose of the segment's tip with the
+servo at zero. All three are in the frame of the previous segment's tip. So a segment corresponds to KDL's
+Segment(name, Joint(name, origin, axis, RotAxis), tip). A prismatic joint has TransAxis in place of RotAxis.
 """
 
 from __future__ import annotations
@@ -21,24 +21,25 @@ class ChainSegment(Description):
     name: str
     """Name of the link."""
     servo: int | None
-    """Index into `Robot.servos`; None for a fixed segment."""
+    """Index of the joint's servo in `Robot.servos`; None for a fixed segment."""
     slides: bool = False
-    """True for a prismatic joint, which moves the link along the axis [m]; False for a revolute one."""
+    """True for a prismatic joint, which moves the link along the axis [m]; False for a revolute joint."""
     axis: Vector
     """Unit vector of the joint's axis, in the previous tip's frame; zero for a fixed segment."""
     origin: Vector
-    """A point of the axis [m], in the previous tip's frame."""
+    """A point (3,) [m] on the joint's axis, in the previous tip's frame."""
     tip: Matrix
     """Pose (4, 4) of the link's frame in the previous tip's frame, with the servo at zero."""
     inertia: Inertia | None
-    """Inertia of the link, in its own frame; None if the model gives none."""
+    """Inertia of the link, in the link's frame; None if the model has no inertia for the link."""
 
 
 def chain_to(robot: Robot, link: str) -> tuple[ChainSegment, ...]:
     """Returns the segments to a link, from the torso frame if the torso carries the link, else from the root.
 
-    The first segment is fixed: it is the pose of the torso's link in the torso frame, or the identity for the
-    root. Raises UnknownNameError for an unknown link, and the errors of links_of.
+    The first segment is fixed. In a chain from the torso, the tip of the first segment is the pose of the
+    torso's link in the torso frame. In a chain from the root, it is the identity. Raises UnknownNameError if
+    the link does not exist, and the errors of `links_of`.
     """
     by_name = {found.name: found for found in links_of(robot)}
     assert robot.model is not None  # links_of has raised
@@ -56,7 +57,7 @@ def chain_to(robot: Robot, link: str) -> tuple[ChainSegment, ...]:
 
 
 def ends_of(robot: Robot) -> dict[str, str]:
-    """Returns the last link that each generic part moves, by part; leaves out parts that move none."""
+    """Returns for each generic part the last link that the part moves. Leaves out parts that move no link."""
     links = links_of(robot)
     ends = {}
     for part in robot.parts:

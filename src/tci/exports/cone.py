@@ -1,7 +1,8 @@
-"""The paper's approximation of a limb's skin: a truncated cone (eqs 3-4), fitted to its taxels.
+"""The paper's approximation of a limb's skin: a truncated cone (eqs 3-4), fitted to the skin's taxels.
 
-The place x of a taxel along the axis and its angle theta around it are kept; its distance from the axis is
-replaced by the cone's radius r(x). The error is the difference of the two distances.
+The approximation keeps a taxel's position x along the cone's axis and its angle theta around the axis. It
+replaces the taxel's distance from the axis by the cone's radius r(x). The radial error is the distance minus
+r(x).
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from tci.robot.kinematics import KinematicChain
 from tci.skin.surfaces import Surface
 
 Freedom = Literal["none", "centre", "axis"]
-"""Degrees of freedom of the fit besides length and radii: none, the axis' position sideways ("centre"), or
-its direction too ("axis")."""
+"""Freedom of the cone's axis in the fit; length and radii are always fitted. "none": the axis is fixed.
+"centre": the axis may move sideways. "axis": the axis may move sideways and tilt."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,31 +30,34 @@ class ConeFit:
     """A truncated cone and the distances of the taxels from it."""
 
     origin: Array
-    """Centre (3,) [m] of the proximal end, at the first taxel."""
+    """Centre (3,) [m] of the proximal end, which is at the most proximal taxel."""
     axis: Array
     """Unit vector (3,) from the proximal to the distal end."""
     length: float
-    """Length [m], up to the last taxel."""
+    """Length [m] of the cone, from the most proximal to the most distal taxel."""
     r1: float
     """Radius [m] at the proximal end."""
     r2: float
     """Radius [m] at the distal end."""
     rms: float
-    """Root mean square of the radial error [m]."""
+    """Root mean square [m] of the radial errors of all taxels."""
     largest: float
-    """Largest radial error [m]."""
+    """Largest magnitude [m] of the radial error of a taxel."""
 
     def radius(self, x: Array) -> Array:
-        """Returns r(x) [m] at `x` (...) [m] along the axis (eq. 3)."""
+        """Returns the cone's radius r(x) [m] at the positions `x` (...) [m] along the axis (eq. 3)."""
         return np.asarray(self.r1 + (self.r2 - self.r1) * np.asarray(x) / self.length)
 
 
 def fit_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom = "none") -> ConeFit:
     """Fits a cone to taxels at `positions` (n, 3) [m] by least squares.
 
-    The axis starts as the line through `origin` (3,) [m] along `axis` (3,), which points distally. With
-    `free` "none" it stays there, with "centre" it may move sideways, with "axis" it may tilt as well. Raises
-    TciError for fewer than 6 taxels or taxels that lie in one plane across the axis.
+    The initial axis of the cone is the line through `origin` (3,) [m] along `axis` (3,), which points
+    distally. `free` sets how the fit may change the axis. "none": not at all. "centre": move it sideways.
+    "axis": move and tilt it.
+
+    Raises TciError if there are fewer than 6 taxels, or if all taxels lie in one plane perpendicular to the
+    axis.
     """
     from scipy.optimize import least_squares  # takes 11 MB, and most programs fit nothing
 
@@ -65,8 +69,8 @@ def fit_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom = "n
     start = np.asarray(origin, dtype=np.float64)
 
     def line(shift: Array) -> tuple[Array, Array]:
-        """Returns point and direction of the axis after `shift`: two shifts sideways [m], then two tilts
-        [rad]."""
+        """Returns a point and the direction of the axis, changed by `shift`: two shifts sideways [m], then
+        two tilts [rad]."""
         tilted = direction + (shift[2:] @ side if len(shift) == 4 else 0.0)
         return start + shift[:2] @ side, tilted / np.linalg.norm(tilted)
 
@@ -98,19 +102,19 @@ def fit_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom = "n
 
 
 def cone_of(robot: Robot, surface: Surface, kinematics: KinematicChain) -> ConeFit:
-    """Fits the paper's approximation (eq. 4) to one patch, in its link. The axis is parallel to the segment
-    and may move sideways, since few skins are centred on their joints.
+    """Fits the paper's truncated cone (eq. 4) to one patch, in the frame of the patch's link.
 
-    Raises TciError for a patch that is on no limb.
+    The cone's axis is parallel to the limb segment. The fit may move the axis sideways, since few skins are
+    centred on the axis through the joints. Raises TciError if the patch is on no limb.
     """
     origin, axis = limb_axis(robot, surface, kinematics)
     return fit_cone(surface.positions, origin=origin, axis=axis, free="centre")
 
 
 def limb_axis(robot: Robot, surface: Surface, kinematics: KinematicChain) -> tuple[Array, Array]:
-    """Returns a point (3,) [m] on the axis of a patch's segment and its distal direction (3,), in the link.
+    """Returns a point (3,) [m] on the axis of a patch's limb segment, and the axis's distal direction (3,).
 
-    Raises TciError for a patch that is on no limb.
+    Both are in the frame of the patch's link. Raises TciError if the patch is on no limb.
     """
     patch = robot.patch(surface.patch)
     part = robot.part(patch.part)
@@ -125,12 +129,12 @@ def limb_axis(robot: Robot, surface: Surface, kinematics: KinematicChain) -> tup
 
 
 def _along_and_distance(positions: Array, point: Array, axis: Array) -> tuple[Array, Array]:
-    """Returns place (n,) along the axis and distance (n,) from it, both [m]."""
+    """Returns the positions (n,) [m] along the axis and the distances (n,) [m] from the axis."""
     relative = positions - point
     along = relative @ axis
     return along, np.linalg.norm(relative - along[:, None] * axis, axis=1)
 
 
 def _radii(along: Array, distance: Array) -> np.polynomial.Polynomial:
-    """Fits the straight line distance = r(along) by least squares."""
+    """Returns the straight line r with distance = r(along), fitted by least squares."""
     return np.polynomial.Polynomial.fit(along, distance, 1)

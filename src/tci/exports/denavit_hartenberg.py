@@ -2,8 +2,9 @@
 
     T_TL = base Rz(theta_1) Tz(d_1) Tx(a_1) Rx(alpha_1) Rz(theta_2) ... Rz(theta_n) Tz(d_n) tool
 
-Classic rows (Denavit and Hartenberg 1955) group each joint with the common normal after it, modified ones
-(Craig, Introduction to Robotics, ch. 3) with the one before it. Base and tool are equal in both.
+A classic row (Denavit and Hartenberg 1955) groups a joint with the common normal after the joint. A modified
+row (Craig, Introduction to Robotics, ch. 3) groups a joint with the common normal before the joint. Base and
+tool are equal in both conventions.
 """
 
 from __future__ import annotations
@@ -18,38 +19,41 @@ from tci.frames import Array, invert, read_only, rotation_x, rotation_z, transfo
 from tci.robot.kinematics import KinematicChain
 
 _PARALLEL = 1e-9
-"""Sine of the angle between two axes below which they count as parallel. Assumed: far above rounding error
-(1e-16), far below any angle by design."""
+"""Sine of the angle between two axes below which the axes count as parallel. Assumed: this is far above the
+rounding error (1e-16) and far below every angle in a robot's design."""
 _COINCIDENT = 1e-12
-"""Distance [m] between parallel axes below which they count as one. Assumed: above rounding error for robots
-of metres, below any distance by design."""
+"""Distance [m] between parallel axes below which the axes count as coincident. Assumed: this is above the
+rounding error for robots of a few metres, and below every distance in a robot's design."""
 
 Convention = Literal["classic", "modified"]
 
 
 @dataclass(frozen=True, slots=True)
 class DenavitHartenberg:
-    """A chain as DH parameters: a table, and the fixed transforms before and after it."""
+    """DH parameters of a chain: a table, and the fixed transforms before and after the table."""
 
     convention: Convention
-    """`classic`: Rz(theta) Tz(d) Tx(a) Rx(alpha) per row. `modified`: Rx(alpha) Tx(a) Rz(theta) Tz(d)."""
+    """Transform of one row. `classic`: Rz(theta) Tz(d) Tx(a) Rx(alpha). `modified`: Rx(alpha) Tx(a) Rz(theta)
+    Tz(d)."""
     servos: tuple[int, ...]
-    """Indices into `Robot.servos`, from the torso on."""
+    """Indices of the chain's servos in `Robot.servos`, in order from the torso."""
     a: Array
-    """Length of the common normal (n,) [m]."""
+    """Length (n,) [m] of the common normal of each row."""
     alpha: Array
-    """Twist (n,) [rad]."""
+    """Twist (n,) [rad] of each row."""
     d: Array
-    """Offset along the joint's axis (n,) [m]."""
+    """Offset (n,) [m] along the joint's axis of each row."""
     theta: Array
-    """Angle (n,) [rad] at which the servo reads zero: a joint turns by theta + q."""
+    """Joint angle (n,) [rad] of each row with the servo at zero. With the servo at q, the joint angle is
+    theta + q."""
     base: Array
     """Pose (4, 4) of the first frame in the torso frame."""
     tool: Array
-    """Pose (4, 4) of the link in the last frame."""
+    """Pose (4, 4) of the link in the last frame of the table."""
 
     def pose(self, position: Array) -> Array:
-        """Returns `T_TL` (4, 4), the product of the table, at `position` (n_servos,) [rad] of all servos."""
+        """Returns the pose `T_TL` (4, 4) of the link in the torso frame; the servos are at `position`
+        (n_servos,) [rad]."""
         result = self.base
         rows = zip(self.servos, self.a, self.alpha, self.d, self.theta, strict=True)
         for servo, a, alpha, d, theta in rows:
@@ -62,11 +66,12 @@ class DenavitHartenberg:
 def denavit_hartenberg(
     kinematics: KinematicChain, link: str, *, convention: Convention = "classic"
 ) -> DenavitHartenberg:
-    """Computes DH parameters of the servos between torso and `link`.
+    """Computes the DH parameters of the chain of servos from the torso to `link`.
 
-    Parallel axes have many common normals; the one without offset d is used. Raises UnknownNameError for an
-    unknown link, CommandError if no servo moves the link, for a prismatic joint, or for an unknown
-    convention.
+    Parallel axes have many common normals. The common normal with offset d = 0 is used.
+
+    Raises UnknownNameError if the link does not exist. Raises CommandError if no servo moves the link, if the
+    chain has a prismatic joint, or if the convention is unknown.
     """
     if convention not in ("classic", "modified"):
         raise CommandError(f"DH convention {convention!r}; valid: classic, modified")
@@ -103,8 +108,10 @@ def denavit_hartenberg(
 
 
 def _axes(kinematics: KinematicChain, link: str, servos: tuple[int, ...]) -> tuple[Array, Array, Array]:
-    """Returns `T_TL`, points on the servos' axes (n, 3) and their directions (n, 3) in T, with servos at
-    zero."""
+    """Returns `T_TL`, points (n, 3) on the servos' axes, and the directions (n, 3) of the axes.
+
+    Points and directions are in the torso frame; all servos are at zero.
+    """
     position = np.zeros(kinematics.n_servos)
     T_TL, jacobian = kinematics.pose_and_jacobian(position, link)
     linear, axes = jacobian[:3, servos].T, jacobian[3:, servos].T
@@ -117,10 +124,11 @@ def _axes(kinematics: KinematicChain, link: str, servos: tuple[int, ...]) -> tup
 def _common_normal(
     p: Array, u: Array, q: Array, v: Array, origin: Array, x: Array
 ) -> tuple[Array, Array, Array]:
-    """Returns the feet (3,) of the common normal on the lines p + s u and q + t v, and its direction (3,).
+    """Returns the feet (3,) of the common normal on the lines p + s u and q + t v, and the normal's direction
+    (3,).
 
-    For parallel lines it passes through `origin`, a point of the first line; for coincident ones its
-    direction is `x`.
+    If the lines are parallel, the normal passes through `origin`, a point on the first line. If the lines
+    coincide, the normal's direction is `x`.
     """
     cross = np.cross(u, v)
     sine = float(np.linalg.norm(cross))
@@ -143,10 +151,12 @@ def _perpendicular(z: Array) -> Array:
 
 
 def _angle(a: Array, b: Array, about: Array) -> float:
-    """Returns the angle [rad] from a to b, turning about `about`."""
+    """Returns the angle [rad] of the rotation about `about` that turns the direction a into the direction
+    b."""
     return float(np.arctan2(np.cross(a, b) @ about, a @ b))
 
 
 def _frame(x: Array, z: Array, origin: Array) -> Array:
-    """Returns the frame (4, 4) with the given x and z axes and origin."""
+    """Returns the pose (4, 4) of the frame with the given origin and the given directions of its x and z
+    axes."""
     return transform(np.column_stack([x, np.cross(z, x), z]), origin)

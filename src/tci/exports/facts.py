@@ -1,7 +1,7 @@
 """The run-time query: all facts about a robot for other programs, as one object and as JSON.
 
-SI units and radians, frames as in docs/conventions.md. `read_facts` reads and validates the JSON;
-`RobotFacts.model_json_schema()` describes it.
+Values are in SI units and radians. docs/conventions.md describes the frames. `read_facts` reads and validates
+the JSON. `RobotFacts.model_json_schema()` returns the schema of the JSON.
 """
 
 from __future__ import annotations
@@ -23,25 +23,26 @@ from tci.robot.kinematics import KinematicChain
 from tci.skin.surfaces import Surface, build_surface
 
 CONVENTIONS: tuple[Convention, ...] = ("classic", "modified")
-"""Conventions of Denavit-Hartenberg tables."""
+"""Conventions of the Denavit-Hartenberg tables in the facts of a robot."""
 
 
 class GenericLimits(Description):
-    """Limits of a generic joint: those of its servo, through the joint's transform."""
+    """Limits of a generic joint, computed from the limits of the joint's servo."""
 
     joint: str
     """Name of the generic joint."""
     lower: float | None
-    """Lower limit [rad]; None if the robot's is unknown, or the joint depends on several servos or none."""
+    """Lower limit [rad]; None if a servo's limit is unknown, if no servo moves the joint, or if the limit
+    depends on the angles of other joints."""
     upper: float | None
-    """Upper limit [rad]; None as for `lower`."""
+    """Upper limit [rad]; None under the conditions of `lower`."""
 
 
 class DHRow(Description):
-    """One joint of a Denavit-Hartenberg table."""
+    """One row of a Denavit-Hartenberg table, for one joint."""
 
     servo: int
-    """Index into `RobotFacts.servos`."""
+    """Index of the joint's servo in `RobotFacts.servos`."""
     a: float
     """Length of the common normal [m]."""
     alpha: float
@@ -49,7 +50,7 @@ class DHRow(Description):
     d: float
     """Offset along the joint's axis [m]."""
     theta: float
-    """Angle [rad] at which the servo reads zero."""
+    """Joint angle [rad] with the servo at zero."""
 
 
 class DHTable(Description):
@@ -61,7 +62,7 @@ class DHTable(Description):
     """Pose (4, 4) of the first frame in the torso frame."""
     rows: tuple[DHRow, ...]
     tool: Matrix
-    """Pose (4, 4) of the link in the last frame."""
+    """Pose (4, 4) of the link in the last frame of the table."""
     link: str
 
 
@@ -69,17 +70,17 @@ class Taxel(Description):
     """One taxel of a patch."""
 
     channel: int
-    """Index into the raw frame."""
+    """Index of the taxel's value in a raw skin frame."""
     position: Vector
-    """Position [m] in the patch's link."""
+    """Position [m] in the frame of the patch's link."""
     normal: Vector
-    """Outward unit normal in the patch's link."""
+    """Outward unit normal of the skin, in the frame of the patch's link."""
     area: float
-    """Area [m2]."""
+    """Area [m2] of skin that belongs to the taxel."""
 
 
 class ConeFacts(Description):
-    """The paper's truncated cone (eqs 3-4) fitted to a patch's taxels, and its radial error."""
+    """The paper's truncated cone (eqs 3-4), fitted to a patch's taxels, and the radial errors of the fit."""
 
     length: float
     """Length [m]."""
@@ -88,9 +89,9 @@ class ConeFacts(Description):
     r2: float
     """Radius [m] at the distal end."""
     rms: float
-    """Root mean square of the radial error [m]."""
+    """Root mean square [m] of the radial errors of all taxels."""
     largest: float
-    """Largest radial error [m]."""
+    """Largest magnitude [m] of the radial error of a taxel."""
 
 
 class PatchFacts(Description):
@@ -101,49 +102,52 @@ class PatchFacts(Description):
     segment: str
     link: str
     kind: str
-    """Form in which its surface is described."""
+    """Form in which the description gives the surface of the patch."""
     rate: float
-    """Frames per second [Hz]."""
+    """Rate [Hz] of the patch's skin frames."""
     channels: int
-    """Number of values in a raw frame."""
+    """Number of values in a raw skin frame."""
     through_joints: bool = False
-    """True if it sends no frames and touches are felt through joints; its taxels only span the surface."""
+    """True if the patch sends no frames, and touches are detected by joint torques. The patch's taxels then
+    only describe the surface."""
     area: float
-    """Total area of its taxels [m2]."""
+    """Total area [m2] of the patch's taxels."""
     cone: ConeFacts | None
-    """Fitted cone; None if no cone fits: skin without a limb, or too few taxels."""
+    """Fitted cone; None if no cone can be fitted, because the patch is on no limb or has too few taxels."""
     taxels: tuple[Taxel, ...]
 
 
 class RobotFacts(Description):
-    """All facts of a robot that other programs may ask for."""
+    """All facts of a robot that other programs can query."""
 
     format: Literal["tci.robot/1"] = "tci.robot/1"
     name: str
     title: str
     digest: str
-    """SHA-256 of the description."""
+    """SHA-256 of the robot's description."""
     servos: tuple[Servo, ...]
-    """Limits, units [rad] and modes of all servos, in the order of joint readings."""
+    """All servos with limits [rad] and modes, in the order of the values in joint readings."""
     couplings: tuple[Coupling, ...]
     parts: tuple[GenericPart, ...]
     generic_limits: dict[str, tuple[GenericLimits, ...]]
-    """Limits of the generic joints, by part."""
+    """Limits of the generic joints of each part, by the part's name."""
     links: tuple[KinematicLink, ...]
-    """Frames and inertias. Empty without a kinematic model; so are the fields below that need one."""
+    """Frames and inertias of all links. Without a kinematic model, this field and those below that need a
+    model are empty."""
     torso_link: str
     torso_pose: Matrix
-    """Pose (4, 4) of the torso frame in that link."""
+    """Pose (4, 4) of the torso frame in `torso_link`."""
     denavit_hartenberg: tuple[DHTable, ...]
     chains: dict[str, tuple[ChainSegment, ...]]
-    """Segments for OROCOS KDL, by part."""
+    """Segments of each part for OROCOS KDL, by the part's name."""
     patches: tuple[PatchFacts, ...]
     fields: tuple[ReceptiveField, ...]
-    """Receptive fields of the withdrawal reflex (assumed, see `default_fields`), on the generic limb."""
+    """Receptive fields of the withdrawal reflex on the generic limb. They are assumed, see
+    `default_fields`."""
 
 
 def query(robot: Robot) -> RobotFacts:
-    """Returns all facts of a robot. Raises DescriptionError for a kinematic model that can't be read."""
+    """Returns all facts of a robot. Raises DescriptionError if the kinematic model can't be read."""
     model = robot.model is not None
     ends = ends_of(robot) if model else {}
     return RobotFacts(
@@ -165,10 +169,10 @@ def query(robot: Robot) -> RobotFacts:
 
 
 def read_facts(text: str | bytes, *, source: str = "facts of a robot") -> RobotFacts:
-    """Reads facts from their JSON; error messages name `source`.
+    """Returns the facts in a text of JSON. `source` names this text in error messages.
 
-    Raises DescriptionError with all faults at once: text that is not JSON, another format or version, a
-    missing or unknown field, a value of the wrong type.
+    Raises DescriptionError with all faults at once. Faults are text that is not JSON, another format or
+    version, a missing or unknown field, and a value of the wrong type.
     """
     try:
         return RobotFacts.model_validate_json(text)
@@ -181,7 +185,7 @@ def read_facts(text: str | bytes, *, source: str = "facts of a robot") -> RobotF
 
 
 def generic_limits(robot: Robot, part: str) -> tuple[GenericLimits, ...]:
-    """Returns the limits of a part's generic joints [rad], in order. Raises UnknownNameError."""
+    """Returns the limits [rad] of a part's generic joints, in the part's order. Raises UnknownNameError."""
     joints = joint_map(robot, part)
     ends = []
     for side in ("lower", "upper"):
@@ -202,7 +206,8 @@ def generic_limits(robot: Robot, part: str) -> tuple[GenericLimits, ...]:
 
 
 def _reach(robot: Robot, joint: GenericServo) -> tuple[float, float]:
-    """Returns the lowest and highest angle [rad] of a joint that several servos move; NaN without limits."""
+    """Returns the lowest and highest angle [rad] of a joint that several servos move; NaN if a limit is
+    unknown."""
     low = high = joint.offset
     for term in joint.terms:
         limits = robot.servos[term.servo].limits
@@ -212,9 +217,10 @@ def _reach(robot: Robot, joint: GenericServo) -> tuple[float, float]:
 
 
 def dh_tables(robot: Robot) -> tuple[DHTable, ...]:
-    """Returns classic and modified tables of every part that the torso carries by revolute joints alone.
+    """Returns the classic and the modified table of every part that only revolute joints connect to the
+    torso.
 
-    Raises DescriptionError.
+    Raises DescriptionError if the kinematic model can't be read.
     """
     kinematics = KinematicChain(robot)
     tables = []

@@ -1,6 +1,6 @@
 """The kinematic tree as plain numbers: links with their parents, poses, joints and inertias.
 
-Other libraries build their own models from it: URDF for Pinocchio, chains for OROCOS KDL.
+Exports for other libraries are made from this tree: URDF for Pinocchio, chains for OROCOS KDL.
 """
 
 from __future__ import annotations
@@ -24,36 +24,39 @@ class Inertia(Description):
     mass: float
     """Mass [kg]."""
     centre: Vector
-    """Centre of mass [m], in the link."""
+    """Centre of mass [m], in the frame of the link."""
     tensor: Matrix
-    """Inertia tensor (3, 3) [kg m2] about the centre of mass, along the link's axes."""
+    """Inertia tensor (3, 3) [kg m2] about the centre of mass, in the directions of the link's axes."""
 
 
 class KinematicLink(Description):
-    """One link of the tree."""
+    """One link of the kinematic tree, and the joint that moves it."""
 
     name: str
     parent: str
-    """Name of the link that carries it; empty for the root."""
+    """Name of the parent, the link that carries this link; empty for the root."""
     pose: Matrix
-    """`T_PL` (4, 4): pose of the link in its parent, with all joints at zero."""
+    """`T_PL` (4, 4): pose of the link in the frame of its parent, with all joints at zero."""
     servo: int | None
-    """Index into `Robot.servos` of the joint between parent and link; None if it is fixed."""
+    """Index in `Robot.servos` of the servo that moves the link relative to its parent; None if the link is
+    fixed."""
     slides: bool = False
-    """True if that joint is prismatic, along its axis [m]; False if it is revolute."""
+    """True if the joint between parent and link is prismatic (along `axis`, [m]); False if the joint is
+    revolute."""
     axis: Vector = (0.0, 0.0, 0.0)
-    """Unit vector of that joint's axis, in the link."""
+    """Unit vector of the joint's axis, in the frame of the link."""
     anchor: Vector = (0.0, 0.0, 0.0)
-    """A point of the axis [m], in the link."""
+    """A point (3,) [m] on the joint's axis, in the frame of the link."""
     inertia: Inertia | None
-    """Inertia; None if the model gives none."""
+    """Inertia of the link; None if the model has no inertia for the link."""
 
 
 def links_of(robot: Robot) -> tuple[KinematicLink, ...]:
     """Returns all links, each after its parent. Joints without a servo are fixed at zero.
 
-    For a link with several joints, links without inertia are added, one for each further joint, named after
-    the link and that joint. Raises DescriptionError if the robot has no model, or the model lacks a joint.
+    If a link has several joints, extra links without inertia are added, so that each link has one joint. The
+    name of an extra link is made of the names of the link and the joint. Raises DescriptionError if the robot
+    has no model, or the model lacks a joint.
     """
     if robot.model is None:
         raise DescriptionError(robot.source, [Fault(0, "no <model>: links need a URDF or MJCF file")])
@@ -102,7 +105,7 @@ def _inertia(model: mujoco.MjModel, body: int) -> Inertia:
 
 
 def _rotation(quaternion: Array) -> Array:
-    """Returns the rotation (3, 3) of a unit quaternion (4,), real part first."""
+    """Returns the rotation matrix (3, 3) of a unit quaternion (4,) with the real part first."""
     result = np.zeros(9)
     mujoco.mju_quat2Mat(result, quaternion)
     return result.reshape(3, 3)

@@ -1,4 +1,4 @@
-"""Exports a robot's kinematic model as one URDF without meshes, whatever format the model has."""
+"""Exports a robot's kinematic model, URDF or MJCF, as one URDF without meshes."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ TORSO = "tci_torso"
 
 
 def to_urdf(robot: Robot) -> str:
-    """Returns URDF text: links, joints with the description's limits, inertias, and a link for the torso.
+    """Returns URDF text with links, joints, inertias, and an additional link for the torso frame.
 
-    Joint names are the model's own. A joint without known limits is continuous. Raises what links_of raises,
-    and DescriptionError for joints that URDF can't express: one that does not turn about its link's origin,
-    or a prismatic one without limits.
+    Joints have the names in the model and the limits in the robot's description. A revolute joint without
+    known limits becomes continuous. Raises the errors of `links_of`. Raises DescriptionError for joints that
+    URDF can't express: a joint with an axis that does not pass through its link's origin, or a prismatic
+    joint without limits.
     """
     root = E.robot(name=robot.name)
     links = links_of(robot)

@@ -1,6 +1,7 @@
 """Checks of joint data, of the form of a command, and of the limits of its servos.
 
-A number is accepted only by `isfinite(x) and lower <= x <= upper`: other orders of comparison let NaN pass.
+A number is accepted only by `isfinite(x) and lower <= x <= upper`. The opposite test, which refuses numbers
+with `x < lower or x > upper`, would let NaN pass.
 """
 
 from __future__ import annotations
@@ -22,22 +23,24 @@ from tci.robot.description import Robot, Servo
 NEEDED = ("lower", "upper", "velocity", "acceleration", "jerk")
 """Limits that are required to move a servo."""
 OUTSIDE = float(np.deg2rad(20.0))
-"""Largest measured angle [rad] outside its limits at which a servo may come under command. Assumed: a larger
-one is more likely a fault of the encoder."""
+"""Largest angle [rad] by which a servo may be measured outside its limits when it comes under command.
+Assumed: a larger angle is more likely a fault of the encoder."""
 FAR_OFF = 1.0
-"""If all angles of a command are outside their limits by this much [rad], they may be degrees. Assumed: a
-behaviour that overshoots exceeds the limits by less, and not with all joints."""
+"""If a command contains two angles or more, and each is outside its limits by more than this angle [rad], the
+angles may be in degrees. Assumed: a behaviour that overshoots exceeds the limits by a smaller angle, and not
+in all joints."""
 SLOWEST = 1e-3
-"""Least speed [rad/s] that may be requested. Assumed: at a lower speed, the full range of a joint takes
-longer than two hours, the longest motion that ruckig plans."""
+"""Least speed [rad/s] that a command may request. Assumed: at a lower speed, a motion over the full range of
+a joint takes longer than two hours, which is the longest motion that ruckig plans."""
 INDICES, DOUBLES = np.dtype(np.intp), np.dtype(np.float64)
 
 
 def fault_of_reading(robot: Robot, joints: JointReading, now: float, stale_after: float) -> Reason | None:
-    """Returns the reason why joint data can't be used at time `now` [s]; None if it can.
+    """Returns the reason why joint data can't be used at time `now` [s]; None if the data can be used.
 
-    The age may be negative down to the negative bound, since a reading is taken after its tick began.
-    Velocities may be NaN, because not every robot sends them.
+    The age of usable data is between -`stale_after` and `stale_after` [s]. The age may be negative, because
+    `now` is the beginning of a control period and the data may be read a little later. Velocities may be NaN,
+    because not every robot sends them.
     """
     expected = (len(robot.servos),)
     if joints.position.shape != expected:
@@ -59,7 +62,7 @@ def fault_of_reading(robot: Robot, joints: JointReading, now: float, stale_after
 def check_command(robot: Robot, command: PlatformCommand) -> tuple[NDArray[np.intp], Array, Array]:
     """Returns the servos, values and speeds (k,) of a command, as new arrays.
 
-    Raises CommandError for an invalid shape or value.
+    Raises CommandError if a shape or a value is invalid.
     """
     servos, values, speed = command.servos, command.values, command.speed
     usual = servos.dtype == INDICES and values.dtype == speed.dtype == DOUBLES
@@ -72,7 +75,7 @@ def check_command(robot: Robot, command: PlatformCommand) -> tuple[NDArray[np.in
 
 
 def _refuse_wrong(robot: Robot, command: PlatformCommand) -> None:
-    """Raises CommandError that names the fault of a command, if there is any."""
+    """Raises CommandError with a description of the fault if the shape or a value of a command is invalid."""
     mode, servos, values = command.mode.value, command.servos, command.values
     if servos.ndim != 1 or not servos.size or values.shape != servos.shape:
         raise CommandError(
@@ -94,7 +97,7 @@ def _refuse_wrong(robot: Robot, command: PlatformCommand) -> None:
 
 
 def refuse_degrees(robot: Robot, command: PlatformCommand) -> NoReturn:
-    """Raises CommandError for angles that are so large that they may be degrees."""
+    """Raises CommandError for a command with angles that are so large that they may be in degrees."""
     names = [robot.servos[servo].name for servo in command.servos]
     worst = int(np.argmax(np.abs(command.values)))
     limits = robot.servos[command.servos[worst]].limits
@@ -106,8 +109,8 @@ def refuse_degrees(robot: Robot, command: PlatformCommand) -> NoReturn:
 
 
 def check_switch(robot: Robot, switch: PlatformSwitch) -> None:
-    """Raises CommandError for a mode that is not a control mode, or that one of the servos does not
-    support."""
+    """Raises CommandError if the mode of `switch` is not a control mode, or if one of the servos does not
+    support the mode."""
     if switch.mode not in CONTROL_MODES:
         valid = ", ".join(mode.value for mode in CONTROL_MODES)
         raise CommandError(f"switch to {switch.mode.value}; valid: {valid}")
@@ -127,7 +130,7 @@ def check_switch(robot: Robot, switch: PlatformSwitch) -> None:
 
 
 def _check_servos(robot: Robot, what: str, servos: NDArray[np.intp]) -> None:
-    """Raises CommandError for indices out of range, or that occur twice."""
+    """Raises CommandError if indices of servos are out of range or occur twice."""
     count, indices = len(robot.servos), servos.tolist()
     if servos.dtype.kind not in "iu" or min(indices) < 0 or max(indices) >= count:
         raise CommandError(f"{what}: servos {indices}; valid: 0 to {count - 1}")
@@ -143,15 +146,15 @@ def _refuse_each(
     numbers: NDArray[np.generic],
     valid: str,
 ) -> NoReturn:
-    """Raises CommandError that names each servo whose value is not `good` (k,)."""
+    """Raises CommandError that names each servo for which `good` (k,) is False."""
     bad = [f"{robot.servos[command.servos[i]].name} is {numbers[i]}" for i in np.flatnonzero(~good)]
     raise CommandError(f"{what} {', '.join(bad)}; valid: {valid}")
 
 
 def check_start(robot: Robot, servos: Collection[int], position: Array) -> None:
-    """Raises CommandError for a servo that is measured too far outside its limits to come under command.
+    """Raises CommandError if one of `servos` is measured too far outside its limits to come under command.
 
-    `position` (n_servos,) [rad] is the measured one.
+    `position` (n_servos,) [rad] contains the measured angles.
     """
     for servo in (robot.servos[index] for index in servos):
         lower, upper = servo.limits.lower, servo.limits.upper
@@ -168,7 +171,7 @@ def check_start(robot: Robot, servos: Collection[int], position: Array) -> None:
 
 
 def check_limits(servo: Servo) -> None:
-    """Raises CommandError for a servo that lacks a limit required to move it."""
+    """Raises CommandError if a limit that is required to move a servo is unknown."""
     limits = servo.limits
     missing = [name for name in NEEDED if getattr(limits, name) is None]
     if missing:

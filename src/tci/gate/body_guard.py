@@ -1,4 +1,4 @@
-"""Checks planned stops for self-collision before groups of servos move on."""
+"""Checks planned stops for self-collision before groups of servos take their next step."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from tci.gate.stop_plan import StopTrajectory
 from tci.reasons import Reason
 
 LOOKS = 16
-"""Number of points of a stop, including its ends, that are checked. Assumed: `SelfCollision` bounds the paths
-between them."""
+"""Number of checked points of a stop, including both ends. Assumed: the number is sufficient, because
+`SelfCollision` also checks the path between two points."""
 SHARES = np.linspace(0.0, 1.0, LOOKS)
 
 
 class BodyGuard:
-    """Checks the stops of all joint groups together: a state is only sent if the stop from this state causes
-    no collision.
+    """Checks the stops of all joint groups together. A state is sent to the robot only if the stop from this
+    state causes no self-collision.
 
-    Joints lag behind their references and sag. So each path is checked twice: as planned, and shifted by the
-    present deviation of the joints.
+    Joints lag behind their references and sag under their weight. So each path is checked twice: as planned,
+    and shifted by the present deviation of the measured angles from the references.
     """
 
     def __init__(self, body: SelfCollision, *, period: float) -> None:
-        """Takes the `period` [s] of one step of a group."""
+        """Stores the check `body`, and the `period` [s] of one step of a group."""
         self._body = body
         self._period = period
         self._box = np.zeros((2, 0))
@@ -37,8 +37,8 @@ class BodyGuard:
         self._waiting: set[JointGroup] = set()
 
     def turns(self, chains: Collection[JointGroup], moving: Collection[JointGroup]) -> Iterator[JointGroup]:
-        """Yields the groups that are `moving`, in the order in which they must take their step of a
-        period."""
+        """Yields the `moving` groups one after the other. The caller must move each group by one period
+        before it asks for the next group."""
         self._before = {chain: chain.limiter.whole_state[0] for chain in chains}
         self._waiting = {*moving}
         for chain in moving:
@@ -49,10 +49,10 @@ class BodyGuard:
     def fault(
         self, index: NDArray[np.intp], stop: StopTrajectory, others: Sequence[JointGroup], measured: Array
     ) -> Reason | None:
-        """Returns the reason why servos `index` (n,) must not move to the beginning of `stop` while `others`
-        stop, or None.
+        """Returns the reason why the servos `index` (n,) must not take the step to the beginning of `stop`
+        while the groups `others` stop; None if the servos may take it.
 
-        Servos without a group are at their `measured` (n_servos,) [rad] angles.
+        Servos that belong to no group are assumed to stay at their `measured` (n_servos,) [rad] angles.
         """
         if (box := self._box).shape[1] != len(measured):
             box = self._box = np.empty((2, len(measured)))
@@ -68,7 +68,7 @@ class BodyGuard:
     def _fault_of_path(
         self, index: NDArray[np.intp], stop: StopTrajectory, others: Sequence[JointGroup], measured: Array
     ) -> Reason | None:
-        """Returns the result of `fault` by a check of the stops point by point."""
+        """Checks the stops point by point. Arguments and result are those of `fault`."""
         reference, deviation = np.array(measured), np.zeros(len(measured))
         reference[index] = stop.here
         deviation[index] = measured[index] - stop.here

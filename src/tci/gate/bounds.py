@@ -1,4 +1,4 @@
-"""Limits and couplings of servos that move together, and the nearest point within them."""
+"""Limits and couplings of servos that move together, and the search for the nearest point inside them."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from tci.gate.kernels.couplings import find_nearest
 from tci.robot.description import Robot
 
 APPROACH = 0.5
-"""Fraction of the limits of acceleration and jerk with which velocity-controlled servos slow down before a
-limit. Assumed: the remaining fraction covers the time of a change of acceleration."""
+"""Fraction of the acceleration limit and of the jerk limit that velocity-controlled servos use to slow down
+before a position limit. Assumed: the unused fraction is a reserve for the time that a change of acceleration
+takes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,10 +44,10 @@ class Bounds:
         """Returns a point (n,) [rad] within limits and couplings: `target` (n,) [rad] itself, or a point
         close to it.
 
-        Only servos that are `free` (n,) may differ from the target, since the others were not commanded.
-        Projects onto each violated half-space in turn (Bregman 1965), and finally onto the limits. If the
-        other servos do not allow such a point, the result violates the couplings as little as the limits
-        allow.
+        The result differs from the target only for servos that are `free` (n,), since the other servos were
+        not commanded. The method projects the target onto each violated half-space in turn (Bregman 1965),
+        and finally onto the limits. If the servos that are not free make this impossible, the result violates
+        the couplings as little as the limits allow.
         """
         point = np.empty(len(target))
         find_nearest(
@@ -56,7 +57,8 @@ class Bounds:
         return point
 
     def inside(self, position: Array) -> Array:
-        """Returns `position` (n,) [rad] with each angle outside its limits moved just inside of them."""
+        """Returns `position` (n,) [rad] after each angle outside its limits was moved just inside these
+        limits."""
         margin = np.minimum(MARGIN, (self.upper - self.lower) / 2)
         nearest = np.clip(position, self.lower + margin, self.upper - margin)
         outside = (position < self.lower) | (position > self.upper)
@@ -64,19 +66,24 @@ class Bounds:
         return inside
 
     def inward(self, position: Array, share: float) -> Array:
-        """Returns the velocity (n,) [rad/s] with which servos at `position` (n,) [rad] outside their limits
-        come to rest just inside of them, at most a `share` of the speed limit; 0 for the other servos."""
+        """Returns the velocity (n,) [rad/s] with which servos return into their limits.
+
+        Each servo at a `position` (n,) [rad] outside its limits gets the velocity from which it comes to rest
+        just inside the limits. This velocity is at most the fraction `share` of the speed limit. All other
+        servos get 0.
+        """
         left = self.inside(position) - position
         most = np.minimum(_stopping_speed(np.abs(left), self.acceleration, self.jerk), share * self.velocity)
         inward: Array = np.sign(left) * most
         return inward
 
     def allowed_velocity(self, position: Array, velocity: Array) -> Array:
-        """Returns `velocity` (n,) [rad/s], reduced for servos at `position` (n,) [rad] that could not stop in
-        time.
+        """Returns `velocity` (n,) [rad/s], reduced for servos at `position` (n,) [rad] that could not stop
+        before a limit.
 
-        This only smooths the approach to a limit, because the stop of each step is checked anyway. If servos
-        would leave a coupling, all of them slow down by one factor.
+        The reduction only smooths the approach to a limit: the stop of each step is checked in any case. If
+        the servos would leave the bounds of a coupling, all servos of this coupling are slowed down by one
+        factor.
         """
         margin = np.minimum(MARGIN, (self.upper - self.lower) / 2)
         room = np.where(velocity > 0.0, self.upper - margin - position, position - self.lower - margin)
@@ -95,10 +102,11 @@ class Bounds:
 
 
 def _stopping_speed(room: Array, acceleration: Array, jerk: Array) -> Array:
-    """Returns the speed (n,) from which a jerk-limited stop needs at most the distance `room` (n,), with a
-    reserve.
+    """Returns the speed (n,) [rad/s] from which a jerk-limited stop needs at most the distance `room` (n,)
+    [rad], with a reserve.
 
-    A stop that ramps the acceleration up and down needs v2 / 2a + v a / 2j.
+    At speed v, a stop that ramps the acceleration up to a and down with the jerk j needs the distance v^2 /
+    2a + v a / 2j.
     """
     a, j = APPROACH * acceleration, APPROACH * jerk
     lost = a * a / (2.0 * j)
@@ -107,10 +115,10 @@ def _stopping_speed(room: Array, acceleration: Array, jerk: Array) -> Array:
 
 
 def bounds_of(robot: Robot, servos: Sequence[int], *, speed_share: float) -> tuple[Bounds, Array]:
-    """Returns the bounds of `servos` (n,), whose limits are all known, and of the couplings that contain any
-    of them.
+    """Returns the bounds of `servos` (n,), with all couplings that contain any of these servos.
 
-    The second result is the coefficients (m, n_servos) of the other servos, by which the couplings shift.
+    All limits of the servos must be known. The second result contains the coefficients (m, n_servos) of all
+    other servos in the couplings: the angles of these servos shift the bounds of the couplings.
     """
     limits = [robot.servos[servo].limits for servo in servos]
     rows, lowest, highest = robot.coupling_rows

@@ -1,4 +1,4 @@
-"""Joint groups under command: the servos of each, and their common motion."""
+"""Joint groups under command: the servos of each group, and the motion of the group."""
 
 from __future__ import annotations
 
@@ -22,15 +22,16 @@ from tci.reasons import Reason
 from tci.robot.description import Robot
 
 FOUND = 64
-"""Largest number of cached sets of servos. Assumed: behaviours command whole parts, so there are few."""
+"""Largest number of cached sets of servos. Assumed: behaviours command whole robot parts, so only a few
+different sets occur."""
 
 
 class CommandedGroups:
-    """Groups under command, by number. Servos join them at their measured positions."""
+    """Joint groups under command, by group number. A servo joins its group at its measured position."""
 
     def __init__(self, robot: Robot, *, period: float, settings: GateSettings) -> None:
-        """Starts without groups; `period` [s] is that of the control loop. Raises the errors of
-        SelfCollision."""
+        """Starts with no groups under command; `period` [s] is the period of the control loop. Raises the
+        errors that SelfCollision raises."""
         self._robot, self._period, self._settings = robot, period, settings
         self._group_of = groups_of(robot)
         self._chains: dict[int, JointGroup] = {}
@@ -42,14 +43,14 @@ class CommandedGroups:
         margin = settings.self_collision
         body = None if robot.model is None or margin is None else SelfCollision(robot, margin=margin)
         self.body = None if body is None else BodyGuard(body, period=period)
-        """Check of planned stops for self-collision; None if it is disabled."""
+        """Check of planned stops for self-collision; None if the check is disabled."""
         self._shown: Reference | None = None
         self._states: list[Array] = []
         self._shown_of: list[JointGroup] | None = None
 
     @property
     def chains(self) -> Collection[JointGroup]:
-        """All groups, in the order of the reference."""
+        """All groups, in the order of their servos in `reference`."""
         return self._chains.values()
 
     @property
@@ -58,20 +59,20 @@ class CommandedGroups:
         return sum([len(chain.servos) for chain in self._chains.values()])
 
     def look(self, measured: Array) -> None:
-        """Stores the `measured` angles (n_servos,) [rad], which shift couplings with servos outside a
-        group."""
+        """Stores the `measured` angles (n_servos,) [rad], and shifts the bounds of couplings that contain
+        servos outside a group."""
         self.measured = measured
         for chain in self._chains.values():
             chain.look_outside(measured)
 
     def drop(self) -> None:
-        """Ends all groups; modes stay."""
+        """Ends all groups. The control modes of the servos do not change."""
         self._chains.clear()
         self._found.clear()
 
     def reference(self, loose: NDArray[np.intp]) -> Reference:
-        """Returns the present reference of the servos. Servos in torque mode, `loose`, are last, with their
-        measured angles."""
+        """Returns the present references of the servos under command. The servos in torque mode, `loose`,
+        come last, with their measured angles as references."""
         chains = list(self._chains.values())
         states = [chain.limiter.whole_state for chain in chains]
         rests = len(states) == len(self._states) and all(map(is_, states, self._states))
@@ -91,18 +92,18 @@ class CommandedGroups:
         return self._shown
 
     def found(self, mode: Mode, servos: NDArray[np.intp]) -> list[JointGroup] | None:
-        """Returns the cached groups of `servos` (k,) that are all in `mode`; None if there are none."""
+        """Returns the cached groups of `servos` (k,) in `mode`; None if no groups are cached for them."""
         return self._found.get((mode, servos.tobytes()))
 
     def note(self, mode: Mode, servos: NDArray[np.intp], chains: list[JointGroup]) -> None:
-        """Caches the groups of `servos` (k,) that are all in `mode`, until either changes."""
+        """Caches the groups of `servos` (k,), which are all in `mode`, until a group or a mode changes."""
         if len(self._found) >= FOUND:
             self._found.clear()
         self._found[mode, servos.tobytes()] = chains
 
     def moving(self, servos: Sequence[int]) -> list[JointGroup]:
-        """Returns the groups that move `servos`. New servos join them at their measured positions. Raises
-        CommandError."""
+        """Returns the groups that move `servos`. New servos join their groups at their measured positions.
+        Raises CommandError if a servo can't join."""
         wanted: dict[int, set[int]] = {}
         for servo in servos:
             wanted.setdefault(self._group_of[servo], set()).add(servo)
@@ -118,9 +119,10 @@ class CommandedGroups:
         return list(chains.values())
 
     def switch(self, servos: Sequence[int], mode: Mode, loose: set[int]) -> None:
-        """Switches `servos` to another mode at their positions; `loose` are then in torque mode.
+        """Switches `servos` to `mode` at their present positions. After the switch, the servos `loose` are in
+        torque mode.
 
-        Raises CommandError, and changes nothing, if some can't be switched.
+        Raises CommandError if some servos can't be switched; in this case nothing changes.
         """
         # A joint that yielded is not at its equilibrium: it continues from its position.
         fresh = [servo for servo in servos if self.modes[servo] in (Mode.IMPEDANCE, Mode.TORQUE)]
@@ -144,7 +146,8 @@ class CommandedGroups:
                 self._chains.pop(group, None)
 
     def _chain(self, group: int, servos: set[int], fresh: Sequence[int] = ()) -> JointGroup:
-        """Returns a new motion of a group. Raises CommandError if some servos can't join it now."""
+        """Returns a new motion of the `servos` of a group. Raises CommandError if some servos can't join the
+        motion now."""
         old = self._chains.get(group)
         check_start(self._robot, {*servos} - ({*old.servos} - {*fresh} if old else set()), self.measured)
         chain = make_chain(
@@ -164,7 +167,7 @@ class CommandedGroups:
         return chain
 
     def _guard(self, group: int, servos: Sequence[int]) -> Guard:
-        """Returns the check for self-collision of a group's `servos`."""
+        """Returns the function that checks the stops of a group's `servos` for self-collision."""
         index = np.array(servos, dtype=np.intp)
 
         def fault(stop: StopTrajectory) -> Reason | None:

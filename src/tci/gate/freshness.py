@@ -1,4 +1,5 @@
-"""Trust in the latest joint data, which decreases with its age. Torques are computed from this data."""
+"""Trust in the latest joint data, a fraction that decreases with the age of the data. In torque mode, torques
+are limited to this fraction, because they are computed from the data."""
 
 from __future__ import annotations
 
@@ -10,24 +11,25 @@ LONGEST = 0.02
 """Largest age [s] at which data is fully trusted. Assumed: a constant braking torque needs about 50 ms to
 reverse a joint, and robots send joint data at least every 10 ms."""
 FADE = 0.01
-"""Time [s] over which trust then falls to zero. Assumed: a light joint under its full torque gains a third of
-its speed limit in this time."""
+"""Time [s] in which the trust falls from 1 to 0 when data is too old to be fully trusted. Assumed: in this
+time, a light joint under its full torque gains a third of its speed limit."""
 USUAL = 1.5
-"""Data is trusted in full up to this factor times its usual largest age, plus a period. Assumed: jitter."""
+"""Factor for the usual age at which data is replaced by newer data. Data is fully trusted up to the product
+of factor and usual age, plus a control period. Assumed: the factor covers the jitter of this age."""
 SHARE = 0.1
-"""Weight of each new age in the usual age. Assumed: a larger weight adapts faster to a slower network, a
-smaller one is less affected by single delays."""
+"""Weight of the newest value in the running mean of the age at which data is replaced by newer data. Assumed:
+a larger weight adapts faster to a slower network; a smaller weight is less affected by single delays."""
 
 
 class Freshness:
-    """Age of the latest valid data on the gate's own clock.
+    """Age of the latest valid joint data, measured on the gate's own clock.
 
-    Data is new if both its sequence number and its stamp are new. Repeated or reordered data is not new, even
-    if its first copy was rejected.
+    Data is new if both its sequence number and its stamp are new. Repeated data, and data in the wrong order,
+    is not new. This also applies if the first copy was rejected.
     """
 
     def __init__(self, period: float) -> None:
-        """Takes the `period` [s] of the control loop."""
+        """Starts without data; `period` [s] is the period of the control loop."""
         self._period = period
         self._usual = period
         self._stamp = self._newest = -math.inf
@@ -35,7 +37,7 @@ class Freshness:
         self._refused: int | None = None
 
     def see(self, joints: JointReading, now: float, *, believed: bool = True) -> bool:
-        """Returns True if usable data is new at time `now` [s] and `believed`."""
+        """Records usable joint data at time `now` [s]. Returns True if the data is new and `believed`."""
         if now < self._newest - self._period:  # time went back
             self._stamp = self._newest = -math.inf
         if joints.sequence in (self._sequence, self._refused) or not self._newest < joints.stamp:
@@ -47,19 +49,21 @@ class Freshness:
         return believed
 
     def refuse(self, joints: JointReading) -> None:
-        """Records a reading that can't be used, so that a repetition of it does not count as new."""
+        """Records a reading that can't be used, so that the reading does not count as new if it is
+        repeated."""
         self._refused = joints.sequence
 
     def age(self, now: float) -> float:
         """Returns the age [s] of the data at time `now` [s].
 
-        It is infinite before any data, after time went back by more than a period, and for a time that is
-        NaN.
+        The age is infinite if no data has arrived yet, if the time went back by more than a period, or if
+        `now` is NaN.
         """
         age = now - self._stamp
         return max(age, 0.0) if -self._period <= age < math.inf else math.inf
 
     def trust(self, age: float) -> float:
-        """Returns the trust (0..1) in data of an `age` [s]: 0 beyond LONGEST + FADE, usually earlier."""
+        """Returns the trust (0..1) in data of an `age` [s]. Beyond the age LONGEST + FADE the trust is always
+        0; usually it is 0 at a smaller age already."""
         counts = min(self._period + USUAL * self._usual, LONGEST)
         return min(max(1.0 - (age - counts) / FADE, 0.0), 1.0)

@@ -1,9 +1,15 @@
 """The gate, the last step before a command is sent: no command passes that violates a limit.
 
-Order of checks: usable joint data; whether the robot follows its references (`joint_monitor`); for each
-command its shape, finite values, known limits and the servo's mode (`acceptance`, `motion`); position and
-couplings, clamped and reported (`bounds`); over time velocity, acceleration and jerk (`trajectory`) or torque
-(`torque`); and collisions of the robot with itself (`self_collision`).
+The gate checks in this order:
+
+- The joint data is usable.
+- The robot follows its references (`joint_monitor`).
+- Each command has a valid shape, finite values, servos with known limits, and their mode (`acceptance`,
+  `motion`).
+- Positions keep limits and couplings: other values are clamped and reported (`bounds`).
+- Over time, the motion keeps the limits of velocity, acceleration and jerk (`trajectory`) or torque
+  (`torque`).
+- The robot does not collide with itself (`self_collision`).
 """
 
 from __future__ import annotations
@@ -31,33 +37,34 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 EARLY = 0.05
-"""Fraction of a period by which a step may be early. Assumed: larger than the jitter of timers."""
+"""Fraction of a period by which a step may be early. Assumed: this is larger than the jitter of timers."""
 CATCH_UP = 0.5
 """Fraction of a period by which the steps after a late call may be early. Assumed: larger than the jitter of
-timers, and small enough to prevent bursts."""
+timers, and small enough to prevent several steps at once."""
 STEADY = 0.1
-"""Largest relative difference of the delays of two late calls from a loop that runs at another rate. Assumed:
-delays by a busy machine vary more."""
+"""Largest relative difference between the delays of two late calls for which the loop is assumed to run at
+another rate. Assumed: the delays of a busy machine differ by more."""
 SHARES = (Mode.STIFFNESS, Mode.DAMPING)
 _log = logging.getLogger("tci")
 _NONE: MappingProxyType[int, float] = MappingProxyType({})
 
 
 class Gate:
-    """Converts commands to commands that may be written, one step per control period.
+    """Converts requested commands to commands that a driver may write, one step per control period.
 
-    A servo is under command after its first accepted command or switch, starting at its measured position.
-    The commanded servos of one robot part, and of parts that couplings link to it, arrive at the same time.
-    Each servo is in one control mode; only a PlatformSwitch changes the mode.
+    A servo is under command after its first accepted command or mode switch. Its motion starts at its
+    measured position. The commanded servos of a robot part, and of all parts that couplings link to this
+    part, reach their targets simultaneously. Each servo is in one control mode; only a PlatformSwitch changes
+    the mode.
     """
 
     def __init__(
         self, robot: Robot, *, period: float, stale_after: float, settings: GateSettings | None = None
     ) -> None:
-        """Creates a gate for a control loop of `period` [s]. The gate holds if joint data is older than
-        `stale_after` [s].
+        """Creates a gate for a control loop of `period` [s]. The gate stops the robot (state HOLD) while
+        joint data is older than `stale_after` [s].
 
-        Raises TciError for times that are not above 0 and finite, DescriptionError for a model that can't be
+        Raises TciError if a time is not finite or not above 0, and DescriptionError if the model can't be
         read.
         """
         if not 0.0 < period < np.inf or not 0.0 < stale_after < np.inf:
@@ -66,7 +73,7 @@ class Gate:
         self._settings = settings or GateSettings()
         self.state = GateState.RUN
         self.reason: Reason | None = None
-        """Reason for its state in the latest step; None while it runs."""
+        """Reason why the gate holds or has stopped in the latest step; None while commands pass."""
         self._seal = GateToken(robot.name)
         self._issued: SafeCommand | None = None
         self._tally = Tally()
@@ -87,22 +94,23 @@ class Gate:
 
     @property
     def period(self) -> float:
-        """Time [s] between steps. It is constant, because limits over time depend on it."""
+        """Time [s] between steps. The period is constant, because each step limits velocity, acceleration and
+        jerk for one period of this length."""
         return self._period
 
     @property
     def stale_after(self) -> float:
-        """Age [s] of joint data above which it holds."""
+        """Age [s] of joint data above which the gate stops the robot until newer data arrives."""
         return self._stale_after
 
     @property
     def settings(self) -> GateSettings:
-        """Settings that the description does not contain."""
+        """Settings of the gate that the robot's description does not contain."""
         return self._settings
 
     @property
     def counts(self) -> GateCounts:
-        """Counters since the gate was made."""
+        """Counters since the gate was created."""
         return self._tally.counts
 
     @property
@@ -111,9 +119,11 @@ class Gate:
         return self._motion.targets
 
     def ahead(self, time: float) -> Array:
-        """Returns the positions [rad] of the servos under command in `time` [s] without a new command.
+        """Returns the positions (k,) [rad] that the servos under command will have after `time` [s] if no new
+        command arrives.
 
-        They are in the order of `SafeCommand.servos`, for robots that need their path in advance.
+        The order is that of `SafeCommand.servos`. Some robots need their path in advance: their drivers call
+        this method.
         """
         return self._motion.ahead(time)
 
@@ -123,27 +133,31 @@ class Gate:
         return tuple(self._motion.modes)
 
     def stop(self, reason: Reason | str) -> None:
-        """Stops the robot within its limits and accepts nothing until `reset`. The first reason is kept.
+        """Stops the robot within its limits and accepts nothing until `reset`. If the gate has already
+        stopped, the first reason is kept.
 
-        A bare text becomes a reason with the code OTHER.
+        A `reason` that is only a text gets the code OTHER.
         """
         if self._stopped is None:
             self._stopped = Reason.of(reason or "stopped without a reason")
             self._tally.stops += 1
 
     def hold(self, reason: Reason | str | None) -> None:
-        """Holds in the next step, for a reason that the loop detects: missed periods, a silent process.
+        """Stops the robot in the next step, for a reason that the control loop detects: missed periods, or a
+        process that sends nothing.
 
-        None, or an empty text, changes nothing. If there are several reasons, the latest one is reported.
+        If `reason` is None or an empty text, nothing changes. If there are several reasons, the latest one is
+        reported.
         """
         if reason:
             self._held = Reason.of(reason)
 
     def reset(self) -> None:
-        """Ends STOP, for an operator. No servo moves: each waits for a command at its position.
+        """Ends the state STOP. Only an operator should call this method.
 
-        Control modes stay; earlier targets are forgotten. Raises CommandError while references still move,
-        since the rest of the stop would be lost.
+        No servo moves: each servo waits at its position for a new command. The control modes do not change,
+        and earlier targets are forgotten. Raises CommandError while the robot is still moving to its stop:
+        wait until it rests.
         """
         if self._motion.moves:
             raise CommandError("the robot has not come to rest yet; valid: reset at rest")
@@ -153,9 +167,10 @@ class Gate:
             self._monitor.reset()
 
     def drop(self) -> None:
-        """Takes all servos from command, for a driver whose robot was disconnected.
+        """Ends the command of all servos, for a driver that has lost the connection to its robot.
 
-        Each servo waits for a command at its position; modes, STOP and distrust in joint data stay.
+        Each servo waits at its position for a new command. The control modes do not change. The state STOP
+        and the distrust in joint data do not end.
         """
         if self._monitor is not None:
             self._monitor.forget()
@@ -171,17 +186,18 @@ class Gate:
         *,
         refused: Sequence[Reason] = (),
     ) -> SafeCommand:
-        """Returns the command that may be written at time `now` [s], given new `commands` or one, and the
-        latest `joints`.
+        """Returns the command that a driver may write at time `now` [s].
 
-        Call it once per period, also without commands, because motions continue. A late call takes one step,
-        and an early call none, so that the written motion never exceeds the limits. If the loop is always
-        late, one warning is logged.
+        `commands` are the new commands, or one new command; `joints` is the latest joint reading. Call this
+        method once per period, also without commands, because motions continue. A late call takes only one
+        step, and an early call takes no step, so that the written motion never exceeds the limits. If the
+        loop is always late, one warning is logged.
 
-        A command that can't be accepted raises no exception, since the robot needs a next position in any
-        case. It is refused as a whole, counted, and listed in `refusals`; present motions continue. An
-        argument of another type is a programming error and raises Python's exception. `refused` are reasons
-        why other orders could not be converted to commands; they are reported and counted too.
+        A command that can't be accepted raises no exception, because the robot needs a next position in any
+        case. The command is refused as a whole, counted, and listed in `SafeCommand.refusals`; present
+        motions continue. If an argument has a wrong type, that is a programming error and Python raises its
+        usual exception. `refused` contains the reasons why other orders could not be converted to commands.
+        These reasons are reported and counted too.
         """
         self._tally.steps += 1
         reason = self.reason = self._judge(joints, now)
@@ -233,8 +249,8 @@ class Gate:
         return self._issued
 
     def check_out(self, safe: SafeCommand) -> None:
-        """Raises DriverError unless `safe` is the latest command of this gate and not yet written; for
-        drivers."""
+        """Raises DriverError unless `safe` is the latest command of this gate and was not written before.
+        Drivers call this method before they write."""
         if self._issued is None or safe is not self._issued:
             raise DriverError(
                 "not the latest command of this driver's gate, or written before; "
@@ -243,7 +259,8 @@ class Gate:
         self._issued = None
 
     def _judge(self, joints: JointReading, now: float) -> Reason | None:
-        """Returns the reason why nothing may move now; None if all is well. Sets the state."""
+        """Sets the state of the gate. Returns the reason why nothing may move now; None if the robot may
+        move."""
         if -np.inf < now < self._before - self.period:
             words = f"time went back by {self._before - now:.3f} s"
             self.stop(Reason(Code.TIME_WENT_BACK, words))
@@ -270,7 +287,8 @@ class Gate:
         return reason
 
     def _is_due(self, now: float) -> bool:
-        """Returns True if a step is due at `now` [s]: at most one per period, and no burst."""
+        """Returns True if a step is due at `now` [s]: at most one step per period, and never several steps at
+        once after a delay."""
         if not math.isfinite(now):
             return False
         if self._before > -np.inf:
@@ -284,10 +302,10 @@ class Gate:
         return True
 
     def _look_at_rate(self, passed: float) -> None:
-        """Logs a warning at the second late call of a loop that runs at another rate; `passed` [periods] is
-        the time since the last call.
+        """Logs a warning at the second late call of a loop that runs at another rate.
 
-        A loop that was on time once is only delayed; the function that runs the loop reports this.
+        `passed` [periods] is the time since the last call. If a call was on time once, the loop is only
+        delayed, and no warning is logged here: the function that runs the loop reports delays.
         """
         if passed <= 1.0 + CATCH_UP:
             self._pace = math.nan
@@ -304,7 +322,8 @@ class Gate:
             self._pace = passed
 
     def _set_share(self, command: PlatformCommand, shares: dict[int, float]) -> list[Reason]:
-        """Sets stiffness or damping: fractions 0..1, clamped and reported. Raises CommandError."""
+        """Sets stiffness or damping to fractions 0..1, and returns the reasons for values that were clamped.
+        Raises CommandError if the command can't be accepted."""
         check_command(self.robot, command)
         if command.mode is Mode.STIFFNESS:
             self._motion.check_stiffness(command)

@@ -1,7 +1,8 @@
-"""Commands to all servos of a robot part, some of which can't be moved.
+"""Commands to all servos of a robot part if some of these servos can't be moved.
 
-Programs for control boards command whole boards, including joints that this robot can't move. Such a joint
-keeps its position, and the others follow the command. A command to only such joints is refused.
+Programs for control boards command all joints of a board, including joints without known limits, which can't
+be moved. A joint that can't be moved keeps its position, and the other joints follow the command. If no joint
+of a command can be moved, the command is refused.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ class Immovable:
         ]
 
     def left_out(self, order: PlatformOrder) -> PlatformOrder:
-        """Returns an order without the immovable servos of those robot parts of which it contains all servos.
-        If no servo would remain, returns the order unchanged."""
+        """Returns an order without the immovable servos, for each robot part that the order commands
+        completely. If no servo would remain, returns the order unchanged."""
         if not self._parts or order.servos.ndim != 1:
             return order
         named = {*order.servos.tolist()}

@@ -1,7 +1,8 @@
-"""Groups of servos that move together: those of a robot part, and of parts that couplings link to it.
+"""Groups of servos that move together: the servos of a robot part, and of parts that couplings link to this
+part.
 
-Fingers are a group separate from an arm on the same board: their motions take longer, and the arm must not
-wait for them.
+The fingers of a hand are a separate group, also if they are on the control board of the arm: their motions
+take longer, and the arm must not wait for them.
 """
 
 from __future__ import annotations
@@ -32,29 +33,32 @@ class JointGroup:
     limiter: OnlineTrajectory
     """Trajectory of these servos."""
     bounds: Bounds
-    """Bounds of these servos while all others are at zero."""
+    """Bounds of these servos. The bounds of the couplings apply while all servos outside the group are at
+    zero."""
     outside: NDArray[np.float64]
-    """Coefficients (m, n_servos) of other servos in the couplings that name one of these."""
+    """Coefficients (m, n_servos) of the servos outside the group, for couplings that contain a servo of the
+    group."""
     limits: Array
-    """Lower and upper limits [rad] and speed limits [rad/s] (3, n) in one array."""
+    """Lower limits [rad], upper limits [rad] and speed limits [rad/s] in one array (3, n)."""
     ends: Array
-    """Present bounds (2, m) of the couplings, which depend on the other servos. The trajectory uses this
-    array too."""
+    """Present bounds (2, m) of the couplings, which depend on the angles of the servos outside the group. The
+    trajectory uses this array too, so the array is changed in place."""
 
     @property
     def driven(self) -> list[int]:
-        """Returns the indices within the group of servos that are driven at a velocity other than zero."""
+        """Returns the indices, within the group, of the servos that are driven at a velocity other than
+        zero."""
         drive = self.limiter.drive
         if not self.limiter.drives:
             return []
         return np.flatnonzero(np.abs(drive) > 0.0).tolist()  # false for NaN
 
     def aim(self, servos: NDArray[np.intp], values: Array, speeds: Array, sent: Array) -> float:
-        """Sets the targets of those `servos` (k,) that belong to the group to `values` (k,) [rad], or as near
-        as the bounds allow.
+        """Sets the targets of those `servos` (k,) that belong to the group.
 
-        `speeds` (k,) [rad/s] are upper bounds. Writes the actual targets into `sent` (k,) [rad], and returns
-        their largest distance from the values [rad].
+        Each target is the requested angle in `values` (k,) [rad], or the nearest angle that the bounds allow.
+        `speeds` (k,) [rad/s] are the largest speeds of the motion. Writes the targets into `sent` (k,) [rad],
+        and returns the largest distance [rad] of a target from the requested angle.
         """
         limiter, count = self.limiter, len(self.servos)
         aims = np.empty((3, count))
@@ -67,13 +71,14 @@ class JointGroup:
         return farthest
 
     def look_outside(self, measured: Array) -> None:
-        """Shifts the couplings by the `measured` (n_servos,) [rad] positions of servos outside the group."""
+        """Shifts the bounds of the couplings by the contribution of the servos outside the group, which are
+        at `measured` (n_servos,) [rad]."""
         if len(self.outside):
             lower, upper = self.bounds.coupling_lower, self.bounds.coupling_upper
             shift(self.outside, measured, lower, upper, self.ends[0], self.ends[1])
 
     def places(self, servos: Sequence[int]) -> list[int]:
-        """Returns the indices of some of its servos within the group."""
+        """Returns, for each of `servos`, its index within the group."""
         return [self.servos.index(servo) for servo in servos]
 
 
@@ -88,10 +93,10 @@ def make_chain(
     speed_share: float,
     guard: Guard,
 ) -> JointGroup:
-    """Returns a group of `servos`, at rest at their `measured` (n_servos,) [rad] positions.
+    """Returns a group of `servos`. Each servo starts at rest at its position in `measured` (n_servos,) [rad].
 
-    Servos that `old` moves continue their motion, except for the `fresh` ones. Raises CommandError if some
-    can't join the motion now; `old` is then unchanged.
+    Servos that the group `old` already moves continue their motion, except for the servos in `fresh`. Raises
+    CommandError if some servos can't join the motion now; in this case `old` is unchanged.
     """
     union = sorted(servos)
     bounds, outside = bounds_of(robot, union, speed_share=speed_share)
@@ -109,7 +114,7 @@ def make_chain(
 
 
 def groups_of(robot: Robot) -> list[int]:
-    """Returns the number of the group (n_servos,) of each servo; parts linked by couplings form one group."""
+    """Returns, for each servo, the number of its group. Parts that are linked by couplings form one group."""
     fingers = {
         servo: part.name
         for part in robot.parts

@@ -1,7 +1,8 @@
-"""Checks that the robot follows its reference. If it does not, the robot stops until an operator resets it.
+"""Checks that the robot follows its reference. If the robot does not, it stops until an operator resets the
+gate.
 
-It detects faults that limits do not show: a stalled or powerless servo, a motion against its command, an
-encoder that jumps or freezes, identical data with new stamps.
+The monitor detects faults that limits do not show: a stalled or powerless servo, a motion opposite to the
+command, an encoder that jumps or freezes, or identical data with new stamps.
 """
 
 from __future__ import annotations
@@ -30,40 +31,44 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 JUDGED = (Mode.POSITION, Mode.VELOCITY)
-"""Modes in which the measured motion must follow the reference. In other modes a joint may yield, and its
-angle is compared with its velocity and its torque."""
+"""Modes in which the measured motion must follow the reference. In other modes a joint may yield, so its
+angle is compared with its velocity and its torque instead."""
 
 
 @dataclass(frozen=True, slots=True)
 class MonitorSettings:
-    """Thresholds above which a deviation is a fault. All figures are assumed: smaller ones stop healthy
-    robots that lag or vibrate, larger ones detect a fault later."""
+    """Thresholds above which a deviation is a fault. All values are assumed: with smaller values, healthy
+    robots that lag or vibrate would stop; with larger values, a fault is detected later."""
 
     following_error: float = np.deg2rad(6.0)
-    """Largest lasting distance [rad] from a reference at rest."""
+    """Largest distance [rad] that a servo may keep from a reference that is at rest."""
     lag: float = 0.1
     """Time [s] by which a servo may lag behind a moving reference."""
     patience: float = 0.15
-    """Time [s] for which the following error may be larger."""
+    """Time [s] for which the distance from the reference may be larger than `following_error` and `lag`
+    allow."""
     opposing: float = 0.1
-    """Time [s] for which a servo may move against its reference."""
+    """Time [s] for which a servo may move in the direction opposite to its reference."""
     least_speed: float = np.deg2rad(3.0)
     """Speed [rad/s] below which a servo counts as not moving."""
     encoder_step: float = np.deg2rad(2.0)
-    """Change [rad] between two readings that is allowed in addition to the motion at the speed limit."""
+    """Change of an angle [rad] between two readings that is allowed in addition to the motion at the speed
+    limit."""
     frozen: float = 0.1
-    """Time [s] for which one angle may stay exactly constant, or a reading may repeat with new stamps."""
+    """Time [s] for which an angle may stay exactly constant while its reference moves, or for which a reading
+    may be repeated with new stamps."""
     frozen_travel: float = np.deg2rad(3.0)
-    """Motion [rad] of the reference after which a constant angle means that the encoder is frozen."""
+    """Motion [rad] of the reference. If the measured angle stays constant during this motion, the encoder is
+    frozen."""
     drift: float = 2.0
-    """Time constant [s] with which the deviation of an angle from its integrated velocity decays, since
-    velocity sensors have offsets."""
+    """Time constant [s] with which the difference between an angle and its integrated velocity decays. The
+    decay is necessary because velocity sensors have offsets, which would add up."""
     push: float = 0.3
-    """Fraction of the torque limit by which a torque must change to show that an encoder is frozen. Joints
-    and links are elastic, so such a change moves even a blocked joint by at least the resolution of its
-    encoder. Under a constant torque an angle may stay constant."""
+    """Fraction of the torque limit. If the torque changes by more than this and the angle stays constant, the
+    encoder is frozen: joints and links are elastic, so a blocked joint would also move by at least the
+    resolution of its encoder. Under a constant torque, an angle may stay constant."""
     mode_change: float = 0.5
-    """Time [s] within which a robot must report the mode that it was switched to."""
+    """Time [s] after a mode switch within which the robot must report the new mode."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -86,7 +91,8 @@ class Reference(NamedTuple):
 
 
 class JointMonitor:
-    """Compares each new joint reading with the reference. Contains the history of one gate."""
+    """Compares each new joint reading with the reference. Each gate needs its own monitor, because the
+    monitor stores the history of the readings."""
 
     def __init__(self, robot: Robot, settings: MonitorSettings | None = None) -> None:
         self.settings = settings or MonitorSettings()
@@ -110,12 +116,12 @@ class JointMonitor:
         self.forget()
 
     def reset(self) -> None:
-        """Forgets all history and trusts new data again; for an operator."""
+        """Forgets all history and trusts new data again. Called when an operator resets the gate."""
         self.misled = False
         self.forget()
 
     def forget(self) -> None:
-        """Forgets the history of motion, but not that the data is untrustworthy."""
+        """Forgets the history of motion. Data that was found untrustworthy stays untrustworthy."""
         never = np.full(len(self._names), np.inf)
         self._before: JointReading | None = None
         self._modes: tuple[Mode, ...] = ()
@@ -130,11 +136,11 @@ class JointMonitor:
         self._well: tuple[object, ...] = ()
 
     def step(self, joints: JointReading, reference: Reference, torque: Array | None = None) -> Reason | None:
-        """Returns the reason why the robot must stop, given a usable reading; None while it follows its
+        """Checks a usable reading. Returns the reason why the robot must stop; None if the robot follows its
         reference.
 
-        `reference` and `torque` (k,) [N m] are those that were valid at the time of this reading. Call it
-        once per control period.
+        `reference` and `torque` (k,) [N m] must be the values that were valid when the reading was taken.
+        Call this method once per control period.
         """
         before, self._before = self._before, joints
         elapsed = 0.0 if before is None else joints.stamp - before.stamp
@@ -161,7 +167,7 @@ class JointMonitor:
         return fault if fault is not None or found == FOLLOWS else self._fault_of_motion(found, reference)
 
     def _jumped(self, elapsed: float) -> Reason:
-        """Returns the reason for an angle that changed too much within `elapsed` [s]."""
+        """Returns the reason to stop for an angle that changed too much within `elapsed` [s]."""
         worst, change = int(self._worst[0]), self._worst[1]
         self.misled = True
         allowed = self._limits[FASTEST, worst] * elapsed + self.settings.encoder_step
@@ -172,7 +178,8 @@ class JointMonitor:
         )
 
     def _fault_of_state(self, joints: JointReading, reference: Reference) -> Reason | None:
-        """Checks for servos that are off, or in another mode than they were switched to."""
+        """Returns the reason to stop if a servo is off, or if it is in another mode than commanded; else
+        None."""
         servos, seen = reference.servos, (joints.powered, joints.modes, reference.servos, reference.modes)
         if len(self._well) == len(seen) and all(map(is_, seen, self._well)):
             return None  # identical to the objects that passed the last check
@@ -196,7 +203,7 @@ class JointMonitor:
         return None
 
     def _fault_of_motion(self, found: int, reference: Reference) -> Reason:
-        """Returns the reason for a servo that does not follow its reference."""
+        """Returns the reason to stop for a servo that does not follow its reference."""
         name, way = self._names[reference.servos[int(self._worst[0])]], np.rad2deg(self._worst[1])
         if found == LATE:
             causes = "held or pushed, blocked, stalled or limp"
@@ -210,7 +217,7 @@ class JointMonitor:
         return Reason(Code.ENCODER_FROZEN, words)
 
     def _misled_by(self, found: int, reference: Reference) -> Reason:
-        """Returns the reason if velocities and torques show that an angle is not that of the joint."""
+        """Returns the reason to stop for an angle that contradicts the measured velocities or the torques."""
         self.misled = True
         name, way = self._names[reference.servos[int(self._worst[0])]], np.rad2deg(self._worst[1])
         if found == DISAGREES:
@@ -222,8 +229,7 @@ class JointMonitor:
         return Reason(Code.ENCODER_FROZEN, words)
 
     def _sort(self, modes: tuple[Mode, ...]) -> None:
-        """Separates servos (k,) into those that are compared with their reference and those in torque
-        mode."""
+        """Notes for each servo (k,) if it is compared with its reference, and if it is in torque mode."""
         if modes != self._modes:
             self._modes = modes
             self._kinds = np.array(

@@ -1,4 +1,4 @@
-"""All servos under command: their modes, their motions, and the torques that are sent."""
+"""All servos under command: their control modes, their motions, and the torques that are sent to them."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 REST = float(np.deg2rad(3.0))
-"""Measured speed [rad/s] below which a servo is at rest. Assumed: above an encoder's noise; a mode is
-switched without a jolt below it."""
+"""Measured speed [rad/s] below which a servo is at rest, so that its mode may be switched. Assumed: above an
+encoder's noise, and slow enough for a switch without a jolt."""
 STILL = 1e-6
 """Commanded speed [rad/s] below which a joint counts as at rest. Assumed: above rounding errors."""
 DEGREE = float(np.rad2deg(1.0))
@@ -34,15 +34,15 @@ DEGREE = float(np.rad2deg(1.0))
 TARGETS = (Mode.POSITION, Mode.IMPEDANCE)
 """Modes whose commands are angles."""
 FASTEST = 1e6
-"""Upper bound on requested speeds [rad/s]: larger numbers overflow where they are divided."""
+"""Upper bound on requested speeds [rad/s]. Larger numbers could overflow when they are divided."""
 
 
 class Motion:
     """Moves the servos under command, each in its own mode, one step per control period."""
 
     def __init__(self, robot: Robot, *, period: float, settings: GateSettings, tally: Tally) -> None:
-        """Starts without servos under command; `period` [s] is that of the control loop. Raises the errors of
-        SelfCollision."""
+        """Starts without servos under command; `period` [s] is the period of the control loop. Raises the
+        errors that SelfCollision raises."""
         self.robot = robot
         self._period = period
         self._settings = settings
@@ -51,7 +51,7 @@ class Motion:
         self._lower = np.array([limit.lower for limit in limits], dtype=float)
         self._upper = np.array([limit.upper for limit in limits], dtype=float)
         self.groups = CommandedGroups(robot, period=period, settings=settings)
-        """Servos that are under command in other modes than torque."""
+        """Servos that are under command in any mode other than torque mode."""
         self._torque = TorqueLimiter(robot, period, speed_share=settings.speed_share)
         self._fed = np.full(len(robot.servos), -np.inf)
         self._velocity = self._speed = np.zeros(len(robot.servos))
@@ -71,7 +71,8 @@ class Motion:
 
     @property
     def reference(self) -> Reference:
-        """References of the servos now; those in torque mode come last, at their measured positions."""
+        """Present references of the servos under command. Servos in torque mode come last; their references
+        are their measured positions."""
         return self.groups.reference(self._torque.servos)
 
     @property
@@ -81,18 +82,19 @@ class Motion:
         return np.concatenate([*targets, self.groups.measured[self._torque.servos]])
 
     def ahead(self, time: float) -> Array:
-        """Returns the positions [rad] of the servos under command in `time` [s], in the order of
+        """Returns the positions (k,) [rad] of the servos under command in `time` [s], in the order of
         `reference`."""
         planned = [chain.limiter.ahead(time) for chain in self.groups.chains]
         return np.concatenate([*planned, self.groups.measured[self._torque.servos]])
 
     @property
     def moves(self) -> bool:
-        """True if any servo's reference moves now."""
+        """True if the reference of any servo moves now."""
         return any((np.abs(chain.limiter.state[1]) > STILL).any() for chain in self.groups.chains)
 
     def see(self, joints: JointReading, now: float, *, believed: bool) -> None:
-        """Records measured positions and speeds of all servos, if they are new at `now` [s] and believed."""
+        """Records the measured positions and speeds of all servos, if the data is new at `now` [s] and
+        `believed` is True."""
         if not self._freshness.see(joints, now, believed=believed):
             return
         self.groups.look(joints.position)
@@ -102,31 +104,33 @@ class Motion:
         self._slope.step(joints)
 
     def refuse(self, joints: JointReading) -> None:
-        """Records a reading that can't be used, so that its repetition with a new stamp can't be used
+        """Records a reading that can't be used. If the reading is repeated with a new stamp, it can't be used
         either."""
         self._freshness.refuse(joints)
 
     def fault_of_age(self, now: float, stale_after: float) -> Reason | None:
-        """Returns a reason to hold at `now` [s] if data is older than `stale_after` [s]; else None."""
+        """Returns the reason to stop at `now` [s] if the joint data is older than `stale_after` [s]; else
+        None."""
         age = self._freshness.age(now)
         if age <= stale_after:
             return None
         return Reason(Code.JOINTS_STALE, f"no new joint data for {age * 1e3:.0f} ms")
 
     def halt(self) -> None:
-        """Stops all servos within their limits; forgets targets, velocities and torques."""
+        """Stops all servos within their limits, and removes all targets, velocities and commanded torques."""
         for chain in self.groups.chains:
             chain.limiter.halt()
         self._torque.halt()
 
     def drop(self) -> None:
-        """Takes all servos from command, except those in torque mode, which get no torque; modes stay."""
+        """Ends the command of all servos. Control modes do not change: servos in torque mode stay in it, with
+        a commanded torque of 0."""
         self.groups.drop()
         self._torque.relax()
 
     def accept(self, command: PlatformOrder, now: float) -> list[Reason]:
-        """Accepts an order; returns the reasons for clamped values. Raises CommandError, and changes nothing,
-        if the order can't be accepted."""
+        """Accepts an order. Returns the reasons for values that were clamped. If the order can't be accepted,
+        raises CommandError and changes nothing."""
         command = self._immovable.left_out(command)
         if isinstance(command, PlatformSwitch):
             self._switch(command)
@@ -151,7 +155,8 @@ class Motion:
         return clamped
 
     def step(self, now: float) -> list[Reason]:
-        """Moves by one period; returns the motions that were ended to avoid self-collisions."""
+        """Moves the servos by one period. Returns the reasons for motions that were ended to avoid
+        self-collisions."""
         self._switched.clear()
         longest = self._settings.command_timeout
         near: list[Reason] = []
@@ -172,8 +177,8 @@ class Motion:
     def torques(self, now: float, *, due: bool) -> Array:
         """Returns the torque (k,) [N m] of each servo of `reference` at `now` [s].
 
-        It is 0 for servos in another mode and for servos that are off. If no step is `due`, torques stay
-        constant, and decrease with the trust in their data.
+        The torque is 0 for servos that are off and for servos in another mode than torque mode. If no step is
+        `due`, the torques do not change, except that they decrease with the trust in the joint data.
         """
         others = self.groups.count
         if not self._torque.servos.size:
@@ -194,12 +199,13 @@ class Motion:
         return frozen(np.concatenate([np.zeros(others), torque]))
 
     def _push(self, command: PlatformCommand) -> list[Reason]:
-        """Sets torques of servos in torque mode."""
+        """Sets the torques of servos in torque mode. Returns the reasons for clamped values."""
         sent = self._torque.ask(command.servos, command.values)
         return self.clamps(command, sent.tolist(), "N m")
 
     def _check_modes(self, servos: NDArray[np.intp], mode: Mode) -> None:
-        """Raises CommandError unless all limits of `servos` (k,) are known and all are in this mode."""
+        """Raises CommandError unless all limits of `servos` (k,) are known and all of these servos are in
+        `mode`."""
         for servo in servos.tolist():
             if servo not in self._known:
                 check_limits(self.robot.servos[servo])
@@ -212,8 +218,8 @@ class Motion:
                 )
 
     def _drive(self, command: PlatformCommand) -> list[Reason]:
-        """Sets velocities of servos in velocity mode. If one of them exceeds its limit, all are reduced by
-        one factor."""
+        """Sets the velocities of servos in velocity mode. If one velocity exceeds its limit, all velocities
+        of the command are reduced by one factor."""
         servos = command.servos.tolist()
         limits = np.array([self.robot.servos[servo].limits.velocity for servo in servos], dtype=float)
         most = np.minimum(command.speed, self._settings.speed_share * limits)
@@ -227,7 +233,7 @@ class Motion:
         return self.clamps(command, sent.tolist(), "rad/s")
 
     def check_stiffness(self, command: PlatformCommand) -> None:
-        """Raises CommandError if a higher stiffness would make a yielding joint jump back to its
+        """Raises CommandError if a joint has yielded and the higher stiffness would make it jump back to its
         equilibrium."""
         reference = self.reference
         place = {servo: index for index, servo in enumerate(reference.servos.tolist())}
@@ -245,7 +251,8 @@ class Motion:
         self._shares[command.servos] = np.clip(command.values, 0.0, 1.0)
 
     def clamps(self, command: PlatformCommand, sent: Sequence[float], unit: str) -> list[Reason]:
-        """Counts and describes the servos whose accepted value differs from the requested one."""
+        """Counts the servos whose accepted value differs from the requested value, and returns a reason for
+        each of these servos."""
         clamped: list[Reason] = []
         for servo, asked, allowed in zip(command.servos.tolist(), command.values.tolist(), sent, strict=True):
             if abs(asked - allowed) > 2 * MARGIN:
@@ -256,8 +263,8 @@ class Motion:
         return clamped
 
     def _switch(self, switch: PlatformSwitch) -> None:
-        """Switches servos that rest under command to another mode, at their positions. Raises
-        CommandError."""
+        """Switches servos that are at rest to another mode at their present positions. Raises CommandError if
+        a servo moves or can't be switched."""
         check_switch(self.robot, switch)
         servos = [servo for servo in switch.servos.tolist() if self.modes[servo] is not switch.mode]
         reference = self.reference
@@ -283,6 +290,7 @@ class Motion:
 
 
 def _amount(value: float, unit: str) -> str:
-    """Returns a value with its unit; an angle also in degrees, so that a caller who meant degrees notices."""
+    """Returns a value with its unit. An angle is also given in degrees, so that a caller who confused radians
+    and degrees notices it."""
     text = f"{value:.2f} {unit}"
     return f"{text} ({value * DEGREE:.2f} {unit.replace('rad', 'degrees')})" if "rad" in unit else text

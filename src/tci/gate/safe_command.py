@@ -1,4 +1,4 @@
-"""The command that a driver writes: only a gate can create it."""
+"""The command that a driver writes to its robot. Only a gate can create this command."""
 
 from __future__ import annotations
 
@@ -21,9 +21,11 @@ class GateState(Enum):
     RUN = "run"
     """Commands pass, within the limits."""
     HOLD = "hold"
-    """Joint data is too old or not usable: the robot stops and keeps its position. Ends by itself."""
+    """Joint data is too old or not usable, or the control loop asked for a hold: the robot stops and keeps
+    its position. The state ends when the cause ends."""
     STOP = "stop"
-    """A fault of the robot or the program: as HOLD, but until an operator resets the gate."""
+    """The robot or the program has a fault: the robot stops as in HOLD, but stays stopped until an operator
+    resets the gate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,44 +33,48 @@ class GateToken:
     """Token that proves a `SafeCommand` was created by a gate."""
 
     robot: str
-    """Name of the robot that the gate is for."""
+    """Name of the robot for which the gate was created."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SafeCommand:
-    """Command that may be written now. A gate creates it for its own driver, which may write it once."""
+    """Command that may be written now. A gate creates it for the driver of this gate, and the driver may
+    write it only once."""
 
     seal: object = field(repr=False)
-    """Token of the gate; without it the constructor raises DriverError."""
+    """Token of the gate that creates the command. Without this token the constructor raises DriverError."""
     stamp: float
-    """Time [s] at which it was made."""
+    """Time [s] at which the command was created."""
     state: GateState
     """State of the gate."""
     servos: NDArray[np.intp]
-    """Indices (k,) of the servos under command. Nothing is ever sent to other servos."""
+    """Indices (k,) of the servos under command. A driver never sends anything to other servos."""
     modes: tuple[Mode, ...]
-    """Control mode (k,) of each servo. A driver switches a servo to this mode before it sends other
-    values."""
+    """Control mode (k,) of each servo. If a servo is in another mode, the driver must switch it to this mode
+    before it sends other values."""
     position: Array
-    """Position (k,) [rad] of each servo at the end of this period: the set-point, in impedance mode the
-    equilibrium, in torque mode the measured position."""
+    """Position (k,) [rad] of each servo. In position and velocity mode: the set-point for the end of this
+    period. In impedance mode: the equilibrium. In torque mode: the measured position."""
     velocity: Array
-    """Velocity (k,) [rad/s] of each servo at that time; 0 in torque mode."""
+    """Velocity (k,) [rad/s] of each servo at the end of this period; 0 in torque mode."""
     torque: Array
     """Torque (k,) [N m] of each servo in torque mode; 0 in other modes."""
     stiffness: Mapping[int, float]
-    """New fraction (0..1) of full stiffness, by servo index, if commanded."""
+    """New stiffness of the servos that got a stiffness command in this step, by servo index: a fraction
+    (0..1) of full stiffness."""
     damping: Mapping[int, float]
-    """New fraction (0..1) of full damping, by servo index, if commanded."""
+    """New damping of the servos that got a damping command in this step, by servo index: a fraction (0..1) of
+    full damping."""
     clamped: tuple[Reason, ...]
-    """Values that were clamped (CLAMPED) and motions that were ended (SELF_COLLISION)."""
+    """Reasons for values that were clamped (code CLAMPED) and for motions that were ended (code
+    SELF_COLLISION)."""
     refusals: tuple[Reason, ...]
-    """Reasons of the commands that were refused."""
+    """Reasons why commands were refused in this step."""
     reason: Reason | None = None
-    """Reason for which the gate holds or has stopped; None in RUN."""
+    """Reason why the gate holds or has stopped; None in the state RUN."""
     orders: tuple[PlatformOrder, ...] = ()
     """Orders that were accepted in this step. A driver that is connected to another TCI process sends these
-    orders instead, since the gate of that process plans the motion."""
+    orders to it instead of positions, because the gate of that process plans the motion."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.seal, GateToken):

@@ -1,7 +1,8 @@
-"""Prevention of self-collisions: of the arms with the body, the head and each other.
+"""Prevention of self-collisions: between an arm and the body, the head or the other arm.
 
-For most pairs of links, compiled lower bounds show that their distance is sufficient
-(`kernels.clearance_bounds`). MuJoCo measures the distances of the others.
+For most pairs of links, compiled loops show without a measurement that the distance is sufficient: they
+compute lower bounds on the distance (`kernels.clearance_bounds`). For the other pairs, MuJoCo measures the
+distance.
 """
 
 from __future__ import annotations
@@ -23,36 +24,40 @@ from tci.robot.joint_map import initial_position
 from tci.skin.kernels.arrays import Indices
 
 MARGIN = 0.005
-"""Distance [m] that links keep. Assumed: covers the servos' lag and hulls of reduced meshes."""
+"""Smallest allowed distance [m] between two links. Assumed: covers the lag of servos and the errors of
+simplified meshes."""
 WIDEST = 0.1
-"""Largest margin [m]. Assumed: with a larger margin, hands could hardly be used near the body."""
+"""Upper bound [m] of the margin. Assumed: with a larger margin, hands could hardly be used near the body."""
 SIGHT = 1.0
-"""Distance [m] to which larger ones are clipped. Assumed: no link moves that far in one period."""
+"""Largest distance [m] that is measured; larger distances are set to this value. Assumed: no link moves this
+far in one period."""
 STRIDE = 0.002
-"""Distance [m] that links may move between two checked points of a path. Assumed: less than half of the
+"""Largest motion [m] of a link between two checked points of a path. Assumed: less than half of the
 margin."""
 PATIENCE = 16
-"""Number of checks after which insufficient distances are measured again. Assumed: one measurement takes as
-long as a few checks."""
+"""Number of checks after which distances that were not sufficient are measured again. Assumed: one
+measurement takes as long as a few checks."""
 SPECK = 1e-6
-"""Distance [m] between two links below which its direction is only rounding."""
+"""Distance [m] between two links below which the direction from one link to the other is only a rounding
+error."""
 _come_near, _stand = entry(come_near), entry(stand)
 
 
 @lru_cache(maxsize=8)
 def _solids(robot: Robot) -> Solids:
-    """Returns the solids of a robot, read-only and shared by its gates."""
+    """Returns the solids of a robot, which all gates of this robot share and can't change."""
     return Solids.of(Clearance(robot))
 
 
 class SelfCollision:
-    """Checks a path for self-collision before it is executed. Its caches save time and never change a
-    result."""
+    """Checks a path for self-collision before the robot executes it. The caches of this class only save time:
+    they never change a result."""
 
     def __init__(self, robot: Robot, *, margin: float = MARGIN) -> None:
         """Reads the robot's solids; links must keep `margin` [m] apart.
 
-        Raises TciError for a margin that is not from 0 to WIDEST, and the errors of Clearance and Solids.
+        Raises TciError if `margin` is negative or not below WIDEST. Also raises the errors that Clearance and
+        Solids raise.
         """
         if not 0.0 <= margin < WIDEST:
             raise TciError(f"margin {margin} m; valid: 0 to {WIDEST} m")
@@ -82,7 +87,8 @@ class SelfCollision:
         """Returns True if all postures between the angles of `box` (2, n_servos) [rad] certainly keep the
         margin.
 
-        `box` must be contiguous floats, as it is passed to the compiled loop directly.
+        False does not mean a collision: in this case, check the path with `fault`. `box` must be a contiguous
+        array of floats, because the compiled loop reads it directly.
         """
         count = self._near(box)
         if count and self._patience <= 0:
@@ -93,9 +99,11 @@ class SelfCollision:
         return not count
 
     def fault(self, path: Array) -> Reason | None:
-        """Returns the reason why a motion along `path` (k, n_servos) [rad] must not be made; None if it may.
+        """Returns the reason why the robot must not move along `path` (k, n_servos) [rad]; None if this
+        motion is allowed.
 
-        Links closer than the margin at the start of the path may move apart, but not closer.
+        Links that are closer than the margin at the start of the path may move apart, but not closer
+        together.
         """
         if not (count := self._near(np.array([path.min(axis=0), path.max(axis=0)], np.float64))):
             return None
@@ -126,14 +134,15 @@ class SelfCollision:
         return None
 
     def _near(self, box: Array) -> int:
-        """Counts the pairs that may come closer than the margin between the angles of `box` (2, n_servos)."""
+        """Returns the number of pairs that may come closer than the margin between the angles of `box` (2,
+        n_servos) [rad]."""
         servos, zero = self._solids.servos, self._solids.zero
         count: int = _come_near(self._arrays, self._known, servos, zero, box, self._ends, self.margin)
         return count
 
     def _measure(self, angles: Array, pairs: Indices, axis: Array | None = None) -> Array:
-        """Returns the distances (m,) [m] of some pairs at `angles` (j,) [rad], clipped at SIGHT; stores their
-        axes."""
+        """Measures the distances (m,) [m] of some pairs at `angles` (j,) [rad], and clips them at SIGHT.
+        Writes the direction between the two links of each pair into `axis`."""
         s, data, segment = self._solids, self._data, self._segment
         _stand(self._arrays, angles, self._frames, data.geom_xpos, data.geom_xmat, s.geoms)
         result = np.empty(len(pairs))

@@ -16,17 +16,20 @@ from tci.gate.self_collision import MARGIN as BODY_MARGIN
 
 @dataclass(frozen=True, slots=True)
 class GateSettings:
-    """Settings of a gate that the robot's description does not contain. All figures are assumed."""
+    """Settings of a gate that the robot's description does not contain. All default values are assumed."""
 
     speed_share: float = 0.9
-    """Largest commanded speed as a fraction of a servo's speed limit, since a real servo overshoots."""
+    """Largest commanded speed, as a fraction of the speed limit of a servo. The rest is a reserve, because a
+    real servo overshoots."""
     command_timeout: float = 0.1
-    """Age [s] above which a velocity or torque command expires: the servo stops, or its torque ends."""
+    """Age [s] above which a velocity or torque command expires. After this time the servo stops, or its
+    torque ends."""
     self_collision: float | None = BODY_MARGIN
-    """Distance [m] that the arms keep from the body and from each other; None disables the check."""
+    """Distance [m] that the arms keep from the body and from each other. None disables the check for
+    self-collision."""
     monitor: MonitorSettings | None = field(default_factory=MonitorSettings)
-    """Thresholds for a robot that does not follow its reference; None disables the check if another gate does
-    it."""
+    """Thresholds of the check that the robot follows its reference. None disables the check, which is only
+    right if another gate makes this check."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.speed_share <= 1.0:
@@ -37,18 +40,18 @@ class GateSettings:
 
 @dataclass(frozen=True, slots=True)
 class GateCounts:
-    """Counters of a gate since it was made."""
+    """Counters of a gate since it was created."""
 
     steps: int
     """Number of control periods."""
     holds: int
-    """Number of times that it began to hold."""
+    """Number of times that the gate began to hold."""
     stops: int
-    """Number of times that it stopped until a reset."""
+    """Number of times that the gate stopped until a reset."""
     refusals: int
-    """Number of commands that it refused entirely."""
+    """Number of commands that the gate refused entirely."""
     near_misses: int
-    """Number of motions that it ended to avoid a self-collision."""
+    """Number of motions that the gate ended to avoid a self-collision."""
     clamps: Mapping[str, int]
     """Number of times that a servo's target was clamped, by servo name."""
 
@@ -62,6 +65,6 @@ class Tally:
 
     @property
     def counts(self) -> GateCounts:
-        """Returns a copy that does not change."""
+        """Returns a copy of the counters, which does not change later."""
         clamps = MappingProxyType(dict(self.clamps))
         return GateCounts(self.steps, self.holds, self.stops, self.refusals, self.near_misses, clamps)

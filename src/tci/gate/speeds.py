@@ -11,22 +11,25 @@ from tci.gate.kernels.motion import all_finite
 from tci.messages import JointReading
 
 SMOOTHING = 0.05
-"""Time constant [s] of the estimate from successive angles. Assumed: with a shorter one, the encoder's
-resolution looks like a speed; with a longer one, a motion is reported later."""
+"""Time constant [s] of the smoothed speed that is estimated from successive angles. Assumed: with a shorter
+time constant, the resolution of an encoder looks like a speed; with a longer time constant, a motion is
+reported later."""
 
 SPAN = 0.02
-"""Longest time [s] between two readings from which a mean speed is computed. Assumed: over a longer time the
-motion in between is unknown, and over a much shorter one the encoder's resolution looks like a speed."""
+"""Longest time [s] between two readings from which a mean speed is computed. Assumed: over a longer time, the
+motion between the readings is unknown; over a much shorter time, the resolution of an encoder looks like a
+speed."""
 
 
 class Slope:
-    """Mean speeds over the latest readings, computed from angles. Contains these readings."""
+    """Stores the latest readings and computes mean speeds from their angles."""
 
     def __init__(self, count: int) -> None:
         self._past: deque[JointReading] = deque()
         self._none = np.full(count, np.nan)
         self.span = 0.0
-        """Time [s] over which the speeds are the mean, up to the latest reading."""
+        """Time [s] between the oldest stored reading and the latest reading: the speeds are means over this
+        time."""
 
     def step(self, joints: JointReading) -> None:
         """Adds the latest reading."""
@@ -38,7 +41,7 @@ class Slope:
 
     @property
     def speed(self) -> Array:
-        """Returns speeds (n,) [rad/s]; NaN if readings are too far apart."""
+        """Returns speeds (n,) [rad/s]; all are NaN if the latest two readings are too far apart."""
         if not self.span > 0.0:
             return self._none
         speed: Array = (self._past[-1].position - self._past[0].position) / self.span
@@ -46,15 +49,16 @@ class Slope:
 
 
 class Speeds:
-    """Estimates speeds from successive angles if a robot does not measure them. Contains the estimates."""
+    """Estimates speeds from successive angles, for robots that do not measure speeds. Stores the latest
+    estimates."""
 
     def __init__(self, count: int) -> None:
         self._guess = np.zeros(count)
         self._before: JointReading | None = None
 
     def step(self, joints: JointReading) -> Array:
-        """Returns speeds (n,) [rad/s] at a new reading: measured speeds, or estimates for servos whose speed
-        is NaN."""
+        """Returns the speeds (n,) [rad/s] at a new reading. If the measured speed of a servo is NaN, its
+        speed is estimated."""
         before, self._before = self._before, joints
         if all_finite(joints.velocity):
             self._guess = joints.velocity

@@ -1,9 +1,9 @@
-"""Jerk-limited stops of servos that move together. Each stop is planned before the state at its beginning is
-sent.
+"""Jerk-limited stops of servos that move together. Before a state is sent, the stop from this state is
+planned.
 
-Each servo stops as soon as it can, independently of the others. `kernels.stops` computes the three phases of
-each stop, since a stop is planned and checked in every period; ruckig's velocity control would plan equal
-stops.
+Each servo stops as soon as it can, independently of the others. In every period a stop is planned and
+checked, so a compiled loop computes its three phases (`kernels.stops`). The velocity control of ruckig would
+plan equal stops.
 """
 
 from __future__ import annotations
@@ -25,40 +25,42 @@ from tci.gate.kernels.stops import (
 )
 
 LONGEST_STOP = 512
-"""Largest number of periods for which a stop near a coupling is checked period by period. Assumed: a stop
-from full speed takes a tenth of this; a longer stop near a coupling is not permitted."""
+"""Largest number of periods of a stop near a coupling, since this stop is checked period by period. Assumed:
+a stop from full speed takes a tenth of this number; a longer stop near a coupling is not permitted."""
 TURN = 1e-3
-"""Angle [rad] by which a coupling outside its bounds may move further out during a stop, since its servos do
-not come to rest at the same time. Assumed: well below the backlash of joints."""
+"""Angle [rad] by which a coupling outside its bounds may move further out during a stop. This is necessary
+because the servos of a coupling come to rest at different times. Assumed: this angle is well below the
+backlash of joints."""
 
 
 class StopTrajectory:
-    """A planned stop of n servos, and the step to its beginning."""
+    """A planned stop of n servos, and the one step before the stop that leads to its beginning."""
 
     __slots__ = ("duration", "here", "span", "way")
 
     def __init__(self, count: int) -> None:
         self.way = np.zeros((STOP_ROWS, count))
-        """The stop, in the rows of `kernels.stops`."""
+        """Data of the stop, in rows as defined in `kernels.stops`."""
         self.here = self.way[HERE]
-        """Angles (n,) [rad] before that step."""
+        """Angles (n,) [rad] before the step that leads to the beginning of the stop."""
         self.span = self.way[LEAST : MOST + 1]
         """Least and largest angles (2, n) [rad] of the stop."""
         self.duration = 0.0
         """Duration [s] of the stop."""
 
     def states(self, times: Array) -> Array:
-        """Returns angles, velocities and accelerations (k, 3, n) at `times` (k,) [s] after it begins."""
+        """Returns angles [rad], velocities [rad/s] and accelerations [rad/s2] (k, 3, n) at `times` (k,) [s]
+        after the stop begins."""
         states = np.empty((len(times), 3, self.way.shape[1]))
         follow_stop(self.way, times, states)
         return states
 
 
 class StopPlanner:
-    """Plans stops of n servos, and keeps the stop that begins at the latest state that was sent."""
+    """Plans stops of n servos, and stores the stop that begins at the latest state that was sent."""
 
     def __init__(self, bounds: Bounds, position: Array, period: float) -> None:
-        """Starts at rest at `position` (n,) [rad]; one step lasts `period` [s]."""
+        """Starts at rest at `position` (n,) [rad]. One step of the motion takes `period` [s]."""
         count = len(position)
         self._period = period
         self._bounds = bounds
@@ -66,21 +68,22 @@ class StopPlanner:
         self._kept, self.planned = StopTrajectory(count), StopTrajectory(count)
         self._since = np.zeros(1)
         self.outside = False
-        """True if the state of the latest plan is outside the limits."""
+        """True if the state from which the latest stop was planned is outside the limits."""
         state = np.zeros((3, count))
         state[0] = position
         self.plan(state, state[0])
         self.keep()
 
     def set_limits(self, acceleration: Array, jerk: Array) -> None:
-        """Sets `acceleration` (n,) [rad/s2] and `jerk` (n,) [rad/s3] for later plans."""
+        """Sets the limits `acceleration` (n,) [rad/s2] and `jerk` (n,) [rad/s3] of later plans."""
         self._limits[ACCELERATION], self._limits[JERK] = acceleration, jerk
 
     def plan(self, state: Array, here: Array) -> bool:
-        """Plans the stop from a `state` (3, n), one step after `here` (n,) [rad]; the kept stop is unchanged.
+        """Plans the stop from a `state` (3, n) that follows one step after the angles `here` (n,) [rad]. Does
+        not change the stored stop.
 
-        Returns True if it stays inside the limits, or no farther outside than `here`, and keeps the
-        couplings.
+        Returns True if the planned stop keeps the couplings and stays inside the limits, or no farther
+        outside than `here`.
         """
         stop, bounds = self.planned, self._bounds
         inside, keeps, self.outside, stop.duration = plan_stop(
@@ -90,7 +93,7 @@ class StopPlanner:
         return inside and (keeps or self._keeps_couplings(stop))
 
     def _keeps_couplings(self, stop: StopTrajectory) -> bool:
-        """Checks period by period that a planned stop keeps the couplings."""
+        """Returns True if a planned stop keeps the couplings, which is checked period by period."""
         bounds, period = self._bounds, self._period
         if stop.duration > LONGEST_STOP * period:
             return False
@@ -104,13 +107,13 @@ class StopPlanner:
         return bool(np.all(outside <= most))
 
     def keep(self) -> None:
-        """Keeps the stop that was planned last, as the one from the present state."""
+        """Stores the stop that was planned last as the stop from the present state."""
         self._kept, self.planned = self.planned, self._kept
         self._since[0] = 0.0
 
     def step(self) -> tuple[Array, bool]:
-        """Takes a step of the kept stop. Returns angles, velocities, accelerations (3, n), and True at its
-        end."""
+        """Takes a step of the stored stop. Returns angles, velocities and accelerations (3, n), and True if
+        the stop has ended."""
         self._since += self._period
         state: Array = self._kept.states(self._since)[0]
         rests = bool(self._since[0] >= self._kept.duration)
@@ -120,25 +123,25 @@ class StopPlanner:
 
     @property
     def span(self) -> Array:
-        """Least and largest angles (2, n) [rad] of the kept stop."""
+        """Least and largest angles (2, n) [rad] of the stored stop."""
         return self._kept.span
 
     @property
     def begun(self) -> bool:
-        """True once steps of the stop were taken."""
+        """True if at least one step of the stored stop was taken."""
         return bool(self._since[0] > 0.0)
 
     @property
     def end(self) -> Array:
-        """Angles (n,) [rad] at which the stop comes to rest."""
+        """Angles (n,) [rad] at which the stored stop comes to rest."""
         end: Array = self._kept.way[END].copy()
         return end
 
     @property
     def remaining(self) -> float:
-        """Remaining time [s] of the stop."""
+        """Remaining time [s] of the stored stop."""
         return max(self._kept.duration - float(self._since[0]), 0.0)
 
     def ahead(self, times: Array) -> Array:
-        """Returns the angles (k, n) [rad] on the stop at `times` (k,) [s] from now."""
+        """Returns the angles (k, n) [rad] on the stored stop at `times` (k,) [s] from now."""
         return self._kept.states(self._since + times)[:, 0]

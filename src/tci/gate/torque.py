@@ -1,9 +1,9 @@
-"""Torque mode: limits for servos whose position is not controlled.
+"""Torque mode: limits for servos that are driven by torques, without position control.
 
-In torque mode there is no position reference that could be kept within limits, so the measured motion is
-used. The closer a servo is to a limit, or the faster it moves, the more a braking torque replaces the
-commanded torque. This needs recent joint data. As the data ages, every torque decreases to zero, also a
-braking torque, because it would drive a joint backwards after the joint has come to rest.
+In torque mode there is no position reference that could be kept within limits. Therefore the limits use the
+measured motion. The closer a servo is to a limit, or the faster it moves, the more a braking torque replaces
+the commanded torque. This needs recent joint data. As the data ages, every torque decreases to zero. This
+includes a braking torque, because it would drive a joint backwards after the joint has come to rest.
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ from tci.gate.trajectory import CREEP
 from tci.robot.description import Robot
 
 EARLY = 0.01
-"""Fraction of a period that is neglected when the age of data is counted in periods. Assumed: above rounding
-errors."""
+"""Fraction of a period that is neglected when the age of data is converted to a number of periods. Assumed:
+above rounding errors."""
 REMEMBERED = 0.05
-"""Time [s] for which past torques are kept. Assumed: no torque is computed from older readings."""
+"""Time [s] for which past torques are stored. Assumed: the age of the readings from which torques are
+computed is less than this time."""
 
 
 class TorqueLimiter:
@@ -46,7 +47,8 @@ class TorqueLimiter:
         self._trust = np.zeros(0)
 
     def set_servos(self, servos: Sequence[int]) -> None:
-        """Sets the servos in torque mode, whose limits must all be known. New servos start at zero torque."""
+        """Sets the servos in torque mode. All limits of these servos must be known. New servos start at zero
+        torque."""
         fresh = [servo for servo in servos if servo not in self.servos]
         self._memory[:, fresh] = 0.0
         self._memory[at.CALM, fresh] = 1.0
@@ -63,14 +65,15 @@ class TorqueLimiter:
         self._trust = np.zeros(len(self.servos))
 
     def ask(self, servos: NDArray[np.intp], torque: Array) -> Array:
-        """Sets the commanded `torque` (k,) [N m]; returns it within the servos' limits."""
+        """Sets the commanded `torque` (k,) [N m] of `servos`. Returns this torque, clipped to the limits of
+        the servos."""
         limit = np.array([self._robot.servos[servo].limits.torque for servo in servos], dtype=float)
         wanted: Array = np.clip(torque, -limit, limit)
         self._memory[at.WANTED, servos] = wanted
         return wanted
 
     def relax(self, servos: NDArray[np.intp] | None = None) -> None:
-        """Sets the commanded torque of some servos, or of all, to zero; braking continues."""
+        """Sets the commanded torque of some servos, or of all servos, to zero. Braking torques continue."""
         self._memory[at.WANTED, slice(None) if servos is None else servos] = 0.0
 
     def halt(self) -> None:
@@ -88,19 +91,24 @@ class TorqueLimiter:
         span: float = 0.0,
         trust: Array | float = 1.0,
     ) -> Array:
-        """Returns the torques (k,) [N m] to send now. Call it once per period.
+        """Returns the torques (k,) [N m] to send now. Call this method once per period.
 
-        `position` and `velocity` (n_servos,) were measured `age` [s] ago; `slope` (n_servos,) is the mean
-        speed over the time `span` [s] before.
+        `position` [rad] and `velocity` [rad/s] (n_servos,) were measured `age` [s] ago. `slope` (n_servos,)
+        [rad/s] is the mean speed over the time `span` [s] before this measurement.
 
-        At rest and far from limits, the result is the commanded torque, which rises within RISE. A servo that
-        is too fast to stop before its limit with its acceleration limit is braked immediately with up to its
-        full torque; if it is nearly at rest, the torque is proportional to the speed. Near a limit, a torque
-        towards the limit decreases to zero; beyond the limit only a slow return is allowed. Late data does
-        not yet show the speed that recent torques have caused, so this speed is estimated: even a light servo
-        must not exceed its speed limit. A velocity that is not finite sets the commanded torque to zero; a
-        velocity that lags behind `slope` is ignored. Torques are limited to the fraction `trust` (0..1), and
-        rise again within RISE.
+        - At rest and far from limits, the result is the commanded torque, which rises gradually (time
+          `kernels.torques.RISE`).
+        - A servo that moves too fast to stop before its limit with its acceleration limit is braked
+          immediately, with up to its full torque. If the servo is nearly at rest, the braking torque is
+          proportional to the speed.
+        - Near a limit, a torque towards the limit decreases to zero. Beyond the limit only a slow return is
+          allowed.
+        - Late data does not yet show the speed that recent torques have caused. This speed is estimated, so
+          that a light servo does not exceed its speed limit either.
+        - A velocity that is not finite sets the commanded torque to zero. A velocity that lags behind `slope`
+          is ignored.
+        - Torques are limited to the fraction `trust` (0..1) of the values above. When `trust` rises again,
+          the torques rise gradually too.
         """
         self._trust = np.broadcast_to(trust, self.servos.shape)
         measured = np.array([position, velocity, slope, self._since(age), self._since(age + 0.5 * span)])
@@ -113,8 +121,8 @@ class TorqueLimiter:
         return self._given()
 
     def again(self, *, trust: Array | float) -> Array:
-        """Returns the torques (k,) [N m] of the last step, reduced if `trust` (0..1) is lower. For a call
-        within a period after that step."""
+        """Returns the torques (k,) [N m] of the last step, reduced if `trust` (0..1) is lower now. For calls
+        between that step and the next step."""
         trust = np.minimum(trust, self._trust)
         share = np.divide(trust, self._trust, out=np.zeros(len(trust)), where=self._trust > 0.0)
         self._memory[at.RISEN : at.GIVEN + 1, self.servos] *= share
@@ -126,6 +134,7 @@ class TorqueLimiter:
         return given
 
     def _since(self, age: float) -> Array:
-        """Returns the impulses (n_servos,) [N m s] of the torques during the last `age` [s]."""
+        """Returns the impulses (n_servos,) [N m s] of the torques that were sent during the last `age`
+        [s]."""
         steps = min(math.ceil(age / self._period - EARLY), len(self._pushed) - 1)
         return self._pushed[-1] - self._pushed[-1 - steps]

@@ -1,4 +1,5 @@
-"""Jerk-limited motion of the servos that move together, one step per control period (ruckig)."""
+"""Jerk-limited motion of servos that move together, one step per control period. The library ruckig plans
+this motion."""
 
 from __future__ import annotations
 
@@ -23,25 +24,26 @@ from tci.gate.stop_plan import StopPlanner, StopTrajectory
 from tci.reasons import Reason
 
 CREEP = 0.1
-"""Speed, as a fraction of the speed limit, at which a servo outside its limits moves inward. Assumed: slow
-enough for a person to intervene, since the surroundings there are unknown."""
+"""Speed at which a servo outside its limits moves inward, as a fraction of its speed limit. Assumed: slow
+enough for a person to intervene, because obstacles outside the limits are unknown."""
 LEAST_SHARE = 1e-6
-"""Least distance in a straight motion, as a fraction of the longest distance; shorter ones are increased to
-it, since ruckig needs limits above 0."""
+"""Least distance of a servo in a straight motion, as a fraction of the longest distance. Shorter distances
+are increased to this one, because ruckig needs limits above 0."""
 
 
 Guard = Callable[[StopTrajectory], Reason | None]
-"""Function that checks a stop before the state at its beginning is sent. It returns the reason to refuse the
-stop, or None."""
+"""Function that checks a planned stop before the state at its beginning is sent. Returns the reason to refuse
+the stop, or None."""
 
 
 class OnlineTrajectory:
     """Moves n servos within their bounds, each towards a target or at a velocity.
 
-    For each state that it returns, a stop was planned before and checked against limits and couplings. If the
-    next state towards the target has no such stop, or if ruckig finds no trajectory, it takes a step of the
-    present stop instead, and tries again in the next period. A motion that came to rest in this way continues
-    in a straight line, since a line between two points inside limits and couplings stays inside.
+    Before the trajectory returns a state, it plans a stop from this state and checks the stop against limits
+    and couplings. If the next state towards the target has no valid stop, or if ruckig finds no motion to the
+    target, the trajectory takes a step of the present stop instead, and tries again in the next period. If
+    the servos come to rest in this way, they continue in a straight line to the target, because a line
+    between two points inside limits and couplings stays inside.
     """
 
     def __init__(
@@ -49,13 +51,13 @@ class OnlineTrajectory:
     ) -> None:
         """Starts at rest at the measured `position` (n,) [rad]; one step lasts `period` [s].
 
-        If `guard` refuses a stop, the motion ends as with `halt`; `ended` then contains the reason.
+        If `guard` refuses a stop, the servos stop as if `halt` was called, and `ended` contains the reason.
         """
         count = len(position)
         self.bounds = bounds
         self._guard = guard
         self.ended: Reason | None = None
-        """Reason for which the guard ended the motion in the latest step; None if it did not."""
+        """Reason why the guard ended the motion in the latest step; None if the guard did not end it."""
         self.target = bounds.inside(position)
         """Target (n,) [rad], which is always inside the limits."""
         self._speed = np.array(bounds.velocity)
@@ -82,7 +84,8 @@ class OnlineTrajectory:
 
     @property
     def whole_state(self) -> Array:
-        """Latest state as one array (3, n), which stays the same object while nothing moves."""
+        """Latest state as one array (3, n). While nothing moves, this property returns the identical array
+        object."""
         return self._state
 
     @property
@@ -97,7 +100,7 @@ class OnlineTrajectory:
 
     @property
     def drive(self) -> Array:
-        """Velocity (n,) [rad/s] at which each servo is driven; NaN for one with a target."""
+        """Velocity (n,) [rad/s] at which each servo is driven; NaN for a servo that moves to a target."""
         return self._drive
 
     @property
@@ -107,14 +110,15 @@ class OnlineTrajectory:
 
     @property
     def rests(self) -> bool:
-        """True if a step would change nothing until a new command."""
+        """True if nothing moves until a new command, so that steps can be omitted."""
         return self._resting and not self._any_driven
 
     def take_over(self, here: Sequence[int], other: OnlineTrajectory, there: Sequence[int]) -> None:
-        """Continues the motion of some servos of another trajectory: their indices are `there` in the other
-        one, and `here` in this one.
+        """Continues the motion of some servos of the trajectory `other`. The indices of these servos are
+        `there` in `other`, and `here` in this trajectory.
 
-        Raises CommandError if no stop is found from their state; the other trajectory must then continue.
+        Raises CommandError if no allowed stop is found from the state of these servos. In this case, continue
+        with `other`.
         """
         places, others = list(here), list(there)
         state = np.array(self.state)
@@ -135,10 +139,10 @@ class OnlineTrajectory:
         self._resting = False
 
     def aim(self, target: Array, speed: Array) -> None:
-        """Sets the `target` (n,) [rad], to be approached at `speed` (n,) [rad/s] at most; both must be inside
-        the bounds.
+        """Sets the `target` (n,) [rad], which the servos approach at `speed` (n,) [rad/s] at most. Both must
+        be inside the bounds.
 
-        Servos that are driven at a velocity continue.
+        Servos that are driven at a velocity continue at this velocity.
         """
         self.target = np.array(target)
         self._speed = np.array(speed)
@@ -149,8 +153,8 @@ class OnlineTrajectory:
     def drive_at(self, places: Sequence[int], velocity: Array) -> None:
         """Drives servos at `velocity` (k,) [rad/s], within the speed limit, until the next call.
 
-        NaN ends the velocity of a servo, which must be at rest; the servo then keeps its position. A servo
-        outside its limits moves inward for any velocity.
+        If the velocity of a servo is NaN, the servo is no longer driven and keeps its position. It must be at
+        rest before. A servo outside its limits moves inward, at any requested velocity.
         """
         self._drive[places] = velocity
         self.target[places] = self.bounds.inside(self._state[0])[places]
@@ -161,7 +165,7 @@ class OnlineTrajectory:
         self._resting = False
 
     def halt(self) -> None:
-        """Stops as fast as the bounds allow, and removes targets and velocities immediately."""
+        """Stops all servos as fast as the bounds allow, and removes targets and velocities immediately."""
         if not self._stopping:
             self.target = self.bounds.inside(self._stopper.end)
             self._drive[self._driven] = 0.0
@@ -174,13 +178,15 @@ class OnlineTrajectory:
         return 0.0 if self._resting else self._stopper.remaining
 
     def stop_at(self, times: Array) -> Array:
-        """Returns the positions (k, n) [rad] at `times` (k,) [s] from now if the servos stopped now."""
+        """Returns the positions (k, n) [rad] that the servos would have at `times` (k,) [s] from now if they
+        stopped now."""
         if self._resting:
             return np.tile(self._state[0], (len(times), 1))
         return self._stopper.ahead(times)
 
     def ahead(self, time: float) -> Array:
-        """Returns the positions (n,) [rad] in `time` [s] without a new command."""
+        """Returns the positions (n,) [rad] that the servos will have in `time` [s] if no new command
+        arrives."""
         position: Array = self._state[0]
         if self._stopping or self._stopper.begun or not self._led:
             ahead: Array = self._stopper.ahead(np.array([time]))[0]
@@ -189,7 +195,7 @@ class OnlineTrajectory:
         return position if self._resting else np.array(plan.trajectory.at_time(plan.time + time)[0])
 
     def step(self) -> Array:
-        """Returns the positions (n,) [rad] one period later."""
+        """Moves by one period, and returns the new positions (n,) [rad]."""
         self.ended = None
         if not self._resting and (self._stopping or not self._advance()):
             self._brake()
@@ -197,8 +203,8 @@ class OnlineTrajectory:
         return position
 
     def _advance(self) -> bool:
-        """Takes a step towards the target. Returns False, and takes no step, if the stop after this step
-        would leave the bounds."""
+        """Takes a step towards the target. If the stop after this step would leave the bounds, takes no step
+        and returns False."""
         here, output = self._state[0], self._output
         if self._asked or self._outside is not self._creeps:
             self._input.max_velocity = (self._most * (CREEP if self._outside else 1.0)).tolist()
@@ -233,7 +239,7 @@ class OnlineTrajectory:
         return True
 
     def _brake(self) -> None:
-        """Takes a step of the stop that was checked before the present state was sent."""
+        """Takes a step of the present stop, which was checked before the present state was sent."""
         state, rests = self._stopper.step()
         self._set_state(state)
         if rests:
@@ -241,7 +247,8 @@ class OnlineTrajectory:
             self._set_straight(True)
 
     def _set_interfaces(self) -> None:
-        """Sets for ruckig which servos move to a target, arriving together, and which keep a velocity."""
+        """Sets the mode of each servo for ruckig: move to a target at which all servos arrive together, or
+        keep a velocity."""
         self._driven = np.isfinite(self._drive)
         self._any_driven, self._driving = bool(self._driven.any()), False
         self._input.target_velocity = [0.0] * len(self._drive)
@@ -254,11 +261,11 @@ class OnlineTrajectory:
         self._set_straight(False)
 
     def _set_straight(self, straight: bool) -> None:
-        """Sets whether the motion from the present state, which must be at rest, and its stops follow a
-        straight line.
+        """Sets if the motion from the present state, and the stops of this motion, follow a straight line.
+        The servos must be at rest.
 
-        They do if all limits are proportional to the distances. (ruckig's phase synchronisation is not
-        suitable: it fails if, because of rounding, states are only nearly on a line.)
+        The motion is straight if all limits are proportional to the distances of the servos. (ruckig's phase
+        synchronisation is not suitable: it fails if, because of rounding, states are not exactly on a line.)
         """
         was, self._straight = self._straight, straight and not self._any_driven
         self._asked = True
@@ -274,7 +281,7 @@ class OnlineTrajectory:
         self._stopper.set_limits(acceleration, jerk)
 
     def _set_state(self, state: Array) -> None:
-        """Hands out positions, velocities, accelerations (3, n)."""
+        """Stores positions, velocities and accelerations (3, n) as the present state, also for ruckig."""
         self._state = state
         self._outside = bool(((state[0] < self.bounds.lower) | (state[0] > self.bounds.upper)).any())
         i = self._input

@@ -1,4 +1,4 @@
 """Gestures: sequences of postures in generic joints.
 
-They are recorded, or read from CSV and BVH files. One gesture can be played on any robot.
+Gestures are recorded on a robot, or read from CSV and BVH files. A gesture can be played on any robot.
 """

@@ -1,8 +1,8 @@
 """Gestures from motion capture: BVH files (Biovision hierarchy) with any convention of axes.
 
 The arms are found by the usual names of their joints. Angles of shoulder, elbow and pronation are computed
-from the positions of the joints, so they do not depend on the file's convention for rotations. The thumb is
-assumed to point forward in the file's rest pose, as it does with the arms hanging or stretched out sideways.
+from positions and directions in space, so they do not depend on the file's convention for rotations. Assumed:
+the thumbs point forward in the file's rest pose, as they do if the arms hang or are stretched out sideways.
 """
 
 from __future__ import annotations
@@ -25,29 +25,32 @@ from tci.robot.xml.document import read_bytes, refuse, shown
 from tci.robot.xml.values import InvalidValueError, decimal
 
 BONES = 250
-"""Most joints of a skeleton. Assumed: one with all fingers has about 60."""
+"""Largest number of joints of a skeleton. Assumed: a skeleton with all fingers has about 60 joints."""
 BLOCK = 4096
-"""Number of frames that are processed at a time. Assumed: bounds the memory for rotations of all bones."""
+"""Number of frames that are processed at once. Assumed: this number bounds the memory for the rotations of
+all bones."""
 STRAIGHT = 0.1
-"""Sine of the elbow angle below which the elbow counts as straight, so the rotation of the upper arm can't be
-computed from it. Assumed: at about 6 degrees errors of position are amplified ten times."""
+"""Sine of the elbow angle below which the elbow counts as straight. The rotation of the upper arm about its
+own axis is then not computed from the forearm. Assumed: at about 6 degrees, errors of position are amplified
+ten times."""
 NONE = 1e-6
-"""Norm below which a cross product is only rounding error."""
+"""Norm below which a cross product counts as zero, since it is only rounding error."""
 FASTEST = 25.0
-"""Speed [rad/s] above which a limb can't have moved between two frames. Assumed: of all human limbs only a
-pitcher's forearm reaches it."""
+"""Largest angular speed [rad/s] of a limb between two frames that counts as real motion. Assumed: of all
+human limbs, only a pitcher's forearm reaches this speed."""
 ROLES = {
     "upper_arm": r"(upper_?arm|up_?arm|arm|shldr|shoulder)",
     "forearm": r"(fore_?arm|low_?arm|lower_?arm|elbow)",
     "hand": r"(hand|wrist)",
 }
-"""Patterns for the names of an arm's joints, after the side."""
+"""Patterns for the names of an arm's joints. In the file, the side (left or right) comes before this part of
+the name."""
 CHANNELS = tuple(f"{axis}{what}" for what in ("position", "rotation") for axis in "XYZ")
 
 
 @dataclass(slots=True)
 class Bone:
-    """A joint of the skeleton."""
+    """A joint of the skeleton in the file."""
 
     name: str
     parent: int
@@ -57,9 +60,10 @@ class Bone:
 
 
 def read_bvh(path: Path) -> Gesture:
-    """Reads the gesture of both arms from a BVH file, in the frame of the link that carries them.
+    """Reads a gesture of both arms from a BVH file. The angles are relative to the link that carries both
+    arms.
 
-    Raises DescriptionError with the line and what would be valid.
+    Raises DescriptionError with the line of the error and the valid content.
     """
     source = str(path)
     text = read_bytes(path, limit=LARGEST).decode("utf-8", errors="replace")
@@ -167,8 +171,11 @@ def _gesture(bones: list[Bone], period: float, frames: Array) -> Gesture:
 def _begins_with_rest(
     bones: list[Bone], arms: dict[Side, list[int]], chest: int, period: float, frames: Array
 ) -> bool:
-    """True if the first frame is a rest pose that some programs put before the motion: to reach the second
-    frame a limb would have to turn faster than FASTEST."""
+    """Returns True if the first frame is not part of the motion, but a rest pose that some programs put
+    before it.
+
+    This is so if a limb would have to turn faster than FASTEST to reach the second frame.
+    """
     if len(frames) < 3:
         return False
     rotations, places = _pose(bones, frames[:2])
@@ -181,8 +188,10 @@ def _begins_with_rest(
 
 
 def _find(bones: list[Bone], side: Side, role: str) -> int:
-    """Returns the bone of a side and role. A `shoulder` counts as the upper arm if the forearm is attached to
-    it, else as the collar bone."""
+    """Returns the bone of a side and role.
+
+    A bone named `shoulder` counts as the upper arm if the forearm is attached to it, else as the collar bone.
+    """
     pattern = re.compile(rf"^(.*[:_])?({side}|{side[0]})[_ .-]?{ROLES[role]}$", re.IGNORECASE)
     found = [index for index, bone in enumerate(bones) if pattern.match(bone.name)]
     if role == "upper_arm":
@@ -209,7 +218,8 @@ def _line(bones: list[Bone], bone: int) -> list[int]:
 
 
 def _pose(bones: list[Bone], frames: Array) -> tuple[Array, Array]:
-    """Returns rotations (k, bones, 3, 3) and positions (k, bones, 3) of k frames in the file's world."""
+    """Returns rotations (k, bones, 3, 3) and positions (k, bones, 3) of all bones in the file's world
+    frame."""
     rotations, places = np.empty((len(frames), len(bones), 3, 3)), np.empty((len(frames), len(bones), 3))
     for number, bone in enumerate(bones):
         values = frames[:, bone.first : bone.first + len(bone.channels)]
@@ -231,8 +241,12 @@ def _pose(bones: list[Bone], frames: Array) -> tuple[Array, Array]:
 
 
 def _torso(rest: Array, left: int, right: int) -> Array:
-    """Returns the torso frame (3, 3) in the file's world, from the rest pose. The shoulders give its left
-    direction; up is the axis of the file, across that, along which the skeleton is longest."""
+    """Returns the rotation (3, 3) of the torso frame in the file's world frame, computed from the rest pose.
+
+    The left direction points from the right to the left shoulder. The up direction is the coordinate axis of
+    the file along which the skeleton is longest, among the axes that are roughly perpendicular to the left
+    direction.
+    """
     y = rest[left] - rest[right]
     if np.linalg.norm(y) < 1e-6:
         raise TciError("both shoulders are at one place in the rest pose; valid: a skeleton with its offsets")
@@ -247,11 +261,12 @@ def _torso(rest: Array, left: int, right: int) -> Array:
 
 
 def _postures(points: Array, thumb: Array, side: Side, before: Array) -> tuple[Array, Array]:
-    """Returns generic angles (k, 5) [rad] of an arm with shoulder, elbow and wrist at `points` (k, 3, 3), and
-    the last negative axis of flexion (3,).
+    """Returns generic angles (k, 5) [rad] of an arm, and the negative axis of elbow flexion (3,) in the last
+    frame.
 
-    Where the elbow is straight, that axis is taken from the previous frame (at first `before`), or chosen so
-    that the forearm would bend forward.
+    `points` (k, 3, 3) are the positions of shoulder, elbow and wrist. If the elbow is straight, the axis of
+    the previous frame is used. In the first frame, `before` is used. Without such an axis, the axis is chosen
+    so that the forearm would bend forward.
     """
     steps = np.diff(points, axis=1)
     lengths = np.linalg.norm(steps, axis=2, keepdims=True)
@@ -273,7 +288,7 @@ def _postures(points: Array, thumb: Array, side: Side, before: Array) -> tuple[A
 
 
 def _bend(upper: Array, before: Array) -> Array:
-    """Returns the negative axis of flexion (3,) of an elbow that is straight, or nearly so."""
+    """Returns the negative axis of flexion (3,) of an elbow that is straight or almost straight."""
     forward, left = np.eye(3)[:2]
     choices = (before - upper * float(before @ upper), np.cross(forward, upper), left)
     lengths = [float(np.linalg.norm(choice)) for choice in choices]

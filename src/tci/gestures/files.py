@@ -19,9 +19,10 @@ UNIT = "_deg"
 
 
 def write_csv(gesture: Gesture, path: Path, names: dict[str, list[str]]) -> None:
-    """Writes one row per instant: time [s], then the angles [degrees] in columns `part.joint_deg`.
+    """Writes a gesture to a new file: per row a time [s], then the angles [deg] in columns `part.joint_deg`.
 
-    `names` lists the joints of each part. Raises FileExistsError, and what else opening a file raises.
+    `names` lists the joints of each part. Raises FileExistsError if the file exists, and the other errors of
+    `open`.
     """
     columns = [f"{part}.{joint}{UNIT}" for part in gesture.postures for joint in names[part]]
     angles = np.rad2deg(np.hstack(list(gesture.postures.values())))
@@ -33,9 +34,9 @@ def write_csv(gesture: Gesture, path: Path, names: dict[str, list[str]]) -> None
 
 
 def read_csv(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
-    """Reads a gesture from a file, with the names of its joints by part.
+    """Returns the gesture in a file, and the names of the gesture's joints by part.
 
-    Raises DescriptionError with the line and what would be valid.
+    Raises DescriptionError with the line of the error and the valid content.
     """
     source = str(path)
     try:
@@ -61,7 +62,7 @@ def read_csv(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
 
 
 def _names(source: str, head: list[str]) -> dict[str, list[str]]:
-    """Returns the joint names by part, from the first line of a file."""
+    """Returns the joint names by part; `head` holds the columns of the file's first line."""
     if head[:1] != [TIME] or not 2 <= len(head) <= COLUMNS:
         raise refuse(source, 1, f"the first line is {TIME},part.joint{UNIT},... of at most {COLUMNS} columns")
     names: dict[str, list[str]] = {}

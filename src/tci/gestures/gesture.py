@@ -1,7 +1,8 @@
 """Gestures: postures over time, recorded on one robot and fitted to any other.
 
-Arm angles of a gesture are relative to the torso frame, so limbs point in equal directions in space for any
-shoulder. Fitting finds, for every instant, the nearest posture within the robot's limits.
+Arm angles of a gesture are relative to the torso frame. So an arm points in one direction in space on all
+robots, although their shoulders differ. Fitting finds for every instant the nearest posture within the
+robot's limits.
 """
 
 from __future__ import annotations
@@ -20,13 +21,16 @@ from tci.robot.description import GenericPart, Robot
 from tci.robot.joint_map import JointMap, initial_position, joint_map
 
 SAMPLE = 0.02
-"""Time [s] between the postures of a fitted gesture. Assumed: short enough for linear interpolation."""
+"""Time [s] between two postures of a fitted gesture. Assumed: this time is short enough for linear
+interpolation."""
 SHARE = 0.8
-"""Fraction of the speed limits that a fitted gesture uses. Assumed: the rest is a reserve for tracking."""
+"""Fraction of the speed limits that a fitted gesture uses. Assumed: the robot needs the rest of the speed to
+correct tracking errors."""
 FORCE = 0.2
-"""Fraction of the acceleration limits that a fitted gesture uses. Assumed: the rest is for close tracking."""
+"""Fraction of the acceleration limits that a fitted gesture uses. Assumed: the robot needs the rest of the
+acceleration to follow the gesture closely."""
 LONGEST = 3600.0
-"""Longest duration [s] of a gesture. Assumed: the hour of motion capture that `rows.MOST` allows."""
+"""Longest duration [s] of a gesture. Assumed: an hour, for which `rows.MOST` also has enough rows."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,8 +40,8 @@ class Gesture:
     times: Array
     """Times (k,) [s], increasing from 0."""
     postures: Mapping[str, Array]
-    """Generic angles (k, n) [rad] of each part, by name. Those of arms are in the torso frame, except in a
-    fitted gesture, where they are the robot's own."""
+    """Generic angles (k, n) [rad] of each part, by the part's name. Arm angles are relative to the torso
+    frame. In a fitted gesture, however, arm angles are those of the robot's own generic joints."""
 
     def __post_init__(self) -> None:
         times = np.asarray(self.times)
@@ -54,7 +58,7 @@ class Gesture:
 
     @property
     def duration(self) -> float:
-        """Duration [s]."""
+        """Duration [s] of the gesture."""
         return float(self.times[-1])
 
     def at(self, time: float) -> dict[str, Array]:
@@ -74,37 +78,42 @@ class Fitted:
     """A gesture that a given robot can perform."""
 
     gesture: Gesture
-    """The motion in the robot's own generic joints, every SAMPLE seconds (times `slower`)."""
+    """The motion in the robot's own generic joints, with one posture every SAMPLE * `slower` seconds."""
     targets: Gesture
-    """Targets for the gate. They are ahead of the gesture by half the stopping time, because the gate plans a
-    stop at every target."""
+    """Targets for the gate. The gate plans a stop at every target; therefore the targets are ahead of the
+    gesture by half the stopping time."""
     slower: float
-    """Factor by which the duration exceeds that of the original, so that no limit is violated; 1 if equal."""
+    """Duration of the fitted gesture divided by the duration of the original; above 1 if the original is too
+    fast for the robot."""
     missed: Mapping[str, float]
-    """Largest error [rad] due to limits by `part.joint`; `part.upper_arm` is that of its direction."""
+    """Largest error [rad] of each joint that is due to the robot's limits; keys are `part.joint`. The key
+    `part.upper_arm` has the error of the upper arm's direction."""
     left_out: tuple[str, ...]
     """Parts of the gesture that the robot does not have."""
 
 
 class TorsoView:
-    """Computes a robot's posture with its arms in the torso frame."""
+    """Computes a robot's posture in generic angles, with arm angles relative to the torso frame."""
 
     def __init__(self, robot: Robot) -> None:
-        """Raises DescriptionError for an arm on a mount if the kinematic model lacks its shoulder."""
+        """Prepares the conversion. Raises DescriptionError if an arm's mount is rotated in the torso frame,
+        and the arm's shoulder is missing in the kinematic model."""
         self._maps: dict[str, JointMap] = {}
         for part in robot.parts:
             exact = with_retargeting(robot, part.name) if any(part.mount) else robot
             self._maps[part.name] = joint_map(exact, part.name)
 
     def posture(self, position: Array) -> dict[str, Array]:
-        """Returns the generic angles (n,) [rad] of each part for servos at `position` (n_servos,) [rad]."""
+        """Returns the generic angles (n,) [rad] of each part; the servos are at `position` (n_servos,)
+        [rad]."""
         return {name: joints.to_generic(position) for name, joints in self._maps.items()}
 
 
 def record(robot: Robot, times: Array, positions: Array) -> Gesture:
-    """Returns the gesture of servos that were at `positions` (k, n_servos) [rad] at `times` (k,) [s].
+    """Returns the recorded motion of a robot as a gesture.
 
-    Leaves out parts that no servo moves. Raises TciError for invalid times.
+    The servos were at `positions` (k, n_servos) [rad] at the `times` (k,) [s]. Parts that no servo moves are
+    left out. Raises TciError if the times are invalid.
     """
     view = TorsoView(robot)
     postures = [view.posture(position) for position in positions]
@@ -116,11 +125,13 @@ def record(robot: Robot, times: Array, positions: Array) -> Gesture:
 
 
 def fit(robot: Robot, gesture: Gesture, *, exact: bool = True, share: float = SHARE) -> Fitted:
-    """Fits a gesture to a robot: within its limits of position and couplings, and slow enough for it.
+    """Fits a gesture to a robot, so that the motion respects the robot's limits and couplings.
 
-    With `exact`, arms are retargeted in the torso frame; without, generic angles are used unchanged. `share`
-    is the fraction of the speed limits to use. Raises CommandError for a part with another number of joints,
-    or for a robot that has none of the gesture's parts.
+    With `exact`, the arms' directions relative to the torso are kept (retargeting). Without `exact`, the
+    generic angles are used unchanged. `share` is the fraction of the speed limits to use.
+
+    Raises CommandError if the robot has none of the gesture's parts, or if a part of the gesture has another
+    number of joints than that part of the robot.
     """
     names = {part.name for part in robot.parts if any(joint.servo is not None for joint in part.servos)}
     used = [part for part in gesture.postures if part in names]
@@ -153,10 +164,11 @@ def fit(robot: Robot, gesture: Gesture, *, exact: bool = True, share: float = SH
 
 
 def _leading(robot: Robot, part: str, gesture: Gesture, positions: Array) -> Array:
-    """Returns generic angles (k, n) [rad] that are ahead of the gesture by the stopping distance of the
+    """Returns generic angles (k, n) [rad] that are ahead of the gesture by the stopping distances of the
     servos.
 
-    All servos stop in the time T of the slowest one, and each moves by v T / 2 meanwhile.
+    All servos of the part stop in the time T that the slowest servo needs. In this time, a servo with the
+    speed v moves by v T / 2.
     """
     servos = joint_map(robot, part).servos
     limits = [robot.servos[servo].limits for servo in servos]
@@ -173,7 +185,8 @@ def _leading(robot: Robot, part: str, gesture: Gesture, positions: Array) -> Arr
 def _fit_part(
     robot: Robot, part: GenericPart, angles: Array, positions: Array, missed: dict[str, float], *, exact: bool
 ) -> None:
-    """Writes the servo angles [rad] of one part into `positions` (k, n_servos), its errors into `missed`."""
+    """Writes the servo angles [rad] of one part into `positions` (k, n_servos), and the errors into
+    `missed`."""
     joints = joint_map(robot, part.name)
     limits = [robot.servos[servo].limits for servo in joints.servos]
     lower = np.array([-np.inf if limit.lower is None else limit.lower for limit in limits])
@@ -202,7 +215,7 @@ def _fit_part(
 
 
 def _slower(robot: Robot, parts: list[str], times: Array, positions: Array, share: float) -> float:
-    """Returns the factor by which the motion must be slowed down to meet the limits of speed and
+    """Returns the factor by which the motion must last longer to meet the limits of speed and
     acceleration."""
     speed = np.abs(np.gradient(positions, times, axis=0))
     acceleration = np.abs(np.gradient(np.gradient(positions, times, axis=0), times, axis=0))

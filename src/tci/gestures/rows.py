@@ -1,4 +1,4 @@
-"""Reads rows of numbers from text files of gestures, as strictly as robot descriptions are read."""
+"""Reads rows of numbers from text files of gestures. Accepts only the number format of robot descriptions."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from tci.robot.xml.document import refuse, shown
 from tci.robot.xml.values import NUMBER
 
 LARGEST = 64 << 20
-"""Largest file [bytes] that is read. Assumed: bounds the memory for a damaged or hostile file."""
+"""Largest file [bytes] that is read. Assumed: this number bounds the memory for a damaged or hostile file."""
 MOST = 500_000
-"""Largest number of rows. Assumed: an hour of motion capture at 120 Hz has 432 000."""
+"""Largest number of rows. Assumed: an hour of motion capture at 120 Hz has 432 000 rows."""
 COLUMNS = 1000
-"""Largest number of values in a row. Assumed: a skeleton with all fingers has about 200."""
+"""Largest number of values in a row. Assumed: a skeleton with all fingers has about 200 values per row."""
 
 
 def read_rows(source: str, lines: Sequence[str], begin: int, columns: int, *, mark: str | None) -> Array:
-    """Returns the numbers (k, columns) in `lines[begin:]`; skips empty lines.
+    """Returns the numbers (k, columns) in `lines[begin:]`. Skips empty lines.
 
-    `mark` separates the numbers; None stands for spaces. Raises DescriptionError with the line, also for too
-    many rows.
+    `mark` is the character between two numbers, or None for spaces and tabs. Raises DescriptionError with the
+    line if a row is invalid or there are too many rows.
     """
     between = "[ \\t]+" if mark is None else re.escape(mark)
     around = "[ \\t]*" if mark is None else ""

@@ -1,5 +1,5 @@
 """Recordings: all data between robot and behaviour, as MCAP files with ROS 2 messages.
 
-Raw frames are kept unchanged, so all later stages can be computed again, by a replay or by another behaviour.
-The page docs/recordings.md lists the topics.
+Raw frames are stored unchanged, so all later stages can be computed again, by a replay or by another
+behaviour. The page docs/recordings.md lists the topics.
 """

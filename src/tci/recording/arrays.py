@@ -1,6 +1,6 @@
-"""Imports frames of taxels from arrays of other programs (NPZ, MATLAB files, CSV), by a mapping file.
+"""Imports frames of taxels from arrays of other programs (NPZ, MATLAB files, CSV).
 
-The mapping (TOML) names the times and, for each patch, the values:
+A mapping file describes the arrays. The mapping (TOML) names the times and, for each patch, the values:
 
     time = "t"                  # array or column of times; or rate = 100.0 [Hz]
     seconds = 0.001             # length [s] of their unit; default 1
@@ -36,11 +36,12 @@ from tci.robot.xml.values import NUMBER
 
 SUFFIXES = (".npz", ".mat", ".csv")
 LARGEST = 2**30
-"""Largest size [bytes] of an array in memory. Assumed: 45 minutes of 500 taxels at 100 Hz."""
+"""Largest size [bytes] of an array in memory. Assumed: this is enough for 45 minutes of 500 taxels at 100 Hz.
+"""
 LARGEST_MAPPING = 2**20
-"""Largest mapping [bytes] that is read. Assumed: 60 patches of 4000 listed channels."""
+"""Largest size [bytes] of a mapping that is read. Assumed: 60 patches of 4000 listed channels."""
 _CELL = re.compile(rf"[ \t]*(?:{NUMBER}|[nN]a[nN])[ \t]*")
-"""A number, as strictly as in robot descriptions, or the absence of one."""
+"""Pattern of a number, with the syntax that robot descriptions permit, or of NaN for a missing number."""
 
 Numbers = NDArray[np.number[Any]]
 
@@ -49,12 +50,12 @@ class PatchValues(Description):
     """Values of one patch."""
 
     values: str
-    """Name of the array (frames, ...); in a CSV file of its first and last column, FIRST:LAST."""
+    """Name of the array (frames, ...). In a CSV file: names of its first and last column, FIRST:LAST."""
     axis: int = 0
-    """Axis of the frames. The others are flattened, the last one fastest."""
+    """Axis of the frames. The other axes are flattened, and the last axis varies fastest."""
     channels: tuple[int, ...] | None = Field(default=None, strict=False)
-    """Channel of each value; None: all in order. A channel without a value has the rest value of
-    the robot's patch, and 0 without a robot."""
+    """Channel of each value. None: the values are all channels, in order. A channel without a value gets the
+    rest value of the robot's patch, or 0 if there is no robot."""
 
     @model_validator(mode="after")
     def _once(self) -> PatchValues:
@@ -65,14 +66,14 @@ class PatchValues(Description):
 
 
 class Mapping(Description):
-    """Names of times and values in a file."""
+    """Names of the times and values in a file."""
 
     time: str | None = None
-    """Name of the array, or column, of the times (frames,)."""
+    """Name of the array or column with the times (frames,)."""
     rate: float | None = Field(default=None, gt=0.0)
-    """Rate [Hz] of the frames, instead of times."""
+    """Rate [Hz] of the frames. It is given if the file has no times."""
     seconds: float = Field(default=1.0, gt=0.0)
-    """Length [s] of the unit of the times."""
+    """Length [s] of the unit in which the times are given."""
     skin: dict[str, PatchValues] = Field(min_length=1)
     """Values of each patch, by the patch's name."""
 
@@ -87,7 +88,7 @@ class Mapping(Description):
 
 
 def read_mapping(path: Path) -> Mapping:
-    """Reads a mapping. Raises DescriptionError with every fault of the file."""
+    """Reads a mapping. Raises DescriptionError that lists every fault of the file."""
     try:
         if path.stat().st_size > LARGEST_MAPPING:
             raise DescriptionError(str(path), [Fault(0, f"larger than {LARGEST_MAPPING} bytes")])
@@ -102,10 +103,11 @@ def read_mapping(path: Path) -> Mapping:
 
 
 def import_arrays(file: Path, out: Path, mapping: Path, *, robot: Robot | None = None) -> int:
-    """Converts such a file to a recording and returns the number of frames.
+    """Converts a file of arrays to a recording and returns the number of frames.
 
-    With a robot the patches are its own and its joints rest at the initial posture. Raises DescriptionError
-    for the mapping, RecordingError for a file that does not fit it.
+    With a robot, the patches are the robot's patches, and the robot's joints rest at the initial posture.
+    Raises DescriptionError if the mapping has faults. Raises RecordingError if the file does not fit the
+    mapping.
     """
     names = read_mapping(mapping)
     patches = {} if robot is None else {name: robot.patch(name) for name in names.skin}
@@ -142,7 +144,10 @@ def _frames(
 
 
 def _base(one: PatchValues, patch: Patch | None) -> Numbers | None:
-    """Returns a frame (channels,) of a patch at rest; None if the values are all its channels, in order."""
+    """Returns a frame (channels,) of a patch at rest.
+
+    Returns None if the values are all channels of the patch, in order.
+    """
     if one.channels is None:
         return None
     needed = max(one.channels, default=-1) + 1
@@ -271,7 +276,7 @@ def _time(file: Path, head: list[str], name: str) -> int:
 def _check_columns(
     file: Path, head: list[str], names: Mapping, blocks: list[slice], time: int | None
 ) -> None:
-    """Raises RecordingError for a column with two meanings."""
+    """Raises RecordingError if a column has two meanings."""
     meaning = {} if time is None else {time: "time"}
     for patch, block in zip(names.skin, blocks, strict=True):
         for column in range(block.start, block.stop):
@@ -284,7 +289,7 @@ def _check_columns(
 
 
 def _columns(file: Path, head: list[str], words: str) -> slice:
-    """Returns the columns NAME or FIRST:LAST of a header."""
+    """Returns the columns of a header that `words` names, as NAME or FIRST:LAST."""
     first, _, last = words.partition(":")
     try:
         begin, end = head.index(first), head.index(last or first)

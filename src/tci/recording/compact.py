@@ -1,4 +1,7 @@
-"""Compacts a closed recording: zstd compression, an index, and point clouds for display in other programs."""
+"""Compacts a closed recording.
+
+The compacted file has zstd compression, an index, and point clouds for display in other programs.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +24,9 @@ from tci.robot.description import Robot
 from tci.rosmsg.cdr import MessageType, encode
 
 CLOUDS = 10.0
-"""Rate [Hz] of point clouds. Assumed: enough for display, as every raw frame is kept as well."""
+"""Rate [Hz] of point clouds. Assumed: this is enough for display, as every raw frame is also stored."""
 FINEST = 2.0**-13
-"""Resolution [m] to which points of a cloud are rounded, 0.12 mm, so that they compress well."""
+"""Resolution [m] to which the points of a cloud are rounded (0.12 mm). Rounded points compress better."""
 
 Stamped = tuple[int, str, MessageType, bytes]
 """Time [ns], topic, type and bytes of a message."""
@@ -38,12 +41,12 @@ def compact(
     end: float = np.inf,
     about: Mapping[str, str] | None = None,
 ) -> None:
-    """Writes a recording again, compressed, from `begin` to `end` [s]; `target` may be the same file.
+    """Writes a recording again, compressed, from `begin` to `end` [s].
 
-    Adds point clouds of the skin if the `robot` of the recording is given and has a model. The latest joints
-    and skin frames before `begin` are repeated at the start. On any error `source` is unchanged. Raises
-    RecordingError if the disk fails or the recording can't be read, and what `GenericBody` raises if the
-    robot's model can't be used.
+    `target` may be the file `source` itself. Adds point clouds of the skin if the recording's `robot` is
+    given and has a model. The latest joints and skin frames before `begin` are repeated at the start of the
+    new file. On any error the file `source` stays unchanged. Raises RecordingError if the disk fails or the
+    recording can't be read. Raises the errors of `GenericBody` if the robot's model can't be used.
     """
     part = target.with_name(target.name + ".part")
     recording = Recording(source)
@@ -73,7 +76,10 @@ def compact(
 
 
 def _between(recording: Recording, begin: float, end: float) -> Iterator[Stamped]:
-    """Yields the messages between two times, after the latest joints and skin frames before them."""
+    """Yields the messages between two times.
+
+    The latest joints and skin frames from before `begin` are yielded first.
+    """
     first = to_nanoseconds(begin) if np.isfinite(begin) else 0
     last = to_nanoseconds(end) if np.isfinite(end) else 2**63
     before: dict[str, Stamped] = {}
@@ -90,8 +96,10 @@ def _between(recording: Recording, begin: float, end: float) -> Iterator[Stamped
 
 
 def _clouds(recording: Recording, body: GenericBody, begin: float, end: float) -> Iterator[Stamped]:
-    """Yields point clouds of the whole skin with its pressure, in the torso frame; none for a reading that
-    does not fit."""
+    """Yields point clouds of the whole skin with its pressure, in the torso frame.
+
+    A reading that does not fit the robot gives no cloud.
+    """
     due, perceiver = -np.inf, Perceiver(body)
     names = [patch.name for patch in body.robot.patches]
     for tick in recording.ticks():

@@ -25,20 +25,23 @@ class ImportedContacts:
     periods: int
     """Number of contact lists."""
     left_out: int
-    """Number of contacts on parts without a patch of that name, or with none of its taxels."""
+    """Number of contacts that were left out. The robot has no patch with the name of their part, or none of
+    their taxels is on this patch."""
     parts: tuple[TableFit, ...]
-    """For each part with contacts: if the robot's taxels are at the recorded places, and tables that are."""
+    """For each part with contacts: the result of the comparison with the robot's taxels, and the names of
+    tables that agree."""
 
 
 def import_contact_list(
     log: Path, out: Path, robot: Robot, *, tables: Path | None = None
 ) -> ImportedContacts:
-    """Converts a log of contact lists to a recording for the `robot` with that skin.
+    """Converts a log of contact lists to a recording.
 
-    A list gives the taxels of each contact and their mean value; each of these taxels gets the mean as its
-    raw value. It contains no joint angles: they are set to the robot's initial posture. Contacts on parts
-    without a patch of that name and size on the robot are left out. The recorded centres are compared with
-    the robot's skin, and with each skin file in the folder `tables`. Raises RecordingError.
+    `robot` must be the robot on which the log was recorded. A list contains the taxels of each contact and
+    their mean value. Each of these taxels gets this mean as its raw value. The log contains no joint angles,
+    so the joints are set to the robot's initial posture. Contacts are left out if the robot has no patch with
+    the part's name, or if none of their taxels is on this patch. The recorded centres are compared with the
+    robot's skin, and with each skin file in the folder `tables`. Raises RecordingError.
     """
     patches = {patch.name: patch for patch in robot.patches if patch.surface.kind != "truncated_cone"}
     surfaces = {name: surface for name, surface in Skin(robot).surfaces.items() if name in patches}
@@ -64,7 +67,10 @@ def _frames(
     number: int, stamp: float, found: tuple[SkinContact, ...], patches: dict[str, Patch],
     live: dict[str, set[int]], left_out: list[SkinContact],
 ) -> tuple[SkinFrame, ...]:  # fmt: skip
-    """Returns the frames of a contact list; appends contacts on none of the `live` taxels to `left_out`."""
+    """Returns the frames of a contact list.
+
+    Contacts on none of the `live` taxels are appended to `left_out`.
+    """
     values = {name: np.full(patch.channels, patch.sensor.rest) for name, patch in patches.items()}
     for contact in found:
         patch = patches.get(SKIN_PARTS[contact.skin_part])

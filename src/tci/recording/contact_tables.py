@@ -1,7 +1,7 @@
 """Finds the table of taxels with which a contact list was recorded, from the recorded geometric centres.
 
-A contact contains its taxels and the mean of their positions in the table of the recorded robot. With another
-table, the means of these taxels differ.
+A recorded contact consists of its taxels and the mean of their positions in the table of the recorded robot.
+In another table, the mean of these taxels is different.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from tci.robot.skin_files.reader import read_layout
 from tci.skin.surfaces import Surface
 
 NEAR = 1e-3
-"""Largest distance [m] of a recorded centre for which a table agrees. Assumed: tables are rounded to 0.5 mm,
+"""Largest distance [m] at which a recorded centre agrees with a table. Assumed: tables are rounded to 0.5 mm,
 and tables of two versions of an iCub's forearm differ by 2 mm or more (median)."""
 MOST = 0.9
-"""Share of contacts that must agree. Assumed: 98 % do with the right table of an iCub's hand, 27 % with that
-of the other hand."""
+"""Least fraction of the contacts that must agree with a table. Assumed: with the right table of an iCub's
+hand 98 % of the contacts agree, with the table of the other hand 27 %."""
 PLACES = 10
-"""Number of different centres from which on the frame of a skin is found as well. Assumed: five times as many
-numbers as a frame has."""
+"""Least number of different centres for which a change of frame between skin and table is also estimated.
+Assumed: these centres have five times as many coordinates as a frame has parameters."""
 
 Verdict = Literal["fits", "wrong", "unknown", "no patch"]
 
@@ -42,15 +42,19 @@ class TableFit:
     part: str
     """Name of the skin part."""
     contacts: int
-    """Number of contacts recorded on it."""
+    """Number of contacts recorded on this part."""
     off: float
-    """Median distance [m] of the recorded centres from those of the robot's taxels; NaN if unknown."""
+    """Median distance [m] of the recorded centres from the centres that the robot's taxels give. NaN if
+    unknown."""
     verdict: Verdict
-    """`unknown`: no contact has all its taxels on the robot's patch; `no patch`: the robot has none of that
-    name."""
+    """Result of the comparison with the robot's skin:
+
+    - `fits`, `wrong`: the robot's taxels are, or are not, at the recorded places.
+    - `unknown`: no contact has all its taxels on the robot's patch.
+    - `no patch`: the robot has no patch with the part's name."""
     tables: tuple[str, ...]
-    """Names of the given tables that agree with the recorded contacts. Tables of two versions may both
-    agree."""
+    """Names of the given tables that agree with the recorded contacts. Tables of two versions of a skin may
+    both agree."""
 
 
 def read_tables(folder: Path) -> dict[str, Array]:
@@ -61,7 +65,7 @@ def read_tables(folder: Path) -> dict[str, Array]:
 def compare_tables(
     contacts: Iterable[SkinContact], robot: Robot, surfaces: dict[str, Surface], tables: dict[str, Array]
 ) -> list[TableFit]:
-    """Compares all contacts of a recording with a robot's `surfaces` by patch name, and with `tables`."""
+    """Compares all contacts of a recording with a robot's `surfaces` (by patch name) and with `tables`."""
     recorded: dict[str, list[SkinContact]] = {}
     for contact in contacts:
         recorded.setdefault(SKIN_PARTS[contact.skin_part], []).append(contact)
@@ -93,8 +97,12 @@ def _tables(folder: Path) -> Iterator[tuple[str, Array]]:
 
 
 def _own_table(robot: Robot, surface: Surface) -> Array:
-    """Returns the positions (n, 3) [m] of a patch's channels: as in its file, where taxels without a
-    position are at 0 (for skinManager too); in the link for other patches, NaN where there is no taxel."""
+    """Returns the positions (n, 3) [m] of a patch's channels.
+
+    If the patch has a file of positions, the result is as in this file. In the file, channels without a taxel
+    are at 0, as in skinManager. For other patches the positions are in the frame of the link, and channels
+    without a taxel are NaN.
+    """
     description = robot.patch(surface.patch)
     if isinstance(description.surface, Table):
         table = description.surface
@@ -106,22 +114,30 @@ def _own_table(robot: Robot, surface: Surface) -> Array:
 
 
 def _means(taxels: list[NDArray[np.intp]], positions: Array) -> Array:
-    """Returns the mean positions (k, 3) [m] of each contact's taxels; NaN where there is none, or one
-    without a position."""
+    """Returns the mean positions (k, 3) [m] of each contact's taxels.
+
+    The mean is NaN if a contact has no taxel, or a taxel without a position.
+    """
     last = len(positions)
     placed = np.vstack([positions, np.full((1, 3), np.nan)])
     return np.array([placed[np.minimum(own, last) if len(own) else [last]].mean(axis=0) for own in taxels])
 
 
 def _off(centres: Array, taxels: list[NDArray[np.intp]], positions: Array) -> Array:
-    """Returns the distances [m] of the centres (k, 3) from the means of a table, of contacts with one."""
+    """Returns the distances [m] of the centres (k, 3) from the means that a table gives.
+
+    Contacts without such a mean are left out.
+    """
     away: Array = np.linalg.norm(_means(taxels, positions) - centres, axis=1)
     return away[np.isfinite(away)]
 
 
 def _off_skin(centres: Array, taxels: list[NDArray[np.intp]], positions: Array) -> Array:
-    """Returns the distances as `_off`, and in the best frame if those are large: a description may place
-    its taxels in another frame than the recorded table's."""
+    """Returns the distances [m] of the centres (k, 3) from the means of a table, as `_off` does.
+
+    If these distances are large, the best change of frame is applied first. The reason: a description may
+    give its taxels in another frame than the recorded table.
+    """
     means = _means(taxels, positions)
     known = np.isfinite(means).all(axis=1)
     here, there = means[known], centres[known]

@@ -23,21 +23,22 @@ from tci.skin.skin import Skin
 
 FORMATS = ("csv", "npz", "parquet")
 Table = dict[str, NDArray[Any]]
-"""Columns by name, with one row (k,) per instant; a column of skin data is a matrix (k, n)."""
+"""Columns by name, with one row (k,) per instant. A column of skin data is a matrix (k, n)."""
 CONTACT = (
     "time_s", "sequence", "patch", "part", "segment", "identity", "began_s", "force_n", "peak_force_n",
     "area_m2", "taxels", "u", "theta_rad", "x_m", "y_m", "z_m", "force_x_n", "force_y_n", "force_z_n",
 )  # fmt: skip
-"""Columns of the table of contacts; positions and forces are in the torso frame."""
+"""Columns of the table of contacts. Positions and forces are in the torso frame."""
 
 
 def tables(recording: Recording, robot: Robot | None = None) -> dict[str, Table]:
-    """Returns `joints`, `decisions` and a `skin_PATCH` for each patch; with its `robot` also `contacts`.
+    """Returns the tables `joints`, `decisions` and one `skin_PATCH` for each patch.
 
-    Every table has a column `time_s`, the time of measurement or decision on the driver's clock. Angles are
-    in [rad], speeds in [rad/s], torques in [N m]. For a patch, `raw` (frames, channels) are the unchanged
-    values; with a `robot`, `pressure_pa` and `force_n` (frames, taxels) are computed from them, NaN for
-    frames that did not fit. Raises RecordingError.
+    If `robot` is given, also returns `contacts`. Every table has a column `time_s`: the time of the
+    measurement or decision on the driver's clock. Angles are in [rad], speeds in [rad/s], torques in [N m].
+    In the table of a patch, `raw` (frames, channels) are the unchanged values. With a `robot`, `pressure_pa`
+    and `force_n` (frames, taxels) are computed from the raw values. Both are NaN for frames that did not fit
+    the robot. Raises RecordingError.
     """
     rows: dict[str, list[tuple[float, dict[str, Any]]]] = {}
     frames: dict[str, list[SkinFrame]] = {}
@@ -66,13 +67,14 @@ def tables(recording: Recording, robot: Robot | None = None) -> dict[str, Table]
 
 
 def export(recording: Recording, out: Path, form: str, robot: Robot | None = None) -> list[Path]:
-    """Writes the tables and returns their paths: files in the folder `out`, or one file `out` for npz.
+    """Writes the tables and returns their paths.
 
-    NPZ holds each matrix under one name, such as `skin_left_forearm.force_n` (frames, taxels); in CSV and
-    Parquet its columns are `force_n_0`, `force_n_1` and so on.
+    `out` is a folder for the files. For npz, `out` is the one file. NPZ stores each matrix under one name,
+    for example `skin_left_forearm.force_n` (frames, taxels). In CSV and Parquet the matrix is split into
+    columns `force_n_0`, `force_n_1` and so on.
 
-    Raises UnknownNameError for an unknown format, MissingExtraError for parquet without its library,
-    RecordingError for a recording with names that could lead out of the folder.
+    Raises UnknownNameError for an unknown format, and MissingExtraError if the library for parquet is
+    missing. Raises RecordingError if the recording has names that could lead out of the folder.
     """
     if form not in FORMATS:
         raise UnknownNameError("format", form, FORMATS)
@@ -110,7 +112,10 @@ def _decision(fields: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
 
 
 def _table(rows: list[tuple[float, dict[str, Any]]]) -> Table:
-    """Converts rows to columns; missing values are NaN, for servos that come under command later."""
+    """Converts rows to columns.
+
+    Missing values are NaN, for example those of servos that are commanded only later.
+    """
     columns = dict.fromkeys(key for _, row in rows for key in row)
     table = {"time_s": np.array([stamp for stamp, _ in rows])}
     for column in columns:
@@ -131,7 +136,7 @@ def _skin(patch: str, frames: list[SkinFrame]) -> Table:
 def _perceived_tables(
     recording: Recording, robot: Robot, frames: dict[str, list[SkinFrame]]
 ) -> tuple[dict[str, Table], Table]:
-    """Computes pressure and force for the `frames` of each patch, and the contacts in them."""
+    """Computes pressure and force for the `frames` of each patch, and the contacts in these frames."""
     row = {patch: {(f.stamp, f.sequence): k for k, f in enumerate(some)} for patch, some in frames.items()}
     perceived: dict[str, Table] = {}
     contacts: dict[tuple[str, float, int, int], tuple[Any, ...]] = {}
@@ -160,7 +165,10 @@ def _perceived_tables(
 
 
 def _wide(table: Table) -> Table:
-    """Returns the table with each matrix split into columns: `force_n` becomes `force_n_0`, ..."""
+    """Returns the table with each matrix split into columns.
+
+    For example, `force_n` becomes `force_n_0`, `force_n_1` and so on.
+    """
     wide: Table = {}
     for name, values in table.items():
         if values.ndim == 1:

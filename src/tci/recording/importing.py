@@ -1,4 +1,4 @@
-"""Converts a file of another program to a recording, completely or not at all."""
+"""Converts a file of another program to a recording. If an error occurs, no recording remains."""
 
 from __future__ import annotations
 
@@ -16,20 +16,22 @@ from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 
 FIRST = 100
-"""Number of first readings whose median interval is the period of a recording. Assumed; fewer depend on
-single delays, more read further ahead."""
+"""Number of readings at the start from which the period of a recording is estimated, as their median
+interval. Assumed. With fewer readings the period would depend on single delays. With more readings the import
+would read farther ahead."""
 FARTHEST = 2**63 / 1e9
-"""Largest time [s] that a recording can hold, in nanoseconds: 292 years. Milliseconds since 1970, taken for
-seconds, are beyond it."""
+"""Largest time [s] that a recording can contain: 292 years. Times are stored in nanoseconds. A time in
+milliseconds since 1970 that is taken for seconds is larger than this."""
 LONGEST_LINE = 2**20
-"""Longest line [characters] that is read. Assumed: bounds the memory for a damaged or hostile file."""
+"""Longest line [characters] that is read. Assumed. This length limits the memory that a damaged or hostile
+file can use."""
 
 
 @contextmanager
 def importing(
     out: Path, robot: Robot | None, *, middleware: str, source: str, period: float = 0.0
 ) -> Iterator[Recorder]:
-    """Opens a recording that is deleted if the block raises or the disk is full.
+    """Opens a recording. The file is deleted if the block raises an error or the disk is full.
 
     Raises RecordingError if the file exists or can't be written.
     """
@@ -48,12 +50,13 @@ def import_frames(
     frames: Iterable[tuple[SkinFrame, ...]], out: Path, robot: Robot | None, *, middleware: str, source: str,
     twice: bool = False,
 ) -> int:  # fmt: skip
-    """Writes a recording of skin frames alone and returns the number of its periods, one for each item.
+    """Writes a recording that contains only skin frames.
 
-    With a robot its joints rest at their initial posture, so that the recording can be replayed and drawn.
-    If a time may occur `twice`, the sender repeats that of its own input. Raises RecordingError for no
-    frames, times that do not rise, and frames that are not of the robot's patches or, without a robot, not of
-    one size.
+    Returns the number of periods, one for each item of `frames`. With a robot, its joints rest at their
+    initial posture, so that the recording can be replayed and drawn. With `twice`, two successive items may
+    have equal times, since some senders repeat the time of their own input. Raises RecordingError in three
+    cases: there are no frames, the times do not increase, or a frame does not fit. With a robot, frames must
+    fit the robot's patches. Without a robot, all frames of a patch must have one size.
     """
     items = _checked(frames, robot, twice=twice)
     first = list(islice(items, FIRST))
@@ -72,7 +75,7 @@ def import_frames(
 
 
 def check_size(frame: SkinFrame, robot: Robot) -> None:
-    """Raises RecordingError unless a frame has one value for each channel of its patch."""
+    """Raises RecordingError unless the frame has one value for each channel of its patch."""
     patch = robot.patch(frame.patch)
     if len(frame.values) != patch.channels:
         raise RecordingError(

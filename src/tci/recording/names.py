@@ -11,24 +11,33 @@ from tci.errors import RecordingError
 from tci.robot.description import Robot
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
-"""Letters, digits, _ . and -, without a dot at the start: excludes folders, drives and hidden files."""
+"""Letters, digits, _ . and -, without a dot at the start. This excludes folders, drives and hidden files."""
 
 
 def servo_names(robot: Robot) -> list[str]:
-    """Returns a unique name for each servo: its own, or `robot_part.name` if several servos share it."""
+    """Returns a unique name for each servo.
+
+    It is the servo's own name, or `robot_part.name` if several servos share the name.
+    """
     count = Counter(servo.name for servo in robot.servos)
     return distinct([s.name if count[s.name] == 1 else f"{s.robot_part}.{s.name}" for s in robot.servos])
 
 
 def distinct(names: Sequence[str]) -> list[str]:
-    """Returns the names unchanged if they differ; else all with their index in front, as in `0.name`."""
+    """Returns the names unchanged if all are different.
+
+    Otherwise returns each name with its index in front, as in `0.name`.
+    """
     if len(set(names)) == len(names):
         return list(names)
     return [f"{place}.{name}" for place, name in enumerate(names)]
 
 
 def inside(folder: Path, name: str) -> Path:
-    """Returns the path of `name` in `folder`. Raises RecordingError for a name that could lead elsewhere."""
+    """Returns the path of `name` in `folder`.
+
+    Raises RecordingError for a name that could lead out of the folder.
+    """
     if not NAME.fullmatch(name):
         valid = "letters, digits, _ . - (at most 100)"
         raise RecordingError(f"no file may be named {name[:60]!r}; valid: {valid}")

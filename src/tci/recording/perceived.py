@@ -17,18 +17,20 @@ from tci.robot.description import Robot
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Perceived:
-    """One recorded period with its perception."""
+    """One recorded period with the perception that was computed for it."""
 
     now: float
     """Time [s] on the driver's clock."""
     reading: Reading
     """Reading of the robot."""
     perception: Perception
-    """Posture and contacts; those of the previous period if this reading did not fit the robot."""
+    """Posture and contacts. If this reading did not fit the robot: posture and contacts of the previous
+    period."""
     commands: tuple[dict[str, Any], ...]
-    """Commands of the behaviour, with the fields of `schemas.COMMAND`."""
+    """Commands of the behaviour. Each has the fields of `schemas.COMMAND`."""
     decision: dict[str, Any] | None
-    """Decision of the gate that was sent, with the fields of `schemas.DECISION`; None if nothing was sent."""
+    """Decision of the gate that was sent to the robot, with the fields of `schemas.DECISION`. None if nothing
+    was sent."""
 
     @property
     def skin(self) -> SkinState:
@@ -38,9 +40,10 @@ class Perceived:
 
 
 def recorded_robot(recording: Recording, robot: str | None = None) -> Robot | None:
-    """Returns the robot of a recording, by its recorded name or by `robot`; None if none is recorded.
+    """Returns the robot of a recording.
 
-    Raises RecordingError if its description is not the one that was recorded.
+    `robot` is the name or path of its description. With None, the recorded name is used. Returns None if the
+    recording names no robot. Raises RecordingError if the robot's description differs from the recorded one.
     """
     name = recording.about.get("robot", "")
     if not name:

@@ -1,7 +1,8 @@
-"""Writes a recording while the robot runs: every period is in the file before the next one begins.
+"""Writes a recording while the robot runs. Every period is in the file before the next period begins.
 
-Until it is closed, the file has no chunks and no compression, so that a killed process loses nothing that was
-written; closing compacts it. If the disk fails, the recording ends and the control continues.
+Until the file is closed, it has no chunks and no compression. So if the process is killed, nothing that was
+written is lost. Closing compacts the file. If the disk fails, the recording ends, but the control loop
+continues.
 """
 
 from __future__ import annotations
@@ -45,9 +46,10 @@ from tci.recording.topics import Topics
 from tci.robot.description import Robot
 
 OF_THIS_MACHINE: Any = {"source": True, "model": {"path"}, "patches": {"__all__": {"surface": {"file"}}}}
-"""Fields of a description that hold local paths. They are not recorded, as recordings may be published."""
+"""Fields of a description that hold local paths. These fields are not recorded, as recordings may be
+published."""
 PACKAGES = ("tci", "numpy", "mujoco", "ruckig", "numba", "mcap")
-"""Packages whose versions a recording names, besides that of Python."""
+"""Packages of which a recording contains the version. The version of Python is also recorded."""
 
 
 class Recorder:
@@ -63,13 +65,15 @@ class Recorder:
         keep_alive: float | None = None,
         about: Mapping[str, str] | None = None,
     ) -> None:
-        """Creates a new file. `about` is added to its metadata: capability, its settings, seed, ...
+        """Creates a new file.
 
-        `keep_alive` [s] is that of the driver. Raises RecordingError if the file exists or can't be made.
+        `about` is added to the file's metadata, for example the capability, its settings, and the seed.
+        `keep_alive` [s] is the driver's longest time between two frames of a patch, if the driver sends
+        frames on change. Raises RecordingError if the file exists or can't be created.
         """
         self.path = Path(path)
         self.failed = ""
-        """Reason why the recording ended early or could not be compacted; empty without an error."""
+        """Reason why the recording ended early or could not be compacted. Empty if there was no error."""
         self.ticks = 0
         """Number of periods written."""
         try:
@@ -99,7 +103,7 @@ class Recorder:
         commands: Sequence[Order] = (),
         sent: SafeCommand | None = None,
     ) -> None:
-        """Writes one period of the loop. Never raises for an error of the disk, which is kept in `failed`."""
+        """Writes one period of the loop. Errors of the disk are not raised. They are stored in `failed`."""
         if self.failed or not self._open:
             return
         with _Guard(self):
@@ -121,7 +125,10 @@ class Recorder:
             self.ticks += 1
 
     def close(self, *, compacted: bool = True) -> None:
-        """Ends the file and compacts it: index, compression, point clouds. A second call does nothing."""
+        """Ends the file and compacts it: adds an index, compression and point clouds.
+
+        A second call does nothing.
+        """
         if not self._open:
             return
         self._open = False
@@ -144,7 +151,7 @@ class Recorder:
         self._frames[frame.patch] = frame
 
     def to_json(self) -> dict[str, Any]:
-        """Returns the facts of the file that was written as JSON values."""
+        """Returns facts about the written file as JSON values."""
         return {
             "file": str(self.path),
             "periods": self.ticks,
@@ -162,7 +169,7 @@ class Recorder:
 
 
 class _Guard:
-    """Ends the recording at the last complete period if the disk fails."""
+    """Ends the recording after the last complete period if the disk fails."""
 
     def __init__(self, recorder: Recorder) -> None:
         self._recorder = recorder
@@ -181,7 +188,10 @@ class _Guard:
 
 
 class _Out:
-    """A new file that is written in complete periods: data reaches the system only with `flush`."""
+    """A new file that is written in complete periods.
+
+    Data is passed to the operating system only by `flush`.
+    """
 
     def __init__(self, path: Path) -> None:
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o644)
@@ -204,7 +214,7 @@ class _Out:
             del self._waiting[:written]
 
     def cut(self) -> None:
-        """Discards data that is not yet flushed."""
+        """Discards data that is not yet passed to the operating system."""
         self._waiting.clear()
 
     def close(self) -> None:
@@ -212,7 +222,10 @@ class _Out:
 
 
 def _same_joints(a: JointReading, b: JointReading) -> bool:
-    """True if the JointState and Imu messages of `a` and `b` are equal; other fields are in every Tick."""
+    """True if the JointState and Imu messages of `a` and `b` are equal.
+
+    Other fields need no comparison, since they are in every Tick.
+    """
     if a is b:
         return True
     return a.stamp == b.stamp and all(
@@ -234,7 +247,7 @@ def _same_frame(a: SkinFrame, b: SkinFrame) -> bool:
 
 
 def versions() -> dict[str, str]:
-    """Returns the versions on which bit-for-bit results depend."""
+    """Returns the versions of all packages on which bit-for-bit equal results depend."""
     found = {name: str(import_module(name).__version__) for name in PACKAGES}
     return found | {"python": platform.python_version(), "machine": f"{sys.platform} {platform.machine()}"}
 
@@ -242,7 +255,7 @@ def versions() -> dict[str, str]:
 def _metadata(
     robot: Robot | None, middleware: str, period: float, about: Mapping[str, str]
 ) -> dict[str, str]:
-    """Returns the origin of a recording as strings."""
+    """Returns data about the origin of a recording, as strings."""
     found = {
         "format": str(FORMAT),
         "robot": robot.name if robot else "",

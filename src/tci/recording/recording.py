@@ -1,7 +1,7 @@
-"""Reads recordings, complete or cut off by a killed process, from untrusted sources.
+"""Reads recordings from untrusted sources. They may be complete, or cut off because a process was killed.
 
-Nothing in the file is trusted: sizes are bounded before memory is allocated, only the messages of `schemas`
-are decoded, and nothing in it is executed.
+Nothing in the file is trusted. Sizes are checked before memory is allocated, only the messages of `schemas`
+are decoded, and nothing in the file is executed.
 """
 
 from __future__ import annotations
@@ -38,14 +38,15 @@ from tci.recording.schemas import (
 from tci.rosmsg.cdr import MessageType, decode
 
 VALID = "valid: a recording of TCI (.mcap), as from tci record or tci run --record"
-"""End of each message about a file that is no whole recording."""
+"""End of each error message about a file that is not a whole recording."""
 LARGEST = 64 * 2**20
-"""Largest record, and largest chunk once decompressed [bytes]. Assumed: those of TCI's own recordings are
-below 2 MiB."""
+"""Largest record, and largest chunk after decompression [bytes]. Assumed: records and chunks of TCI's own
+recordings are smaller than 2 MiB."""
 _PERIODS = (1e-4, 10.0)
-"""Shortest and longest period [s] that is accepted. Assumed: no control loop is outside this range."""
+"""Shortest and longest period [s] that is accepted. Assumed: no control loop has a period outside this range.
+"""
 _DECISIONS = {"1": DECISION_1, str(FORMAT): DECISION}
-"""Decisions of each format that can be read."""
+"""Message type of decisions for each recording format that can be read."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,14 +58,15 @@ class RecordedTick:
     reading: Reading
     """Reading of the robot."""
     commands: tuple[dict[str, Any], ...]
-    """Commands of the capability, with the fields of `schemas.COMMAND`."""
+    """Commands of the capability. Each has the fields of `schemas.COMMAND`."""
     decision: dict[str, Any] | None
-    """Decision that was sent, with the fields of `schemas.DECISION`; None if nothing was sent."""
+    """Decision that was sent to the robot, with the fields of `schemas.DECISION`. None if nothing was sent.
+    """
 
 
 @dataclass(slots=True)
 class _State:
-    """Latest joints and frames at one place of the file."""
+    """Latest joints and frames before one place in the file."""
 
     joints: dict[str, Any] | None = None
     gravity: Array | None = None
@@ -73,15 +75,19 @@ class _State:
 
 
 class Recording:
-    """A recording on disk. It is read on demand, never all at once."""
+    """A recording on disk. The file is read when data is requested, never all at once."""
 
     def __init__(self, path: Path | str) -> None:
-        """Raises RecordingError for a file that is not a recording, FileNotFoundError and other OSError."""
+        """Raises RecordingError if the file is not a recording.
+
+        Raises FileNotFoundError and other OSError if it can't be opened.
+        """
         self.path = Path(path)
         self.about: dict[str, str] = {}
-        """Metadata: robot, description_sha256, middleware, period_s, begun, versions, capability, ..."""
+        """Metadata, for example robot, description_sha256, middleware, period_s, begun, versions and
+        capability."""
         self.complete = False
-        """True if the file was closed. Known only after it has been read to its end."""
+        """True if the file was closed. This is known only after the file has been read to its end."""
         for record in self._records():
             if isinstance(record, Metadata) and record.name == "tci":
                 self.about = dict(record.metadata)
@@ -99,7 +105,7 @@ class Recording:
 
     @property
     def period(self) -> float:
-        """Period of the loop [s]; 0 if the file gives none, or one that no loop could have."""
+        """Period of the loop [s]. 0 if the file contains no period, or a period that no loop could have."""
         try:
             period = float(self.about.get("period_s", "0"))
         except ValueError:
@@ -108,8 +114,10 @@ class Recording:
 
     @property
     def keep_alive(self) -> float | None:
-        """Longest time [s] between two frames of a patch that sends on change; None if it sends every
-        frame."""
+        """Longest time [s] between two frames of a patch, if frames are sent on change.
+
+        None if every frame is sent.
+        """
         try:
             return float(self.about["keep_alive_s"])
         except (KeyError, ValueError):
@@ -118,7 +126,7 @@ class Recording:
     def span(self) -> tuple[float, float]:
         """Returns the times [s] of the first and last message on the recording's clock. Reads the whole file.
 
-        Raises RecordingError for a recording without messages.
+        Raises RecordingError if the recording has no messages.
         """
         stamps = [stamp for _, _, stamp, _ in self.messages()]
         if not stamps:
@@ -162,8 +170,10 @@ class Recording:
                 yield to_frame(decode(kind, data))
 
     def messages(self) -> Iterator[tuple[str, MessageType, int, bytes]]:
-        """Yields topic, type, time [ns] and bytes of every message known to `schemas`. Raises
-        RecordingError."""
+        """Yields topic, type, time [ns] and bytes of every message that has a type in `schemas`.
+
+        Raises RecordingError.
+        """
         schemas: dict[int, str] = {}
         channels: dict[int, tuple[str, MessageType | None]] = {}
         for record in self._records():
@@ -186,7 +196,10 @@ class Recording:
         return Reading(to_joints(state.joints, tick, state.gravity), skin)
 
     def _records(self) -> Iterator[Any]:
-        """Yields every record outside and inside chunks, up to where the file ends or was cut off."""
+        """Yields every record outside and inside chunks.
+
+        It ends at the place where the file ends or was cut off.
+        """
         self.complete = False
         with _Bounded(io.FileIO(self.path)) as file:
             limit = min(LARGEST, self.path.stat().st_size)
@@ -220,10 +233,10 @@ class Recording:
 
 
 class _Records(StreamReader):
-    """Reads the records of a file or a chunk, up to where it contains zeros.
+    """Reads the records of a file or a chunk, up to the first record that consists of zeros.
 
-    A system that crashed leaves files that end in zeros; in gigabytes of zeros every nine bytes would be a
-    record.
+    A system that crashed leaves files that end in zeros. Without this check, every nine bytes of the zeros
+    would count as a record.
     """
 
     def _read_record(self, opcode: int, length: int) -> McapRecord | None:
@@ -233,7 +246,7 @@ class _Records(StreamReader):
 
 
 class _Bounded(io.BufferedReader):
-    """A file from which no read is larger than LARGEST, whatever length it declares."""
+    """A file of which at most LARGEST bytes are read at once, also if a record declares a larger length."""
 
     def read(self, size: int | None = -1, /) -> bytes:
         if size is None or not 0 <= size <= LARGEST:
@@ -242,7 +255,7 @@ class _Bounded(io.BufferedReader):
 
 
 def _check_chunk(chunk: Chunk) -> None:
-    """Raises RecordingError for a chunk that would need too much memory."""
+    """Raises RecordingError if the chunk would need too much memory."""
     if chunk.compression not in ("", "zstd"):
         raise RecordingError(f"a chunk packed with {chunk.compression[:20]!r}; valid: zstd or none")
     size = chunk.uncompressed_size

@@ -23,23 +23,24 @@ from tci.robot.description import Robot
 
 SUFFIXES = (".bag", ".db3", ".mcap")
 JUMP = 1.0
-"""Backward step [s] of a stamp from which on the clock was set back. Assumed: far above network delays."""
+"""Backward step [s] of a stamp above which the clock counts as set back. Assumed: far above network delays.
+"""
 
 
 def is_bag(path: Path) -> bool:
-    """True if a path looks like a bag: a folder made by `ros2 bag record`, or a file of a bag."""
+    """True if a path looks like a bag. A bag is a folder made by `ros2 bag record`, or a single file."""
     return path.suffix in SUFFIXES or (path / "metadata.yaml").is_file()
 
 
 def import_ros_bag(bag: Path, out: Path, robot: Robot) -> int:
-    """Converts the `sensor_msgs/JointState` and `tci_msgs/SkinFrame` of a bag to a recording; returns the
-    number of periods.
+    """Converts the joint states and skin frames of a bag to a recording.
 
-    Each joint state that names every servo of the robot, by the servo's or the joint's name, makes a period,
-    with the latest frame of each patch. Times [s] are those of the headers, or of the bag unless both joints
-    and skin are stamped; a joint state that is not newer than the previous one is dropped. Raises
-    MissingExtraError, RecordingError for a bag that can't be read, does not fit the robot, or whose clock was
-    set back.
+    Their types are `sensor_msgs/JointState` and `tci_msgs/SkinFrame`. Returns the number of periods. Each
+    joint state that names every servo of the robot (by the servo's or the joint's name) becomes one period.
+    The period contains the latest frame of each patch. Times [s] come from the headers if all kinds of
+    messages in the bag have stamps. Otherwise the bag's own times are used. A joint state that is not newer
+    than the previous one is dropped. Raises MissingExtraError if the library for bags is missing. Raises
+    RecordingError if the bag can't be read, does not fit the robot, or has a clock that was set back.
     """
     readings = _readings(bag, robot)
     first = list(islice(readings, FIRST))
@@ -84,7 +85,10 @@ def _readings(bag: Path, robot: Robot) -> Iterator[Reading]:
 
 
 def _is_stamped(bag: Path) -> bool:
-    """Returns True if each kind of message of a bag is stamped, at least once: a clock may begin at 0."""
+    """Returns True if for each kind of message in the bag at least one message has a stamp.
+
+    One message with a stamp is enough: stamps of 0 may be valid, since a clock may begin at 0.
+    """
     seen, stamped = set[str](), set[str]()
     for kind, _, message in _messages(bag):
         seen.add(kind)
@@ -96,12 +100,15 @@ def _is_stamped(bag: Path) -> bool:
 
 
 def _stamp(message: Any) -> float:
-    """Returns the stamp [s] in a message's header."""
+    """Returns the stamp [s] in the header of a message."""
     return float(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
 
 
 def _joints(message: Any, robot: Robot, stamp: float, number: int) -> JointReading | None:
-    """Returns the reading in a JointState at `stamp` [s]; None if it lacks a servo of the robot."""
+    """Returns the reading in a JointState.
+
+    `stamp` [s] becomes the time of the reading. Returns None if a servo of the robot is missing.
+    """
     index = {name: place for place, name in enumerate(message.name)}
     names = zip(servo_names(robot), robot.servos, strict=True)
     places = [index.get(name, index.get(servo.joint or name)) for name, servo in names]
@@ -114,7 +121,10 @@ def _joints(message: Any, robot: Robot, stamp: float, number: int) -> JointReadi
 
 
 def _messages(bag: Path) -> Iterator[tuple[str, int, Any]]:
-    """Yields type, time in the bag [ns] and message of joint states and skin frames, in order."""
+    """Yields all joint states and skin frames of a bag, in the order of time.
+
+    Each item consists of the message's type, its time in the bag [ns], and the message.
+    """
     with needs("importing a ROS bag", "ros2"):
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore

@@ -28,10 +28,11 @@ from tci.reasons import NO_REASON, number_of, text_of
 from tci.rosmsg.cdr import MessageType, decode, encode
 
 MODES = tuple(Mode)
-"""Modes in the order of their numbers in a recording; 255 stands for unknown."""
+"""Modes in the order of their numbers in a recording. The number 255 means unknown."""
 UNKNOWN = 255
 DTYPE = re.compile(r"[<>|]?([buif][1248]|[US][1-9][0-9]{0,3})")
-"""Types of raw values that a recording may contain: numbers, and text, which a faulty source may send."""
+"""Types of raw values that a recording may contain. Besides numbers, text is possible, since a faulty source
+may send text."""
 
 JOINTS = MessageType(
     "sensor_msgs/msg/JointState",
@@ -78,7 +79,7 @@ COMMAND = MessageType(
     says="A command of the behaviour to a generic part.",
 )  # fmt: skip
 FORMAT = 2
-"""Format of the recordings that are written. In the first one, decisions have no codes."""
+"""Format of the recordings that this version writes. In format 1, decisions have no codes."""
 DECISION_1 = MessageType(
     "tci_msgs/msg/Decision",
     (
@@ -97,7 +98,8 @@ DECISION = replace(
     f"codes: that of the reason ({NO_REASON} for none), then of each refusal: numbers of tci.reasons.Code.",
 )
 TEXTS = ("reason", "clamped", "refusals")
-"""Fields of a decision that are for people: their wording may change."""
+"""Fields of a decision that people read. Their wording may change, so programs must not compare these fields.
+"""
 CLOUD = MessageType(
     "sensor_msgs/msg/PointCloud2",
     (
@@ -110,31 +112,36 @@ CLOUD = MessageType(
 
 
 def header(stamp: float, frame: str = "") -> tuple[int, int, str]:
-    """Returns the values of a `std_msgs/Header` at `stamp` [s]."""
+    """Returns the values of a `std_msgs/Header` with the time `stamp` [s]."""
     nanoseconds = to_nanoseconds(stamp)
     return min(nanoseconds // 10**9, 2**31 - 1), nanoseconds % 10**9, frame
 
 
 def to_nanoseconds(stamp: float) -> int:
-    """Converts a time [s] to whole nanoseconds, for other programs; TCI's own messages hold the exact
-    time."""
+    """Converts a time [s] to whole nanoseconds, for other programs.
+
+    TCI's own messages contain the exact time.
+    """
     return int(min(max(stamp, 0.0), 9e9) * 1e9) if np.isfinite(stamp) else 0
 
 
 def joints_values(names: Sequence[str], joints: JointReading, stamp: float) -> tuple[Any, ...]:
-    """Returns the values of a JointState, stamped `stamp` [s]."""
+    """Returns the values of a JointState with the time `stamp` [s]."""
     effort = joints.torque if joints.torque is not None else ()
     return *header(stamp), names, joints.position, joints.velocity, effort
 
 
 def joints_bytes(names: list[str], joints: JointReading) -> bytes:
-    """Encodes a JointState. Raises ValueError for values that are not a vector of floats."""
+    """Encodes a JointState. Raises ValueError if the values are not a vector of floats."""
     return encode(JOINTS, joints_values(names, joints, joints.stamp))
 
 
 def imu_bytes(joints: JointReading) -> bytes:
-    """Encodes the acceleration of the robot's root link in an Imu whose other fields are marked as unknown;
-    NaN if the robot no longer reports it."""
+    """Encodes the acceleration of the robot's root link in an Imu message.
+
+    The message's other fields are marked as unknown. The acceleration is NaN if the robot no longer reports
+    it.
+    """
     unknown = [-1.0, *[0.0] * 8]  # as the ROS message defines it
     force = np.full(3, np.nan) if joints.gravity is None else -joints.gravity
     values = ((0.0, 0.0, 0.0, 0.0), unknown, (0.0, 0.0, 0.0), unknown, tuple(force.tolist()), [0.0] * 9)
@@ -142,13 +149,16 @@ def imu_bytes(joints: JointReading) -> bytes:
 
 
 def to_gravity(imu: Mapping[str, Any]) -> Array | None:
-    """Returns gravity minus acceleration (3,) [m/s2] in an Imu; None if it has none."""
+    """Returns gravity minus acceleration (3,) [m/s2] from an Imu message.
+
+    Returns None if the message has no acceleration.
+    """
     gravity = -np.array([imu["linear_acceleration"][axis] for axis in "xyz"])
     return read_only(gravity) if np.isfinite(gravity).all() else None
 
 
 def skin_values(frame: SkinFrame, number: int, stamp: float) -> tuple[Any, ...]:
-    """Returns the values of a SkinFrame whose header is stamped `stamp` [s]."""
+    """Returns the values of a SkinFrame. `stamp` [s] is the time in its header."""
     data = np.frombuffer(np.ascontiguousarray(frame.values).tobytes(), dtype=np.uint8)
     values = (frame.stamp, frame.sequence, number, frame.patch, frame.values.dtype.str, data)
     return *header(stamp, frame.patch), *values
@@ -173,7 +183,10 @@ def tick_bytes(now: float, joints: JointReading, skin: list[int]) -> bytes:
 
 
 def command_bytes(now: float, command: Order) -> bytes:
-    """Encodes a Command of any kind, for a generic part by name, or for servos by their indices."""
+    """Encodes a Command of any kind.
+
+    The command is for a generic part (by name) or for servos (by their indices).
+    """
     kind = type(command).__name__
     part = getattr(command, "part", "")
     nothing = np.empty(0)
@@ -208,9 +221,9 @@ def decision_bytes(sent: SafeCommand) -> bytes:
 
 
 def same_decision(sent: SafeCommand, recorded: Mapping[str, Any]) -> bool:
-    """True if a decision has the numbers, modes, state and codes of a recorded one, bit for bit.
+    """True if a decision equals a recorded decision bit for bit: in its numbers, modes, state and codes.
 
-    Texts are not compared, nor the codes of a recording that has none.
+    Texts are not compared. Codes are not compared if the recording has no codes.
     """
     now = decode(DECISION, decision_bytes(sent))
     return all(
@@ -221,7 +234,7 @@ def same_decision(sent: SafeCommand, recorded: Mapping[str, Any]) -> bool:
 
 
 def cloud_fields(points: NDArray[np.float32]) -> tuple[Any, ...]:
-    """Returns the fields of a CLOUD after its header: x, y, z [m] and pressure [Pa] of each point (n, 4)."""
+    """Returns the fields of a CLOUD after its header. `points` (n, 4) are x, y, z [m] and pressure [Pa]."""
     float32 = 7  # PointField.FLOAT32
     names = ("x", "y", "z", "pressure")
     fields = [(name, 4 * place, float32, 1) for place, name in enumerate(names)]
@@ -230,7 +243,7 @@ def cloud_fields(points: NDArray[np.float32]) -> tuple[Any, ...]:
 
 
 def to_frame(fields: Mapping[str, Any]) -> SkinFrame:
-    """Returns the frame in a SkinFrame message. Raises RecordingError."""
+    """Returns the frame that a SkinFrame message contains. Raises RecordingError."""
     if not DTYPE.fullmatch(fields["dtype"]):
         raise RecordingError(f"skin values of type {fields['dtype']!r}; valid: as <f8, |u1, <U5")
     try:
@@ -243,7 +256,7 @@ def to_frame(fields: Mapping[str, Any]) -> SkinFrame:
 def to_joints(
     state: Mapping[str, Any], tick: Mapping[str, Any], gravity: Array | None = None
 ) -> JointReading:
-    """Returns the joint reading in a JointState and its Tick. Raises RecordingError."""
+    """Returns the joint reading that a JointState and its Tick contain. Raises RecordingError."""
     try:
         modes = tuple(None if number == UNKNOWN else MODES[number] for number in tick["modes"])
     except IndexError:

@@ -1,9 +1,10 @@
-"""The iCub's conventions for contacts, for comparison of results with skinManager's.
+"""The iCub's conventions for contacts. They are used to compare results with the results of skinManager.
 
-A contact is a set of taxels linked by distances of up to its maxNeighborDist (single-link clusters). Its
-geometric centre is the mean of their positions, its pressure the mean of their values, its force -0.05 N per
-taxel and unit of pressure along the mean normal. Written from the conventions (facts and measurements),
-without any of skinManager's code.
+A contact is a set of taxels linked by distances of up to skinManager's maxNeighborDist (single-link
+clusters). The geometric centre of a contact is the mean of its taxels' positions. The pressure of a contact
+is the mean of its taxels' values. The force of a contact is -0.05 N per taxel and unit of pressure, along the
+mean normal. The code was written from the conventions (facts and measurements). It contains none of
+skinManager's code.
 """
 
 from __future__ import annotations
@@ -24,10 +25,10 @@ from tci.errors import FrameError
 from tci.frames import Array, read_only
 
 NEIGHBOUR = 0.012
-"""Default distance [m] within which taxels are neighbours (skinManager's maxNeighborDist). Robots have
-others."""
+"""Default of the largest distance [m] between neighbouring taxels (skinManager's maxNeighborDist). Some
+robots use other values."""
 FORCE = 0.05
-"""Force [N] per taxel and unit of pressure."""
+"""Force [N] per taxel and per unit of pressure."""
 SKIN_PARTS = (
     "unknown", "left_hand", "left_forearm", "left_arm", "right_hand", "right_forearm", "right_arm", "torso",
     "left_leg_upper", "left_leg_lower", "left_foot", "right_leg_upper", "right_leg_lower", "right_foot",
@@ -41,10 +42,13 @@ _DEEPEST = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinContact:
-    """One contact as skinManager describes it, in the frame of the skin part's position file."""
+    """One contact as skinManager describes it.
+
+    Positions and vectors are in the frame of the skin part's position file.
+    """
 
     id: int
-    """Number that increases with each new contact."""
+    """Identity of the contact. It increases with each new contact."""
     body_part: int
     """Body part: 1 torso, 2 head, 3 and 4 arms, 5 and 6 legs."""
     link: int
@@ -62,13 +66,16 @@ class SkinContact:
     normal: Array
     """Mean of the taxels' normals (3,), not normalised."""
     taxels: NDArray[np.intp]
-    """Indices (n,) of its taxels in the skin part."""
+    """Indices (n,) of the contact's taxels in the skin part."""
     pressure: float
     """Mean of the taxels' values."""
 
 
 def contact_force(taxels: int, pressure: float, normal: Array) -> Array:
-    """Returns the force (3,) [N] of a contact of `taxels` taxels: F = -0.05 n p normal."""
+    """Returns the force (3,) [N] of a contact: F = -0.05 n p normal.
+
+    In this formula, n is `taxels` (the number of taxels) and p is `pressure`.
+    """
     force: Array = -FORCE * taxels * pressure * normal
     return force
 
@@ -76,10 +83,11 @@ def contact_force(taxels: int, pressure: float, normal: Array) -> Array:
 def partition(
     positions: Array, taxels: NDArray[np.intp], *, neighbour: float = NEIGHBOUR
 ) -> list[NDArray[np.intp]]:
-    """Divides active `taxels` (k,) into contacts: single-link clusters of the positions (n, 3) [m] of all,
-    whose links are up to `neighbour` [m] long.
+    """Divides active taxels into contacts (single-link clusters).
 
-    Each contact lists its taxels in ascending order; contacts are in the order of their smallest taxels.
+    `taxels` (k,) are the active taxels, and `positions` (n, 3) [m] the positions of all taxels. Taxels are
+    linked if their distance is at most `neighbour` [m]. Each contact lists its taxels in ascending order. The
+    contacts are ordered by their lowest taxel.
     """
     active = np.unique(taxels)
     pairs = cKDTree(positions[active]).query_pairs(neighbour, output_type="ndarray")
@@ -90,9 +98,10 @@ def partition(
 
 
 def read_skin_events(path: Path) -> Iterator[tuple[float, tuple[SkinContact, ...]]]:
-    """Yields stamp [s] and contacts of each line of a yarpdatadumper log of /skinManager/skin_events:o.
+    """Yields the contacts of each line in a log of /skinManager/skin_events:o from yarpdatadumper.
 
-    Raises FrameError with the line for anything else.
+    Each item consists of the stamp [s] and the contacts. Raises FrameError that names the line if a line
+    contains anything else.
     """
     with path.open(encoding="ascii", errors="replace") as file:
         for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE + 1), ""), start=1):

@@ -1,4 +1,4 @@
-"""The topics of a file that is being written. A topic gets its channel with its first message."""
+"""The topics of a file that is being written. A topic gets its channel when its first message is written."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Topics:
         self._channels: dict[str, int] = {}
 
     def put(self, topic: str, kind: MessageType, stamp: int, data: bytes) -> None:
-        """Writes a message at `stamp` [ns]."""
+        """Writes a message with the time `stamp` [ns]."""
         channel = self._channels.get(topic)
         if channel is None:
             channel = self._channels[topic] = self._register(topic, kind)

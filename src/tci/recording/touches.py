@@ -1,4 +1,4 @@
-"""Finds the touches in a recording, and the latencies of the responses."""
+"""Finds the touches in a recording, and the latencies of the robot's responses."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from tci.frames import Array
 from tci.recording.perceived import Perceived
 
 PAUSE = 0.3
-"""Time [s] without contact that separates two touches. Assumed: a shorter time would split a flickering
-touch, a longer one would join quick touches."""
+"""Least time [s] without contact between two touches. Assumed. With a shorter time, a flickering touch would
+be split. With a longer time, quick touches would be joined."""
 MOVED = np.deg2rad(0.5)
-"""Change [rad] of a generic joint that counts as motion. Assumed: above encoder noise."""
+"""Least change [rad] of a generic joint that counts as motion. Assumed: above encoder noise."""
 
 
 @dataclass(slots=True)
@@ -30,33 +30,36 @@ class Touch:
     ended: float
     """Time [s] of the last period with a contact."""
     peak_force: float = 0.0
-    """Largest total force [N] of the part's contacts."""
+    """Largest total force [N] of the contacts on the part."""
     lasts: bool = False
     """True if the contact lasts to the end of the recording."""
     commands: dict[str, float] = field(default_factory=dict)
-    """Time [s] of the first command since then for each part that was commanded; "" stands for the robot's
-    own joints."""
+    """Time [s] of the first command for each part since the touch began. The key "" is for commands to the
+    robot's own joints."""
     motions: dict[str, float] = field(default_factory=dict)
-    """Time [s] at which a generic joint of each part that moved had changed by `MOVED`."""
+    """Time [s] at which a generic joint of each moving part had first changed by more than `MOVED`."""
 
     @property
     def responding(self) -> str:
-        """Part whose response is measured: the touched one, or the first one if only others respond."""
+        """Part whose response is measured: the touched part, or the first one if only others respond."""
         among = {part: time for part, time in self.commands.items() if part} or self.motions
         return self.part if self.part in among or not among else min(among, key=among.__getitem__)
 
     @property
     def commanded(self) -> float | None:
-        """Time [s] of the first command; None without one."""
+        """Time [s] of the first command. None if there was no command."""
         return self.commands.get(self.responding, self.commands.get(""))
 
     @property
     def moved(self) -> float | None:
-        """Time [s] of the first motion; None without one."""
+        """Time [s] of the first motion. None if there was no motion."""
         return self.motions.get(self.responding)
 
     def to_json(self) -> dict[str, object]:
-        """Returns plain values for JSON; times are relative to the first contact, in milliseconds."""
+        """Returns plain values for JSON.
+
+        Times of command, motion and loss are in milliseconds after the first contact.
+        """
         return {
             "part": self.part,
             "patch": self.patch,
@@ -70,7 +73,7 @@ class Touch:
 
 
 def find_touches(periods: Iterable[Perceived]) -> list[Touch]:
-    """Returns all touches in the order of their beginnings."""
+    """Returns all touches, in the order in which they began."""
     found: list[Touch] = []
     last: dict[str, Touch] = {}
     start: dict[str, Mapping[str, Array]] = {}

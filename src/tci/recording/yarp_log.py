@@ -1,4 +1,4 @@
-"""Imports logs of YARP's yarpdatadumper: one line per message, `sequence stamp values...`."""
+"""Imports logs of YARP's yarpdatadumper. A log contains one line per message: `sequence stamp values...`."""
 
 from __future__ import annotations
 
@@ -15,12 +15,18 @@ from tci.robot.description import Robot
 
 
 def log_file(log: Path) -> Path:
-    """Returns the file of a log: `data.log` of a folder of the dumper, or the file itself."""
+    """Returns the file of a log.
+
+    If `log` is a folder of the dumper, the file is its `data.log`, otherwise `log` itself.
+    """
     return log / "data.log" if log.is_dir() else log
 
 
 def is_contact_list(log: Path) -> bool:
-    """True if the first message with values is a list of lists: contacts of skinManager, not numbers."""
+    """True if the log contains contact lists of skinManager.
+
+    Then the first message with values is a list of lists and not numbers.
+    """
     stamped = False
     with log_file(log).open(encoding="utf-8", errors="replace") as file:
         while line := file.readline(LONGEST_LINE):
@@ -31,9 +37,10 @@ def is_contact_list(log: Path) -> bool:
 
 
 def read_yarp_log(log: Path, *, patch: str) -> Iterator[SkinFrame]:
-    """Yields the frames of a log of numbers, `data.log` or the folder with it, at the log's own times [s].
+    """Yields the frames of a log of numbers at the log's own times [s].
 
-    Raises RecordingError with the line for anything else, such as a contact list.
+    `log` is the file `data.log` or its folder. Raises RecordingError that names the line if a line contains
+    anything else, for example a contact list.
     """
     path = log_file(log)
     with path.open(encoding="utf-8", errors="replace") as file:
@@ -63,10 +70,10 @@ def _frame(line: str, patch: str, where: str) -> SkinFrame:
 
 
 def import_yarp_log(log: Path, out: Path, *, patch: str, robot: Robot | None = None) -> int:
-    """Converts such a log to a recording and returns the number of frames.
+    """Converts a log of numbers to a recording and returns the number of frames.
 
-    Without a robot the recording can be looked at and exported, but not replayed. Raises RecordingError for a
-    log that can't be read or is not of that patch.
+    Without a robot the recording can be viewed and exported, but not replayed. Raises RecordingError if the
+    log can't be read or is not of the patch `patch`.
     """
     frames = ((frame,) for frame in read_yarp_log(log, patch=patch))
     return import_frames(frames, out, robot, middleware="yarp", source=f"yarpdatadumper {log.name}")

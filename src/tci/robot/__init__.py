@@ -1,6 +1,6 @@
-"""One robot as data, and its kinematics.
+"""The description of one robot, and its kinematics.
 
-A description (`description/`) is read from XML (`xml/`); TCI's own descriptions are in `robots/`. Joint maps
-convert between generic joints and the robot's own (eqs. 1-2), and the kinematic model is used to compute
-poses, gravity torques and clearances.
+A description (`description/`) is read from an XML file (`xml/`); TCI's own descriptions are in `robots/`.
+Joint maps convert between generic joints and the joints of the robot (eqs. 1-2), and poses, gravity torques
+and clearances are computed from the kinematic model.
 """

@@ -1,8 +1,8 @@
 """Robots by name: those in `robots/`, and those of other packages (entry points `tci.robots`).
 
-Each robot has a folder `robots/<name>/` with a `robot.xml`; no other file of TCI contains its name. Another
-description in that folder is a variant: `nao/whole.xml` is the robot `nao-whole`. The value of an entry point
-is the path of a description, or a function that returns the path.
+Each robot has a folder `robots/<name>/` with a `robot.xml`. No other file of TCI contains the name of the
+robot. Every other description in this folder is a variant of the robot: `nao/whole.xml` is the robot
+`nao-whole`. The value of an entry point is the path of a description, or a function that returns the path.
 """
 
 from __future__ import annotations
@@ -19,16 +19,17 @@ if TYPE_CHECKING:
     from tci.robot.description import Robot
 
 GROUP = "tci.robots"
-"""Entry-point group of other packages' robots."""
+"""Entry-point group in which other packages name their robots."""
 FILE = "robot.xml"
 
 _FOLDER = Path(__file__).with_name("robots")
 _known: weakref.WeakValueDictionary[str, Robot] = weakref.WeakValueDictionary()
-"""The latest robot of each name that is still in use."""
+"""For each name, the latest robot that is still in use."""
 
 
 def robot_names() -> tuple[str, ...]:
-    """Returns the names that `load_robot` accepts. Loads no robot and needs no extra."""
+    """Returns the names that `load_robot` accepts. This function loads no robot and needs no extra
+    package."""
     return tuple(sorted({*_packaged(), *_entries()}))
 
 
@@ -39,14 +40,15 @@ def check_name(name_or_path: str) -> None:
 
 
 def load_robot(name_or_path: str | os.PathLike[str]) -> Robot:
-    """Returns a robot by its name, or by the path of its description (any text with a slash or that ends in
-    .xml).
+    """Returns a robot by its name, or by the path of its description. A text is a path if it contains a slash
+    or ends in .xml.
 
     While a robot is in use and its description does not change, a call with its name returns the existing
-    object, so that its skin and collision geometry are computed once.
+    object. So skin and collision geometry of the robot are computed only once.
 
-    Raises UnknownNameError with the valid names, DescriptionError with every fault of the file,
-    MissingExtraError when the robot's model is in a package that is not installed.
+    - Raises UnknownNameError, with the valid names, if there is no robot with this name.
+    - Raises DescriptionError, with all faults, if the description has faults.
+    - Raises MissingExtraError if the model of the robot is in a package that is not installed.
     """
     from tci.robot.xml import read_robot  # not at the top: shell completion needs only the names
 
@@ -61,7 +63,7 @@ def load_robot(name_or_path: str | os.PathLike[str]) -> Robot:
 
 
 def _shared(name: str, robot: Robot) -> Robot:
-    """Returns the existing object for this name if it is equal to `robot`."""
+    """Returns the existing robot with this name if it is equal to `robot`; otherwise `robot` itself."""
     known = _known.get(name)
     if known is not None and known == robot:
         return known
@@ -92,7 +94,7 @@ def _entries() -> dict[str, EntryPoint]:
 
 
 def _path_of(entry: EntryPoint) -> Path:
-    """Returns the path of the description from another package's entry point."""
+    """Returns the path of the description that the entry point of another package gives."""
     try:
         given = entry.load()
         path = given() if callable(given) else given

@@ -1,7 +1,7 @@
 """Distances between links that could collide: each arm against the trunk, head, legs and the other arm.
 
-`collisions` selects the links. Distances are those that MuJoCo computes between primitives and the convex
-hulls of meshes.
+The module `collisions` selects the links. MuJoCo computes the distances, between primitive shapes and the
+convex hulls of meshes.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ class Gap:
     """The nearest pair of links at one posture."""
 
     distance: float
-    """Distance [m] between their surfaces; negative if they overlap."""
+    """Distance [m] between the surfaces of the two links; negative if the links overlap."""
     first: str
-    """One link; empty if no pair is within the search distance."""
+    """Name of one link; empty if no pair is within the search distance."""
     second: str
-    """The other link."""
+    """Name of the other link; empty if no pair is within the search distance."""
 
 
 class Clearance:
@@ -39,9 +39,10 @@ class Clearance:
     memory."""
 
     def __init__(self, robot: Robot) -> None:
-        """Raises DescriptionError when the robot has no model, or the model lacks a joint.
+        """Reads the robot's model. Raises DescriptionError if the robot has no model, or if a joint is
+        missing in the model.
 
-        Links that overlap in the initial posture are assumed to overlap by construction and are never
+        Links that overlap in the initial posture are assumed to overlap by construction. They are never
         checked.
         """
         robot = without_skin(robot)
@@ -52,29 +53,29 @@ class Clearance:
         self.servos: tuple[int, ...] = tuple(self._servos)
         """Servos that have a joint in the model."""
         self.joints: tuple[int, ...] = tuple(int(self._model.dof_jntid[column]) for column in columns)
-        """MuJoCo's number of the joint of each of these servos."""
+        """Index in MuJoCo of the joint of each of `servos`."""
         self._pairs = _pairs(self._model)
         first, second = self._pairs.T
         self._reach = self._model.geom_rbound[first] + self._model.geom_rbound[second]
         self.levers = _levers(robot)
-        """Upper bound (n_servos,) [m/rad] on the change of any distance per radian of each servo."""
+        """Upper bound (n_servos,) [m/rad] on the change of any distance when one servo turns."""
 
     @property
     def model(self) -> mujoco.MjModel:
-        """The robot's collision geometry and its servos' joints, as a MuJoCo model, which callers must not
-        change."""
+        """MuJoCo model of the robot's collision geometry and of the joints of its servos. Callers must not
+        change the model."""
         return self._model
 
     @property
     def pairs(self) -> NDArray[np.intp]:
-        """Pairs (m, 2) of geoms, by MuJoCo's number, that could hit each other."""
+        """Pairs (m, 2) of geoms that could hit each other, by their index in MuJoCo."""
         return self._pairs
 
     def gap(self, position: Array, *, within: float) -> Gap:
-        """Returns the nearest pair at `position` (n_servos,) [rad], or `within` [m] if all pairs are farther
-        apart.
+        """Returns the nearest pair at `position` (n_servos,) [rad].
 
-        Raises CommandError for another shape.
+        If all pairs are farther apart than `within` [m], the result has the distance `within` and no names.
+        Raises CommandError if `position` has another shape.
         """
         least = self._pose(position)
         nearest, found = within, -1
@@ -87,10 +88,10 @@ class Clearance:
         return Gap(nearest, *self.names(found)) if found >= 0 else Gap(within, "", "")
 
     def gaps(self, position: Array, *, within: float) -> Array:
-        """Returns the distance (pairs,) [m] of every pair at `position` (n_servos,) [rad], clipped at
-        `within` [m].
+        """Returns the distances (m,) [m] of all `pairs` at `position` (n_servos,) [rad]. Distances above
+        `within` [m] are set to `within`.
 
-        Raises CommandError for another shape.
+        Raises CommandError if `position` has another shape.
         """
         least = self._pose(position)
         result = np.full(len(least), within)
@@ -104,8 +105,8 @@ class Clearance:
         return str(first.name), str(second.name)
 
     def _pose(self, position: Array) -> Array:
-        """Moves the model to `position` and returns a lower bound (pairs,) [m] on each distance, from
-        bounding spheres."""
+        """Moves the model to `position`. Returns a lower bound (m,) [m] on the distance of each pair,
+        computed from bounding spheres."""
         if np.shape(position) != (self._count,):
             raise CommandError(f"position of shape {np.shape(position)}; the robot has {self._count} servos")
         data = self._data
@@ -121,20 +122,20 @@ class Clearance:
 
 
 def without_skin(robot: Robot) -> Robot:
-    """Returns the robot without patches. Robots that differ only in their skin then share one model of
-    links."""
+    """Returns the robot without skin patches. Without patches, robots that differ only in their skin share
+    one solid model."""
     return robot.model_copy(update={"patches": ()})
 
 
 @lru_cache(maxsize=8)
 def _solid_model(robot: Robot) -> mujoco.MjModel:
-    """Returns the robot's solid model. It is shared, because reading an iCub's meshes takes a second; callers
-    must not change it."""
+    """Returns the robot's solid model. The model is shared, because reading the meshes of an iCub takes a
+    second: callers must not change it."""
     return exclude_overlaps(solid_spec(robot, mimics=False), robot, initial_position(robot))
 
 
 def _pairs(model: mujoco.MjModel) -> NDArray[np.intp]:
-    """Returns the pairs (m, 2) of geoms that can collide in MuJoCo."""
+    """Returns the pairs (m, 2) of geoms that can collide according to the MuJoCo model."""
     excluded = set(model.exclude_signature.tolist())
     result = []
     for one, other in combinations(range(model.ngeom), 2):
@@ -161,8 +162,8 @@ def _levers(robot: Robot) -> Array:
 
 
 def _lever(model: mujoco.MjModel, column: int, geoms: set[int]) -> float:
-    """Returns an upper bound [m] on the distance between a joint's axis and any point of `geoms` that it
-    moves."""
+    """Returns an upper bound [m] on the distance between the axis of a joint and any point of those `geoms`
+    that the joint moves."""
     carrier = int(model.dof_bodyid[column])
     anchor = float(np.linalg.norm(model.jnt_pos[model.dof_jntid[column]]))
     farthest = 0.0

@@ -1,9 +1,12 @@
-"""Selection of the bodies of a robot that collide: its arms with its trunk, and with each other.
+"""Selection of the bodies of a robot that can collide: its arms with its trunk, and its arms with each other.
 
-Links next to a joint overlap by construction. So links of one arm do not collide with each other, and the
-first link of an arm does not collide at all. Links that overlap in the initial posture do not collide either,
-nor do links that are near each other in nearly all postures, such as the second link of a shoulder that turns
-in a recess of the torso.
+Links next to a joint overlap by construction, so these collisions are excluded:
+
+- links of one arm with each other
+- the first link of an arm with any link
+- links that overlap in the initial posture
+- links that are near each other in nearly all postures, such as the second link of a shoulder that turns in a
+  recess of the torso
 """
 
 from __future__ import annotations
@@ -19,29 +22,31 @@ from tci.robot.kinematics import joints_of
 from tci.robot.model_file import compiled, load_spec
 
 LEFT, RIGHT, SKIN, GROUND = 1, 2, 4, 8
-"""Bits of MuJoCo's contype and conaffinity. Skin collides with the finger only; the skin of soles also with
-the ground."""
+"""Bits of MuJoCo's contype and conaffinity, which select the geoms that collide. Skin collides only with the
+simulated finger; the skin of soles also collides with the ground."""
 
 HIDDEN = 3
-"""Number of the geom group that pictures leave out."""
+"""Number of the geom group that is left out of pictures."""
 
 NEAR = 0.01
-"""Distance [m] within which links count as near each other. Assumed: twice the distance that the gate
-keeps."""
+"""Distance [m] below which links count as near each other. Assumed: twice the distance that the gate keeps
+between links."""
 POSTURES, MOST = 32, 0.9
-"""Number of random postures in which near links are compared, and the fraction in which they are near by
-construction. Assumed: links that can collide by motion are near in few postures."""
+"""Number of random postures in which near links are compared, and a fraction of these postures. Links that
+are near in at least this fraction are near by construction. Assumed: links that only a motion brings together
+are near in few postures."""
 
 NO_MODEL = "no <model>: simulation and self-collision need a URDF or MJCF file"
 
 
 def solid_spec(robot: Robot, *, shown: bool = False, mimics: bool = True) -> mujoco.MjSpec:
-    """Returns the robot's model with its servos' joints only, and with the geoms that collide marked.
+    """Returns the robot's model with only the joints of its servos. Geoms that collide are marked in the
+    model.
 
-    With `shown` the model contains everything for pictures; otherwise only colliding geoms, as convex hulls.
-    Joints that are not driven by a servo are fixed at 0; without `mimics`, so are joints that only follow a
-    servo. No force acts on any joint. Raises DescriptionError if the robot has no model, and the errors of
-    `load_spec`.
+    If `shown` is True, the model contains everything that pictures need; otherwise it contains only the geoms
+    that collide, as convex hulls. Joints that no servo drives are fixed at 0. If `mimics` is False, joints
+    that only follow a servo are fixed at 0 too. No force acts on any joint. Raises DescriptionError if the
+    robot has no model, and the errors that `load_spec` raises.
     """
     if robot.model is None:
         raise DescriptionError(robot.source, [Fault(0, NO_MODEL)])
@@ -64,7 +69,8 @@ def solid_spec(robot: Robot, *, shown: bool = False, mimics: bool = True) -> muj
 
 
 def _set_self_collisions(spec: mujoco.MjSpec, robot: Robot) -> None:
-    """Sets the bits of each geom of the model. Geoms that do not collide in the model file never collide."""
+    """Sets the collision bits of each geom. Geoms that do not collide according to the model file never
+    collide."""
     arms = _arms(spec, robot)
     solid = [geom for geom in spec.geoms if geom.contype or geom.conaffinity]
     shown = [geom for geom in spec.geoms if not (geom.contype or geom.conaffinity)]
@@ -83,10 +89,11 @@ def _set_self_collisions(spec: mujoco.MjSpec, robot: Robot) -> None:
 
 
 def exclude_overlaps(spec: mujoco.MjSpec, robot: Robot, posture: Array) -> mujoco.MjModel:
-    """Compiles the model after excluding pairs of bodies that overlap at `posture` (n_servos,) [rad], or that
-    are near each other there and in most other postures.
+    """Excludes pairs of bodies that overlap by construction, and compiles the model.
 
-    Raises DescriptionError for a mesh that MuJoCo can't read, or when the model lacks a joint.
+    These are pairs that overlap at `posture` (n_servos,) [rad], and pairs that are near each other at
+    `posture` and in most other postures. Raises DescriptionError if MuJoCo can't read a mesh, or if a joint
+    is missing in the model.
     """
     assert robot.model is not None  # solid_spec has raised
     model = compiled(spec, robot.model)
@@ -102,8 +109,12 @@ def exclude_overlaps(spec: mujoco.MjSpec, robot: Robot, posture: Array) -> mujoc
 def nearby(
     model: mujoco.MjModel, robot: Robot, posture: Array, *, within: float | None = None
 ) -> dict[tuple[int, int], float]:
-    """Returns the least distance [m] of each pair of bodies, by MuJoCo's number, that are `within` a distance
-    [m] at `posture` (n_servos,) [rad]; None for the margins of the model's geoms."""
+    """Returns the pairs of bodies that are near each other at `posture` (n_servos,) [rad], and the least
+    distance [m] of each pair.
+
+    Bodies are given by their index in MuJoCo. A pair is near if its distance is below `within` [m]. If
+    `within` is None, the margins of the model's geoms apply.
+    """
     data = mujoco.MjData(model)
     servos, addresses, _ = joints_of(robot, model)
     data.qpos[addresses] = posture[servos]
@@ -122,8 +133,8 @@ def nearby(
 
 
 def _overlapping(model: mujoco.MjModel, robot: Robot, posture: Array) -> list[tuple[int, int]]:
-    """Returns the pairs of bodies, by MuJoCo's number, that are in contact at `posture`, or near each other
-    by construction."""
+    """Returns the pairs of bodies, by their index in MuJoCo, that are in contact at `posture` (n_servos,)
+    [rad], or near each other by construction."""
     overlapping = set(nearby(model, robot, posture))
     if near := nearby(model, robot, posture, within=NEAR).keys() - overlapping:
         ends = np.array([posture, posture])
@@ -140,8 +151,8 @@ def _overlapping(model: mujoco.MjModel, robot: Robot, posture: Array) -> list[tu
 
 
 def _arms(spec: mujoco.MjSpec, robot: Robot) -> dict[str, tuple[int, int]]:
-    """Maps each body that an arm's joints move to the arm's bit and the number of the arm's joints up to that
-    body."""
+    """Returns, for each body that the joints of an arm move, the bit of this arm and the number of the arm's
+    joints between trunk and body."""
     found = {}
     for part in robot.parts:
         if part.kind != "arm":

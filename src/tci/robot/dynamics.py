@@ -1,4 +1,5 @@
-"""Rigid-body dynamics of a robot in the order of its servos: inertia, and the torque of motion and weight."""
+"""Rigid-body dynamics of a robot in the order of its servos: the inertia matrix, and the torques due to
+velocity and weight."""
 
 from __future__ import annotations
 
@@ -13,21 +14,22 @@ from tci.robot.joint_calibration import JointCalibration
 from tci.robot.kinematics import joints_of
 
 UPRIGHT = read_only([0.0, 0.0, -STANDARD_GRAVITY])
-"""Gravity minus acceleration (3,) [m/s2] for a torso that is upright and at rest."""
+"""Gravity minus acceleration (3,) [m/s2] of a torso that is upright and at rest."""
 
 
 class Dynamics:
     """Inertia and bias torques by MuJoCo's composite-rigid-body and recursive Newton-Euler algorithms.
 
-    The model's root is fixed to the ground. Tools in the hands and rotors are included, friction is not.
-    Methods reuse memory, so use one object per thread. Servos without a joint in the model have neither
-    inertia nor torque.
+    The root of the model is fixed to the ground. Tools in the hands and rotors are included; friction is not
+    included. Servos without a joint in the model have neither inertia nor torque. The methods reuse memory,
+    so each thread needs its own object.
     """
 
     def __init__(self, robot: Robot, calibration: JointCalibration) -> None:
         """Adds the tools and rotors of a `calibration` to the robot's model.
 
-        Raises the errors of `weighted_model`, and UnknownNameError for a tool on a link that the model lacks.
+        Raises the errors that `weighted_model` raises. Raises UnknownNameError if a tool is on a link that is
+        missing in the model.
         """
         self._made_of = robot, calibration
         self._model, self._torso = weighted_model(robot)
@@ -51,11 +53,11 @@ class Dynamics:
         return type(self), self._made_of  # copies share no memory
 
     def at(self, position: Array, velocity: Array, gravity: Array | None = None) -> tuple[Array, Array]:
-        """Returns inertia M (n, n) [kg m2] and bias C v + g (n,) [N m] of all servos.
+        """Returns the inertia matrix M (n, n) [kg m2] and the bias torques C v + g (n,) [N m] of all servos.
 
-        `position` and `velocity` (n,) are in the order of `Robot.servos`; `gravity` (3,) [m/s2] is gravity
-        minus the acceleration of the model's root link, in the frame of that link; the default is that of an
-        upright torso at rest.
+        `position` (n,) [rad] and `velocity` (n,) [rad/s] are in the order of `Robot.servos`. `gravity` (3,)
+        [m/s2] is gravity minus the acceleration of the model's root link, in the frame of this link. By
+        default the torso is upright and at rest.
         """
         model, data = self._model, self._data
         data.qpos[self._addresses] = position[self._servos]
@@ -74,7 +76,8 @@ class Dynamics:
         return inertia, bias
 
     def _add(self, body: int, mass: float, centre: Array) -> None:
-        """Adds a point mass to a body: its new centre of mass, and the inertia about it."""
+        """Adds a point mass to a body: computes the new centre of mass of the body, and its inertia about
+        this centre."""
         model = self._model
         own, before = float(model.body_mass[body]), model.body_ipos[body].copy()
         entries = np.empty(9)

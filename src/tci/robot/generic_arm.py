@@ -1,9 +1,9 @@
-"""The generic arm: five joints that every humanoid arm is mapped to (§3.1).
+"""The generic arm: five joints to which every humanoid arm is mapped (§3.1).
 
-At generic zero the arm hangs down, the elbow flexes forward and the thumb side faces forward. Positive
-directions are the same on both sides: flexion, abduction, internal rotation, elbow flexion, pronation.
-Orientations are given in the arm's mount frame, which is the torso frame turned by the robot's `mount`
-rotation.
+At generic zero the arm hangs down, the elbow flexes forward and the thumb side faces forward. On both sides,
+the positive directions are: shoulder flexion, abduction, internal rotation, elbow flexion and pronation.
+Orientations are given in the mount frame of the arm, which is the torso frame rotated by `mount` in the
+description.
 """
 
 from __future__ import annotations
@@ -18,25 +18,27 @@ from tci.frames import Array, rotation_y, rotation_z
 Side = Literal["left", "right"]
 
 JOINTS = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow_pitch", "elbow_yaw")
-"""Generic joints of an arm, by index."""
+"""Names of the generic joints of an arm, by index."""
 
 SEGMENTS = ("upper_arm", "forearm")
 """Segments of an arm, on which receptive fields are defined."""
 
 SIDEWAYS = 1e-9
-"""Cosine of the abduction below which an upper arm counts as pointing straight to the side."""
+"""Limit of the cosine of the abduction angle. Below this value the upper arm counts as pointing straight to
+the side."""
 
 
 def side_sign(side: Side) -> float:
-    """Returns +1 for the left side, -1 for the right."""
+    """Returns +1 for the left side, -1 for the right side."""
     return 1.0 if side == "left" else -1.0
 
 
 def upper_arm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:
-    """Returns `R_MU` (3, 3), the upper arm's rotation in the mount frame M, at generic angles (5,) [rad].
+    """Returns `R_MU` (3, 3), the rotation of the upper arm in the mount frame M, at the generic angles
+    `posture` (5,) [rad].
 
-    With `axial` false, internal rotation (joint 2) is left out: this is the frame in which theta of a taxel
-    is measured. -z points along the segment, x to its flexor side.
+    -z points along the segment, x to its flexor side. If `axial` is False, internal rotation (joint 2) is
+    left out: theta of a taxel is measured in this frame.
     """
     s = side_sign(side)
     c0, c1, c2 = np.cos(posture[:3]).tolist()
@@ -55,10 +57,11 @@ def upper_arm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:
 
 
 def shoulder_angles(R_MU: Array, side: Side) -> Array:
-    """Returns the generic angles (3,) [rad] of an upper arm at `R_MU` (3, 3), the inverse of
-    `upper_arm_rotation`.
+    """Returns the generic angles (3,) [rad] of an upper arm with the rotation `R_MU` (3, 3). This is the
+    inverse of `upper_arm_rotation`.
 
-    For an arm that points straight to the side, pitch and yaw rotate about one line; pitch is then 0.
+    If the arm points straight to the side, pitch and yaw rotate about one line. In this case, pitch is set to
+    0.
     """
     s = side_sign(side)
     # Python floats for speed: it is computed for each reading.
@@ -70,10 +73,11 @@ def shoulder_angles(R_MU: Array, side: Side) -> Array:
 
 
 def forearm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:
-    """Returns `R_MF` (3, 3), the forearm's rotation in the mount frame M, at generic angles (5,) [rad].
+    """Returns `R_MF` (3, 3), the rotation of the forearm in the mount frame M, at the generic angles
+    `posture` (5,) [rad].
 
-    With `axial` false, pronation (joint 4) is left out. -z points along the segment; with `axial` true, x
-    points to the thumb side.
+    -z points along the segment. If `axial` is True, x points to the thumb side; if it is False, pronation
+    (joint 4) is left out.
     """
     s = side_sign(side)
     rotation = upper_arm_rotation(posture, side, axial=True) @ rotation_y(-posture[3])
@@ -81,16 +85,17 @@ def forearm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:
 
 
 def segment_rotation(segment: str, posture: Array, side: Side, *, axial: bool = False) -> Array:
-    """Returns `R_MS` (3, 3) of the segment `upper_arm` or `forearm`."""
+    """Returns the rotation `R_MS` (3, 3) of the segment `upper_arm` or `forearm` in the mount frame M."""
     rotation = {"upper_arm": upper_arm_rotation, "forearm": forearm_rotation}[segment]
     return rotation(posture, side, axial=axial)
 
 
 def limb_coordinates(points_S: Array, length: float, side: Side) -> tuple[Array, Array]:
-    """Returns (u, theta) of points (..., 3) [m] given in a segment's frame S (eq. 4 on the generic limb).
+    """Returns the limb coordinates (u, theta) of points (..., 3) [m] in the frame S of a segment (eq. 4 on
+    the generic limb).
 
-    u is 0 at the proximal and 1 at the distal end of a segment `length` [m] long. theta [rad] is 0 on the
-    flexor side, +pi/2 lateral, pi extensor, -pi/2 medial, on both sides of the body.
+    u is 0 at the proximal and 1 at the distal end of a segment `length` [m] long. On both sides of the body,
+    theta [rad] is 0 on the flexor side, +pi/2 lateral, pi on the extensor side and -pi/2 medial.
     """
     u = -points_S[..., 2] / length
     theta = np.arctan2(side_sign(side) * points_S[..., 1], points_S[..., 0])
@@ -98,6 +103,6 @@ def limb_coordinates(points_S: Array, length: float, side: Side) -> tuple[Array,
 
 
 def limb_direction(theta: float, side: Side) -> Array:
-    """Returns the unit vector (3,) in a segment's frame S that points from its axis to angle `theta`
-    [rad]."""
+    """Returns the unit vector (3,) in the frame S of a segment that points from the segment's axis in the
+    direction `theta` [rad]."""
     return np.array([np.cos(theta), side_sign(side) * np.sin(theta), 0.0])

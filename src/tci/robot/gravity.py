@@ -1,4 +1,4 @@
-"""Gravity torques: the torque with which each servo holds the weight that it carries."""
+"""Gravity torques: the torques with which the servos hold the weight of the links."""
 
 from __future__ import annotations
 
@@ -18,18 +18,19 @@ STANDARD_GRAVITY = 9.80665
 """Standard acceleration of gravity [m/s2] (3rd CGPM, 1901)."""
 
 DOWN = read_only([0.0, 0.0, -1.0])
-"""Direction of gravity seen from the torso of a robot that stands upright."""
+"""Direction of gravity in the torso frame of a robot that stands upright."""
 
 
 class Gravity:
-    """Gravity torques from the model's masses, by MuJoCo's recursive Newton-Euler algorithm at zero velocity.
+    """Gravity torques from the masses of the model, by MuJoCo's recursive Newton-Euler algorithm at zero
+    velocity.
 
-    Methods reuse memory, so use one object per thread. Returned arrays are copies.
+    The methods reuse memory, so each thread needs its own object. Returned arrays are copies.
     """
 
     def __init__(self, robot: Robot) -> None:
-        """Raises the errors of `weighted_model`, and DescriptionError for a servo whose joint the model
-        lacks."""
+        """Reads the model. Raises the errors that `weighted_model` raises, and DescriptionError if the joint
+        of a servo is missing in the model."""
         self._model, self._torso = weighted_model(robot)
         assert robot.model is not None  # weighted_model
         self._data = mujoco.MjData(self._model)
@@ -44,10 +45,10 @@ class Gravity:
     def torques(self, position: Array, *, down: Array = DOWN) -> Array:
         """Returns the torque (n_servos,) [N m] that each servo needs to hold `position` (n_servos,) [rad].
 
-        `down` (3,) is the direction of gravity seen from the torso, of any length. The model's root is fixed
-        to the ground: servos below the torso (an iCub's waist) hold the links between the torso and them.
-        Servos without a joint in the model read 0. Raises CommandError for another shape or a direction of
-        length 0.
+        `down` (3,) is the direction of gravity in the torso frame; its length has no effect. The root of the
+        model is fixed to the ground: servos between root and torso, such as an iCub's waist, hold only the
+        links between torso and servo. For servos without a joint in the model the torque is 0. Raises
+        CommandError if an argument has another shape, or if `down` has length 0.
         """
         if np.shape(position) != (self._n_servos,):
             raise CommandError(
@@ -69,8 +70,8 @@ class Gravity:
         return result
 
     def centre_of_mass(self, position: Array) -> Array:
-        """Returns the centre of mass (3,) [m] of the whole robot at `position` (n_servos,) [rad], seen from
-        the torso."""
+        """Returns the centre of mass (3,) [m] of the whole robot at `position` (n_servos,) [rad], in the
+        torso frame."""
         poses = self._kinematics.body_poses(position, self._heavy.tolist())
         masses = self.masses[self._heavy]
         centres = np.einsum("bij,bj->bi", poses[:, :3, :3], self._model.body_ipos[self._heavy])
@@ -79,10 +80,11 @@ class Gravity:
 
 
 def weighted_model(robot: Robot) -> tuple[mujoco.MjModel, int]:
-    """Returns a model of the robot with bodies, joints, masses and gravity, and the number of its torso.
+    """Returns a model of the robot with bodies, joints, masses and gravity, and the index of its torso body.
 
-    Raises DescriptionError when the robot has no model, or a moving link (or one to which MJCF gives the
-    weight of its shapes) has no `<inertial>`; UnknownNameError when the model lacks the torso.
+    - Raises DescriptionError if the robot has no model, or if a link without `<inertial>` moves or gets its
+      weight from its shapes (MJCF).
+    - Raises UnknownNameError if the torso is missing in the model.
     """
     if robot.model is None:
         raise DescriptionError(robot.source, [Fault(0, "no <model>: gravity needs a URDF or MJCF file")])
@@ -92,8 +94,8 @@ def weighted_model(robot: Robot) -> tuple[mujoco.MjModel, int]:
 
 @lru_cache(maxsize=16)
 def _weighted_model(description: Model, _: int) -> tuple[mujoco.MjModel, int]:
-    """Returns the model of a file that was written at a time [ns]. Callers must not modify it. It is cached,
-    because reading an iCub's model takes 60 ms."""
+    """Returns the model of a file that was written at a time [ns]. The model is cached, because reading an
+    iCub's model takes 60 ms: callers must not modify it."""
     model = bare_model(description)
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
     links = [model.body(index).name for index in range(1, model.nbody)]

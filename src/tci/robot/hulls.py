@@ -1,5 +1,5 @@
-"""Replaces meshes by their convex hulls, which suffice for collisions: a robot's meshes need hundreds of
-MB."""
+"""Replaces meshes by their convex hulls, which are sufficient for collisions. The meshes of a robot need
+hundreds of MB."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from tci.frames import read_only
 from tci.robot.model_file import compile_once
 
 HULL_VERTICES = 64
-"""Largest number of vertices of a mesh's convex hull. Assumed: more vertices cost time without a visible
-effect."""
+"""Largest number of vertices of a mesh's convex hull. Assumed: more vertices take more time and have no
+visible effect."""
 
 
 def keep_hulls(spec: mujoco.MjSpec) -> None:
-    """Removes geoms that never collide, and reduces each mesh to its convex hull; the rest is only needed for
-    pictures.
+    """Removes geoms that never collide, and reduces each mesh to its convex hull. Only pictures need the
+    rest.
 
-    The geoms of a link without `<inertial>` are not changed, since they define its mass. A mesh without a
-    hull, such as a flat one, is not changed either.
+    The geoms of a link without `<inertial>` are not changed, because they define the mass of the link. A mesh
+    that has no hull, such as a flat mesh, is not changed either.
     """
     weighed = {body.name for body in spec.bodies if body.explicitinertial}
     for geom in list(spec.geoms):
@@ -40,14 +40,15 @@ def keep_hulls(spec: mujoco.MjSpec) -> None:
 
 
 def _replace(mesh: mujoco.MjsMesh, corners: NDArray[np.float32]) -> None:
-    """Makes `corners` (n, 3) [m] the vertices of a mesh."""
+    """Replaces the vertices of a mesh by `corners` (n, 3) [m]."""
     mesh.file = ""
     mesh.scale, mesh.refpos, mesh.refquat = [1.0, 1.0, 1.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]
     mesh.uservert = corners.ravel()
 
 
 def _corners(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> NDArray[np.float32] | None:
-    """Returns the corners (n, 3) [m] of a mesh's hull in the frame of the mesh; None if it has none."""
+    """Returns the corners (n, 3) [m] of a mesh's convex hull in the frame of the mesh; None if the mesh has
+    no hull."""
     file = Path(spec.modelfiledir, spec.meshdir, mesh.file)
     if not mesh.file or not file.is_file():
         return None
@@ -57,9 +58,10 @@ def _corners(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> NDArray[np.float32] |
 
 @lru_cache(maxsize=1024)
 def _hull_of(file: str, written: int, place: tuple[float, ...], inertia: int) -> NDArray[np.float32] | None:
-    """Returns the corners of the hull of a file `written` at a time [ns], which is MuJoCo's own.
+    """Returns the corners (n, 3) [m] of the convex hull that MuJoCo computes for a mesh file `written` at a
+    time [ns].
 
-    Cached, because the gate and a simulation need the same ones.
+    The result is cached, because the gate and a simulation need equal hulls.
     """
     spec = mujoco.MjSpec()
     mesh = spec.add_mesh(

@@ -1,7 +1,7 @@
 """Inverse kinematics: servo angles that bring a point of a link to a position or a pose.
 
-Damped least squares (Wampler 1986; Nakamura and Hanafusa 1986) on the model's Jacobian, with the damping of
-Sugihara 2011, projected onto the limits of the servos. All settings are assumed.
+The method is damped least squares (Wampler 1986; Nakamura and Hanafusa 1986) on the model's Jacobian, with
+the damping of Sugihara 2011. Each step is projected onto the limits of the servos. All settings are assumed.
 """
 
 from __future__ import annotations
@@ -22,53 +22,55 @@ from tci.robot.kinematics import KinematicChain
 
 @dataclass(frozen=True, slots=True)
 class InverseSettings:
-    """Tolerances for a target that counts as reached, and bounds on the search. All are assumed."""
+    """Tolerances below which a target counts as reached, and bounds on the search. All values are assumed."""
 
     position_tolerance: float = 1e-5
-    """Largest position error [m] of a reached target."""
+    """Largest position error [m] at which a target counts as reached."""
     angle_tolerance: float = 1e-4
-    """Largest angle error [rad] of a reached target."""
+    """Largest angle error [rad] at which a target counts as reached."""
     iterations: int = 60
-    """Largest number of steps from one start."""
+    """Largest number of steps from one starting posture."""
     starts: int = 20
-    """Largest number of starts; the first is the present posture."""
+    """Largest number of starting postures. The first one is the present posture."""
     slides: int = 4
     """Largest number of attempts to find a solution nearer to the present posture."""
     damping: float = 1e-8
     """Damping [m2/rad2] that remains when the error is zero."""
     length: float = 0.1
-    """Characteristic length [m]: an error of 1 rad counts as much as an error of this length."""
+    """Characteristic length [m]: an angle error of 1 rad has as much weight as a position error of this
+    length."""
 
 
 DEFAULTS = InverseSettings()
 SWEEPS = 30
-"""Largest number of projections onto couplings for one posture. Assumed: a bound on the computing time; the
+"""Largest number of projections onto couplings for one posture, which bounds the computing time. Assumed: the
 projections usually end earlier."""
 ROOM = 1e-9
-"""Margin [rad] of solutions from couplings. Assumed: above rounding errors, far below any encoder's
-resolution."""
+"""Distance [rad] that solutions keep from the bounds of couplings. Assumed: above rounding errors, and far
+below the resolution of any encoder."""
 
 
 @dataclass(frozen=True, slots=True)
 class InverseAnswer:
-    """Result of one search. If `reached` is false, it is the best attempt."""
+    """Result of one search. If `reached` is False, it contains the best attempt."""
 
     position: Array
-    """Angles (n_servos,) [rad] of all servos; those that were not chosen keep their present angle."""
+    """Angles (n_servos,) [rad] of all servos. Servos that were not chosen for the search keep their present
+    angles."""
     reached: bool
-    """True if both errors are within tolerance."""
+    """True if the position error and the angle error are within their tolerances."""
     error: float
     """Distance [m] between the point and its target."""
     angle_error: float
     """Angle [rad] between the link and its target; 0 if only a position was requested."""
     iterations: int
-    """Number of steps taken, from all starts."""
+    """Number of steps taken from all starting postures together."""
 
 
 class InverseKinematics:
-    """Brings one point of one link to a target, with chosen servos.
+    """Brings one point of one link to a target by moving chosen servos.
 
-    Limits and couplings are respected; servos that are not chosen do not move.
+    The solution keeps limits and couplings. Servos that are not chosen do not move.
     """
 
     def __init__(
@@ -81,13 +83,14 @@ class InverseKinematics:
         servos: Iterable[int] | None = None,
         settings: InverseSettings = DEFAULTS,
     ) -> None:
-        """Prepares the search for one point and its servos.
+        """Prepares the search for one point and the servos that may move it.
 
-        `point` (3,) [m] is given in `link`; `servos` are indices into `Robot.servos`, by default all between
-        torso and link. A generic part's are `[s.servo for s in part.servos if s.servo is not None]`.
+        `point` (3,) [m] is given in the frame of `link`. `servos` are indices into `Robot.servos`; by default
+        they are all servos between torso and link. The servos of a generic part are `[s.servo for s in
+        part.servos if s.servo is not None]`.
 
-        Raises UnknownNameError for an unknown link, CommandError for a servo that does not move it, appears
-        twice, or has no limits.
+        Raises UnknownNameError if the link is unknown. Raises CommandError if a servo does not move the link,
+        appears twice, or has no limits.
         """
         self._kinematics, self._link, self._settings = kinematics, link, settings
         self._point = read_only(list(point))
@@ -114,13 +117,13 @@ class InverseKinematics:
         self._rows, self._least, self._most = rows[named], lower_sum[named], upper_sum[named]
 
     def solve(self, target: Array, present: Array) -> InverseAnswer:
-        """Finds angles that bring the point to `target`, near to `present` (n_servos,) [rad].
+        """Finds angles that bring the point to `target` and are near to `present` (n_servos,) [rad].
 
-        `target` is a position (3,) [m] or a pose (4, 4), seen from the torso. The search starts at the
-        present posture. If it does not succeed, further starts are tried, those nearest to the present
-        posture first. The solution of a redundant limb is then moved along its null space towards the present
-        posture. The result is near, but not necessarily the nearest solution. Raises CommandError for another
-        shape or values that are not finite.
+        `target` is a position (3,) [m] or a pose (4, 4) in the torso frame. The search starts at the present
+        posture. If it does not succeed, it starts again at other postures, first at those nearest to the
+        present posture. For a redundant limb, the solution is then moved along the null space towards the
+        present posture. The result is near to the present posture, but not always the nearest solution.
+        Raises CommandError if an argument has another shape or contains values that are not finite.
         """
         target, present = np.asarray(target, np.float64), np.asarray(present, np.float64)
         if target.shape not in ((3,), (4, 4)) or not np.isfinite(target).all():
@@ -149,8 +152,8 @@ class InverseKinematics:
     def _come_nearer(
         self, target: Array, present: Array, first: Array, answer: InverseAnswer
     ) -> tuple[InverseAnswer, int]:
-        """Moves the solution along the null space towards the posture `first` (k,) [rad], as long as its
-        distance decreases."""
+        """Moves the solution along the null space towards the posture `first` (k,) [rad], as long as the
+        distance between them decreases. Returns the solution and the number of steps."""
         steps = 0
         for _ in range(self._settings.slides):
             angles = answer.position[self._chosen]
@@ -171,15 +174,15 @@ class InverseKinematics:
         return answer, steps
 
     def _starts(self, first: Array) -> Array:
-        """Returns further postures (starts - 1, k) [rad] within limits, nearest first, from a fixed random
-        seed."""
+        """Returns further starting postures (starts - 1, k) [rad] within the limits, nearest to `first`
+        first. They are random, from a fixed seed."""
         shares = np.random.default_rng(0).random((self._settings.starts - 1, len(first)))
         starts = self._lower + shares * (self._upper - self._lower)
         order: Array = starts[np.argsort(np.linalg.norm(starts - first, axis=1))]
         return order
 
     def _descend(self, target: Array, present: Array, start: Array) -> InverseAnswer:
-        """Runs damped least squares from one start (k,) [rad]."""
+        """Runs damped least squares from one starting posture (k,) [rad]."""
         s = self._settings
         position = present.copy()
         angles = start
@@ -233,8 +236,8 @@ class InverseKinematics:
         return angles
 
     def _error(self, target: Array, position: Array) -> tuple[Array, Array]:
-        """Returns the error (3,) [m], or (6,) with the angular part times `length`, and its Jacobian (..,
-        k)."""
+        """Returns the error and its Jacobian: (3,) [m] and (3, k) for a position, (6,) and (6, k) for a pose.
+        For a pose, the angular part is multiplied by `length`."""
         T_TP, jacobian = self._kinematics.pose_and_jacobian(position, self._link, point=self._point)
         jacobian = jacobian[:, self._chosen]
         if target.shape == (3,):
@@ -255,7 +258,7 @@ class InverseKinematics:
 
 
 def _is_pose(target: Array) -> bool:
-    """Returns True if (4, 4) is a proper rigid transform, to 1e-6."""
+    """Returns True if `target` (4, 4) is a rigid transform without reflection, within a tolerance of 1e-6."""
     R = target[:3, :3]
     right = np.allclose(R @ R.T, np.eye(3), rtol=0.0, atol=1e-6) and np.linalg.det(R) > 0
     return bool(right and np.allclose(target[3], [0.0, 0.0, 0.0, 1.0]))

@@ -1,4 +1,5 @@
-"""Measured properties of a robot's joints: friction, rotors, motors' constants, tools in hand."""
+"""Measured properties of a robot's joints: friction, rotor inertia, motor constants, and tools in the
+hands."""
 
 from __future__ import annotations
 
@@ -23,21 +24,21 @@ class JointFriction(Description):
     """Friction and rotor of one joint."""
 
     coulomb: _Positive = 0.0
-    """Dry friction [N m]: torque against motion at any speed."""
+    """Dry friction [N m]: a torque against the motion that does not depend on speed."""
     viscous: _Positive = 0.0
-    """Friction that grows with the speed [N m s/rad]."""
+    """Viscous friction [N m s/rad]: a torque against the motion, in proportion to the speed."""
     rotor: _Positive = 0.0
-    """Inertia [kg m2] of the motor's rotor at the joint (after the gear), for torques that are computed from
-    currents; 0 for a torque sensor at the joint's output."""
+    """Inertia [kg m2] of the motor's rotor, as it acts at the joint (after the gear). Needed if torques are
+    computed from motor currents; 0 if a torque sensor measures at the joint's output."""
 
 
 class Tool(Description):
-    """A load that a link carries in addition to the model's masses."""
+    """A load that a link carries in addition to the masses in the model."""
 
     mass: float
-    """Mass [kg]; negative if the model's link is heavier than the robot's."""
+    """Mass [kg]; negative if the link is heavier in the model than in the real robot."""
     centre: Vector = (0.0, 0.0, 0.0)
-    """Centre of mass (3,) [m] in the link."""
+    """Centre of mass (3,) [m] in the frame of the link."""
 
 
 class JointCalibration(Description):
@@ -48,15 +49,16 @@ class JointCalibration(Description):
     date: str = ""
     """Date of the measurement, ISO 8601."""
     friction: dict[str, JointFriction] = Field(default_factory=dict)
-    """Friction by the name of the servo. The friction of other servos is unknown."""
+    """Friction of joints, by the name of the servo. For servos that are not listed, friction is unknown."""
     amperes: dict[str, _Positive] = Field(default_factory=dict)
-    """Torque at the joint per ampere of its motor [N m/A], by the name of the servo, for robots that report
-    currents instead of torques."""
+    """Torque at the joint per ampere of motor current [N m/A], by the name of the servo. Needed for robots
+    that report currents instead of torques."""
     tools: dict[str, Tool] = Field(default_factory=dict)
-    """Tools in hand, by the link that carries them."""
+    """Tools in the hands, by the name of the link that carries the tool."""
 
     def check(self, robot: Robot) -> None:
-        """Raises TciError for another robot, UnknownNameError for a servo that the robot lacks."""
+        """Raises TciError if the calibration is of another robot, and UnknownNameError if the robot lacks a
+        servo named in it."""
         if self.robot != robot.name:
             raise TciError(f"calibration of the joints of {self.robot!r}; valid: {robot.name!r}")
         names = [servo.name for servo in robot.servos]
@@ -65,17 +67,18 @@ class JointCalibration(Description):
                 raise UnknownNameError("servo of a joint calibration", name, names)
 
     def values(self, robot: Robot, field: Literal["coulomb", "viscous", "rotor"]) -> Array:
-        """Returns one `field` of all servos (n,). Unknown friction is NaN, an unknown rotor 0."""
+        """Returns one `field` (n,) of all servos. Unknown friction is NaN, and an unknown rotor inertia is
+        0."""
         unknown = 0.0 if field == "rotor" else np.nan
         found: Mapping[str, JointFriction] = self.friction
         return np.array([getattr(found[s.name], field) if s.name in found else unknown for s in robot.servos])
 
 
 def joint_calibration(robot: Robot, given: JointCalibration | None = None) -> JointCalibration:
-    """Returns the calibration `given`, or else that of the file beside the description, or else an empty
-    calibration.
+    """Returns the calibration `given`. Without it, returns the calibration in the file beside the
+    description, or an empty calibration if there is no file.
 
-    Raises DescriptionError for a file with faults, and the errors of `JointCalibration.check`.
+    Raises DescriptionError if the file has faults, and the errors that `JointCalibration.check` raises.
     """
     if given is None:
         beside = Path(robot.source).with_suffix(SUFFIX)

@@ -1,4 +1,5 @@
-"""Maps between a generic part's joints and the robot's servos, by the transforms of its description."""
+"""Maps between the joints of a generic part and the robot's servos. The description defines the
+transforms."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ class JointMap:
     """The map of all joints of one generic part."""
 
     def __init__(self, robot: Robot, part: GenericPart) -> None:
-        """Raises what the transforms raise."""
+        """Creates the map. Raises the errors that the transforms raise."""
         mapped = [joint for joint in part.servos if joint.servo is not None]
         of = {kind: [joint for joint in mapped if joint.transform == kind] for kind in KINDS}
         transforms: list[Transform] = []
@@ -36,10 +37,10 @@ class JointMap:
         self.ids: NDArray[np.intp] = np.concatenate([none, *(t.ids for t in transforms)])
         """Generic ids (k,) of the joints that the robot has."""
         self.servos: NDArray[np.intp] = frozen(np.concatenate([none, *(t.servos for t in transforms)]))
-        """Servos (k,) that move these joints, read-only. There is one servo per joint, except in a
-        synergy."""
+        """Servos (k,) that move these joints; read-only. Each joint has one servo, except in a synergy
+        (joints and servos that depend on each other)."""
         self.unlimited: Array = frozen(np.full(len(self.servos), np.inf))
-        """Infinite speeds (k,) [rad/s], for a command that requests none; read-only."""
+        """Speeds (k,) [rad/s] for a command that requests no speed: all are infinite; read-only."""
         self.exact = not of["synergy"]
         """True if each joint has one servo, so that all postures of the joints can be commanded."""
         self._speeds = np.array([np.inf if joint.speed is None else joint.speed for joint in part.servos])
@@ -51,23 +52,24 @@ class JointMap:
             self._limits = self.speeds(np.zeros(len(robot.servos)))
 
     def to_generic(self, position: Array) -> Array:
-        """Returns the generic angles (n,) [rad] for the `position` (n_servos,) [rad] of all servos."""
+        """Returns the generic angles (n,) [rad] of the part, for the `position` (n_servos,) [rad] of all
+        servos."""
         generic = self.fixed.copy()
         for transform in self.transforms:
             generic[transform.ids] = transform.generic(position[transform.servos])
         return generic
 
     def to_robot(self, generic: Array, position: Array) -> Array:
-        """Returns the angles (k,) [rad] of `servos` for generic angles (n,) [rad]. If several solutions
-        exist, the one closest to `position` (n_servos,) [rad]."""
+        """Returns the angles (k,) [rad] of `servos` for generic angles (n,) [rad]. If there are several
+        solutions, returns the solution nearest to `position` (n_servos,) [rad]."""
         parts = [t.robot(generic.take(t.ids), position.take(t.servos)) for t in self.transforms]
         return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0), *parts])
 
     def slope(self, position: Array) -> Array:
-        """Returns the derivative d generic / d servo (m, k), rows in the order of `ids`, at `position`
-        (n_servos,) [rad].
+        """Returns the derivative d generic / d servo (m, k) at `position` (n_servos,) [rad]. Its rows are in
+        the order of `ids`.
 
-        Raises CommandError where a transform has none.
+        Raises CommandError if a transform has no derivative at this position.
         """
         if self._slope is not None:
             return self._slope
@@ -80,9 +82,9 @@ class JointMap:
         return result
 
     def per_servo(self, values: Array, position: Array) -> Array:
-        """Returns rates (k,) of the servos for rates `values` (m,) of the joints `ids`, at `position`
-        (n_servos,) [rad]. In a synergy these are the rates with the least error. Raises the errors of
-        `slope`."""
+        """Returns the rates (k,) of the servos for the rates `values` (m,) of the joints `ids`, at `position`
+        (n_servos,) [rad]. In a synergy, these are the rates with the least squared error. Raises the errors
+        that `slope` raises."""
         slope = self.slope(position)
         if self.exact:
             return np.array(np.linalg.solve(slope, values))
@@ -91,15 +93,14 @@ class JointMap:
 
     @property
     def tied(self) -> tuple[tuple[int, ...], ...]:
-        """Returns the generic joints in groups. The joints of a group share servos, so none of them can move
-        alone."""
+        """Groups of generic joints. The joints of a group share servos, so none of them can move alone."""
         shared = np.eye(len(self.ids)) if self._slope is None else np.abs(self._slope) @ np.abs(self._slope).T
         together = np.linalg.matrix_power(shared > 0.0, len(self.ids) + 1)
         return tuple(dict.fromkeys(tuple(self.ids[row].tolist()) for row in together))
 
     def shares(self, values: Array) -> Array:
-        """Converts fractions of all joints (n,) to fractions of the servos (k,). In a synergy, a servo gets
-        the mean of the joints that it moves."""
+        """Converts fractions for all joints (n,) to fractions for the servos (k,). In a synergy, a servo gets
+        the weighted mean of the joints that it moves."""
         if self.exact or self._slope is None:
             return values[self.ids]
         weight = np.abs(self._slope)
@@ -107,28 +108,34 @@ class JointMap:
         return result
 
     def speeds(self, position: Array) -> Array:
-        """Returns the speed (k,) [rad/s] at which each of `servos` may move to a target, with all at
-        `position` (n_servos,) [rad], so that no generic joint exceeds the speed of its description. For a
-        retargeted shoulder it is the speed of the servo itself, which is defined at every posture."""
+        """Returns the speed (k,) [rad/s] at which each of `servos` may move to a target.
+
+        With all servos at `position` (n_servos,) [rad], no generic joint then exceeds the speed that the
+        description gives it. In a retargeted shoulder, the described speed is the speed of the servo itself,
+        because this speed is defined in every posture.
+        """
         if self._limits is not None:
             return self._limits
         parts = [t.speeds(position.take(t.servos), self._speeds.take(t.ids)) for t in self.transforms]
         return frozen(np.concatenate([np.zeros(0), *parts]))
 
     def driven_speeds(self, position: Array) -> Array:
-        """Returns the speeds (k,) [rad/s] for servos in velocity control. Unlike `speeds`, they also keep the
-        generic joints of a retargeted shoulder within their described speeds. Raises what `slope` raises."""
+        """Returns the speeds (k,) [rad/s] for servos in velocity control.
+
+        These speeds also keep the generic joints of a retargeted shoulder within their described speeds,
+        which `speeds` does not. Raises the errors that `slope` raises.
+        """
         if self._slope is not None:
             return self.speeds(position)
         return frozen(servo_speeds(self.slope(position), self._speeds[self.ids]))
 
 
 class Postures:
-    """The maps of all generic parts at once. Joints with a constant slope, which are nearly all joints, are
-    computed by one matrix product."""
+    """The maps of all generic parts together. Nearly all joints have a constant slope: the angles of these
+    joints are computed by one sparse product."""
 
     def __init__(self, robot: Robot) -> None:
-        """Raises what the transforms raise."""
+        """Creates the maps. Raises the errors that the transforms raise."""
         maps = [joint_map(robot, part.name) for part in robot.parts]
         ends = np.cumsum([0, *(len(part.servos) for part in robot.parts)]).tolist()
         self._slices = {
@@ -155,8 +162,8 @@ class Postures:
         self._others = [(begin + t.ids, t) for begin, t in placed if not t.constant]
 
     def to_generic(self, position: Array) -> dict[str, Array]:
-        """Returns the generic angles (n,) [rad] of every part by name, as read-only arrays, at the `position`
-        (n_servos,) [rad] of all servos."""
+        """Returns the generic angles (n,) [rad] of every part, by the name of the part, for the `position`
+        (n_servos,) [rad] of all servos. The arrays are read-only."""
         generic = self._fixed.copy()
         if len(self._ids):
             terms = self._factor * position.take(self._servos)
@@ -173,20 +180,21 @@ class Postures:
 
 @per_robot
 def joint_map(robot: Robot, name: str) -> JointMap:
-    """Returns the map of a generic part by name. Raises UnknownNameError, and what the transforms raise."""
+    """Returns the map of a generic part by its name. Raises UnknownNameError if there is no such part, and
+    the errors that the transforms raise."""
     return JointMap(robot, robot.part(name))
 
 
 @per_robot
 def postures(robot: Robot) -> Postures:
-    """Returns the map of all generic parts. Raises what the transforms raise."""
+    """Returns the maps of all generic parts. Raises the errors that the transforms raise."""
     return Postures(robot)
 
 
 def generic_posture(robot: Robot, joints: JointReading) -> dict[str, Array]:
-    """Returns the generic angles (n,) [rad] of every part, by name (eq. 2).
+    """Returns the generic angles (n,) [rad] of every part, by the name of the part (eq. 2).
 
-    Raises FrameError when the reading has another number of joints than the robot.
+    Raises FrameError if the number of joints in the reading differs from the number of servos.
     """
     if joints.position.shape != (len(robot.servos),):
         raise FrameError(
@@ -198,7 +206,8 @@ def generic_posture(robot: Robot, joints: JointReading) -> dict[str, Array]:
 @per_robot
 def initial_position(robot: Robot) -> Array:
     """Returns the angle (n_servos,) [rad] of every servo in the initial posture (inverse of eq. 1). A servo
-    without a generic part has the angle 0, or the limit nearest to 0. Raises the errors of the transforms."""
+    that no generic part uses gets the angle 0, or the limit nearest to 0. Raises the errors that the
+    transforms raise."""
     position = np.array([min(max(0.0, s.limits.lower or 0.0), s.limits.upper or 0.0) for s in robot.servos])
     for part in robot.parts:
         joints = joint_map(robot, part.name)

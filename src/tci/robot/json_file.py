@@ -15,7 +15,7 @@ _LARGEST = 16 * 2**20
 
 
 def read_json(path: Path, kind: type[Measured]) -> Measured:
-    """Returns the measured properties in a file. Raises DescriptionError with every fault of the file."""
+    """Returns the measured properties in a JSON file. Raises DescriptionError with all faults of the file."""
     try:
         if path.stat().st_size > _LARGEST:
             raise DescriptionError(str(path), [Fault(0, f"larger than {_LARGEST} bytes")])
@@ -30,7 +30,7 @@ def read_json(path: Path, kind: type[Measured]) -> Measured:
 
 
 def write_json(path: Path, measured: Description) -> None:
-    """Writes measured properties into a file. Raises TciError if it can't be written."""
+    """Writes measured properties into a JSON file. Raises TciError if the file can't be written."""
     try:
         path.write_text(measured.model_dump_json(indent=1) + "\n")
     except OSError as error:

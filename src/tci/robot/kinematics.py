@@ -1,8 +1,8 @@
 """Forward kinematics and Jacobians of a robot's links.
 
-The path to a link is a sequence of steps, which a compiled loop follows. A link on a revolute joint at the
-angle q has the pose K0 + K1 cos q + K2 sin q in its parent, by Rodrigues' formula R = a a^T + (1 - a a^T) cos
-q + [a] sin q about the axis a through a given point. On a prismatic joint it is K0 + K1 q.
+The path to a link is a sequence of steps, which a compiled loop follows. On a revolute joint at angle q, a
+step is the pose K0 + K1 cos q + K2 sin q, by Rodrigues' formula R = a a^T + (1 - a a^T) cos q + [a] sin q
+about the axis a through a given point. On a prismatic joint, it is K0 + K1 q.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ Indices = NDArray[np.int64]
 
 
 class KinematicChain:
-    """Kinematics of one robot. Immutable, so threads may share it; returned arrays belong to the caller.
+    """Kinematics of one robot. Immutable, so threads may share it; callers may change returned arrays.
 
     Joints of the model that no servo drives stay at zero. For a joint that follows a servo (a mimic joint),
-    the steps use an additional servo, whose angle is appended to the angles of the servos.
+    the steps use an additional servo: its angle is appended to the angles of the servos.
     """
 
     def __init__(self, robot: Robot) -> None:
         """Reads the robot's model.
 
-        Raises DescriptionError when the robot has no model, or the model lacks a joint or the torso.
+        Raises DescriptionError if the robot has no model, or if a joint or the torso is missing in the model.
         """
         if robot.model is None:
             raise DescriptionError(
@@ -50,33 +50,33 @@ class KinematicChain:
         self.links: tuple[str, ...] = tuple(self._bodies)
         """Names of all links, in the model's order."""
         self.n_servos = len(robot.servos)
-        """Number of servos of the robot: the length of every `position`."""
+        """Number of servos of the robot: the length of each argument `position`."""
         self._mimics = _Mimics(robot)
         steps = _Steps(robot, model)
         self.torso = steps.add(steps.after[self.body(robot.model.torso_link)], _fixed(robot.model.T_LT))
         """Index of the step that ends at the torso frame."""
         self.steps: Indices = read_only(steps.steps, np.int64)
-        """Steps (s, 3): the previous step, -1 for the world; its servo, -1 for none; 1 if the joint is
-        prismatic."""
+        """Steps (s, 3). The columns are: index of the previous step, -1 for the world; servo, -1 for none; 1
+        if the joint is prismatic."""
         self.sums: Array = read_only(steps.sums)
-        """K0, K1 and K2 (s, 3, 3, 4) of each step: rotation and position [m] side by side."""
+        """K0, K1 and K2 (s, 3, 3, 4) of each step. Each is a rotation and a position [m] side by side."""
         self._axes: Array = read_only(steps.axes)
         self._after: Indices = read_only([steps.after[body] for body in range(model.nbody)], np.int64)
         self._asked: dict[tuple[str, ...], tuple[Indices, Indices]] = {}
         self._jacobians: dict[str, tuple[Indices, Indices]] = {}
 
     def poses(self, position: Array, links: Iterable[str]) -> dict[str, Array]:
-        """Returns `T_TL` (4, 4) of each of `links`, in the torso frame.
+        """Returns `T_TL` (4, 4), the pose in the torso frame, of each of `links`.
 
-        `position` (n_servos,) [rad] is in the order of `Robot.servos`; servos without a joint in the model
-        have no effect. Raises CommandError for another shape, UnknownNameError for a link that the model
-        lacks.
+        `position` (n_servos,) [rad] is in the order of `Robot.servos`. Servos without a joint in the model
+        have no effect. Raises CommandError if `position` has another shape, and UnknownNameError if a link is
+        missing in the model.
         """
         names = tuple(links)
         return dict(zip(names, self.pose_array(position, names), strict=True))
 
     def pose_array(self, position: Array, links: tuple[str, ...]) -> Array:
-        """Returns `T_TL` (l, 4, 4) of some links; see `poses`."""
+        """Returns `T_TL` (l, 4, 4) of `links`. The arguments and errors are those of `poses`."""
         found = self._asked.get(links)
         if found is None:
             ends = self.ends([self.body(link) for link in links])
@@ -84,22 +84,22 @@ class KinematicChain:
         return self._poses(position, *found)
 
     def body_poses(self, position: Array, bodies: Iterable[int]) -> Array:
-        """Returns `T_TL` (l, 4, 4) of bodies, given by their numbers in the model; see `poses`."""
+        """Returns `T_TL` (l, 4, 4) of bodies, given by their index in the model; see `poses`."""
         ends = self.ends(bodies)
         return self._poses(position, ends, self.path(ends.tolist()))
 
     def jacobian(self, position: Array, link: str, *, point: Array = _ORIGIN) -> Array:
         """Returns the Jacobian (6, n_servos) of a point of `link`, in the torso frame.
 
-        Rows 0-2 are the velocity of the point [m/rad], rows 3-5 the angular velocity of the link [rad/rad],
-        both relative to the torso. `point` (3,) [m] is given in `link`: a taxel's position, for example.
-        Raises the errors of `poses`, and CommandError for a point of another shape.
+        Rows 0-2 are the velocity of the point [m/rad], and rows 3-5 are the angular velocity of the link
+        [rad/rad]; both are relative to the torso. `point` (3,) [m] is given in the frame of `link`. Raises
+        the errors that `poses` raises, and CommandError if `point` has another shape.
         """
         return self.pose_and_jacobian(position, link, point=point)[1]
 
     def pose_and_jacobian(self, position: Array, link: str, *, point: Array = _ORIGIN) -> tuple[Array, Array]:
-        """Returns `T_TP` (4, 4), the link's orientation at `point`, and the result of `jacobian`, in one
-        pass."""
+        """Returns `T_TP` (4, 4), which is the orientation of the link and the position of `point`, and the
+        Jacobian. Faster than two calls."""
         if np.shape(point) != (3,):
             raise CommandError(f"point of shape {np.shape(point)}; valid: (3,)")
         found = self._jacobians.get(link)
@@ -117,7 +117,7 @@ class KinematicChain:
     def chain(self, link: str) -> tuple[int, ...]:
         """Returns the servos that move `link` relative to the torso, in order from the torso.
 
-        Raises UnknownNameError for a link that the model lacks.
+        Raises UnknownNameError if the model lacks the link.
         """
         up, down = self._above(self.torso), self._above(int(self._after[self.body(link)]))
         way = [step for step in up if step not in down] + [step for step in down[::-1] if step not in up]
@@ -125,12 +125,13 @@ class KinematicChain:
         return tuple(dict.fromkeys(servo for servo in servos if servo >= 0))
 
     def extended(self, position: Array) -> Array:
-        """Returns angles (..., n_servos) [rad] with the angles of mimic joints appended, as the steps need
-        them."""
+        """Returns angles (..., n_servos) [rad] with the angles of mimic joints appended, because the steps
+        need these angles."""
         return self._mimics.extended(position)
 
     def ends(self, bodies: Iterable[int]) -> Indices:
-        """Returns the step (l,) that ends at each of some bodies, given by their numbers in the model."""
+        """Returns the index of the step that ends at each of `bodies` (l,), which are indices in the
+        model."""
         return np.array([self._after[body] for body in bodies], np.int64)
 
     def path(self, ends: Iterable[int]) -> Indices:
@@ -150,8 +151,7 @@ class KinematicChain:
         return read_only(np.column_stack([steps, signs]), np.int64)
 
     def body(self, link: str) -> int:
-        """Returns the number of a link in the model. Raises UnknownNameError for a link that the model
-        lacks."""
+        """Returns the index of a link in the model. Raises UnknownNameError if the model lacks the link."""
         try:
             return self._bodies[link]
         except KeyError:
@@ -164,7 +164,7 @@ class KinematicChain:
         return poses
 
     def _above(self, step: int) -> list[int]:
-        """Returns a step and all steps before it, up to the root."""
+        """Returns a step and all steps before it, up to the root of the model."""
         result = []
         while step >= 0:
             result.append(step)
@@ -191,8 +191,8 @@ class _Mimics:
         self._offset = np.array([one.offset for _, one in found])
 
     def leader(self, servo: int) -> int:
-        """Returns the servo that a servo of the steps follows. For a servo that is not a mimic joint, this is
-        the servo itself."""
+        """Returns the servo that a mimic joint follows. For a servo that is not a mimic joint, returns the
+        servo itself."""
         return servo if servo < self._first else int(self._servos[servo - self._first])
 
     def extended(self, position: Array) -> Array:
@@ -212,7 +212,7 @@ class _Mimics:
 
 
 class _Steps:
-    """Steps to all bodies of a model."""
+    """The steps that lead to all bodies of a model."""
 
     def __init__(self, robot: Robot, model: mujoco.MjModel) -> None:
         servos, _, columns = joints_of(robot, model)
@@ -246,10 +246,10 @@ class _Steps:
 
 
 def joints_of(robot: Robot, model: mujoco.MjModel) -> tuple[list[int], list[int], list[int]]:
-    """Returns the servos with a joint in the model, and the index of each in `qpos` and in MuJoCo's
-    Jacobians.
+    """Returns the servos that have a joint in the model, and the indices of each joint in `qpos` and in
+    MuJoCo's Jacobians.
 
-    Raises DescriptionError for every joint that the model lacks, or that is neither revolute nor prismatic.
+    Raises DescriptionError for joints that the model lacks, or that are neither revolute nor prismatic.
     """
     joints = {joint.name: joint for joint in map(model.joint, range(model.njnt))}
     moving = [servo for servo in robot.servos if servo.joint is not None]
@@ -273,24 +273,24 @@ def joints_of(robot: Robot, model: mujoco.MjModel) -> tuple[list[int], list[int]
 
 
 def bare_model(model: Model) -> mujoco.MjModel:
-    """Returns a new model with bodies and joints only, which compiles without reading a mesh."""
+    """Returns a new model with bodies and joints only. No mesh is read to compile it."""
     return copy(_shared_model(model))
 
 
 def _shared_model(model: Model) -> mujoco.MjModel:
-    """Returns the shared model, which must not be modified."""
+    """Returns the model that all callers share. It must not be modified."""
     return _bare_model(model, written(model))
 
 
 def written(model: Model) -> int:
-    """Returns the time [ns] at which a model's file was last written; 0 without a file."""
+    """Returns the time [ns] at which a model's file was last written; 0 if there is no file."""
     file = Path(model.path)
     return file.stat().st_mtime_ns if file.is_file() else 0
 
 
 @lru_cache(maxsize=16)
 def _bare_model(model: Model, _: int) -> mujoco.MjModel:
-    """Returns the model of a file written at a time [ns]. Cached, because an iCub's takes 60 ms."""
+    """Returns the model of a file written at a time [ns]. Cached, because an iCub's model takes 60 ms."""
     spec = load_spec(model)
     useless = (spec.sensors, spec.actuators, spec.equalities, spec.tendons, spec.pairs, spec.excludes)
     for element in [element for group in (*useless, spec.geoms, spec.meshes) for element in group]:
@@ -301,9 +301,9 @@ def _bare_model(model: Model, _: int) -> mujoco.MjModel:
 
 
 def at_zero(model: mujoco.MjModel, joint: int) -> Array:
-    """Returns the transform (4, 4) of a body, in its own frame, caused by a hinge or slide joint at angle 0.
+    """Returns the transform (4, 4) of a body, in its own frame, by a hinge or slide joint at angle 0.
 
-    It is the identity unless the model gives the joint a reference angle.
+    The transform is the identity, unless the model gives the joint a reference angle.
     """
     still, cos, _ = _moving(model, joint)
     pose = np.eye(4)
@@ -312,7 +312,7 @@ def at_zero(model: mujoco.MjModel, joint: int) -> Array:
 
 
 def _pose(model: mujoco.MjModel, body: int) -> Array:
-    """Returns the pose of a body in its parent, all joints at zero."""
+    """Returns the pose (4, 4) of a body in its parent body while all joints are at zero."""
     rotation = np.zeros(9)
     mujoco.mju_quat2Mat(rotation, model.body_quat[body])
     return transform(rotation.reshape(3, 3), model.body_pos[body])

@@ -1,4 +1,4 @@
-"""Mesh files of a model: where they are, and conversion of those that MuJoCo can't read to binary STL."""
+"""Mesh files of a model: search for the files, and conversion to binary STL if MuJoCo can't read a file."""
 
 from __future__ import annotations
 
@@ -12,25 +12,27 @@ from tci.installed import needs
 READABLE = (".stl", ".obj", ".msh")
 """File-name suffixes that MuJoCo reads."""
 NO_MESHES = "none"
-"""Value of `Model.meshes` for a model that is read without its meshes."""
+"""Value of `Model.meshes` that means: read the model without its meshes."""
 _PACKAGE = "package://"
 _HEADER, _FACE = 84, 50
-"""Sizes [bytes] in a binary STL: of the header with the number of faces at its end, and of each face."""
+"""Sizes [bytes] in a binary STL file: the size of the header, which ends with the number of faces, and the
+size of each face."""
 
 
 class MeshFiles:
     """Finds the mesh files of a model, and records those that are missing or broken."""
 
     def __init__(self, model: Path, folder: str | None) -> None:
-        """Searches `folder` for files that are not at the path given in the file `model`."""
+        """Prepares the search. `folder` is searched for files that are not at the path given in the file
+        `model`."""
         self._model = model
         self._above = model.resolve().parents
         self._own = {} if folder in (None, NO_MESHES) else _by_name(Path(str(folder)))
         self._faults: dict[str, Fault] = {}
 
     def find(self, name: str) -> Path | None:
-        """Returns the path of a mesh; None if it is missing. `package://` names a folder next to one of the
-        model's parents."""
+        """Returns the path of a mesh; None if the mesh is missing. The package in a `package://` name is
+        searched in all folders above the model file."""
         relative = Path(name.removeprefix(_PACKAGE).lstrip("/"))  # some write package:///
         if name.startswith(_PACKAGE):
             places = [folder / relative for folder in self._above]
@@ -50,7 +52,7 @@ class MeshFiles:
         return None
 
     def converted(self, file: Path) -> bytes:
-        """Returns the mesh of a file as a binary STL [m]; empty for a broken file."""
+        """Returns the mesh of a file as a binary STL [m]; empty if the file is broken."""
         try:
             return binary_stl(file)
         except DescriptionError as error:
@@ -58,7 +60,7 @@ class MeshFiles:
             return b""
 
     def check(self) -> None:
-        """Raises DescriptionError with all meshes that are missing or broken."""
+        """Raises DescriptionError with a list of all meshes that are missing or broken, if there are any."""
         if self._faults:
             message = (
                 "valid: new-robot --meshes DIR with a folder that has them, or --without-meshes; in a "
@@ -68,7 +70,7 @@ class MeshFiles:
 
 
 def _by_name(folder: Path) -> dict[str, list[Path]]:
-    """Returns all files below a folder by their names in lower case."""
+    """Returns all files below a folder, by their file names in lower case."""
     found: dict[str, list[Path]] = {}
     for file in sorted(folder.rglob("*")):
         if file.is_file():
@@ -77,7 +79,8 @@ def _by_name(folder: Path) -> dict[str, list[Path]]:
 
 
 def _most_alike(wanted: Path, files: list[Path]) -> Path | None:
-    """Returns the file whose path ends most like the `wanted` one; None for none."""
+    """Returns the file with the most path components equal to those of `wanted`, counted from the end; None
+    if `files` is empty."""
 
     def alike(file: Path) -> int:
         pairs = zip(file.parts[::-1], wanted.parts[::-1], strict=False)
@@ -87,7 +90,8 @@ def _most_alike(wanted: Path, files: list[Path]) -> Path | None:
 
 
 def _other_case(places: list[Path]) -> str:
-    """Returns the name of a file that differs only in upper and lower case; an empty text for none."""
+    """Returns a hint with the name of a file that differs only in upper and lower case; an empty text if
+    there is no such file."""
     for place in places:
         if place.parent.is_dir():
             for file in place.parent.iterdir():
@@ -97,7 +101,7 @@ def _other_case(places: list[Path]) -> str:
 
 
 def is_readable(path: Path) -> bool:
-    """Returns True if MuJoCo reads the file. STL files in text form are not readable."""
+    """Returns True if MuJoCo can read the mesh file. MuJoCo can't read STL files in text form."""
     if path.suffix.lower() == ".stl":
         with path.open("rb") as file:
             head = file.read(_HEADER)
@@ -109,7 +113,8 @@ def is_readable(path: Path) -> bool:
 def binary_stl(path: Path) -> bytes:
     """Returns the mesh of a file as a binary STL [m].
 
-    Raises DescriptionError for a file that holds no mesh, MissingExtraError without trimesh.
+    Raises DescriptionError if the file contains no mesh, and MissingExtraError if the package trimesh is not
+    installed.
     """
     # Cached: the model is read once for each of the robot's parts, and converting a COLLADA file takes 30 ms.
     return _converted(path, path.stat().st_mtime_ns if path.exists() else 0)

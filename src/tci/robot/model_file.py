@@ -1,4 +1,4 @@
-"""The robot's kinematic model, MJCF or URDF, as an editable MuJoCo specification."""
+"""The kinematic model of a robot, from an MJCF or URDF file, as an editable MuJoCo specification."""
 
 from __future__ import annotations
 
@@ -15,23 +15,24 @@ from tci.robot.description import Attachment, Model
 from tci.robot.mesh_files import NO_MESHES, MeshFiles, is_readable
 
 SMALLEST = 1e-12
-"""Least principal moment of inertia [kg m2] that counts as real. Assumed: one gram at a distance of one
-millimetre has 1e-9, so smaller values are placeholders."""
+"""Principal moment of inertia [kg m2] below which a value is a placeholder. Assumed: one gram at a distance
+of one millimetre has 1e-9 kg m2, so smaller values are not real."""
 LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-6
-"""Mass [kg] and moment of inertia [kg m2] of a moving link whose file gives no possible value. Assumed:
-MuJoCo needs values above 0, and these are small beside a robot's real links."""
+"""Mass [kg] and moment of inertia [kg m2] that a moving link gets if the values in its file are missing or
+impossible. Assumed: MuJoCo needs values above 0, and these values are small compared with those of real
+links."""
 
 
 BOUND_MASS, BOUND_INERTIA = 1e-6, 1e-9
-"""Least mass [kg] and moment of inertia [kg m2] of moving links without geoms, which MuJoCo does not compile
-without any. They count in kinematics only."""
+"""Least mass [kg] and moment of inertia [kg m2] of moving links without geoms. MuJoCo can't compile these
+links without mass. These values are only used for kinematics, which do not depend on mass."""
 
 
 def load_spec(model: Model) -> mujoco.MjSpec:
-    """Loads the model as an editable specification, with a fixed base and every link a named body.
+    """Loads the model as an editable specification. The base is fixed, and every link is a body with a name.
 
-    Visual geoms are kept, and so are links without mass, such as the frames of skin modules. Raises
-    DescriptionError when the file is missing or MuJoCo can't read it.
+    Visual geoms are kept. Links without mass, such as the frames of skin modules, are kept too. Raises
+    DescriptionError if the file is missing or MuJoCo can't read it.
     """
     path = Path(model.path)
     if not path.is_file():
@@ -66,9 +67,10 @@ def load_spec(model: Model) -> mujoco.MjSpec:
 
 
 def compile_once(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """Compiles a specification without keeping MuJoCo's copy of the meshes, which needs 100 MB for an iCub.
+    """Compiles a specification, but does not keep MuJoCo's copy of the meshes, which needs 100 MB for an
+    iCub.
 
-    Raises ValueError.
+    Raises ValueError if MuJoCo can't compile the specification.
     """
     cache = mujoco.mj_getCache()
     capacity = mujoco.mj_getCacheCapacity(cache)
@@ -80,8 +82,8 @@ def compile_once(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def _attach(spec: mujoco.MjSpec, attachment: Attachment) -> None:
-    """Fixes another model to a link: the world of that model becomes a child of the link. Raises
-    DescriptionError when the file can't be read."""
+    """Fixes another model to a link: the world of the other model becomes a child of the link. Raises
+    DescriptionError if the file of the other model can't be read."""
     try:
         other = mujoco.MjSpec.from_file(attachment.path)
     except ValueError as error:
@@ -98,8 +100,8 @@ def _attach(spec: mujoco.MjSpec, attachment: Attachment) -> None:
 def compiled(spec: mujoco.MjSpec, model: Model) -> mujoco.MjModel:
     """Compiles the specification of a model.
 
-    Raises DescriptionError for faults that MuJoCo finds only now, such as a missing mesh or an axis of length
-    0, and for positions and axes that are not finite numbers.
+    Raises DescriptionError for faults that MuJoCo finds only when it compiles, such as a missing mesh or an
+    axis of length 0. Also raises it if a position or an axis is not finite.
     """
     if model.format == "mjcf":
         _place_meshes(spec, model)
@@ -116,7 +118,8 @@ def compiled(spec: mujoco.MjSpec, model: Model) -> mujoco.MjModel:
 
 
 def _read_urdf(model: Model) -> mujoco.MjSpec:
-    """Reads a URDF: finds and converts its meshes, and sets the options that MuJoCo needs at parsing."""
+    """Reads a URDF file, finds and converts its meshes, and sets the options that MuJoCo needs when it parses
+    the file."""
     path = Path(model.path)
     parser = etree.XMLParser(resolve_entities=False, no_network=True)
     root = etree.parse(str(path), parser).getroot()
@@ -154,7 +157,8 @@ def _read_urdf(model: Model) -> mujoco.MjSpec:
 
 
 def _is_point(shape: etree._Element) -> bool:
-    """True for a sphere, box or cylinder without any extent: published models mark frames by such shapes."""
+    """Returns True for a sphere, box or cylinder of size 0. Published models use these shapes to mark
+    frames."""
     extents = [
         size for kind in ("sphere", "box", "cylinder") for one in shape.iterfind(f"geometry/{kind}")
         for key in ("radius", "length", "size") for size in one.get(key, "").split()
@@ -163,7 +167,7 @@ def _is_point(shape: etree._Element) -> bool:
 
 
 def _read_mjcf(model: Model) -> mujoco.MjSpec:
-    """Reads an MJCF, without its meshes if the description says so."""
+    """Reads an MJCF file. If the description says so, the meshes are left out."""
     spec = mujoco.MjSpec.from_file(model.path)
     shown = [geom for geom in spec.geoms if geom.meshname]
     if model.meshes == NO_MESHES:
@@ -173,7 +177,7 @@ def _read_mjcf(model: Model) -> mujoco.MjSpec:
 
 
 def _place_meshes(spec: mujoco.MjSpec, model: Model) -> None:
-    """Finds the meshes of an MJCF. Called only if meshes are needed; kinematics do not need them."""
+    """Finds the meshes of an MJCF model. Only called if meshes are needed; kinematics do not need them."""
     meshes = MeshFiles(Path(model.path), model.meshes)
     for mesh in spec.meshes:
         if mesh.file and (file := meshes.find(str(Path(spec.meshdir, mesh.file)))) is not None:
@@ -184,7 +188,8 @@ def _place_meshes(spec: mujoco.MjSpec, model: Model) -> None:
 
 
 def _mend_inertia(spec: mujoco.MjSpec) -> None:
-    """Corrects inertias that URDFs contain and MuJoCo refuses: those of flat meshes, and impossible ones."""
+    """Corrects inertias in URDF files that MuJoCo refuses: inertias of flat meshes, and physically impossible
+    inertias."""
     for mesh in spec.meshes:
         mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
     for body in spec.bodies:
@@ -200,7 +205,7 @@ def _mend_inertia(spec: mujoco.MjSpec) -> None:
 
 
 def _mend_masses(spec: mujoco.MjSpec) -> None:
-    """Gives a mass to moving links that have neither mass nor shape."""
+    """Gives a small mass to moving links that have neither a mass nor a shape."""
     for body in spec.bodies:
         if body.joints and not body.mass > 0.0 and (body.explicitinertial or not body.geoms):
             body.fullinertia = np.full(6, np.nan)
@@ -208,8 +213,8 @@ def _mend_masses(spec: mujoco.MjSpec) -> None:
 
 
 def _flat(spec: mujoco.MjSpec) -> str:
-    """Returns the names of links with a shape of size 0, for which MuJoCo reports only a number; an empty
-    text for none."""
+    """Returns the names of links with a shape of size 0, because MuJoCo's message contains only a number; an
+    empty text if there are none."""
     sized = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
     links = [geom.parent.name for geom in spec.geoms if geom.type not in sized and not geom.size[0] > 0.0]
     return f" (the shape of {', '.join(dict.fromkeys(links))}; valid: above 0)" if links else ""

@@ -1,4 +1,4 @@
-"""The format of a kinematic model, by its text."""
+"""The format of a file with a kinematic model, detected from its content."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from tci.robot.xml.model import MAX_MODEL_BYTES
 
 
 def model_format(path: Path) -> Literal["urdf", "mjcf"]:
-    """Returns the format of a model file, by its first element.
+    """Returns the format of a model file, detected from its first element.
 
-    Raises DescriptionError for a file that is missing or has neither format, such as a macro for a URDF.
+    Raises DescriptionError if the file is missing or has neither format: for example, if it is a xacro macro
+    instead of a URDF.
     """
     if not path.is_file():
         raise DescriptionError(str(path), [Fault(0, "no such file; valid: a URDF or MJCF file")])

@@ -16,10 +16,11 @@ Result = TypeVar("Result")
 def per_robot(
     make: Callable[Concatenate[Robot, Rest], Result],
 ) -> Callable[Concatenate[Robot, Rest], Result]:
-    """Caches a function's result per robot and other arguments, for the lifetime of the robot.
+    """Caches the results of a function for each robot and its other arguments, as long as the robot object
+    exists.
 
-    Robots are distinguished by identity, because an `lru_cache` would compare all fields of equal robots in
-    each period.
+    Robots are distinguished by object identity. An `lru_cache` would compare all fields of equal robots in
+    each period, which takes too long.
     """
     found: dict[Hashable, Result] = {}
 

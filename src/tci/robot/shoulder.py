@@ -1,9 +1,9 @@
-"""Kinematics of a shoulder of three revolute joints with any axes: its rotation, and the angles for a
-rotation.
+"""Kinematics of a shoulder with three revolute joints and any axes: from angles to a rotation, and from a
+rotation to angles.
 
-The axes are read from the kinematic model, so they do not depend on conventions of the robot. The frame of
-the upper arm is that of the generic arm: -z points along the third axis towards the elbow, -y along the axis
-of elbow flexion.
+The axes are read from the kinematic model, so they do not depend on the robot's conventions for angles. The
+frame of the upper arm is that of the generic arm: -z points along the third axis towards the elbow, and -y
+along the axis of elbow flexion.
 """
 
 from __future__ import annotations
@@ -21,31 +21,31 @@ from tci.robot.generic_arm import shoulder_angles, side_sign, upper_arm_rotation
 from tci.robot.kinematics import KinematicChain
 
 SLANT = 0.05
-"""Largest cosine between the axes of elbow and upper arm that the generic arm can represent. Assumed: 3
-degrees from a right angle."""
+"""Largest cosine of the angle between the axes of elbow and upper arm that the generic arm can represent.
+Assumed: 3 degrees away from a right angle."""
 PARALLEL = 1.0 - 1e-6
-"""Cosine above which two successive axes of a shoulder count as parallel, so that it is no ball joint.
-Assumed: they differ by less than 0.1 degrees."""
+"""Cosine of the angle between two successive shoulder axes above which the axes count as parallel, so that
+the shoulder is no ball joint. Assumed: the axes differ by less than 0.1 degrees."""
 SHORT = 1e-3
-"""Least length [m] of an upper arm whose direction is defined. Assumed: far below the length of a real upper
-arm."""
+"""Least length [m] of an upper arm for which its direction is defined. Assumed: far below the length of a
+real upper arm."""
 SINGULAR = 1e-6
-"""Determinant of the generic axes below which their velocities are not defined. Assumed: above rounding
-errors only; it is 0 at 90 degrees of abduction."""
+"""Determinant of the generic axes below which the velocities of the generic joints are not defined. Assumed:
+just above rounding errors. The determinant is 0 at 90 degrees of abduction."""
 
 ONE = read_only(np.eye(3))
-"""Rotation (3, 3) by no angle."""
+"""Identity rotation (3, 3)."""
 
 Vector = Sequence[float] | Array
 """Vector (3,), preferably of Python floats: NumPy takes ten times as long for three numbers."""
 
 
 class Shoulder:
-    """The first three joints of an arm, seen from the torso."""
+    """The first three joints of an arm, in the torso frame."""
 
     def __init__(self, robot: Robot, part: GenericPart) -> None:
-        """Raises DescriptionError if the arm does not have the structure of its description, or if the robot
-        has no model."""
+        """Reads the axes of the shoulder. Raises DescriptionError if the robot has no model, or if the arm
+        does not have the structure that its description gives."""
         kinematics = KinematicChain(robot)
         assert part.side is not None
         self.side = part.side
@@ -54,7 +54,7 @@ class Shoulder:
         if len(part.segments) < 2 or len(servos) < 4:
             raise _fault(robot, part, "it needs an upper_arm, a forearm, and servos for shoulder and elbow")
         self.servos = np.array(servos[:3], dtype=np.intp)
-        """Indices of its servos in `Robot.servos`."""
+        """Indices of the shoulder's servos in `Robot.servos`."""
         limits = [robot.servos[servo].limits for servo in self.servos]
         self.lower = np.array([-np.pi if limit.lower is None else limit.lower for limit in limits])
         self.upper = np.array([np.pi if limit.upper is None else limit.upper for limit in limits])
@@ -65,15 +65,16 @@ class Shoulder:
         if not np.allclose(np.linalg.norm(turns, axis=0), 1.0, atol=1e-6):
             raise _fault(robot, part, f"its shoulder and elbow do not all turn {forearm.link}")
         self.axes: Array = turns[:, :3].T
-        """Axes (3, 3) of the three joints, one per row, seen from the torso with all servos at zero."""
+        """Axes (3, 3) of the three joints in the torso frame while all servos are at zero, one axis per
+        row."""
         if not flexion or max(abs(self.axes[0] @ self.axes[1]), abs(self.axes[1] @ self.axes[2])) > PARALLEL:
             raise _fault(
                 robot, part, "two of its successive axes are parallel, or its elbow has no servo alone"
             )
         feet = [T_TL[:3, 3] + np.cross(turns[:, i], moves[:, i]) for i in range(2)]
         self.centre = nearest_point(*feet, *self.axes[:2])
-        """Point (3,) [m] of the first axis that is nearest to the second, seen from the torso: it never
-        moves."""
+        """Point (3,) [m] of the first axis that is nearest to the second axis, in the torso frame. This point
+        never moves."""
         poses = kinematics.poses(zero, (upper_arm.link, forearm.link))
         ends = [poses[segment.link] @ np.append(segment.origin, 1.0) for segment in (upper_arm, forearm)]
         if np.linalg.norm((ends[1] - ends[0])[:3]) < SHORT:
@@ -89,14 +90,15 @@ class Shoulder:
         self._middle = ((self.lower + self.upper) / 2.0).tolist()
 
     def rotation(self, angles: Array) -> Array:
-        """Returns `R_TU` (3, 3) of the upper arm at servo `angles` (3,) [rad], as a product of
-        exponentials."""
+        """Returns `R_TU` (3, 3), the rotation of the upper arm, at servo `angles` (3,) [rad]. It is computed
+        as a product of exponentials."""
         first, second, third = self._turns(angles)
         rotation: Array = first @ (second @ (third @ self._at_zero))
         return rotation
 
     def _turns(self, angles: Array) -> Array:
-        """Returns the rotations (3, 3, 3) by servo `angles` (3,) [rad] about their axes (Rodrigues)."""
+        """Returns the rotations (3, 3, 3) of the three servos by `angles` (3,) [rad] about their axes
+        (Rodrigues' formula)."""
         sine, versine = np.sin(angles)[:, None, None], (1.0 - np.cos(angles))[:, None, None]
         crosses, squares = self._crosses
         turns: Array = ONE + sine * crosses + versine * squares
@@ -104,23 +106,23 @@ class Shoulder:
 
     @cached_property
     def _crosses(self) -> tuple[Array, Array]:
-        """Matrices (3, 3, 3) of the cross products with the axes, and their squares."""
+        """Matrices (3, 3, 3) of the cross products with the axes, and the squares of these matrices."""
         crosses = np.stack([cross_matrix(axis) for axis in self.axes])
         return crosses, crosses @ crosses
 
     def solutions(self, R_TU: Array) -> list[Array]:
-        """Returns the servo angles (3,) [rad] that give the rotation: at most two solutions, each near the
-        middle of the limits.
+        """Returns the servo angles (3,) [rad] that give the rotation `R_TU`. There are at most two solutions.
+        Each angle is within half a turn of the middle of its limits.
 
-        Limits are not checked. If the axes are not at right angles, some rotations can't be reached; the
-        result is then the closest one that the first two joints allow. After Paden and Kahan's second
-        subproblem (Murray, Li and Sastry 1994, 3.3).
+        Limits are not checked. If the axes are not at right angles, some rotations can't be reached: the
+        result is then the nearest rotation that the first two joints allow. The method is the second
+        subproblem of Paden and Kahan (Murray, Li and Sastry 1994, 3.3).
         """
         return [np.array(angles) for angles in self._solve(R_TU)]
 
     def best(self, R_TU: Array, near: Array) -> Array:
-        """Returns the solution (3,) [rad] that violates limits least; of equal ones, the closest to `near`
-        (3,) [rad]."""
+        """Returns the solution (3,) [rad] that violates the limits least. If several solutions violate the
+        limits equally, returns the solution nearest to `near` (3,) [rad]."""
         here, (lower, upper) = near.tolist(), self._limits
 
         def cost(angles: Vector) -> tuple[float, float]:
@@ -131,15 +133,18 @@ class Shoulder:
 
     @cached_property
     def _seen(self) -> tuple[Array, list[Vector]]:
-        """Constant vectors for `_solve`. First (3, 2), seen from the upper arm with all servos at zero: the
-        third axis and its cross product with the second. Then, seen from the torso: the three axes, that
-        cross product, and the cross product of the first two."""
+        """Constant vectors for `_solve`.
+
+        The first result (3, 2) is in the frame of the upper arm with all servos at zero: the third axis, and
+        its cross product with the second axis. The second result is in the torso frame: the three axes, the
+        cross product of third and second axis, and the cross product of first and second axis.
+        """
         first, second, third = self.axes
         vectors = first, second, third, np.cross(third, second), np.cross(first, second)
         return self._at_zero.T @ np.column_stack(vectors[2:4]), [vector.tolist() for vector in vectors]
 
     def _solve(self, R_TU: Array) -> list[Vector]:
-        """Computes `solutions` with Python floats."""
+        """Computes the result of `solutions` with Python floats."""
         seen, (first, second, third, aside, across) = self._seen
         end, end_aside = (R_TU @ seen).T.tolist()
         along_first, along_second = _dot(first, end), _dot(second, third)
@@ -160,25 +165,26 @@ class Shoulder:
         return found
 
     def spin(self, angles: Array) -> Array:
-        """Returns the axes (3, 3) of the joints at servo `angles` (3,) [rad], one per column, seen from the
-        torso."""
+        """Returns the axes (3, 3) of the joints at servo `angles` (3,) [rad], in the torso frame, one axis
+        per column."""
         first, second, third = self.axes
         carried, other, _ = self._turns(angles)
         return np.column_stack([first, carried @ second, carried @ other @ third])
 
     def generic(self, R_TU: Array, R_TM: Array) -> Array:
-        """Returns the generic angles (3,) [rad] of the upper arm's rotation, on the mount `R_TM` (R' = B^T
-        R)."""
+        """Returns the generic angles (3,) [rad] of an upper arm with the rotation `R_TU` (3, 3). `R_TM` (3,
+        3) is the mount rotation of the arm (R' = B^T R)."""
         return shoulder_angles(R_TM.T @ R_TU, self.side)
 
     def wanted(self, generic: Array, R_TM: Array) -> Array:
-        """Returns `R_TU` (3, 3) of the upper arm at generic angles (3,) [rad] on the mount `R_TM`."""
+        """Returns `R_TU` (3, 3) of the upper arm at the angles `generic` (3,) [rad]. `R_TM` (3, 3) is the
+        mount rotation of the arm."""
         rotation: Array = R_TM @ upper_arm_rotation(generic, self.side, axial=True)
         return rotation
 
     def generic_spin(self, generic: Array, R_TM: Array) -> Array:
-        """Returns the axes (3, 3) of the generic joints at angles (3,) [rad], one per column, seen from the
-        torso."""
+        """Returns the axes (3, 3) of the generic joints at the angles `generic` (3,) [rad], in the torso
+        frame, one axis per column."""
         s = side_sign(self.side)
         pitch = turn(np.array([0.0, -1.0, 0.0]), float(generic[0]))
         roll = pitch @ turn(np.array([s, 0.0, 0.0]), float(generic[1]))
@@ -188,8 +194,8 @@ class Shoulder:
 
 
 def nearest_point(on_first: Array, on_second: Array, first: Array, second: Array) -> Array:
-    """Returns the point (3,) of a line that is nearest to another line, each given by a point (3,) and a unit
-    direction (3,)."""
+    """Returns the point (3,) of the first line that is nearest to the second line. Each line is given by a
+    point (3,) on it and a unit direction (3,)."""
     offset, slant = on_second - on_first, float(first @ second)
     along = (float(first @ offset) - slant * float(second @ offset)) / (1.0 - slant**2)
     result: Array = on_first + along * first
@@ -198,33 +204,35 @@ def nearest_point(on_first: Array, on_second: Array, first: Array, second: Array
 
 @lru_cache(maxsize=64)
 def shoulder_of(robot: Robot, part: str) -> Shoulder:
-    """Returns the shoulder of an arm by name, cached because it reads the model. Raises what Shoulder
-    raises."""
+    """Returns the shoulder of an arm by the name of the arm. It is cached, because it is computed from the
+    model. Raises the errors that Shoulder raises."""
     return Shoulder(robot, robot.part(part))
 
 
 def turn(axis: Array, angle: float) -> Array:
-    """Returns the rotation (3, 3) by `angle` [rad] about a unit `axis` (3,) (Rodrigues)."""
+    """Returns the rotation (3, 3) by `angle` [rad] about the unit vector `axis` (3,) (Rodrigues' formula)."""
     cross = cross_matrix(axis)
     rotation: Array = ONE + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
     return rotation
 
 
 def cross_matrix(axis: Array) -> Array:
-    """Returns the matrix (3, 3) whose product with a vector is the cross product of `axis` (3,) with it."""
+    """Returns the matrix (3, 3) that, multiplied by a vector, gives the cross product of `axis` (3,) and this
+    vector."""
     x, y, z = axis
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def angle_about(axis: Vector, start: Vector, end: Vector) -> float:
-    """Returns the angle [rad] about a unit `axis` (3,) from `start` to `end` (3,), both projected along the
-    axis."""
+    """Returns the angle [rad] about the unit vector `axis` (3,) from `start` (3,) to `end` (3,). Both vectors
+    are first projected onto the plane perpendicular to the axis."""
     level = _dot(start, end) - _dot(axis, start) * _dot(axis, end)
     return atan2(_dot(axis, _cross(start, end)), level)
 
 
 def _turned(axis: Vector, angle: float, vector: Vector) -> Vector:
-    """Returns a vector (3,) turned by `angle` [rad] about a unit `axis` (3,) (Rodrigues)."""
+    """Returns `vector` (3,) rotated by `angle` [rad] about the unit vector `axis` (3,) (Rodrigues'
+    formula)."""
     c, s = cos(angle), sin(angle)
     along = _dot(axis, vector) * (1.0 - c)
     x, y, z = _cross(axis, vector)

@@ -1,10 +1,11 @@
 """Transforms between joints of a generic part and the servos that move them.
 
-linear    GS = gamma DS + sigma (eq. 1)
-table     piecewise linear between pairs of angles, extrapolated beyond its ends
-coupled   GS = M DS + sigma: a generic joint is a linear combination of several servos
-synergy   the same of as many servos as there are: the pseudo-inverse of M gives their angles
-retarget  the three joints of a shoulder, by the rotation of the upper arm in the torso frame
+- linear: GS = gamma DS + sigma (eq. 1).
+- table: piecewise linear between pairs of angles, extrapolated beyond the ends of the table.
+- coupled: GS = M DS + sigma. A generic joint is a linear combination of several servos.
+- synergy: as coupled, but the numbers of joints and servos may differ. The pseudo-inverse of M gives the
+  angles of the servos.
+- retarget: the three joints of a shoulder, by the rotation of the upper arm in the torso frame.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ KINDS = ("linear", "table", "coupled", "synergy", "retarget")
 
 
 class Transform(ABC):
-    """The relation between some joints of a part (k,) and the same number of servos; only a synergy has
-    another number of joints (m,)."""
+    """The relation between some joints of a part (k,) and the servos (k,) that move them. Only in a synergy,
+    the number of joints (m,) may differ from the number of servos."""
 
     ids: NDArray[np.intp]
     """Generic ids (k,)."""
@@ -41,26 +42,26 @@ class Transform(ABC):
 
     @abstractmethod
     def robot(self, generic: Array, near: Array) -> Array:
-        """Returns the servo angles (k,) [rad] of generic angles (k,) [rad]. If several solutions exist, the
-        one closest to `near` (k,) [rad]."""
+        """Returns the servo angles (k,) [rad] for generic angles (k,) [rad]. If there are several solutions,
+        returns the solution nearest to `near` (k,) [rad]."""
 
     @abstractmethod
     def slope(self, angles: Array) -> Array:
         """Returns the derivative d generic / d servo (k, k) at servo `angles` (k,) [rad]."""
 
     def speeds(self, angles: Array, most: Array) -> Array:
-        """Returns the speed (k,) [rad/s] at which each servo may move to a target, with all at `angles` (k,)
-        [rad], if the description gives the joints the speeds `most` (k,) [rad/s]."""
+        """Returns the speed (k,) [rad/s] at which each servo may move to a target, with all servos at
+        `angles` (k,) [rad]. `most` (k,) [rad/s] are the speeds that the description gives the joints."""
         return servo_speeds(self.slope(angles), most)
 
     constant = False
-    """True if the slope is equal in all postures."""
+    """True if the result of `slope` is equal in all postures."""
     steady = False
-    """True if `speeds` are equal in all postures."""
+    """True if the result of `speeds` is equal in all postures."""
 
 
 class Linear(Transform):
-    """Joints that are mapped by equation 1."""
+    """Joints that are mapped to servos by equation 1."""
 
     constant = steady = True
 
@@ -82,7 +83,7 @@ class Linear(Transform):
 
 
 class Table(Transform):
-    """One joint, mapped by pairs of angles; both columns are strictly monotone."""
+    """One joint that is mapped by a table of pairs of angles. Both columns are strictly monotonic."""
 
     def __init__(self, joint: GenericServo) -> None:
         super().__init__([joint])
@@ -103,7 +104,7 @@ class Table(Transform):
 
 
 class Coupled(Transform):
-    """Joints that are linear combinations of the same servos."""
+    """Joints that are linear combinations of the angles of several servos."""
 
     constant = steady = True
 
@@ -130,7 +131,7 @@ class Coupled(Transform):
         return self._matrix
 
     def _moved(self, joints: list[GenericServo]) -> list[int]:
-        """Returns the servos in the order of the matrix's columns."""
+        """Returns the servos in the order of the columns of the matrix M."""
         return [joint.servo for joint in joints if joint.servo is not None]
 
     def _invert(self) -> Array:
@@ -138,10 +139,12 @@ class Coupled(Transform):
 
 
 class Synergy(Coupled):
-    """Joints and servos of which one servo may move several joints, or several servos one joint together.
+    """Joints and servos in a group: one servo may move several joints, or several servos may move one joint
+    together.
 
-    If commanded joints contradict each other, the servos move to the angles with the least sum of squared
-    errors. If several motions of the servos are possible, the smallest is used (Moore-Penrose).
+    If commanded joint angles contradict each other, the servos move to the angles with the least sum of
+    squared errors. If several motions of the servos are possible, the smallest motion is used
+    (Moore-Penrose).
     """
 
     def _moved(self, joints: list[GenericServo]) -> list[int]:
@@ -152,12 +155,12 @@ class Synergy(Coupled):
 
 
 class Retarget(Transform):
-    """The three joints of a shoulder, with any axes."""
+    """The three joints of a shoulder, which may have any axes."""
 
     steady = True
 
     def __init__(self, robot: Robot, part: GenericPart, joints: list[GenericServo]) -> None:
-        """Raises the errors of Shoulder."""
+        """Creates the transform. Raises the errors that Shoulder raises."""
         from tci.robot.shoulder import SINGULAR, shoulder_of  # only this transform needs the model
 
         super().__init__(joints)
@@ -173,23 +176,26 @@ class Retarget(Transform):
         return self._shoulder.best(self._shoulder.wanted(generic, self._R_TM), near)
 
     def slope(self, angles: Array) -> Array:
-        """Returns the derivative. Raises CommandError where the generic shoulder is singular: at 90 degrees
-        of abduction."""
+        """Returns the derivative d generic / d servo (3, 3). Raises CommandError at 90 degrees of abduction,
+        where the generic shoulder is singular."""
         axes = self._shoulder.generic_spin(self.generic(angles), self._R_TM)
         if abs(np.linalg.det(axes)) < self._least:
             raise CommandError(f"{self._name}: at 90 degrees of abduction no generic velocity is defined")
         return np.array(np.linalg.solve(axes, self._shoulder.spin(angles)))
 
     def speeds(self, angles: Array, most: Array) -> Array:
-        """Returns `most`: each servo rotates the arm about one axis, so the described speed applies in every
-        posture. Generic angles can't be used for a bound, since they jump near 90 degrees of abduction."""
+        """Returns `most` unchanged: each servo rotates the arm about one axis, so the described speed of the
+        servo applies in every posture. The speed of generic angles is no useful bound, because they jump near
+        90 degrees of abduction."""
         return most
 
 
 def servo_speeds(slope: Array, most: Array) -> Array:
-    """Returns speeds (k,) [rad/s] of servos such that no joint exceeds `most` (m,) [rad/s], even if all
-    servos turn it at once: `sum_j |slope[i, j]| speed[j] <= most[i]`; `slope` (m, k) is
-    d generic / d servo."""
+    """Returns speeds (k,) [rad/s] of servos with which no joint exceeds `most` (m,) [rad/s], also if all
+    servos move the joint at once.
+
+    The condition is `sum_j |slope[i, j]| speed[j] <= most[i]`. `slope` (m, k) is d generic / d servo.
+    """
     size = np.abs(slope)
     each = np.where(size > 0.0, (most / size.sum(axis=1))[:, None], np.inf)
     result: Array = each.min(axis=0, initial=np.inf)
@@ -197,12 +203,14 @@ def servo_speeds(slope: Array, most: Array) -> Array:
 
 
 def _piece(values: Array, nodes: Array) -> NDArray[np.intp]:
-    """Returns the piece (k,) of a table that contains each value or is nearest to it. `nodes` (m,) rise."""
+    """Returns the index (k,) of the section of a table that contains each value or is nearest to it. `nodes`
+    (m,) must increase."""
     return np.clip(np.searchsorted(nodes, values) - 1, 0, len(nodes) - 2)
 
 
 def _interpolate(values: Array, nodes: Array, results: Array) -> Array:
-    """Interpolates piecewise linearly and extrapolates beyond the ends. `nodes` (m,) rise."""
+    """Interpolates linearly between `nodes` (m,) and extrapolates beyond their ends. The nodes must
+    increase."""
     piece = _piece(values, nodes)
     share = (values - nodes[piece]) / (nodes[piece + 1] - nodes[piece])
     result: Array = results[piece] + share * (results[piece + 1] - results[piece])

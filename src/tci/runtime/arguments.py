@@ -1,5 +1,7 @@
-"""Checks of user-supplied arguments: accepted if their meaning is clear, otherwise refused with the valid
-values."""
+"""Checks of arguments that the user gives.
+
+An argument with a clear meaning is accepted. Others are refused, with a message that names the valid values.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,10 @@ GROUP = "tci.capabilities"
 
 
 def as_driver(given: object) -> Driver:
-    """Returns a connection to a robot. Raises TciError for a robot, a name or anything else."""
+    """Returns `given` if it is a connection to a robot.
+
+    Raises TciError if `given` is anything else, for example a robot or a name.
+    """
     if isinstance(given, Driver):
         return given
     raise TciError(
@@ -31,7 +36,10 @@ def as_driver(given: object) -> Driver:
 
 
 def as_capability(given: Any) -> Capability[Any]:
-    """Returns a capability. For a class, returns an instance with default settings. Raises TciError."""
+    """Returns a capability.
+
+    If `given` is a class, returns an instance with default settings. Raises TciError.
+    """
     if isinstance(given, Capability):
         return given
     if isinstance(given, type) and issubclass(given, Capability):
@@ -52,11 +60,11 @@ def as_capability(given: Any) -> Capability[Any]:
 
 
 def load_capability(name: str) -> Capability[Any]:
-    """Returns a capability with its default settings, by the name of its entry point or by MODULE:CLASS. The
-    module may be in the working directory.
+    """Returns a capability with its default settings. `name` is the name of its entry point, or MODULE:CLASS.
 
-    Raises UnknownNameError for an unknown name, CommandError for a module that can't be imported and for an
-    object that is no subclass of Capability, TciError for a class that is abstract or needs settings.
+    The module may be in the working directory. Raises UnknownNameError for an unknown name. Raises
+    CommandError if the module can't be imported or the object is no subclass of Capability. Raises TciError
+    if the class is abstract or needs settings.
     """
     points = {point.name: point for point in entry_points(group=GROUP)}
     if name in points:
@@ -71,7 +79,7 @@ def load_capability(name: str) -> Capability[Any]:
 
 
 def _from_module(module: str, name: str) -> object:
-    """Returns an object of a module, which may be in the working directory."""
+    """Returns an object of a module. The module may be in the working directory."""
     valid = "valid: MODULE:CLASS, such as my_file:Shrug for the class Shrug in my_file.py"
     if module.startswith("."):  # Python would take it for a relative import
         raise CommandError(f"{module}:{name}: a path is no module; {valid}")

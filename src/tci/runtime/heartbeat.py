@@ -1,7 +1,7 @@
 """Heartbeats between TCI processes on one machine, as small datagrams.
 
-A required process sends beats. The process that owns the driver listens, and holds the robot if no beat
-arrives for `TIMEOUT`. Pass `Listener.fault` to `run` as its `guard`.
+A required process sends beats. The process that owns the driver listens. It holds the robot if no beat of a
+required process arrives for `TIMEOUT`. To use this, pass `Listener.fault` to `run` as its `guard`.
 """
 
 from __future__ import annotations
@@ -18,18 +18,19 @@ from tci.errors import DriverError, TciError
 from tci.reasons import Code, Reason
 
 TIMEOUT = 0.08
-"""Time [s] without a beat after which a process counts as dead. Together with one control period it is below
+"""Time [s] without a beat after which a process counts as dead. This time plus one control period is below
 100 ms."""
 INTERVAL = 0.02
-"""Time [s] between two beats. Assumed: four beats fit into `TIMEOUT`."""
+"""Time [s] between two beats. Assumed: four beats are sent within `TIMEOUT`."""
 _FORM = struct.Struct("<4sQ16sI")
 _MAGIC = b"TCIb"
 _PER_CALL = 64
-"""Largest number of datagrams read per call, which bounds the time in case of a flood."""
+"""Largest number of datagrams that are read per call. This limits the duration of a call if very many
+datagrams arrive."""
 
 
 def encode(name: str, sequence: int) -> bytes:
-    """Returns one beat as bytes. Raises TciError for a name that is empty or longer than 16 bytes."""
+    """Returns one beat as bytes. Raises TciError if the name is empty or longer than 16 bytes."""
     raw = name.encode()
     if not 0 < len(raw) <= 16 or b"\0" in raw:
         raise TciError(f"heartbeat of {name!r}; valid: a name of 1 to 16 bytes without zeros")
@@ -38,7 +39,7 @@ def encode(name: str, sequence: int) -> bytes:
 
 
 def decode(data: bytes) -> tuple[str, int] | None:
-    """Returns name and sequence of a beat; None for any other bytes."""
+    """Returns name and sequence number of a beat. Returns None for any other bytes."""
     if len(data) != _FORM.size:
         return None
     magic, sequence, raw, check = _FORM.unpack(data)
@@ -51,11 +52,14 @@ def decode(data: bytes) -> tuple[str, int] | None:
 
 
 class Sender:
-    """Sends beats to a listener; call `beat` from the work that must continue, never from a separate
-    thread."""
+    """Sends beats to a listener.
+
+    Call `beat` from the work that must continue, never from a separate thread: such a thread would send beats
+    although the work has stopped.
+    """
 
     def __init__(self, name: str, port: int) -> None:
-        """Opens a socket to the `port` of the listener on this machine. Raises TciError for a bad name."""
+        """Opens a socket to the listener's `port` on this machine. Raises TciError for an invalid name."""
         encode(name, 0)
         self.name = name
         self._to = ("127.0.0.1", port)
@@ -74,7 +78,7 @@ class Sender:
 
 
 class Listener:
-    """Tracks which required processes are alive. A process that never sent a beat counts as dead."""
+    """Records which required processes are alive. A process that has never sent a beat counts as dead."""
 
     def __init__(
         self,
@@ -84,15 +88,18 @@ class Listener:
         timeout: float = TIMEOUT,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Listens on `port` of the loopback interface, or on a free port. Raises DriverError for a port that
-        is in use."""
+        """Listens on `port` of the loopback interface.
+
+        With `port` 0, a free port is used. Raises DriverError if the port is in use.
+        """
         if not timeout > 0.0:
             raise TciError(f"heartbeat timeout {timeout} s; valid: above 0")
         self._timeout = timeout
         self._clock = clock
         self._last_beats: dict[str, tuple[float, int]] = {name: (-float("inf"), -1) for name in needed}
         self.rejected = 0
-        """Number of datagrams that were not beats of a required process, or were old."""
+        """Number of datagrams that were not beats of a required process, or that were older than the latest
+        beat."""
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         try:
@@ -104,8 +111,10 @@ class Listener:
         """Port to which senders send."""
 
     def fault(self) -> Reason | None:
-        """Returns a reason to hold that names the silent processes; None if all required processes are
-        alive."""
+        """Returns a reason to hold that names the silent processes.
+
+        Returns None if all required processes are alive.
+        """
         for _ in range(_PER_CALL):
             try:
                 data = self._socket.recv(_FORM.size + 1)

@@ -1,10 +1,11 @@
-"""One commander per robot: only the process that holds the lease may write; a second process gets an error.
+"""One commander per robot: only the process that holds the robot's lease may write commands.
 
-The lease is a lock on a file; the system releases it when the process ends for any reason. The lease is valid
-between the processes of one user on one machine, and between threads: the file is in /tmp/tci-UID,
-independent of TMPDIR and XDG_RUNTIME_DIR. It is not valid for other users, other machines, and containers
-with a separate /tmp. For a served robot (`tci serve`), the serving process holds the lease; clients over YARP
-and NAOqi are not distinguished.
+A second process gets an error. The lease is a lock on a file. The operating system releases the lock when the
+process ends for any reason. The lease is valid between the processes of one user on one machine, and between
+threads. The file is in /tmp/tci-UID. TMPDIR and XDG_RUNTIME_DIR do not change this folder. The lease does not
+protect against other users, other machines, or containers with a separate /tmp. For a served robot (`tci
+serve`), the serving process holds the lease. Several clients over YARP or NAOqi are not distinguished, so all
+of them can send commands.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ except ModuleNotFoundError:  # pragma: no cover - on Windows
     fcntl = None  # type: ignore[assignment]  # the module is missing
 
 FOLDER = "TCI_LEASES"
-"""Environment variable for another folder, such as one that containers share."""
+"""Environment variable that names another folder for leases, for example a folder that several containers
+share."""
 VALID = (
     f"valid: a folder of your own; {FOLDER} names another, the same in every program that commands the robot"
 )
@@ -36,11 +38,17 @@ _HOLDER = re.compile(rb"process [0-9]{1,10}")
 
 
 class Lease:
-    """A held lease. A forked child does not inherit it, and removing its file does not end it."""
+    """The lease on a robot, held by this process.
+
+    A forked child process does not inherit the lease. Removing its file does not end the lease.
+    """
 
     def __init__(self, name: str) -> None:
-        """Acquires the lease. Raises DriverError if another process holds it, if other users may write to the
-        folder, if the file can't be locked, and on a system without file locks."""
+        """Acquires the lease.
+
+        Raises DriverError if another process holds the lease, or if other users may write to the folder. Also
+        raises DriverError if the file can't be locked, or if the system has no file locks.
+        """
         if fcntl is None:
             raise DriverError(
                 f"{name} can't be commanded from this system, which lacks the file locks (flock) that keep "
@@ -53,11 +61,11 @@ class Lease:
         self._take()
 
     def check(self) -> None:
-        """Checks that this process still holds the lease; call it before each write. If the file was removed
-        or its folder renamed, acquires the lease again.
+        """Checks that this process still holds the lease. Call this method before each write.
 
-        Raises DriverError if another process has acquired it, in a forked child process, and as the
-        constructor does.
+        If the file was removed or its folder renamed, acquires the lease again. Raises DriverError if another
+        process has acquired the lease, or if this process is a forked child. Also raises DriverError in the
+        cases that the constructor lists.
         """
         if os.getpid() != self._owner:
             raise DriverError(
@@ -89,7 +97,7 @@ class Lease:
             raise
 
     def _lock(self) -> bool:
-        """Locks the file; returns False if it is no longer the file at its path."""
+        """Locks the file. Returns False if the file was replaced or removed meanwhile."""
         _make(self._path.parent)
         place = self._opened(self._path.parent, os.O_RDONLY | os.O_DIRECTORY)
         handle = self._opened(self._path, os.O_RDWR | os.O_CREAT | os.O_NONBLOCK)
@@ -121,7 +129,7 @@ class Lease:
 
 
 def _is_at(path: Path, found: os.stat_result) -> bool:
-    """Returns True if a path still leads to the file that was found there."""
+    """Returns True if `path` still leads to the file `found`."""
     try:
         return os.path.samestat(os.lstat(path), found)
     except OSError:
@@ -130,11 +138,11 @@ def _is_at(path: Path, found: os.stat_result) -> bool:
 
 _HELD: set[Lease] = set()
 _LOCK = threading.Lock()
-"""Prevents a fork while file handles change."""
+"""Lock that prevents a fork while file handles change."""
 
 
 def _let_go() -> None:
-    """Closes the files in a forked child, which would otherwise share its parent's locks."""
+    """Closes the files in a forked child process. Otherwise the child would share the locks of its parent."""
     for held in tuple(_HELD):
         held.close()
 
@@ -156,10 +164,11 @@ def lease(name: str) -> Iterator[Lease]:
 
 @contextmanager
 def commanding(driver: Driver) -> Iterator[None]:
-    """Holds the lease on the robot of `driver` inside the block; the driver's `write` checks it each time.
+    """Holds the lease on the robot of `driver` inside the block.
 
-    Simulations and recordings belong to this process, so on a system without file locks they need no lease.
-    Raises DriverError as `Lease` does.
+    The driver's `write` checks the lease at each call. On a system without file locks, simulations and
+    recordings are used without a lease, since they belong to this process alone. Raises DriverError as
+    `Lease` does.
     """
     if fcntl is None and driver.info.lease_name.partition(":")[0] in HARMLESS:
         yield
@@ -182,7 +191,7 @@ def _folder() -> Path:
 
 
 def _make(folder: Path) -> None:
-    """Creates a folder if it does not exist. Raises DriverError for a folder of another user."""
+    """Creates a folder if it does not exist. Raises DriverError if the folder belongs to another user."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = folder.lstat()

@@ -1,8 +1,9 @@
-"""The loop: once per period of the driver it reads, perceives, decides, passes the gate and writes.
+"""The control loop.
 
-Missed periods are skipped and counted. After three in a row the gate holds the robot. At every end of the
-loop, also after an error, the robot is brought to rest first; then errors of the capability, an observer or a
-thread are raised.
+Once per period of the driver it reads, perceives, decides, passes commands through the gate, and writes.
+Missed periods are skipped and counted. If three or more periods in a row are missed, the gate holds the
+robot. At every end of the loop, also after an error, the robot is first brought to rest. Only then are errors
+of the capability, an observer or a thread raised.
 """
 
 from __future__ import annotations
@@ -33,20 +34,20 @@ from tci.runtime.result import Account, RunResult
 from tci.runtime.watchdogs import SkinWatchdog, frozen_garbage, interruptions
 
 MISSED = 3
-"""Number of periods missed in a row after which the robot holds. Assumed: a few are normal without real-time
-priority."""
+"""Least number of periods missed in a row at which the robot holds. Assumed: a few missed periods are normal
+without real-time priority."""
 PERSISTS = 0.1
-"""Time [s] for which skin frames may fail to fit the robot before it stops. Assumed: single damaged frames do
-no harm."""
+"""Time [s] for which skin frames may fail to fit the robot. After this time the gate stops the robot.
+Assumed: single damaged frames do no harm."""
 REST = 0.5
-"""Longest time [s] that the loop waits for the robot to come to rest when it ends. Assumed: robots stop
-sooner within their limits."""
+"""Longest time [s] that the loop waits at its end for the robot to come to rest. Assumed: within their
+limits, robots come to rest sooner."""
 LET_GO = 0.1
-"""Last part [s] of `REST`, in which the loop does not read. Without new data the gate ends all torques;
-otherwise a joint in torque mode would keep its last torque."""
+"""Length [s] of the last part of `REST`. In this part the loop does not read. Without new data the gate ends
+all torques. Otherwise a joint in torque mode would keep its last torque."""
 STILL = 1e-6
-"""Speed [rad/s] below which a reference counts as at rest. Assumed: above rounding errors, far below any
-motion."""
+"""Speed [rad/s] of a reference below which the joint counts as at rest. Assumed: this is larger than rounding
+errors and far smaller than any motion."""
 
 Memory = TypeVar("Memory")
 
@@ -60,8 +61,8 @@ class Tick:
     reading: Reading
     """Reading of the robot."""
     perception: Perception
-    """Perception for the capability; the previous one if the skin frames of this reading do not fit the
-    robot."""
+    """Perception for the capability. If the skin frames of this reading do not fit the robot: the previous
+    perception."""
     commands: tuple[Order, ...]
     """Orders of the capability."""
     sent: SafeCommand
@@ -88,22 +89,25 @@ def run(
 ) -> RunResult[Memory]:
     """Runs a capability on a robot for `duration` [s], or until interrupted, and returns the result.
 
-    The result contains the memory. It is false if the robot was stopped or every command was refused. In
-    these cases `run` raises no exception, so that the caller gets memory and reasons. The first refusal and
-    the first clamp of each kind, and each hold and stop, are logged as they occur (`logging`, logger `tci`).
+    The result contains the memory. The result is false if the robot was stopped, or if every command was
+    refused. In these two cases `run` raises no exception, so that the caller gets the memory and the reasons.
+    The first refusal and the first clamp of each kind are logged as they occur, and so are each hold and each
+    stop (`logging`, logger `tci`).
 
-    `observe` is called after each tick, `sensed` before the reading of a tick is processed; the loop waits
-    for both. `guard` is called in each period and returns a reason to hold (`heartbeat.Listener.fault`), or
-    None. `report` is filled during the run. With `write=False` no command is sent, and the driver need not be
-    armed. The run ends early when `until` returns True for the capability's memory.
+    `observe` is called after each tick. `sensed` is called before the reading of a tick is processed. The
+    loop waits for both, so they must return quickly. `guard` is called in each period. It returns a reason to
+    hold (for example `heartbeat.Listener.fault`), or None. `report` is filled during the run. With
+    `write=False` no command is sent, and the driver need not be armed. The run ends early when `until`,
+    called with the capability's memory, returns True.
 
-    At every end of the run, the robot is brought to rest within `REST`; unfinished motions are cut short.
-    This includes SIGINT and SIGTERM, after which `run` raises KeyboardInterrupt or SystemExit.
+    At every end of the run, the robot is brought to rest within `REST`. Unfinished motions are cut short.
+    This also happens after SIGINT and SIGTERM. Then `run` raises KeyboardInterrupt or SystemExit.
 
-    Before the robot moves, raises TciError for an invalid duration or argument, CommandError if the robot
-    refuses the capability's first commands, and DriverError if another process commands the robot. After the
-    robot has come to rest, raises CommandError for a step that does not return commands and memory, and the
-    errors of driver, capability, observer and threads.
+    Before the robot moves, one of three errors may be raised: TciError for an invalid duration or argument,
+    CommandError if the robot refuses the capability's first commands, and DriverError if another process
+    commands the robot. After the robot has come to rest, CommandError is raised if a step did not return
+    commands and memory. Errors of the driver, the capability, an observer or a thread are also raised only
+    then.
     """
     check_duration(duration)
     driver, capability = as_driver(driver), as_capability(capability)
@@ -168,11 +172,11 @@ class _Loop(Generic[Memory]):
         self._sent: SafeCommand | None = None
 
     def begin(self, now: float) -> None:
-        """Sets the start of the first period to `now` [s]; the first tick may already be late."""
+        """Sets the start of the first period to `now` [s]. The first tick may already be late."""
         self._start = now
 
     def tick(self, now: float) -> None:
-        """Runs one period, at `now` [s] on the driver's clock."""
+        """Runs one period. `now` [s] is the time on the driver's clock."""
         begin = time.perf_counter()
         gate = self.driver.gate
         gate.hold(self._timing(now) or (self.guard() if self.guard else None))
@@ -207,7 +211,7 @@ class _Loop(Generic[Memory]):
         self.report.work.add(time.perf_counter() - begin)
 
     def end(self, duration: float | None) -> None:
-        """Counts the missed periods between the last tick and the end of `duration` [s]."""
+        """Counts the periods missed between the last tick and the end of `duration` [s]."""
         if duration is None or self._before is None:
             return
         missed = math.ceil(duration / self.driver.period - ROUNDING) - self._period_of(self._before) - 1
@@ -216,7 +220,10 @@ class _Loop(Generic[Memory]):
             self.report.missed += missed
 
     def _timing(self, now: float) -> Reason | None:
-        """Counts the periods missed before this one. Returns a reason to hold if there were too many."""
+        """Counts the periods missed since the previous tick.
+
+        Returns a reason to hold if too many were missed.
+        """
         period = self.driver.period
         if self._before is None:
             self._before = now
@@ -233,12 +240,18 @@ class _Loop(Generic[Memory]):
         return Reason(Code.PERIODS_MISSED, f"the loop missed {missed - 1} periods")
 
     def _period_of(self, now: float) -> int:
-        """Returns the number, from 0, of the period that contains a time [s]."""
+        """Returns the number of the period that contains the time `now` [s].
+
+        The first period has number 0.
+        """
         return int((now - self._start) / self.driver.period + ROUNDING)
 
     def _perceive(self, reading: Reading, now: float) -> Perception | None:
-        """Returns the perception; None for a reading that does not fit the robot. If such readings continue,
-        the gate stops."""
+        """Returns the perception.
+
+        Returns None if the reading does not fit the robot. If such readings continue for longer than
+        `PERSISTS`, the gate stops the robot.
+        """
         try:
             self._perception = self.perceiver.step(reading, now)
         except FrameError as error:
@@ -251,8 +264,10 @@ class _Loop(Generic[Memory]):
         return self._perception
 
     def finish(self) -> None:
-        """Brings moving joints to rest, because no later tick would end their motion, and clears the loop's
-        hold."""
+        """Brings moving joints to rest and then ends the loop's hold.
+
+        This is needed because no later tick would end their motion.
+        """
         if self._sent is None or not _moves(self._sent):
             return
         gate = self.driver.gate
@@ -264,8 +279,10 @@ class _Loop(Generic[Memory]):
                 return
 
     def stop(self, reason: str, cause: BaseException) -> None:
-        """Stops the gate and brings the robot to rest. Errors that occur meanwhile are added to `cause` as
-        notes."""
+        """Stops the gate and brings the robot to rest.
+
+        Errors that occur while the robot is brought to rest are added to `cause` as notes.
+        """
         self.driver.gate.stop(Reason(Code.PROGRAM_FAILED, reason))
         try:
             self._rest()
@@ -273,17 +290,19 @@ class _Loop(Generic[Memory]):
             cause.add_note(f"and the robot could not be brought to rest: {error}")
 
     def _rest(self, halt: Callable[[], None] | None = None) -> None:
-        """Calls `halt` in each period until all references are at rest, and long enough for other processes
-        to receive this."""
+        """Calls `halt` in each period until all references are at rest.
+
+        Continues for more than `MISSED` periods, so that other processes receive the last commands.
+        """
         for count, sent in enumerate(self._writes(halt), start=1):
             if count > MISSED and not _moves(sent):
                 return
 
     def _writes(self, halt: Callable[[], None] | None = None) -> Iterator[SafeCommand]:
-        """Writes the gate's output for no commands once per period, for at most `REST`.
+        """Writes the gate's output once per period without new orders, for at most `REST`.
 
-        If writing fails until the end, raises the error only then, since other parts of the robot may still
-        receive commands.
+        If writing fails, the loop continues, since other parts of the robot may still receive commands. The
+        error is raised at the end if the last write failed.
         """
         driver = self.driver
         failure: Exception | None = None
@@ -307,5 +326,5 @@ class _Loop(Generic[Memory]):
 
 
 def _moves(sent: SafeCommand) -> bool:
-    """Returns True if a command sets a speed or a torque other than zero."""
+    """Returns True if a command sets a speed or a torque that is not zero."""
     return bool(np.any(np.abs(sent.velocity) >= STILL) or np.any(sent.torque))

@@ -10,14 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 FINEST = 1e-6
-"""Upper edge [s] of the first bin. Assumed: shorter than any step of the loop."""
+"""Upper edge [s] of the first bin. Assumed: this is shorter than any step of the loop."""
 PER_DOUBLING = 16
-"""Number of bins per doubling of the time."""
+"""Number of bins after which the time has doubled."""
 BINS = 512
 
 
 class Histogram:
-    """A histogram of times with bins that grow by 4 %, so that it covers microseconds to hours."""
+    """A histogram of times.
+
+    Each bin is 4 % wider than the bin before, so the histogram covers microseconds to hours.
+    """
 
     def __init__(self) -> None:
         self.counts: NDArray[np.int64] = np.zeros(BINS, dtype=np.int64)
@@ -33,8 +36,10 @@ class Histogram:
         self.counts[min(place, BINS - 1)] += 1
 
     def quantile(self, share: float) -> float:
-        """Returns the time [s] that a fraction `share` 0..1 of all do not exceed, rounded up to the edge of
-        its bin."""
+        """Returns the time [s] that a fraction `share` 0..1 of all times do not exceed.
+
+        The time is rounded up to the edge of its bin.
+        """
         total = int(self.counts.sum())
         if not total:
             return 0.0
@@ -42,7 +47,7 @@ class Histogram:
         return float(min(FINEST * 2.0 ** (bin_ / PER_DOUBLING), self.largest))
 
     def to_json(self) -> dict[str, float]:
-        """Returns the usual quantiles in milliseconds."""
+        """Returns the median, the 99 % and 99.9 % quantiles, and the largest time, in milliseconds."""
         quantiles = {"p50": 0.5, "p99": 0.99, "p999": 0.999}
         figures = {name: self.quantile(share) * 1e3 for name, share in quantiles.items()}
         return {**figures, "max": self.largest * 1e3}
@@ -50,27 +55,28 @@ class Histogram:
 
 @dataclass(slots=True)
 class LoopReport:
-    """Statistics of a run. Pass one to `run` to read it during the loop and after it."""
+    """Statistics of a run. To read the statistics during the loop, pass a report to `run`."""
 
     ticks: int = 0
-    """Number of periods with a tick."""
+    """Number of periods that the loop executed."""
     missed: int = 0
-    """Number of periods that were skipped because an earlier one took too long or the process slept."""
+    """Number of periods that were skipped, because an earlier period took too long or the process did not
+    run."""
     overruns: int = 0
-    """Number of interruptions by missed periods."""
+    """Number of occasions on which one or more periods were missed in a row."""
     rejected: int = 0
-    """Number of readings whose skin did not fit the robot."""
+    """Number of readings that were rejected because their skin frames did not fit the robot."""
     lateness: Histogram = field(default_factory=Histogram)
     """Lateness [s] of each tick."""
     work: Histogram = field(default_factory=Histogram)
-    """Computing time [s] of each tick, on the machine's own clock."""
+    """Computing time [s] of each tick, measured on the machine's own clock."""
     ended: str = ""
-    """Reason why the loop ended; empty while it runs."""
+    """Reason why the loop ended. It is empty while the loop runs."""
     cut_short: bool = False
-    """True if the robot was still moving at the end of the run, and was brought to rest."""
+    """True if the robot was still moving at the end of the run and had to be brought to rest."""
 
     def to_json(self) -> dict[str, Any]:
-        """Returns plain values; times in milliseconds."""
+        """Returns plain values for JSON. Times are in milliseconds."""
         return {
             "ticks": self.ticks,
             "missed": self.missed,

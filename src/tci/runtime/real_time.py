@@ -10,18 +10,18 @@ from contextlib import ExitStack, contextmanager, suppress
 from tci.errors import TciError
 
 PRIORITY = 50
-"""Priority, equal to that of ros2_control and of the kernel's interrupt threads. The kernel uses 99 for its
-own watchdogs."""
+"""Real-time priority. It equals the priority of ros2_control and of the kernel's interrupt threads. The
+kernel uses priority 99 for its own watchdogs."""
 
 
 @contextmanager
 def real_time(*, priority: int = PRIORITY, processor: int | None = None) -> Iterator[None]:
-    """Runs the block's thread with priority over all threads without real-time priority (SCHED_FIFO), on one
-    `processor` if given.
+    """Runs the block's thread with real-time priority (SCHED_FIFO).
 
-    Threads and processes that are started inside inherit the priority. A capability that does not return then
-    blocks its processor for all other programs. Raises TciError, before anything is changed, if the system
-    does not permit it.
+    It then has priority over all threads without real-time priority. If `processor` is given, the thread runs
+    only on this processor. Threads and processes that are started inside the block inherit the priority. If a
+    capability does not return, it blocks its processor for all other programs. Raises TciError if the system
+    does not permit real-time priority. Nothing is changed then.
     """
     if sys.platform != "linux":
         raise TciError(f"real time on {sys.platform}; valid: on Linux")
@@ -51,7 +51,10 @@ def real_time(*, priority: int = PRIORITY, processor: int | None = None) -> Iter
 
 @contextmanager
 def real_time_where_permitted() -> Iterator[None]:
-    """Runs the block with real-time priority if the system permits it; otherwise changes nothing."""
+    """Runs the block with real-time priority if the system permits this.
+
+    Otherwise runs the block without changes.
+    """
     with ExitStack() as stack:
         with suppress(TciError):
             stack.enter_context(real_time())

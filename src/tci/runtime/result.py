@@ -1,4 +1,4 @@
-"""The result of a run: its memory, and a summary of touches, motions and refusals."""
+"""The result of a run: the capability's memory, and a summary of touches, motions and refusals."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from tci.reasons import Notice, Reason, ReasonCounter, text_of
 from tci.runtime.loop_report import LoopReport
 
 MOVED = float(np.deg2rad(1.0))
-"""Least motion [rad] of a servo that counts as moved. Assumed: gravity makes a servo sag by less."""
+"""Least motion [rad] of a servo that counts as moved. Assumed: a servo sags by less under gravity."""
 SHOWN = 6
-"""Number of servos, and of notices of each kind, that are printed. Assumed: longer lists are not read."""
+"""Number of servos that are printed, and number of notices of each kind that are printed. Assumed: longer
+lists are not read."""
 
 Memory = TypeVar("Memory")
 _log = logging.getLogger("tci")
@@ -27,11 +28,12 @@ _log = logging.getLogger("tci")
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RunResult(Generic[Memory]):
-    """Result of a run that has ended. Prints as a few lines.
+    """Result of a run that has ended. It prints as a few lines.
 
-    It is false if the robot was stopped, or if every command was refused. Clamped commands leave it true: the
-    robot executed them within its limits, and `clamps` lists them. A STOP does not raise: the robot is at
-    rest by then, and an exception would keep the memory and the reasons from the caller.
+    The result is false if the robot was stopped, or if every command was refused. With clamped commands the
+    result is still true: the robot executed these commands within its limits, and `clamps` lists them. A stop
+    raises no exception. The robot is at rest by then, and with an exception the caller would not get the
+    memory and the reasons.
     """
 
     memory: Memory
@@ -43,19 +45,22 @@ class RunResult(Generic[Memory]):
     state: GateState
     """State of the gate at the end."""
     reason: Reason | None
-    """Reason for which the gate holds or has stopped; None while it runs."""
+    """Reason for which the gate holds or has stopped. None if the gate is in state RUN."""
     touched: Mapping[str, float]
-    """Largest force [N] of a contact on each patch that was touched, by name, in the order of touch."""
+    """Largest force [N] of a contact on each patch that was touched, by patch name. Patches are in the order
+    of their first touch."""
     moved: Mapping[str, float]
-    """Distance [rad] between the extreme angles of each servo that moved, by name, largest first."""
+    """Distance [rad] between the lowest and the highest angle of each servo that moved, by servo name. The
+    largest distance is first."""
     accepted: int
-    """Number of commands that the gate accepted, without the capability's first orders (`begin`)."""
+    """Number of commands that the gate accepted. The capability's first orders (`begin`) are not counted."""
     refusals: tuple[Notice, ...]
-    """Commands that were refused, by kind."""
+    """Reasons for which commands were refused, by kind."""
     clamps: tuple[Notice, ...]
-    """Commands that were clamped or cut short, by kind."""
+    """Reasons for which commands were clamped or cut short, by kind."""
     holds: tuple[Notice, ...]
-    """Reasons for which the gate held the robot, by kind, with the number of periods."""
+    """Reasons for which the gate held the robot, by kind. Each reason's count is the number of periods in
+    which it held the robot."""
 
     @property
     def ended(self) -> str:
@@ -72,7 +77,7 @@ class RunResult(Generic[Memory]):
 
     @property
     def summary(self) -> str:
-        """One line with the touched patches, and the joints that moved."""
+        """One line with the touched patches and the joints that moved."""
         touched = ", ".join(f"{patch} ({force:.1f} N)" for patch, force in self.touched.items())
         moved = ", ".join(f"{name} {np.rad2deg(way):.0f}" for name, way in [*self.moved.items()][:SHOWN])
         more = f" and {len(self.moved) - SHOWN} more" if len(self.moved) > SHOWN else ""
@@ -91,8 +96,10 @@ class RunResult(Generic[Memory]):
         return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:
-        """Returns all fields except the memory as plain values. Times are in seconds, those of the loop in
-        milliseconds."""
+        """Returns all fields except the memory as plain values.
+
+        Times are in seconds, but times of the loop are in milliseconds.
+        """
         return {
             "robot": self.robot,
             "ok": bool(self),
@@ -110,7 +117,7 @@ class RunResult(Generic[Memory]):
 
 
 class Account:
-    """Gathers the result of a run, period by period, and logs the first notice of each kind."""
+    """Collects the result of a run, period by period, and logs the first notice of each kind."""
 
     def __init__(self, driver: Driver) -> None:
         self._driver = driver
@@ -123,9 +130,11 @@ class Account:
         self._stopped: Reason | None = None
 
     def add(self, seen: Perception | None, position: Array, sent: SafeCommand, *, opening: bool) -> None:
-        """Adds one period. `seen` is the perception, None if the reading did not fit the robot; `position`
-        (n_servos,) [rad] are the servo angles. `opening` is True for the capability's first orders
-        (`begin`)."""
+        """Adds one period.
+
+        `seen` is the perception, or None if the reading did not fit the robot. `position` (n_servos,) [rad]
+        are the servos' angles. `opening` is True if the orders are the capability's first orders (`begin`).
+        """
         if seen is not None:
             if seen.contacts is not self._contacts:
                 self._touch(seen)

@@ -1,4 +1,4 @@
-"""Events of a run: touches, state changes, reasons for holds, the outcome of each injected fault."""
+"""Events of a run: touches, state changes, reasons for holds, and the outcome of each injected fault."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ MEANING = {
     GateState.STOP: "the robot stops and stays stopped until an operator resets it",
 }
 LULL = 0.5
-"""Time [s] that a place must be free of contact before its next touch is printed. Assumed: a sliding hand
-makes and breaks contact faster."""
+"""Time [s] for which a place must have no contact before the next touch on this place is printed. Assumed: a
+sliding hand makes and breaks contact at shorter intervals."""
 STILL = 1e-6
 """Commanded speed [rad/s] below which a joint counts as at rest. Assumed: above rounding errors."""
 
@@ -36,7 +36,8 @@ class Event:
     now: float
     """Time [s] on the driver's clock."""
     kind: str
-    """Kind: touch, command, refused, clamped, HOLD, STOP, RUN, at rest, MASK, FAULT, over, NOTE."""
+    """Kind of the event. From the skin: touch, MASK. From commands: command, refused, clamped. From the gate:
+    HOLD, STOP, RUN, at rest. From injected faults: FAULT, over. From the capability: NOTE."""
     words: str
 
     def to_json(self) -> dict[str, Any]:
@@ -45,13 +46,13 @@ class Event:
 
 
 class RunLog:
-    """Finds the events of a run in its ticks, and passes each to `listen` at once."""
+    """Finds the events of a run in its ticks. Each event is passed to `listen` at once."""
 
     def __init__(self, driver: Driver, listen: Callable[[Event], None]) -> None:
         self.events: list[Event] = []
         """All events so far."""
         self.worst = GateState.RUN
-        """Worst state so far: STOP before HOLD before RUN."""
+        """Worst state so far. STOP is worse than HOLD, and HOLD is worse than RUN."""
         self.refused, self.clamped = ReasonCounter(), ReasonCounter()
         self._driver, self._listen = driver, listen
         self._state: tuple[GateState, Reason | None] = (GateState.RUN, None)
@@ -65,7 +66,7 @@ class RunLog:
         self._ended: float | None = None
 
     def see(self, tick: Tick) -> None:
-        """Reports the changes of one tick of the loop."""
+        """Stores the events of one tick of the loop."""
         self.tell_faults(tick.now)
         self._touches(tick)
         self._skin(tick)
@@ -88,7 +89,7 @@ class RunLog:
                 self._command(tick.now, command)
 
     def tell_faults(self, now: float) -> None:
-        """Reports the faults that began or ended since the last call."""
+        """Stores an event for each fault that began or ended since the last call."""
         if not isinstance(self._driver, FaultInjector):
             return
         for plan in self._driver.begun[len(self._begun) :]:
@@ -102,13 +103,17 @@ class RunLog:
                 self.write(now, "over", f"{plan.name} has ended")
 
     def write(self, now: float, kind: str, words: str) -> None:
-        """Stores one event and passes it on."""
+        """Stores one event and passes it to `listen`."""
         event = Event(now, kind, words)
         self.events.append(event)
         self._listen(event)
 
     def outcome(self) -> list[dict[str, Any]]:
-        """Returns for each fault its begin [s], the expected reaction, and the first reaction of the gate."""
+        """Returns the outcome of each fault.
+
+        Each outcome contains the fault's begin [s], the expected reaction, and the first reaction of the
+        gate.
+        """
         lines = []
         for begin, plan in self._begun:
             after = [event for event in self.events if round(event.now, 4) >= round(begin, 4)]

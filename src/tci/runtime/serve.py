@@ -1,6 +1,6 @@
-"""Serves a robot to other programs: the control loop with a server instead of a capability.
+"""Serves a robot to other programs: runs the control loop with a server in place of a capability.
 
-Gate, lease and watchdog of this process apply to all orders.
+The gate, lease and watchdogs of this process apply to all orders from these programs.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ def serve(
     served: Served | None = None,
     clock: Clock | None = None,
 ) -> Served:
-    """Serves the robot of `server.driver` for `duration` [s], or until interrupted; read-only unless the
-    driver is armed.
+    """Serves the robot of `server.driver` for `duration` [s], or until interrupted.
 
-    An order that does not fit the robot is refused and has no effect. `clock` is the clock of the clients, by
-    default that of the machine. Raises the errors of `run`.
+    If the driver is not armed, clients can read but not command the robot. An order that does not fit the
+    robot is refused, and the robot does not move. `clock` is the clock of the clients. By default it is the
+    machine's clock. Raises the errors of `run`.
     """
     orders = _Orders(server, served if served is not None else Served(), clock or MonotonicClock())
 
@@ -61,7 +61,7 @@ def serve(
 
 
 class _Orders(Capability[None]):
-    """Orders of other programs, in the form of a capability."""
+    """Passes orders of other programs to the loop, in the form of a capability."""
 
     def __init__(self, server: Server, served: Served, clock: Clock) -> None:
         self.server = server
@@ -93,7 +93,7 @@ class _Orders(Capability[None]):
         return tuple(passed), None
 
     def hold(self) -> Reason | None:
-        """Returns the reason why the robot should hold in this period, or None."""
+        """Returns a reason to hold the robot in this period, or None."""
         missed = self.server.fault()
         return (self._standstill.fault() if self._standstill is not None else None) or missed
 

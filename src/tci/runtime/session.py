@@ -1,4 +1,4 @@
-"""A run with recording, injected faults and the log of its events: the work of `tci run`."""
+"""A run with recording, injected faults and a log of its events. The command `tci run` uses it."""
 
 from __future__ import annotations
 
@@ -30,17 +30,20 @@ from tci.runtime.run_log import Event, RunLog
 from tci.skin.skin import Skin
 
 REHEARSAL = 1.5
-"""Shortest run [s] with an injected fault: long enough for one poke and the response."""
+"""Shortest run [s] with an injected fault. It is long enough for one poke and the response to it."""
 FLICKER = 0.4
-"""Noise [counts] of the simulated skin in a rehearsal. Assumed: most rounded values stay constant, some
-change by one."""
+"""Noise [counts] of the simulated skin in a run with injected faults. Assumed: most rounded values then stay
+constant, and some change by one."""
 POKE_DELAY = 0.3
-"""Time [s] from the start of the run to the finger's touch. The robot is at rest by then."""
+"""Time [s] from the start of the run to the touch by the simulated finger. The robot is at rest at this time.
+"""
 
 
 class Session:
-    """One run of a capability on an open driver. `run` executes the run; the other members report its
-    result."""
+    """One run of a capability on an open driver.
+
+    `run` executes the run. The other members report its result.
+    """
 
     def __init__(
         self,
@@ -67,26 +70,27 @@ class Session:
         self.source = driver
         """The robot's own driver."""
         self.driver = FaultInjector(driver, faults, flicker=flicker) if faults else driver
-        """The driver that is run: `source`, or one that injects faults into it."""
+        """The driver on which the capability runs: `source`, or a driver that injects faults into `source`.
+        """
         self.recorder = recorder
         self.report = LoopReport()
         self.log = RunLog(self.driver, listen)
         self.result: RunResult[Any] | None = None
-        """Result of the run; None if an error ended it."""
+        """Result of the run. None if the run ended with an error."""
         self.error: BaseException | None = None
-        """Error of the capability, or the signal, that ended the run."""
+        """The error of the capability, or the signal, that ended the run."""
         self._capability, self._observe = capability, observe
 
     @property
     def failed(self) -> bool:
-        """True if the run stopped, ended by an error, or had every command refused."""
+        """True if the robot was stopped, the run ended with an error, or every command was refused."""
         return self.log.worst is GateState.STOP or not self.result
 
     def run(self, duration: float | None = None) -> None:
         """Runs the capability for `duration` [s], or until interrupted.
 
-        Stores a signal, or an error that occurs after the start of the run, in `error`. Raises earlier
-        errors.
+        If a signal or an error ends the run after its start, this signal or error is stored in `error` and
+        not raised. Raises earlier errors.
         """
         notes, clock, log = ReasonCounter(), self.driver.clock, self.log
 
@@ -147,8 +151,10 @@ class Session:
         return fields
 
     def _place(self, error: BaseException) -> str:
-        """Returns the file and line of an error in the capability's own file; empty for an error in another
-        file."""
+        """Returns the file and line of an error in the capability's own file.
+
+        Returns an empty text for an error in another file.
+        """
         file = sys.modules[type(self._capability).__module__].__file__
         frames = traceback.extract_tb(error.__traceback__)
         lines = [frame.lineno for frame in frames if frame.filename == file]
@@ -156,7 +162,7 @@ class Session:
 
 
 def rehearsal_length(faults: Sequence[FaultPlan]) -> float:
-    """Returns the time [s] in which the response to one poke and to each fault can be seen."""
+    """Returns the least time [s] in which the responses to one poke and to each fault can be seen."""
     return max(REHEARSAL, *(plan.at + INJECTORS[plan.name].shows_after + 1.0 for plan in faults))
 
 
@@ -180,13 +186,15 @@ def recorder_for(path: Path, driver: Driver, via: str, about: Mapping[str, str])
 
 
 def about_capability(name: str, capability: Capability[object]) -> dict[str, str]:
-    """Returns the metadata of a recording that name the behaviour that ran, and its settings."""
+    """Returns metadata for a recording: the name of the behaviour that ran, and its settings."""
     return {"capability": name, "settings": repr(capability)}
 
 
 def poke_forearm(driver: Driver) -> str:
-    """Pokes the left forearm with the simulated finger. Returns the patch. Raises CommandError for a real
-    robot."""
+    """Pokes the left forearm with the simulated finger.
+
+    Returns the name of the poked patch. Raises CommandError for a real robot.
+    """
     if not isinstance(driver, SimulatedDriver):
         raise CommandError("--poke needs a simulated robot; valid: --via sim")
     site = default_fields()[0]
@@ -202,7 +210,7 @@ def poke_forearm(driver: Driver) -> str:
 
 @contextlib.contextmanager
 def _quiet_threads() -> Iterator[None]:
-    """Suppresses the traceback of a thread that an injected fault ends on purpose."""
+    """Suppresses the traceback of a thread that an injected fault has ended on purpose."""
     usual = threading.excepthook
 
     def hook(failed: threading.ExceptHookArgs) -> None:

@@ -1,5 +1,7 @@
-"""Watchdogs of the loop, for silent skin, stalls, signals and failed threads; and control of the garbage
-collector."""
+"""Watchdogs of the loop for silent skin, stalls, signals and failed threads.
+
+The module also controls the garbage collector.
+"""
 
 from __future__ import annotations
 
@@ -20,28 +22,29 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 PERIODS = 3.0
-"""Number of periods of a patch without a frame after which it is silent. Assumed: one or two frames may be
-lost."""
+"""Number of periods of a patch without a frame after which the patch counts as silent. Assumed: one or two
+frames may be lost."""
 LEAST_SILENCE = 0.25
-"""Least time [s] without a frame after which a patch is silent. Assumed: a busy network may delay data by
-this time."""
+"""Least time [s] without a frame after which a patch counts as silent. Assumed: a busy network may delay data
+by this time."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 TURN = 0.0001
-"""Time [s] after which Python switches between busy threads. Assumed: far below a period; Python's own value
-is 5 ms."""
+"""Time [s] after which Python switches between busy threads. Assumed: this is far below a control period.
+Python's default is 5 ms."""
 STOOD = 0.3
-"""Delay [s] of a period from which the process counts as stalled. Assumed: other programs cause shorter
-delays."""
+"""Delay [s] of a period above which the process counts as stalled. Assumed: delays that other programs cause
+are shorter."""
 PILED_UP = 0.3
-"""Time [s] after a stall until all queued data has been read. Assumed: as long as the shortest stall."""
+"""Time [s] after a stall within which all queued data is read. Assumed: this is as long as the shortest
+stall."""
 FROZEN_BY_PYTHON = 1000
-"""Number of frozen objects up to which they are Python's own: Python 3.12 has 375. A program that freezes
-its own has thousands."""
+"""Largest number of frozen objects that counts as Python's own. Python 3.12 has 375. A program that has
+frozen its own objects has thousands."""
 
 
 @contextmanager
 def attentive() -> Iterator[None]:
-    """Lets other threads run while the loop computes, not only while it waits."""
+    """Lets other threads run also while the loop computes, not only while the loop waits."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(min(before, TURN))
     try:
@@ -51,12 +54,17 @@ def attentive() -> Iterator[None]:
 
 
 class SkinWatchdog:
-    """Detects skin that has stopped sending frames while joint data still arrives: touches are then not
-    measured."""
+    """Detects skin that has stopped sending frames while joint data still arrives.
+
+    In this state touches are not measured.
+    """
 
     def __init__(self, robot: Robot, *, stale_after: float, keep_alive: float | None = None) -> None:
-        """Takes `stale_after` [s], the age from which joint data is too old. `keep_alive` [s] is given if
-        skin is sent on change (send-on-delta): each patch then sends at least once in that time."""
+        """`stale_after` [s] is the age above which joint data counts as too old.
+
+        `keep_alive` [s] must be given if skin is sent on change (send-on-delta). Each patch then sends at
+        least one frame in that time.
+        """
         least = max(stale_after, LEAST_SILENCE, PERIODS * (keep_alive or 0.0))
         self._longest = {patch.name: max(PERIODS / patch.rate, least) for patch in robot.patches}
         self._last_frames: dict[str, tuple[int, float]] = {}
@@ -65,8 +73,10 @@ class SkinWatchdog:
         self._torques = TorqueWatchdog(robot, stale_after=stale_after)
 
     def fault(self, reading: Reading, now: float) -> Reason | None:
-        """Returns a reason to hold if a patch had no new frame, or no new torques, for too long at `now` [s];
-        else None."""
+        """Returns a reason to hold if a patch had no new frame or no new torques for too long.
+
+        Otherwise returns None. `now` [s] is the present time.
+        """
         if reading.skin is not self._skin:
             self._skin = reading.skin
             for frame in reading.skin:
@@ -87,13 +97,14 @@ class SkinWatchdog:
 
 
 class TorqueWatchdog:
-    """Detects that joints through which a robot feels touches have stopped reporting torques.
+    """Detects that joints have stopped reporting torques.
 
-    Torques that stay exactly constant while the joints move do not count as new.
+    This is needed for robots that measure touches through their joints. Torques that stay exactly constant
+    while the joints move do not count as new.
     """
 
     def __init__(self, robot: Robot, *, stale_after: float) -> None:
-        """Takes `stale_after` [s], the age from which joint data is too old."""
+        """`stale_after` [s] is the age above which joint data counts as too old."""
         self._longest = max(stale_after, LEAST_SILENCE)
         felt = [patch for patch in robot.patches if patch.through_joints]
         self._patches = {part: [p.name for p in felt if p.part == part] for part in {p.part: 0 for p in felt}}
@@ -105,7 +116,10 @@ class TorqueWatchdog:
         self._stamp = -np.inf
 
     def fault(self, joints: JointReading, now: float) -> Reason | None:
-        """Returns a reason to hold if a part had no new torques for too long at `now` [s]; else None."""
+        """Returns a reason to hold if a part had no new torques for too long.
+
+        Otherwise returns None. `now` [s] is the present time.
+        """
         if joints.stamp != self._stamp and joints.torque is not None:
             for part, servos in self._servos.items():
                 torque, position = joints.torque[servos], joints.position[servos]
@@ -126,15 +140,15 @@ class TorqueWatchdog:
 
 
 class StallDetector:
-    """Detects that this process did not run for a while: frozen, swapped out, or without processor time. Data
-    that was sent meanwhile is still in the sockets and looks new, so the robot holds until this data has been
-    read.
+    """Detects that this process did not run for some time.
 
-    It uses the machine's clock, since the clock of a simulation stops with the process.
+    The process was then frozen, swapped out, or without processor time. Data that was sent during this time
+    is still in the sockets and looks new. So the robot holds until this data has been read. The detector uses
+    the machine's clock, since the clock of a simulation stops with the process.
     """
 
     def __init__(self, clock: Clock, *, stale_after: float) -> None:
-        """Takes `stale_after` [s], the age from which data is too old. The first period begins now."""
+        """`stale_after` [s] is the age above which data counts as too old. The first period begins now."""
         self._clock = clock
         self._longest = max(stale_after, STOOD)
         self._before = clock.now()
@@ -142,7 +156,7 @@ class StallDetector:
         self._reason: Reason | None = None
 
     def fault(self) -> Reason | None:
-        """Returns the reason why the robot should hold, or None. Call it once per period."""
+        """Returns a reason to hold the robot, or None. Call it once per period."""
         now = self._clock.now()
         stood, self._before = now - self._before, now
         if stood > self._longest:
@@ -153,20 +167,24 @@ class StallDetector:
 
 
 class Interruption:
-    """A signal or a failed thread, which ends the loop."""
+    """A signal, or an exception in a thread, that ends the loop."""
 
     def __init__(self) -> None:
         self.signal: int | None = None
-        """Number of the signal; None if there was none."""
+        """Number of the signal. None if there was no signal."""
         self.failure: BaseException | None = None
-        """Exception of a thread; None if there was none."""
+        """Exception of a thread. None if no thread failed."""
         self.thread = ""
         """Name of that thread."""
         self.rests = False
-        """True while the robot is brought to rest, which no signal interrupts."""
+        """True while the robot is brought to rest. Signals do not interrupt this."""
 
     def raise_it(self) -> None:
-        """Raises KeyboardInterrupt, SystemExit (128 + signal), or the thread's own exception."""
+        """Raises the exception that the signal or thread requires.
+
+        This is KeyboardInterrupt for SIGINT, SystemExit (128 + signal) for another signal, or the exception
+        of the failed thread.
+        """
         if self.failure is not None:
             raise self.failure
         if self.signal == signal.SIGINT:
@@ -179,8 +197,8 @@ class Interruption:
 def interruptions() -> Iterator[Interruption]:
     """Catches signals (in the main thread) and exceptions of any thread inside the block.
 
-    The first signal is stored for the loop, which brings the robot to rest. A second signal interrupts a
-    capability that does not return, but not the motion to rest.
+    The first signal is stored, so that the loop can bring the robot to rest. A second signal interrupts a
+    capability that does not return. The second signal does not interrupt the motion to rest.
     """
     found = Interruption()
 
@@ -202,7 +220,7 @@ def interruptions() -> Iterator[Interruption]:
 
 _threads = threading.Lock()
 _watching: list[Interruption] = []
-"""All open blocks: loops of several robots may run in threads of one process."""
+"""All open blocks. There may be several, since loops of several robots may run in threads of one process."""
 _hook = threading.excepthook
 
 
@@ -232,7 +250,10 @@ def _leave_threads(found: Interruption) -> None:
 
 @contextmanager
 def frozen_garbage() -> Iterator[None]:
-    """Excludes existing objects from garbage collection, since its pauses grow with the number of objects."""
+    """Excludes existing objects from garbage collection.
+
+    Otherwise the pauses of the collector would be longer with more objects.
+    """
     if gc.get_freeze_count() > FROZEN_BY_PYTHON:
         yield
         return

@@ -1,5 +1,5 @@
 """Simulated robots with skin, in MuJoCo.
 
-A world holds one robot, its servos, its taxels and a finger that pokes it. Drivers connect to it as to a real
-robot.
+A world contains one robot with its servos and taxels, and a simulated finger that pokes the robot. Drivers
+connect to a world as to a real robot.
 """

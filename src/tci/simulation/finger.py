@@ -1,4 +1,4 @@
-"""A compliant finger that pokes the skin. Only `retire` removes it."""
+"""A compliant simulated finger that pokes the skin. Only `retire` removes the finger."""
 
 from __future__ import annotations
 
@@ -17,28 +17,32 @@ from tci.simulation.touch import FINGER_PRIORITY, FINGER_TIP, stiff
 RADIUS = 0.005
 """Radius of the tip [m]."""
 STIFFNESS = 800.0
-"""Stiffness [N/m] of the spring between base and tip: with a nearly rigid finger 2 mm would give 19 N."""
+"""Stiffness [N/m] of the spring between base and tip. With a nearly rigid finger, an indentation of 2 mm
+would give 19 N."""
 MASS = 0.02
-"""Mass of the tip [kg]. Assumed: light, so that the tip follows the skin; a lighter one needs smaller
-steps."""
+"""Mass of the tip [kg]. Assumed: light, so that the tip follows the skin. A lighter tip needs smaller
+simulation steps."""
 DAMPING = 1.4 * np.sqrt(STIFFNESS * MASS)
 """Damping [N s/m] between base and tip. Assumed: 0.7 of the critical damping."""
 TRACE = 60_000
-"""Number of steps that the trace keeps: 60 s with the default step."""
+"""Number of steps that the trace contains: 60 s with the default step."""
 
 FINGER = "tci_finger_base"
-"""Name of the body that carries the whole finger."""
+"""Name of the body that contains the whole finger."""
 _TIP = FINGER_TIP
 _PARKED = np.array([0.0, 0.0, -20.0])
 _SHAFT = 0.06
 _COLOUR = (0.85, 0.55, 0.45, 1.0)
 _OVERLAP = 5e-4
-"""Depth [m] inside the skin above which the finger must not start. Assumed: above the solver's tolerance,
-below a visible overlap."""
+"""Largest depth [m] inside the skin at which the finger may start. Assumed: this is larger than the solver's
+tolerance and smaller than a visible overlap."""
 
 
 def add_finger(spec: mujoco.MjSpec, *, step: float, radius: float = RADIUS) -> None:
-    """Adds the finger, far away: a base that is placed, and a tip that slides on it along its z axis."""
+    """Adds the finger, far away from the robot.
+
+    The finger's base can be placed anywhere, and its tip slides on the base along the z axis.
+    """
     base = spec.worldbody.add_body(name=FINGER, mocap=True, pos=_PARKED)
     tip = base.add_body(name=_TIP, gravcomp=1.0)
     tip.add_joint(name=_TIP, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0])
@@ -79,10 +83,10 @@ def add_finger(spec: mujoco.MjSpec, *, step: float, radius: float = RADIUS) -> N
 
 
 class Finger:
-    """The finger of a world: a sphere, usually of 10 mm diameter, on a spring of 800 N/m.
+    """The simulated finger of a world: a sphere, usually of 10 mm diameter, on a spring of 800 N/m.
 
-    A poke moves the spring's base along the skin's inward normal at a constant speed, until it is `depth`
-    beyond the point of the tip's first contact. It stays there, however the skin moves.
+    A poke moves the spring's base along the skin's inward normal at a constant speed. The base stops `depth`
+    beyond its place at the tip's first contact. Then the base rests, also if the skin moves.
     """
 
     def __init__(self, physics: Physics, skin: PosedSkin) -> None:
@@ -99,7 +103,7 @@ class Finger:
         self._actuator = model.actuator(_TIP).id
         physics.whole[at.TIP], physics.whole[at.TIP_SENSOR] = self._actuator, model.sensor(_TIP).adr[0]
         self.state = np.zeros(11)
-        """State and measurements of the finger; indices as in `stepping`."""
+        """State and measurements of the finger. `stepping` defines the indices."""
         self.state[at.LEADS] = DAMPING / STIFFNESS
         self.traced = np.empty((TRACE, 3))
         """Ring buffer of time [s], contact force [N] and path of the base [m] of the latest steps."""
@@ -121,22 +125,22 @@ class Finger:
 
     @property
     def force(self) -> float:
-        """Contact force [N] in the latest step."""
+        """Contact force [N] on the tip in the latest step."""
         return float(self.state[at.FORCE])
 
     @property
     def first_contact(self) -> float | None:
-        """Time [s] of the tip's first contact in this poke; None without contact."""
+        """Time [s] of the tip's first contact in this poke. None if there was no contact."""
         return self._stamp(at.FIRST)
 
     @property
     def contact_lost(self) -> float | None:
-        """Time [s] when the tip last lost contact; None while it touches."""
+        """Time [s] when the tip last lost contact. None while the tip touches."""
         return self._stamp(at.LOST)
 
     @property
     def peak_force(self) -> float:
-        """Largest contact force of this poke [N]."""
+        """Largest contact force [N] of this poke."""
         return float(self.state[at.PEAK])
 
     def _stamp(self, place: int) -> float | None:
@@ -145,7 +149,10 @@ class Finger:
 
     @property
     def pose(self) -> Array | None:
-        """`T_WF` (4, 4): pose of the tip's centre in the world, z into the skin; None without a finger."""
+        """`T_WF` (4, 4): pose of the tip's centre in the world.
+
+        Its z axis points into the skin. None without a finger.
+        """
         return self._physics.pose(self._tip) if self.state[at.ACTIVE] else None
 
     @property
@@ -155,7 +162,7 @@ class Finger:
 
     @property
     def trace(self) -> Array:
-        """Time [s], contact force [N] and path of the base [m] (steps, 3) of the last 60 000 steps."""
+        """Time [s], contact force [N] and path of the base [m] (steps, 3) in the last 60 000 steps."""
         count = int(self._physics.whole[at.TRACED])
         if count <= TRACE:
             return self.traced[:count].copy()
@@ -173,10 +180,11 @@ class Finger:
     ) -> None:
         """Starts a poke at a place on the skin, along the inward normal in the current posture.
 
-        `place` is a taxel or a point (3,) [m] in the patch's link; an outward `normal` (3,) in the link
-        replaces that of the surface. `speed` [m/s] is that of the base; `depth` [m] gives a force of `depth *
-        800 N/m` once the base rests; `gap` [m] is the distance from tip to skin at the start. Raises
-        UnknownNameError, CommandError, and TciError if the finger would start inside another patch.
+        `place` is a taxel, or a point (3,) [m] in the frame of the patch's link. If an outward `normal` (3,)
+        in that frame is given, it replaces the surface normal. `speed` [m/s] is the speed of the base.
+        `depth` [m] determines the force: `depth * 800 N/m` once the base rests. `gap` [m] is the distance
+        from tip to skin at the start. Raises UnknownNameError for an unknown patch, CommandError for an
+        invalid number, and TciError if the finger would start inside another patch.
         """
         point, outward = self._skin.point(patch, place, normal)
         self._start(point, outward, speed, depth, gap)
@@ -190,7 +198,10 @@ class Finger:
         depth: float = 0.01,
         gap: float = 0.004,
     ) -> None:
-        """Starts a poke at a `point` (3,) [m] against the outward `normal` (3,), both in the torso frame."""
+        """Starts a poke at a `point` (3,) [m] against the outward `normal` (3,).
+
+        Both are given in the torso frame.
+        """
         point, outward = self._skin.from_torso(point, normal)
         self._start(point, outward, speed, depth, gap)
 
@@ -219,8 +230,10 @@ class Finger:
         self._check_room()
 
     def _check_room(self) -> None:
-        """Raises TciError if the finger starts inside the skin, where contact would be violent and
-        misplaced."""
+        """Raises TciError if the finger starts inside the skin.
+
+        Contact would then be violent and at a wrong place.
+        """
         self._physics.refresh()
         model, data = self._physics.model, self._physics.data
         for contact in data.contact[: data.ncon]:

@@ -1,4 +1,7 @@
-"""Finds a ball that the fingers of a hand close around: its place on the palm and its size, by kinematics."""
+"""Finds a ball that the fingers of a hand can close around.
+
+Kinematics gives the ball's place on the palm and its size.
+"""
 
 from __future__ import annotations
 
@@ -17,26 +20,28 @@ from tci.simulation.world import MAX_TIP, start_angles
 from tci.skin.surfaces import Surface, surfaces_of
 
 RADII = np.geomspace(0.008, MAX_TIP, 9)
-"""Radii [m] of balls that are tried: from that of a grape to that of an apple."""
+"""Radii [m] of balls that are tried, from the radius of a grape to the radius of an apple."""
 BENDS = np.deg2rad(np.arange(0.0, 85.1, 2.5))
-"""Flexions [rad] at which fingers are looked at: up to where a light grasp stops them."""
+"""Flexions [rad] at which fingers are examined, up to the flexion at which a light grasp stops them."""
 SINKS = 0.003
-"""Depth [m] in the ball that a finger could reach. Assumed: it presses, and does not graze."""
+"""Least depth [m] to which a finger must be able to reach into the ball. Assumed: with this depth the finger
+presses the ball and does not only graze it."""
 FACES = 0.5
-"""Least cosine between the outward normal of a tip and the direction to the ball's centre. Assumed: the skin
-of a tip feels little beside it."""
+"""Least cosine of the angle between the outward normal of a fingertip and the direction to the ball's centre.
+Assumed: the skin of a fingertip measures little if the ball is beside it."""
 LIFTS = 0.4
-"""Largest cosine between the push of a finger and the outward normal of the palm. Assumed: fingers that push
-a ball out of a hand do not hold it."""
+"""Largest cosine of the angle between the push of a finger and the outward normal of the palm. Assumed:
+fingers that push a ball out of the hand do not hold it."""
 CLEAR = 0.006
-"""Distance [m] of each finger from the ball at the start. Assumed: the ball has room on its way."""
+"""Least distance [m] of each finger from the ball at the start. Assumed: the ball then has room on its way to
+the palm."""
 WAY = 0.012
-"""Length [m] of the way on which the ball comes to the palm."""
+"""Length [m] of the path on which the ball moves to the palm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldBall:
-    """A ball on a palm, and the fingers that meet it as the hand closes."""
+    """A ball on a palm, and the fingers that touch the ball when the hand closes."""
 
     patch: str
     """Skin of the palm."""
@@ -47,12 +52,12 @@ class HeldBall:
     fingers: tuple[str, ...]
     """Fingers that meet it."""
     posture: Array
-    """Generic angles (10,) [rad] of the hand just before they do."""
+    """Generic angles (10,) [rad] of the hand just before the fingers touch the ball."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Path:
-    """Skin of one tip in the palm's link, as the hand closes."""
+    """Places of one fingertip's skin in the frame of the palm's link, while the hand closes."""
 
     angles: Array
     """Flexion (b,) [rad]."""
@@ -64,20 +69,21 @@ class _Path:
 
 @dataclass(frozen=True, slots=True)
 class _Meeting:
-    """A finger that bends beside a ball."""
+    """Data of a finger that bends towards a ball."""
 
     start: float
-    """Flexion [rad] at which it waits clear of the ball."""
+    """Flexion [rad] at which the finger waits without touching the ball."""
     faces: float
-    """Cosine with which its skin faces the ball where it meets it; 0 if it does not hold it."""
+    """Cosine of the angle between the finger's skin and the ball's direction where they meet, less the push
+    out of the palm. 0 if the finger does not hold the ball."""
 
 
 def held_ball(robot: Robot, part: str, *, opposition: float = 1.2) -> HeldBall:
-    """Returns the ball that the thumb and most other fingers of a hand meet, and among these the one that
-    they face best.
+    """Returns the ball that the thumb and the most other fingers of a hand touch.
 
-    The thumb is across the palm by `opposition` [rad], as in a light grasp. Raises TciError if the hand has
-    no skin on its palm, or no ball is met by any finger.
+    If several balls are equal in this, returns the ball that the fingers face best. The thumb is opposed to
+    the palm by `opposition` [rad], as in a light grasp. Raises TciError if the hand has no skin on its palm,
+    or if no finger touches a ball.
     """
     worn = {patch.segment: patch.name for patch in robot.patches if patch.part == part}
     surfaces = {surface.patch: surface for surface in surfaces_of(robot)}
@@ -110,8 +116,11 @@ def held_ball(robot: Robot, part: str, *, opposition: float = 1.2) -> HeldBall:
 def _waiting(
     joints: JointMap, open_hand: Array, meetings: Mapping[str, _Meeting], met: Collection[str]
 ) -> Array:
-    """Returns the posture (10,) [rad] of a hand whose fingers that meet a ball wait beside it, with those on
-    their motors."""
+    """Returns the posture (10,) [rad] of a hand before the grasp.
+
+    Fingers that will touch the ball wait beside the ball. Fingers that share a motor with these also wait
+    there.
+    """
     posture = np.array(open_hand)
     for group in joints.tied:
         bent = [joint for joint in group if joint in FLEXIONS]
@@ -124,7 +133,7 @@ def _waiting(
 def _paths(
     robot: Robot, part: str, palm: str, tips: Mapping[str, Surface], open_hand: Array
 ) -> dict[str, _Path]:
-    """Returns the way of each tip as all fingers bend from an open hand (10,) [rad]."""
+    """Returns the path of each fingertip while all fingers bend from an open hand (10,) [rad]."""
     chain, joints, bends = KinematicChain(robot), joint_map(robot, part), list(FLEXIONS)
     links = (palm, *(tip.link for tip in tips.values()))
     angles, poses = [], []
@@ -146,8 +155,11 @@ def _paths(
 
 
 def _meeting(path: _Path, place: Array, normal: Array, radius: float) -> _Meeting | None:
-    """Returns how a finger meets a ball on a palm's place (3,) [m] with an outward normal (3,); None for one
-    that is in its way."""
+    """Returns how a finger meets a ball on the palm.
+
+    `place` (3,) [m] is the ball's place and `normal` (3,) the palm's outward normal. Returns None if the
+    finger is in the ball's way.
+    """
     centre = place + radius * normal
     gap, before = (
         np.linalg.norm(path.positions - at, axis=2).min(axis=1) - radius

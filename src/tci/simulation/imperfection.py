@@ -1,4 +1,4 @@
-"""Imperfections of a real sensor: cross-talk, creep, hysteresis and warmth."""
+"""Imperfections of a real sensor: cross-talk, creep, hysteresis and warming."""
 
 from __future__ import annotations
 
@@ -13,23 +13,25 @@ from tci.skin.surfaces import Surface
 
 @dataclass(frozen=True, slots=True)
 class Imperfection:
-    """Deviations of a simulated sensor from an ideal one; by default none.
+    """Deviations of a simulated sensor from an ideal sensor. By default all are 0.
 
-    No magnitudes are published for any of the robots' skins. `usual()` has assumed ones.
+    No magnitudes of these deviations are published for any of the robots' skins. `usual()` returns assumed
+    magnitudes.
     """
 
     cross_talk: float = 0.0
-    """Share of a taxel's signal that appears on all its neighbours together."""
+    """Fraction of a taxel's signal that appears on its neighbours, divided equally between them."""
     creep: float = 0.0
-    """Fraction by which a signal grows under a constant load; this part remains for a while after the
-    load."""
+    """Fraction by which a signal increases under a constant load. After the load, this additional signal
+    decreases slowly."""
     creep_time: float = 10.0
     """Time constant [s] of creep."""
     hysteresis: float = 0.0
-    """Share of the largest signal of a touch that is kept while the load falls; it is lost when the load
-    ends."""
+    """Fraction of a decrease by which the signal stays too high: while the load falls, this fraction of the
+    difference from the touch's largest signal is added. Nothing is added after the load has ended."""
     gradient: float = 0.0
-    """Difference [counts] of the rest values between the two ends of a patch that one end warms."""
+    """Difference [counts] between the rest values at the two ends of a patch, after one end has become warm.
+    """
     gradient_time: float = 600.0
     """Time constant [s] of warming."""
 
@@ -43,13 +45,18 @@ class Imperfection:
 
     @staticmethod
     def usual() -> Imperfection:
-        """Returns assumed magnitudes, those of soft foam over capacitive taxels: 5 % each, and 10 counts
-        between the ends."""
+        """Returns assumed magnitudes for soft foam over capacitive taxels.
+
+        Each fraction is 5 %, and the difference between the ends 10 counts.
+        """
         return Imperfection(cross_talk=0.05, creep=0.05, hysteresis=0.05, gradient=10.0)
 
 
 class ImperfectTaxels:
-    """The signals of one patch with a sensor's imperfections. Contains the state of creep and hysteresis."""
+    """Computes the signals of one patch with a sensor's imperfections.
+
+    The object contains the state of creep and hysteresis.
+    """
 
     def __init__(self, surface: Surface, imperfection: Imperfection) -> None:
         self._own, count = imperfection, len(surface.areas)
@@ -63,8 +70,10 @@ class ImperfectTaxels:
         self._last: float | None = None
 
     def signal(self, pressed: Array, now: float) -> Array:
-        """Returns the deviations (n,) [counts] from rest at time `now` [s], given the deviations `pressed`
-        (n,) [counts] of an ideal sensor. Times must not decrease."""
+        """Returns the deviations (n,) [counts] from rest at time `now` [s].
+
+        `pressed` (n,) [counts] are the deviations of an ideal sensor. Times must not decrease.
+        """
         own = self._own
         elapsed = 0.0 if self._last is None else max(now - self._last, 0.0)
         self._last = now

@@ -13,10 +13,10 @@ from tci.simulation.physics import Physics
 
 
 class JointTorques:
-    """Torques between motors and links, which move the links and hold them against weight and touches.
+    """Torques between motors and links. They move the links and hold the links against weight and touches.
 
-    A robot on a fixed base is simulated without weight, since its servos have no integral action; the torques
-    that would hold its weight are added here.
+    A robot on a fixed base is simulated without weight, since its servos have no integral action. So the
+    torques that would hold its weight are added to the simulated torques.
     """
 
     def __init__(self, physics: Physics, robot: Robot, *, stands: bool) -> None:
@@ -30,8 +30,10 @@ class JointTorques:
         self._rows = np.repeat(np.arange(physics.model.nv), physics.model.D_rownnz)
 
     def measured(self, position: Array) -> Array:
-        """Returns the torques (n_servos,) [N m] of the latest step, at the angles `position` (n_servos,)
-        [rad]."""
+        """Returns the torques (n_servos,) [N m] of the latest step.
+
+        `position` (n_servos,) [rad] are the servos' angles.
+        """
         model, data = self._physics.model, self._physics.data
         shown = data.qacc.copy()
         data.qacc[:] = self._acceleration()
@@ -45,7 +47,8 @@ class JointTorques:
     def _acceleration(self) -> Array:
         """Returns the acceleration (nv,) that the implicit integrator gives the joints.
 
-        MuJoCo's `qacc` is explicit: it leaves out that the damping of stiff servos changes within the step.
+        MuJoCo's `qacc` is explicit: it does not include that the damping of stiff servos changes the
+        acceleration within the step.
         """
         model, data = self._physics.model, self._physics.data
         mujoco.mj_fullM(model, data, self._inertia)

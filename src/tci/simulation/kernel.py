@@ -1,6 +1,6 @@
 """Distributes one contact force over the taxels around it.
 
-The kernel is not a model of an elastomer: the sum of the taxels' forces and their centre are correct, the
+The kernel is not a model of an elastomer. The sum of the taxels' forces and their centre are correct, but the
 forces on single taxels are not.
 """
 
@@ -13,40 +13,48 @@ from tci.compiled import compiled, inlined, reads, views, writes
 from tci.frames import Array
 
 SIGMA = 3e-3
-"""Width [m] of the Gaussian by which the cover over the taxels spreads a force. Assumed: half of the pitch of
-an iCub's taxels, so that a point touch is shared by neighbours."""
+"""Width [m] (standard deviation) of the Gaussian over which the cover of the taxels spreads a force. Assumed:
+half of the pitch of an iCub's taxels, so that a force at a point acts on several neighbouring taxels."""
 REACH = 6.0
-"""Distance [widths], beyond that of the nearest taxel, from which on taxels get no force. Assumed: without a
-tilt their weights are below exp(-18) of the largest."""
+"""Distance [widths] beyond which taxels get no force, measured from the distance of the nearest taxel.
+Assumed: without a tilt the weights of these taxels are below exp(-18) of the largest weight."""
 _SOFTNESS = 0.02
-"""Penalty on the tilt of the weights. Assumed: keeps them finite for a contact beyond the skin's edge."""
+"""Penalty on the tilt of the weights (the linear term in their exponent). Assumed: it keeps the weights
+finite for a contact beyond the skin's edge."""
 _STEPS = 30
 _TOLERANCE = 1e-4
-"""Largest error [widths] of the taxels' weighted mean. Assumed: less than a micrometre."""
+"""Largest error [widths] of the taxels' weighted mean at which the iteration stops. Assumed: this is less
+than a micrometre."""
 _LEAST = -60.0
-"""Logarithm below which weights are negligible, for a largest weight of 1."""
+"""Logarithm of the weight below which a taxel's weight is negligible, relative to the largest weight."""
 SHARE, _TRIAL, _LOGARITHM, _ACROSS, _UP, _NUMBERS = range(6)
-"""Rows of the workspace (6, at least n and 8): shares; trial shares; logarithms of the weights without a
-tilt; two offsets [widths]; sums for one tilt, see `_weigh`."""
+"""Rows of the workspace. Its shape is (6, at least n and 8).
+
+- `SHARE`, `_TRIAL`: shares of the force on the taxels, and trial shares.
+- `_LOGARITHM`: logarithms of the weights without a tilt.
+- `_ACROSS`, `_UP`: offsets [widths] of the taxels in two directions.
+- `_NUMBERS`: sums for one tilt, see `_weigh`."""
 ROWS = 6
 
 
 def width(areas: Array) -> float:
-    """Returns the kernel's width [m] for taxels of `areas` (n,) [m2], from those of the cover and a taxel.
+    """Returns the kernel's width [m] for taxels of `areas` (n,) [m2].
 
-    A square of that area has a variance of area / 12 along each side, and variances add.
+    The kernel's width combines the widths of the cover and of a taxel. A square taxel has a variance of area
+    / 12 along each side. The variances of cover and taxel are added.
     """
     return float(np.sqrt(SIGMA**2 + np.mean(areas) / 12.0))
 
 
 def spread(positions: Array, point: Array, normal: Array, sigma: float) -> Array:
-    """Returns the shares (n,) of a force at `point` (3,) [m] on taxels at `positions` (n, 3) [m].
+    """Returns the fraction (n,) of a force that each taxel gets (its share).
 
-    Shares are at least 0, their sum is 1, and the taxels' mean, weighted by them, lies at `point` in
-    projection along `normal` (3,), to 0.1 mm where taxels surround it; for a point beyond the skin's edge it
-    lies at the edge. The weights with these properties that are nearest to a Gaussian of width `sigma` [m],
-    in the sense of entropy, are the local maximum-entropy ones: exp(lambda . x - x^2 / 2 sigma^2), with one
-    tilt lambda for all taxels (Arroyo and Ortiz 2006, doi:10.1002/nme.1534).
+    The force acts at `point` (3,) [m], the taxels are at `positions` (n, 3) [m]. Shares are at least 0, and
+    their sum is 1. In projection along `normal` (3,), the mean of the taxels weighted by their shares is at
+    `point`, to 0.1 mm where taxels surround the point. For a point beyond the skin's edge, the weighted mean
+    is at the edge. These shares are local maximum-entropy weights: exp(lambda . x - x^2 / 2 sigma^2), with
+    one tilt lambda for all taxels (Arroyo and Ortiz 2006, doi:10.1002/nme.1534). In the sense of entropy, no
+    other weights with these properties are nearer to a Gaussian of width `sigma` [m].
     """
     n = len(positions)
     near, work = np.empty(n, dtype=np.int64), np.empty((ROWS, max(n, 8)))
@@ -58,8 +66,10 @@ def spread(positions: Array, point: Array, normal: Array, sigma: float) -> Array
 
 @inlined
 def _exponential(x: float) -> float:
-    """Returns exp(x) for x from `_LEAST` to 0, to a relative error of 1e-11: (1 + x / 256 + ...)^256. It has
-    no branch, so the compiler can vectorise it."""
+    """Returns exp(x) for x from `_LEAST` to 0, with a relative error of 1e-11.
+
+    It is computed as (1 + x / 256 + ...)^256. The function has no branch, so the compiler can vectorise it.
+    """
     x = (x if x > _LEAST else _LEAST) * 0.00390625
     y = 1.0 + x * (1.0 / 7.0) * (1.0 + x * (1.0 / 8.0) * (1.0 + x * (1.0 / 9.0)))
     y = 1.0 + x * (1.0 / 4.0) * (1.0 + x * (1.0 / 5.0) * (1.0 + x * (1.0 / 6.0) * y))
@@ -71,8 +81,11 @@ def _exponential(x: float) -> float:
 
 @inlined
 def _weigh(u: float, v: float, count: int, work: Array, row: int) -> float:
-    """Writes the weights of a tilt (u, v) into a row, the largest of them 1, and their sums: plain, times
-    offsets, times products of offsets. Returns the objective: the logarithm of the sum, and the penalty."""
+    """Writes the weights of a tilt (u, v) into a row of the workspace.
+
+    The largest weight is 1. Also writes the sums of the weights: plain, times offsets, and times products of
+    offsets. Returns the objective: the logarithm of the plain sum, plus the penalty.
+    """
     weights, logarithms, across, up = work[row], work[_LOGARITHM], work[_ACROSS], work[_UP]
     top = 0.0
     if u != 0.0 or v != 0.0:
@@ -101,9 +114,10 @@ def _weigh(u: float, v: float, count: int, work: Array, row: int) -> float:
 
 @inlined
 def _centre(count: int, work: Array) -> None:
-    """Writes shares proportional to exp(logarithms + offsets . tilt), with the tilt that centres them.
+    """Writes shares proportional to exp(logarithms + offsets . tilt).
 
-    Newton's method on the convex function log(sum) + softness / 2 * tilt^2. Its gradient is the weighted mean
+    The tilt is chosen so that the weighted mean is at the point. The tilt is found by Newton's method on the
+    convex function log(sum) + softness / 2 * tilt^2. The gradient of this function is the weighted mean
     offset plus softness * tilt.
     """
     tilt_u = tilt_v = 0.0
@@ -139,7 +153,7 @@ def _centre(count: int, work: Array) -> None:
 
 @inlined
 def share_into(positions: Array, near: Array, point: Array, normal: Array, sigma: float, work: Array) -> None:
-    """Writes the shares of taxels `near` (k,), as found by `within`."""
+    """Writes the shares of the taxels `near` (k,), which `within` has found."""
     x, y, z = abs(normal[0]), abs(normal[1]), abs(normal[2])
     # Perpendicular to the normal and to the axis that is least parallel to it.
     if x <= y and x <= z:
@@ -164,8 +178,11 @@ def share_into(positions: Array, near: Array, point: Array, normal: Array, sigma
 def within(
     positions: Array, among: Array, point: Array, sigma: float, reach: float, near: Array, work: Array
 ) -> tuple[int, float]:
-    """Finds the taxels, `among` (k,), near a point: up to `reach` [widths] farther away than the nearest one.
-    Writes them into `near`; returns their number and the distance [widths] of the nearest."""
+    """Finds the taxels out of `among` (k,) that are near a point.
+
+    Such a taxel is at most `reach` [widths] farther from the point than the nearest taxel. Writes these
+    taxels into `near`. Returns their number, and the distance [widths] of the nearest taxel.
+    """
     least, scale = np.inf, 1.0 / (sigma * sigma)
     px, py, pz = point[0], point[1], point[2]
     squares = work[_TRIAL]

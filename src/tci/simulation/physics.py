@@ -1,4 +1,4 @@
-"""Steps a MuJoCo model and keeps track of derived quantities that are out of date."""
+"""Steps a MuJoCo model, and records if derived quantities are out of date."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _march = entry(stepping.march)
 
 
 class Physics:
-    """A model with its data, advanced in whole steps.
+    """A MuJoCo model with its data, advanced in whole steps.
 
-    After a step MuJoCo's contacts and poses still belong to the joints before it: call `refresh` before
-    reading them.
+    After a step, MuJoCo's contacts and poses still belong to the joint angles before the step. Call `refresh`
+    before you read contacts or poses.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -28,18 +28,18 @@ class Physics:
         self.step = float(model.opt.timestep)
         """Length of a step [s]."""
         self.steps = 0
-        """Number of steps since the start."""
+        """Number of steps since the start or the last reset."""
         self._fresh = -1
         data = self.data
         self.qpos, self.qvel, self.ctrl, self.sensors = data.qpos, data.qvel, data.ctrl, data.sensordata
-        """MuJoCo's own arrays, kept because looking them up takes longer than reading them."""
+        """MuJoCo's own arrays, stored because a look-up takes longer than reading the array."""
         self.motors = data.actuator_force
         """Torque [N m] of each actuator in the latest step."""
         self._warm = data.qacc_warmstart
         self._moved = self.qpos, self.qvel, self.ctrl, data.qfrc_applied, data.xfrc_applied.reshape(-1)
         self._here = np.zeros(sum(one.size for one in self._moved) + model.nv)
         self.whole = np.zeros(4, dtype=np.int64)
-        """Integers of the loop; indices as in `stepping`."""
+        """Integers of the loop. `stepping` defines the indices."""
 
     @property
     def time(self) -> float:
@@ -47,22 +47,24 @@ class Physics:
         return self.steps * self.step
 
     def reset(self, addresses: NDArray[np.intp], angles: Array) -> None:
-        """Resets to time 0, at rest, with the joints at `addresses` of `qpos` at `angles` [rad]."""
+        """Resets time to 0 and velocities to 0. The joints at `addresses` of `qpos` get `angles` [rad]."""
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[addresses] = angles
         self.steps = 0
         self.touch()
 
     def advance(self, until: int, *others: Any) -> None:
-        """Steps until step `until`; `others` are the arrays of servos, finger and taxels, see
-        `stepping.march`."""
+        """Steps until the number of steps is `until`.
+
+        `others` are the arrays of servos, finger and taxels, see `stepping.march`.
+        """
         self.steps = _march(
             (self.model._address, self.data._address), self.steps, until, self.step, self._moved,
             (self._warm, self._here, self.whole), *others,
         )  # fmt: skip
 
     def refresh(self) -> None:
-        """Updates poses, contacts and sensors to the current joints. Nothing else changes."""
+        """Updates poses, contacts and sensors to the current joint angles. Nothing else changes."""
         if self._fresh == self.steps:
             return
         # The solver starts from its last result, which is restored so that later steps are not affected.
@@ -72,10 +74,10 @@ class Physics:
         self._fresh = self.steps
 
     def touch(self) -> None:
-        """Marks derived quantities as out of date after joints or servos were changed."""
+        """Marks derived quantities as out of date. To be called after joints or servos were changed."""
         self._fresh = self.whole[stepping.AHEAD] = -1
 
     def pose(self, body: int) -> Array:
-        """Returns `T_WB` (4, 4), the current pose of a body in the world."""
+        """Returns `T_WB` (4, 4), the current pose of a body in the world frame."""
         self.refresh()
         return transform(self.data.xmat[body].reshape(3, 3), np.array(self.data.xpos[body]))

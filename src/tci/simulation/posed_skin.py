@@ -1,4 +1,4 @@
-"""Computes positions and normals of the skin in the world, in the current posture."""
+"""Computes positions and normals of the skin in the current posture, in the world or torso frame."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tci.skin.surfaces import Surface
 
 
 class PosedSkin:
-    """The patches of a world, in the world or the torso frame."""
+    """The patches of a world, in the world frame or the torso frame."""
 
     def __init__(self, physics: Physics, model: Model, surfaces: Mapping[str, Surface]) -> None:
         self.surfaces = surfaces
@@ -25,11 +25,14 @@ class PosedSkin:
         self._bodies = {name: physics.model.body(surface.link).id for name, surface in surfaces.items()}
 
     def torso(self) -> Array:
-        """Returns `T_WT` (4, 4), the current pose of the torso frame in the world."""
+        """Returns `T_WT` (4, 4), the current pose of the torso frame in the world frame."""
         return self._physics.pose(self._torso) @ self._T_LT
 
     def link(self, patch: str) -> Array:
-        """Returns `T_WL` (4, 4), the current pose of a patch's link in the world. Raises UnknownNameError."""
+        """Returns `T_WL` (4, 4), the current pose of a patch's link in the world frame.
+
+        Raises UnknownNameError.
+        """
         self.surface(patch)
         return self._physics.pose(self._bodies[patch])
 
@@ -42,11 +45,11 @@ class PosedSkin:
     def point(
         self, patch: str, place: int | ArrayLike, normal: ArrayLike | None = None
     ) -> tuple[Array, Array]:
-        """Returns the current position (3,) [m] and outward unit normal (3,) of a place on the skin, in the
-        world.
+        """Returns the current position (3,) [m] and outward unit normal (3,) of a place on the skin.
 
-        `place` is a taxel, or a point (3,) [m] in the patch's link; `normal` (3,), also in the link, replaces
-        that of the surface. Raises UnknownNameError, CommandError.
+        Both are in the world frame. `place` is a taxel, or a point (3,) [m] in the frame of the patch's link.
+        If a `normal` (3,) in that frame is given, it replaces the surface normal. Raises UnknownNameError,
+        CommandError.
         """
         surface = self.surface(patch)
         if isinstance(place, int | np.integer):
@@ -61,18 +64,21 @@ class PosedSkin:
         return apply(T_WL, point), T_WL[:3, :3] @ outward
 
     def from_torso(self, point: Array, normal: Array) -> tuple[Array, Array]:
-        """Transforms a point (3,) [m] and a direction (3,) from the torso frame to the world."""
+        """Transforms a point (3,) [m] and a direction (3,) from the torso frame to the world frame."""
         T_WT = self.torso()
         return apply(T_WT, _vector("point", point)), T_WT[:3, :3] @ unit("normal", normal)
 
     def to_torso(self, point: Array, normal: Array) -> tuple[Array, Array]:
-        """Transforms a point (3,) [m] and a direction (3,) from the world to the torso frame."""
+        """Transforms a point (3,) [m] and a direction (3,) from the world frame to the torso frame."""
         T_TW = invert(self.torso())
         return apply(T_TW, point), T_TW[:3, :3] @ normal
 
 
 def unit(name: str, values: ArrayLike) -> Array:
-    """Returns the unit vector (3,) along `values`. Raises CommandError if it has no direction."""
+    """Returns the unit vector (3,) along `values`.
+
+    Raises CommandError if `values` have no direction, for example zeros.
+    """
     vector = _vector(name, values)
     length = float(np.linalg.norm(vector))
     if not length > 0.0:

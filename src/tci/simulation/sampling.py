@@ -11,43 +11,66 @@ from tci.frames import Array
 from tci.simulation.kernel import REACH, ROWS, SHARE, share_into, within
 
 SLOTS = 16
-"""Largest number of contacts on one patch at a time. Assumed: far above the one that a finger makes."""
+"""Largest number of contacts on one patch at a time. Assumed: this is far above the number of contacts that
+the simulated finger makes."""
 FOUND, FORCE, POSITION, NORMAL, TANGENT = 0, 1, 4, 7, 10
-"""Indices in a slot: number of contacts; 3 values each of force (along normal, tangent and the third axis),
-position, normal and tangent."""
+"""Indices in a slot (the data of one contact). The first number is the number of contacts. Force (along
+normal, tangent and the third axis), position, normal and tangent follow, with 3 values each."""
 NUMBERS = 13
 """Numbers per slot."""
 WIDE = 0.02
-"""Width [m] of a kernel from which on its softness needs a correction. Assumed: far above that of a taxel."""
+"""Width [m] of a kernel above which its shares are computed twice, see `_share`. Assumed: this is far above
+the width of a taxel."""
 SENSOR, FLOOR, BODY, BEGIN, END, CHANNEL, NODE, NODES, AXES, COUNT, DUE, TAKEN, TOUCHED, PRESSED = range(14)
-"""Columns of a patch's integers: first value of its slots in `sensordata`, and of its floor sensor or -1; its
-link; begin and end of its taxels; first channel; begin and end of its response's nodes; axes. Then, of its
-latest frame: sequence number, step of the next one, step in which it was taken, number of contacts, number of
-active taxels."""
+"""Columns of a patch's integers:
+
+- `SENSOR`, `FLOOR`: first value of its slots and of its floor sensor in `sensordata`. -1: no floor sensor.
+- `BODY`: its link.
+- `BEGIN`, `END`: first taxel, and last taxel + 1.
+- `CHANNEL`: first channel.
+- `NODE`, `NODES`: first node of its response, and last node + 1.
+- `AXES`: number of axes of a taxel.
+- `COUNT`, `DUE`: sequence number of the latest frame, and step of the next frame.
+- `TAKEN`, `TOUCHED`, `PRESSED`: step, number of contacts and number of active taxels of the latest frame."""
 REST, PER_COUNT, SHEAR_PER_COUNT, RATE, WIDTH, SIZE, OUTWARD = range(7)
-"""Columns of a patch's floats (9): rest [count] and scales [Pa/count] of the sensor; frames per step; width
-of the kernel and half of the longest side [m]; mean of its normals (3)."""
+"""Columns of a patch's floats (9):
+
+- `REST`: rest value [counts] of the sensor.
+- `PER_COUNT`, `SHEAR_PER_COUNT`: scales [Pa/count] of the sensor, for pressure and for tangential stress.
+- `RATE`: frames per step.
+- `WIDTH`, `SIZE`: width [m] of the kernel, and half of the patch's longest side [m].
+- `OUTWARD`: mean of its normals (3)."""
 X, Y, AREA = 0, 3, 6
-"""Columns of a taxel (7): its tangents, its area [m2]."""
+"""Columns of a taxel (7): two tangents (3 each), and the area [m2]."""
 PRESSING, MARK = 2, 3
-"""Rows of the load on taxels (4): force [N] along x, along y and normal; 1 for an active taxel, else 0."""
+"""Rows of the load on taxels (4): force [N] along x, along y and along the normal. The last row is 1 for an
+active taxel and 0 for others."""
 ALL, NEAR, ACTIVE, LATEST, AROUND = range(5)
-"""Rows of lists of taxels, by their number in the patch: all; those near a contact; active ones; those active
-in the latest frame; those around each contact, a row for each slot and the floor."""
+"""Rows of lists of taxels. Taxels are given by their number in the patch.
+
+- `ALL`: all taxels.
+- `NEAR`: the taxels near a contact.
+- `ACTIVE`, `LATEST`: the active taxels now, and in the latest frame.
+- `AROUND`: the taxels around each contact. There is one row for each slot, and one for the floor."""
 CENTRE, RADIUS, MEMBERS = 0, 3, 4
-"""Columns that describe a list `AROUND` (5), for each patch's slots and floor: it holds all taxels nearer to
-a point [m] than a radius [widths]; their number."""
+"""Columns (5) that describe a list `AROUND`, for each slot and the floor of a patch. The list contains the
+taxels that are nearer to a point [m] than a radius [widths]. The last column is the number of these
+taxels."""
 SKIN = returns(
     reads(1), reads(2), reads(2), writes(2, int64), reads(2), reads(2), reads(2), reads(1, int64), reads(2),
     writes(2), writes(2, int64), writes(2), writes(2), writes(1),
 )  # fmt: skip
-"""Types of the data of all patches: MuJoCo's sensors, positions and orientations of links; `patches` and
-their `floats`; positions of taxels, their tangents and areas, their channels; nodes of responses; load on
-taxels; lists of taxels; centres of the lists; workspace; values of the channels."""
+"""Numba types of the data of all patches, in this order:
+
+- MuJoCo's sensors, and positions and orientations of links.
+- `patches` and their `floats`.
+- Positions of taxels, their tangents and areas, and their channels.
+- Nodes of responses, load on taxels, lists of taxels, centres of the lists.
+- Workspace, and values of the channels."""
 Arrays = tuple[Array, ...]
 _SLACK = 1.0
 """Distance [widths] that a contact may move before the list of taxels around it is renewed (Verlet 1967).
-Assumed; larger makes longer lists, smaller renews them more often."""
+Assumed. A larger distance makes the lists longer. A smaller distance renews them more often."""
 
 
 @inlined
@@ -61,10 +84,11 @@ def _share(
     spot: Array,
     work: Array,
 ) -> int:
-    """Writes the taxels that share a force into the list `NEAR`, and their shares (see `kernel.spread`);
-    returns their number.
+    """Finds the taxels that share a force.
 
-    A wide kernel is aimed twice, since its softness is in units of its width.
+    Writes these taxels into the list `NEAR` and their shares into the workspace (see `kernel.spread`).
+    Returns the number of these taxels. For a wide kernel the shares are computed twice, the second time for a
+    corrected point, since the penalty on the tilt is in units of the kernel's width.
     """
     near, around, count = lists[NEAR], lists[AROUND + row], 0
     for _ in range(2 if sigma > WIDE else 1):
@@ -100,8 +124,11 @@ def _add(
     push: tuple[float, float, float, float], count: int, axes: int, taxels: Array, lists: Array, active: int,
     load: Array, work: Array,
 ) -> int:  # fmt: skip
-    """Adds the shares of a `push` to the taxels `NEAR`: a normal force and, for three axes, a tangential one
-    along x, y, z [N]. Returns the number of active taxels."""
+    """Adds the shares of a `push` [N] to the taxels `NEAR`.
+
+    A push is a normal force and a tangential force along x, y, z. The tangential force is used only for three
+    axes. Returns the number of active taxels.
+    """
     force, x, y, z = push
     for j in range(count):
         k, share = lists[NEAR, j], work[SHARE, j]
@@ -119,10 +146,11 @@ def _add(
 
 @inlined
 def press(patch: int, skin: Arrays) -> tuple[int, int]:
-    """Writes the active taxels of a patch, `ACTIVE`, and the forces [N] on them.
+    """Finds the active taxels of a patch and the forces on them.
 
-    Returns the number of contacts (a floor's counts only if there is no other) and the number of active
-    taxels, which is 0 if there are more contacts than slots.
+    Writes the taxels into the list `ACTIVE`, and the forces [N] into `load`. Returns the number of contacts
+    and the number of active taxels. Contacts with a floor are counted only if there is no other contact. If
+    there are more contacts than slots, the number of active taxels is 0.
     """
     sensors, centres, turns, patches, floats, positions, taxels, _, _, load, lists, spots, work, _ = skin
     integers, numbers = patches[patch], floats[patch]
@@ -173,7 +201,7 @@ def press(patch: int, skin: Arrays) -> tuple[int, int]:
 
 @inlined
 def _counts(pressure: float, begin: int, end: int, nodes: Array, per_count: float) -> float:
-    """Returns the deviation from rest [counts] for a pressure [Pa]; see `Sensor.counts`."""
+    """Returns the deviation from rest [counts] for a pressure [Pa], see `Sensor.counts`."""
     if begin == end:
         return pressure / abs(per_count)
     pressure = max(pressure, nodes[1, begin])
@@ -186,10 +214,10 @@ def _counts(pressure: float, begin: int, end: int, nodes: Array, per_count: floa
 
 @inlined
 def sample(patch: int, step: int, skin: Arrays) -> int:
-    """Takes a patch's next frame at the end of a step: writes the unrounded values [counts] of channels that
-    are active or were so in the frame before.
+    """Takes a patch's next frame at the end of a step.
 
-    With `step` -1 it takes no frame: forces are left in `load`. Returns the number of contacts.
+    Writes the unrounded values [counts] of all channels that are active or were active in the frame before.
+    With `step` -1 no frame is taken, and the forces stay in `load`. Returns the number of contacts.
     """
     _, _, _, patches, floats, _, taxels, channels, nodes, load, lists, _, _, values = skin
     integers, numbers = patches[patch], floats[patch]
@@ -224,5 +252,5 @@ def sample(patch: int, step: int, skin: Arrays) -> int:
 
 @compiled(int64(int64, int64, SKIN))
 def sample_now(patch: int, step: int, skin: Arrays) -> int:
-    """Calls `sample` from Python: for the first frame, and between steps."""
+    """Calls `sample` from Python, for the first frame and between steps."""
     return sample(patch, step, skin)

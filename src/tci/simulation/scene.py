@@ -1,4 +1,7 @@
-"""Builds the MuJoCo scene of a world from a robot's description alone, without code for any robot."""
+"""Builds the MuJoCo scene of a world from a robot's description alone.
+
+There is no code for a particular robot.
+"""
 
 from __future__ import annotations
 
@@ -30,14 +33,15 @@ def build_scene(
     shown: bool = False,
     tip: float = RADIUS,
 ) -> mujoco.MjModel:
-    """Builds a model of the robot, its servos, its skin and a finger, ready to simulate.
+    """Builds a model of the robot with its servos and skin, and of a finger. The model is ready to simulate.
 
-    With `shown` it also has what only pictures need; bodies and joints are the same.
+    With `shown` the model also contains what only pictures need. Bodies and joints do not differ from a model
+    without `shown`.
 
     Links that overlap in `posture` (n_servos,) [rad] are assumed to overlap by design. The robot's base is
-    fixed, and it has no weight; with `stands` it has its weight, on a floor under its soles in that posture.
-    Raises DescriptionError if the robot has no model, CommandError if it is to stand and has no sole with
-    skin.
+    fixed, and the robot has no weight. With `stands` the robot has its weight and stands in `posture` on a
+    floor under its soles. Raises DescriptionError if the robot has no model. Raises CommandError if the robot
+    is to stand and has no sole with skin.
     """
     spec = solid_spec(robot, shown=shown)
     spec.option.timestep = step
@@ -63,7 +67,10 @@ def build_scene(
 
 
 def _add_floor(spec: mujoco.MjSpec, robot: Robot, surfaces: Mapping[str, Surface], posture: Array) -> None:
-    """Adds a floor under the lowest taxel of the soles, and a free joint to the base, which may fall."""
+    """Adds a floor under the lowest taxel of the soles.
+
+    Also adds a free joint to the base, so that the robot may fall.
+    """
     soles = [
         surfaces[patch.name] for patch in robot.patches if patch.segment == SOLE and patch.name in surfaces
     ]
@@ -86,7 +93,10 @@ def _add_floor(spec: mujoco.MjSpec, robot: Robot, surfaces: Mapping[str, Surface
 
 
 def _add_servos(spec: mujoco.MjSpec, robot: Robot) -> None:
-    """Adds the description's limits and a position actuator for each servo; `Servos` sets its gains."""
+    """Adds a position actuator with the description's limits for each servo.
+
+    `Servos` sets the gains of the actuators.
+    """
     # Until a specification is compiled, its angles are in the unit of its file.
     unit = np.rad2deg(1.0) if spec.compiler.degree else 1.0
     for servo in robot.servos:

@@ -1,4 +1,7 @@
-"""Simulated servos: stiff, critically damped, limited in speed and torque; a plain motor in torque mode."""
+"""Simulated servos: stiff, critically damped, and limited in speed and torque.
+
+In torque mode a servo is a plain motor.
+"""
 
 from __future__ import annotations
 
@@ -17,37 +20,38 @@ from tci.simulation import stepping as at
 from tci.simulation.physics import Physics
 
 TIME_CONSTANT = 5e-3
-"""Time constant [s] of each servo. Assumed: both poles of its response lie here, so it reaches a target
-without overshoot and follows a steady motion 10 ms late."""
+"""Time constant [s] of each servo. Assumed: the servo's response has two poles with this time constant. So it
+reaches a target without overshoot, and follows a motion of constant speed 10 ms late."""
 _POSTURES = 32
 STALL = 0.1
-"""Least fraction of its torque limit with which a blocked servo pushes. Assumed: a slow servo is geared, so
-that its motor's inertia counts, and it is then as stiff as that needs."""
+"""Least fraction of its torque limit that a blocked servo exerts. Assumed: a slow servo has a gear, so the
+inertia of its motor counts. The servo is then stiff enough for this fraction."""
 _LEAST_ARMATURE = 1e-4
-"""Least inertia [kg m2] of a motor at the joint. Assumed: keeps the gains of very light links above 0."""
+"""Least inertia [kg m2] of a motor, measured at the joint. Assumed: it keeps the gains of very light links
+above 0."""
 
 
 class Servos:
     """The actuators of a world, in the order of `Robot.servos`.
 
-    The set-point of a servo moves to each new target linearly, within one control period or at the joint's
-    speed limit, whichever takes longer. So steps of targets do not show in the velocity, and a distant target
-    is reached at the permitted speed. A servo that was blocked and becomes free does not jump to its
-    set-point: the error that it acts on is limited to that at full speed.
+    The set-point of a servo moves linearly to each new target. This takes one control period, or longer if
+    the joint's speed limit requires it. So steps of targets do not appear in the velocity, and a distant
+    target is reached at the permitted speed. A blocked servo that becomes free does not jump to its
+    set-point: its position error is limited to the error that occurs at full speed.
 
-    In velocity mode the servo follows the angles that result from the velocity, as the firmware of many
-    robots does. In impedance mode it does so with a fraction of its stiffness. In torque mode, and when it is
-    off, nothing holds it.
+    In velocity mode the servo follows the angles that result from the velocity command, as the firmware of
+    many robots does. In impedance mode the servo also follows its set-points, but with a fraction of its
+    stiffness. In torque mode, and when the servo is off, nothing holds the joint at an angle.
     """
 
     def __init__(self, physics: Physics, robot: Robot, home: Array, *, period: float) -> None:
-        """Args: `home` (n,) [rad], the initial angles; `period` [s] between two targets."""
+        """Starts at the angles `home` (n,) [rad]. `period` [s] is the time between two targets."""
         self._physics = physics
         self._home = home
         driven = [(servo.index, one) for servo in robot.servos for one in servo.joints]
         moving = [index for index, _ in driven]
         self.moving: NDArray[np.intp] = np.array(moving, dtype=np.intp)
-        """Servo (k,) of each moving joint; several joints may follow one servo."""
+        """Servo (k,) of each moving joint. Several joints may follow one servo."""
         model = physics.model
         joints = [model.joint(one.joint) for _, one in driven]
         self.addresses: NDArray[np.intp] = np.array([joint.qposadr[0] for joint in joints], dtype=np.intp)
@@ -58,15 +62,15 @@ class Servos:
         limits = [robot.servos[index].limits for index in self.moving]
         speed = np.array([np.inf if limit.velocity is None else limit.velocity for limit in limits])
         self.state = np.zeros((7, len(moving)))
-        """Control state of the moving joints; rows as in `stepping`."""
+        """Control state of the moving joints. `stepping` defines the rows."""
         self.state[at.RATIO] = [one.multiplier for _, one in driven]
         self.state[at.SHIFT] = [one.offset for _, one in driven]
         speed = speed * np.abs(self.state[at.RATIO])
         self._top = speed * physics.step
         self.places = np.zeros((6, len(moving)), dtype=np.int64)
-        """Indices and modes of the moving joints; rows as in `stepping`."""
+        """Indices and modes of the moving joints. `stepping` defines the rows."""
         self.asked = np.zeros((2, len(home)))
-        """Targets and torques of all servos; rows as in `stepping`."""
+        """Targets and torques of all servos. `stepping` defines the rows."""
         self.state[at.LAG] = speed * 2.0 * TIME_CONSTANT
         self.places[: at.LOOSE] = self.moving, self.addresses, self._dofs, self._actuators
         self._targets, self._torques = self.asked
@@ -74,7 +78,10 @@ class Servos:
         self._kp, self._kv = self._set_up(robot)
 
     def _set_up(self, robot: Robot) -> tuple[Array, Array]:
-        """Sets motor inertia, gains and torque limit of each joint; returns full stiffness and damping."""
+        """Sets motor inertia, gains and torque limit of each joint.
+
+        Returns full stiffness and full damping.
+        """
         model, data = self._physics.model, self._physics.data
         inertia = _largest_inertia(model, data, self._dofs)
         # Assumed, as no maker publishes it: the motor's inertia at the joint equals that of the load, which
@@ -98,7 +105,7 @@ class Servos:
         return kp, kv
 
     def reset(self) -> None:
-        """Restores full stiffness, no additional damping, and targets at home."""
+        """Restores full stiffness, no additional damping, and the initial angles as targets."""
         self._stiffness = np.ones(len(self._home))
         self._damping = np.zeros(len(self._home))
         self._targets[:] = self._home
@@ -107,10 +114,10 @@ class Servos:
         self.state[at.ADVANCE] = 0.0
         self._torques[:] = 0.0
         self.modes = (Mode.POSITION,) * len(self._home)
-        """Control mode of each servo (n,); the same object until a mode changes."""
+        """Control mode of each servo (n,). The tuple is the same object until a mode changes."""
         self._switched: tuple[object, ...] = ()
         self.powered = read_only(np.ones(len(self._home)), np.bool_)
-        """True (n,) for servos that are on."""
+        """True (n,) for each servo that is on."""
         self._apply_gains()
         self._physics.data.ctrl[self._actuators] = self._setpoint
 
@@ -120,7 +127,10 @@ class Servos:
         return self._joint_angles(self._home)
 
     def _joint_angles(self, angles: Array) -> Array:
-        """Returns the angle (k,) [rad] of each moving joint for `angles` (n,) [rad] of the servos."""
+        """Returns the angle (k,) [rad] of each moving joint.
+
+        `angles` (n,) [rad] are the angles of the servos.
+        """
         result: Array = angles[self.moving] * self.state[at.RATIO] + self.state[at.SHIFT]
         return result
 
@@ -130,13 +140,16 @@ class Servos:
         at.aim(index, values, self._top, float(self._ramp_steps), self.places, self.asked, self.state)
 
     def set_stiffness(self, servos: ArrayLike, share: ArrayLike) -> None:
-        """Sets fractions (k,) 0..1 of full stiffness; at 0 a servo is limp. Raises CommandError."""
+        """Sets fractions (k,) 0..1 of full stiffness. At 0 a servo is limp. Raises CommandError."""
         index, values = _checked(servos, share, len(self._home), share=True)
         self._stiffness[index] = values
         self._apply_gains()
 
     def set_damping(self, servos: ArrayLike, share: ArrayLike) -> None:
-        """Sets fractions (k,) 0..1 of additional damping: 1 doubles the critical one. Raises CommandError."""
+        """Sets fractions (k,) 0..1 of additional damping.
+
+        A fraction of 1 doubles the critical damping. Raises CommandError.
+        """
         index, values = _checked(servos, share, len(self._home), share=True)
         self._damping[index] = values
         self._apply_gains()
@@ -167,12 +180,18 @@ class Servos:
         self._switched = self.modes, *wanted
 
     def set_torques(self, servos: ArrayLike, torque: ArrayLike) -> None:
-        """Sets torques (k,) [N m] of servos in torque mode, within the motor's limit. Raises CommandError."""
+        """Sets torques (k,) [N m] of servos in torque mode, limited to the motor's limit.
+
+        Raises CommandError.
+        """
         index, values = _checked(servos, torque, len(self._home))
         self._torques[index] = values
 
     def set_power(self, servos: ArrayLike, on: bool) -> None:
-        """Switches servos off, which makes them limp, or on at their current angles. Raises CommandError."""
+        """Switches servos off, which makes them limp, or on.
+
+        Servos that are switched on hold their current angles. Raises CommandError.
+        """
         index, _ = _checked(servos, np.zeros(np.size(servos)), len(self._home))
         for servo in index.tolist():
             if on and not self.powered[servo]:
@@ -184,13 +203,13 @@ class Servos:
 
     @property
     def stiffness(self) -> Array:
-        """Full stiffness (n,) [N m/rad]; 0 for a servo without a joint."""
+        """Full stiffness (n,) [N m/rad] of each servo. 0 for a servo without a joint."""
         result = np.zeros(len(self._home))
         np.add.at(result, self.moving, self.state[at.RATIO] ** 2 * self._kp)
         return result
 
     def _catch(self, servo: int) -> None:
-        """Makes a loose servo hold its current angle, without torque."""
+        """Makes a limp servo hold its current angle, at first without torque."""
         self._torques[servo] = 0.0
         here = self.measured()[at.JOINT]
         self._targets[servo] = here[servo]
@@ -200,7 +219,8 @@ class Servos:
     def measured(self) -> Array:
         """Returns angles [rad], velocities [rad/s] and motor torques [N m] of all servos (3, n).
 
-        Torques are those of the latest step. A servo without a joint has its target as angle, and 0 else.
+        Torques are the torques of the latest step. For a servo without a joint, the angle is the servo's
+        target, and velocity and torque are 0.
         """
         found = np.empty((3, len(self._home)))
         physics = self._physics
@@ -209,7 +229,10 @@ class Servos:
         return found
 
     def _apply_gains(self) -> None:
-        """Writes the gains. Damping scales with the root of stiffness, which keeps it critical."""
+        """Writes the gains.
+
+        Damping is proportional to the root of the stiffness, so that the damping stays critical.
+        """
         model = self._physics.model
         on = self.powered[self.moving]
         loose = np.array([self.modes[servo] is Mode.TORQUE for servo in self.moving], dtype=bool)
@@ -232,7 +255,7 @@ class Servos:
 
 
 def _largest_inertia(model: mujoco.MjModel, data: mujoco.MjData, dofs: NDArray[np.intp]) -> Array:
-    """Returns the largest inertia (k,) [kg m2] at each joint over random postures within the limits."""
+    """Returns the largest inertia (k,) [kg m2] at each joint over random postures within the joint limits."""
     generator = np.random.default_rng(0)
     largest = np.zeros(len(dofs))
     full = np.zeros((model.nv, model.nv))
@@ -249,7 +272,10 @@ def _largest_inertia(model: mujoco.MjModel, data: mujoco.MjData, dofs: NDArray[n
 
 
 def _enough_torque(acceleration: float | None, inertia: float) -> float:
-    """Returns a torque limit [N m] where none is known. Assumed: twice the torque for the acceleration."""
+    """Returns a torque limit [N m] for a servo without a known limit.
+
+    Assumed: twice the torque that the largest acceleration needs.
+    """
     return 2.0 * inertia * (100.0 if acceleration is None else acceleration)
 
 

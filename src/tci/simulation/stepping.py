@@ -1,6 +1,7 @@
-"""Steps a world in one compiled loop: servos, finger and physics, without Python between the steps.
+"""Steps a world in one compiled loop.
 
-The loop calls MuJoCo's own `mj_step` by its address in the library that the bindings have loaded.
+Servos, finger and physics are computed without Python between the steps. The loop calls MuJoCo's own
+`mj_step` by its address in the library that MuJoCo's Python module has loaded.
 """
 
 from __future__ import annotations
@@ -18,41 +19,52 @@ from tci.frames import Array
 from tci.simulation.sampling import DUE, SKIN, SLOTS, Arrays, sample
 
 SETPOINT, STRIDE, LAG, LEAD, RATIO, SHIFT, ADVANCE = range(7)
-"""Rows of the state of moving joints (7, k): set-point [rad], its largest change per step, limit of the error
-[rad] that they act on, number of steps by which damping looks ahead; angle of the joint per angle of its
-servo, and at its servo's zero [rad]; change [rad] of the set-point in the latest step."""
+"""Rows of the state of moving joints (7, k):
+
+- `SETPOINT`, `STRIDE`: set-point [rad], and its largest change per step.
+- `LAG`: limit [rad] of the position error on which the servo acts.
+- `LEAD`: number of steps by which damping looks ahead.
+- `RATIO`, `SHIFT`: angle of the joint per angle of its servo, and angle [rad] of the joint at its servo's
+  zero.
+- `ADVANCE`: change [rad] of the set-point in the latest step."""
 SERVO, ADDRESS, DOF, ACTUATOR, LOOSE, YIELDING = range(6)
-"""Rows of their indices (6, k): servo, place in `qpos`, `qvel` and `ctrl`; 1 in torque mode; 1 in impedance
-mode."""
+"""Rows of the indices of moving joints (6, k): the servo, and the places in `qpos`, `qvel` and `ctrl`. The
+last two rows are flags: 1 in torque mode, and 1 in impedance mode."""
 TARGET, TORQUE = range(2)
 """Rows of the commands of all servos (2, n)."""
 ACTIVE, BEGIN, SPEED, DEPTH, LEADS, PATH, END, FORCE, FIRST, LOST, PEAK = range(11)
-"""Indices of the finger's state: 1 if it is present; start time, speed, depth, ratio of damping to stiffness,
-path and end of the path; contact force, times [s] of the first contact and of its latest loss, largest
-force."""
+"""Indices of the finger's state:
+
+- `ACTIVE`: 1 if the finger is present.
+- `BEGIN`, `SPEED`, `DEPTH`: start time, speed and depth of the poke.
+- `LEADS`: ratio of damping to stiffness.
+- `PATH`, `END`: path of the base so far, and end of the path.
+- `FORCE`, `PEAK`: contact force, and largest contact force.
+- `FIRST`, `LOST`: times [s] of the first contact, and of its latest loss."""
 TIP, TIP_SENSOR, TRACED, AHEAD = range(4)
-"""Indices of the integers: the finger's actuator and sensor, number of steps in its trace, number of the step
-whose first half is done."""
+"""Indices of the integers: the finger's actuator, the finger's sensor, the number of steps in the trace, and
+the number of the step that is already half computed."""
 MOVED = returns(reads(1), reads(1), writes(1), reads(1), reads(1))
-"""Types of the arrays that the next step depends on: MuJoCo's `qpos`, `qvel`, `ctrl`, `qfrc_applied` and
-`xfrc_applied`, row after row."""
+"""Numba types of the arrays on which the next step depends: MuJoCo's `qpos`, `qvel`, `ctrl`, `qfrc_applied`
+and `xfrc_applied`, each as one row of numbers."""
 ENGINE = returns(int64, int64)
-"""Types of the addresses of MuJoCo's model and data."""
+"""Numba types of the addresses of MuJoCo's model and data."""
 KEPT = returns(writes(1), writes(1), writes(1, int64))
-"""Types of the arrays that a step keeps for the next: MuJoCo's warm start, what the step taken in advance
-depended on, and the integers."""
+"""Numba types of the arrays that a step stores for the next step: MuJoCo's warm start, the inputs of the step
+that was computed in advance, and the integers."""
 SERVOS = returns(writes(2), reads(2, int64), reads(2))
-"""Types of the servos' arrays: states and indices of those that move, commands of all."""
+"""Numba types of the servos' arrays: states and indices of the moving joints, and commands of all servos."""
 FINGER = returns(writes(1), writes(2))
-"""Types of the finger's state and of its trace."""
+"""Numba types of the finger's state and of its trace."""
 JOINT, VELOCITY, MOTOR = range(3)
 """Rows of the measurements of all servos (3, n)."""
 
 
 def find_library(folder: Path, version: str) -> Path:
-    """Finds MuJoCo's library for its module's version: another release may have left one in the folder.
+    """Finds MuJoCo's library for the version of MuJoCo's Python module.
 
-    Raises ImportError if it is missing.
+    The folder may also contain the library of another release, which is not used. Raises ImportError if the
+    library is missing.
     """
     for name in (f"libmujoco.so.{version}", f"libmujoco.{version}.dylib", "mujoco.dll"):
         if (folder / name).exists():
@@ -87,7 +99,10 @@ def _follow(servos: Array, places: Array, asked: Array) -> None:
 
 @inlined
 def _drive(qpos: Array, ctrl: Array, servos: Array, places: Array, asked: Array, ahead: float) -> None:
-    """Writes the inputs of the servos, for set-points that go on for `ahead` steps at their present speed."""
+    """Writes the inputs of the servos.
+
+    For this, the set-points are moved on by `ahead` steps at their present speed.
+    """
     for i in range(servos.shape[1]):
         lag, advance = servos[LAG, i], servos[ADVANCE, i]
         here = qpos[places[ADDRESS, i]]
@@ -141,7 +156,10 @@ def _keep(values: Array, here: Array, at: int) -> int:
 def _look_ahead(
     model: int, data: int, number: int, moved: Arrays, warm: Array, here: Array, whole: Array
 ) -> None:
-    """Updates contacts and sensors to the current joints: does all of the next step except the motion."""
+    """Updates contacts and sensors to the current joint angles.
+
+    For this, all of the next step is computed except the motion.
+    """
     qpos, qvel, ctrl, applied, pushed = moved
     _step1(model, data)
     at = _keep(qpos, here, 0)
@@ -170,7 +188,10 @@ def _differs(values: Array, here: Array, at: int) -> bool:
 
 @inlined
 def _take_step(model: int, data: int, number: int, moved: Arrays, here: Array, whole: Array) -> None:
-    """Does `mj_step`, or only the rest of it if joints and inputs are unchanged since `_look_ahead`."""
+    """Does `mj_step`.
+
+    If joints and inputs are unchanged since `_look_ahead`, only the rest of the step is computed.
+    """
     qpos, qvel, ctrl, applied, pushed = moved
     n, m, k = len(qpos), len(qvel), len(ctrl)
     if whole[AHEAD] != number or _differs(qpos, here, 0) or _differs(qvel, here, n):
@@ -198,9 +219,10 @@ def march(
     finger: Arrays,
     skin: Arrays,
 ) -> int:
-    """Takes steps number `begin` to `end`, each of `step` [s], and the skin frames that become due.
+    """Takes the steps with numbers `begin` to `end`, each of `step` [s].
 
-    Returns the number of the last step: it ends early if a patch has more contacts than slots.
+    Also takes the skin frames that become due. Returns the number of the last step. The loop ends early if a
+    patch has more contacts than slots.
     """
     model, data = engine
     warm, here, whole = kept
@@ -243,8 +265,11 @@ def march(
 def measure(
     qpos: Array, qvel: Array, forces: Array, places: Array, asked: Array, servos: Array, found: Array
 ) -> int:
-    """Writes angles [rad], velocities and motor torques of all servos (3, n); the angle of a servo without a
-    joint is its target, and that of one with several joints comes from the first."""
+    """Writes angles [rad], velocities [rad/s] and motor torques [N m] of all servos (3, n).
+
+    For a servo without a joint, the angle is its target. For a servo with several joints, angle and velocity
+    come from the first joint.
+    """
     for i in range(found.shape[1]):
         found[JOINT, i] = asked[TARGET, i]
         found[VELOCITY, i] = found[MOTOR, i] = 0.0
@@ -258,8 +283,10 @@ def measure(
 
 @compiled(int64(views(1, int64), views(1), int64))
 def fault_of(servos: Array, values: Array, count: int) -> int:
-    """Checks `values` (k,) for `servos` (k,) out of `count`: returns 1 for an invalid servo, 2 for a value
-    that is not finite, else 0."""
+    """Checks `values` (k,) for `servos` (k,), which must be below `count`.
+
+    Returns 1 for an invalid servo, 2 for a value that is not finite, and 0 if all are valid.
+    """
     for i in range(len(servos)):
         if not 0 <= servos[i] < count:
             return 1
@@ -273,8 +300,11 @@ def fault_of(servos: Array, values: Array, count: int) -> int:
 def aim(
     servos: Array, angles: Array, top: Array, steps: float, places: Array, asked: Array, state: Array
 ) -> int:
-    """Sets targets `angles` (k,) [rad] of `servos` (k,), to be reached in `steps` steps, each of at most
-    `top` (moving,) [rad]."""
+    """Sets targets `angles` (k,) [rad] of `servos` (k,).
+
+    The set-points reach the targets in `steps` steps. A joint moves by at most `top` (moving,) [rad] per
+    step.
+    """
     for i in range(len(servos)):
         asked[TARGET, servos[i]] = angles[i]
     for i in range(state.shape[1]):

@@ -35,7 +35,7 @@ class Taxels:
         generator: np.random.Generator,
     ) -> None:
         self.worn = {patch.name: number for number, patch in enumerate(patches)}
-        """Number of each patch, by its name."""
+        """Number of each patch, by the patch's name."""
         self._patches = patches
         self._physics = physics
         self._noise = noise
@@ -103,12 +103,12 @@ class Taxels:
 
     @property
     def due(self) -> int:
-        """Step in which the next frame is taken; the largest integer without skin."""
+        """Number of the step in which the next frame is taken. Without skin it is the largest integer."""
         return int(self._integers[:, at.DUE].min(initial=np.iinfo(np.int64).max))
 
     @property
     def noisy(self) -> bool:
-        """True if frames have noise or imperfections, which are added after each step with a frame."""
+        """True if frames have noise or imperfections. These are added after each step with a frame."""
         return self._noise > 0.0 or self._imperfection is not None
 
     def reset(self) -> None:
@@ -124,9 +124,10 @@ class Taxels:
         self._until = -1
 
     def frames(self) -> tuple[SkinFrame, ...]:
-        """Returns the latest frame of every patch with taxels; the same object until a frame is new.
+        """Returns the latest frame of every patch with taxels.
 
-        Raises TciError if a patch had more contacts than slots.
+        The tuple is the same object until a frame is new. Raises TciError if a patch had more contacts at a
+        time than slots.
         """
         if self._physics.steps >= self._until:
             for number, integers in enumerate(self._integers.tolist()):
@@ -138,7 +139,7 @@ class Taxels:
         return self._latest
 
     def _frame(self, number: int, integers: list[int]) -> SkinFrame:
-        """Returns the latest frame of a patch, from its integers of the loop."""
+        """Returns the latest frame of a patch. The patch is given by its integers of the loop."""
         patch, found = self._patches[number], integers[at.TOUCHED]
         taken = integers[at.TAKEN] * self._physics.step
         self._check(number, found)
@@ -154,7 +155,7 @@ class Taxels:
         return SkinFrame(patch.name, taken, integers[at.COUNT], values)
 
     def _distort(self, number: int, counts: Array, now: float) -> None:
-        """Adds the imperfections of a patch to the values [counts] along its normals."""
+        """Adds the imperfections of a patch to the values [counts] along the normals of its taxels."""
         patch = self._patches[number]
         channels, sign = (
             normal_channels(patch, self._surfaces[patch.name]),
@@ -164,9 +165,9 @@ class Taxels:
         counts[channels] = patch.sensor.rest + sign * self._imperfect[number].signal(pressed, now)
 
     def vectors(self, patch: str) -> Array:
-        """Returns the current force (taxels, 3) [N] on each taxel of a patch: along x, along y, pressing.
+        """Returns the current force (taxels, 3) [N] on each taxel of a patch.
 
-        Raises TciError as `frames` does.
+        The components are along x, along y, and along the inward normal. Raises TciError as `frames` does.
         """
         self._physics.refresh()
         number = self.worn[patch]
@@ -185,8 +186,10 @@ class Taxels:
 
 
 def _spread(surface: Surface) -> Array:
-    """Returns the area (n,) [m2] over which the force at each taxel is spread: the taxel's own area plus its
-    share of the surrounding gaps, which measure nothing."""
+    """Returns the area (n,) [m2] over which the force at each taxel is spread.
+
+    It is the taxel's own area plus its share of the surrounding gaps, in which nothing is measured.
+    """
     column = float(np.interp(np.log(width(surface.areas)), np.log(WIDTHS), np.arange(len(WIDTHS))))
     low = min(int(column), len(WIDTHS) - 2)
     narrow, wide = fill_factors(surface)[:, low : low + 2].T
@@ -195,7 +198,10 @@ def _spread(surface: Surface) -> Array:
 
 
 def _raw(patch: Patch, counts: Array) -> NDArray[np.generic]:
-    """Returns the raw values (channels,) that the sensor sends for unrounded ones [counts]."""
+    """Returns the raw values (channels,) that the sensor sends.
+
+    `counts` [counts] are the unrounded values.
+    """
     lowest, highest = patch.sensor.lowest, patch.sensor.highest
     small = 0.0 <= lowest <= highest <= 255.0
     rounded = np.minimum(np.maximum(np.rint(counts), lowest), highest)

@@ -25,49 +25,56 @@ _FIELDS = (
     mujoco.mjtConDataField.mjCONDATA_TANGENT,
 )
 _MOST_FORCE, _NET_FORCE = 2, 3
-"""MuJoCo's codes: contacts sorted by force; or all merged at their centre of pressure, in world axes."""
+"""MuJoCo's codes for two ways to report contacts. The first reports contacts sorted by force. The second
+merges all contacts into one at their centre of pressure, in world axes."""
 FINGER_TIP, FLOOR = "tci_finger_tip", "tci_floor"
-"""Names of the geoms that the skin collides with."""
+"""Names of the geoms with which the skin collides."""
 FINGER_PRIORITY = 1
-"""Priority of the finger's contacts: they have no friction, except on skin that measures it."""
+"""Priority of the finger's contacts. These contacts have no friction, except on skin that measures friction.
+"""
 _CORNERS = 8
 _THICKNESS = 2e-3
-"""Thickness [m] of a sheet of skin. Assumed: about that of a robot's skin; a thinner one lets the finger
-tunnel through."""
+"""Thickness [m] of a sheet of skin. Assumed: about the thickness of a robot's skin. The finger would tunnel
+through a thinner sheet."""
 _COLOUR = (0.22, 0.23, 0.25, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactTruth:
-    """Contacts of one patch according to the physics: the reference for all checks."""
+    """Contacts of one patch according to the physics. This is the reference for all checks of the skin."""
 
     patch: str
     force: float
-    """Sum of the normal forces [N]; 0 without contact."""
+    """Sum of the normal forces [N]. 0 without contact."""
     vector: Array
-    """Sum of the contact forces on the skin (3,) [N], in the torso frame."""
+    """Sum (3,) [N] of the contact forces on the skin, in the torso frame."""
     center: Array
-    """Force-weighted contact point (3,) [m], in the torso frame; NaN without contact."""
+    """Contact point (3,) [m], weighted by force, in the torso frame. NaN without contact."""
     normal: Array
-    """Force-weighted outward unit normal (3,) of the contacts, in the torso frame; NaN without contact."""
+    """Outward unit normal (3,) of the contacts, weighted by force, in the torso frame. NaN without contact.
+    """
 
 
 def skin_geom(patch: str) -> str:
-    """Returns the name of the geom and of the contact sensor of a patch."""
+    """Returns the name that a patch's geom and contact sensor have."""
     return f"tci_skin_{patch}"
 
 
 def stiff(step: float) -> list[float]:
-    """Returns MuJoCo's solref of a contact with the finger: stiff, since its light tip sinks in easily (with
-    this value 0.2 mm at 8 N)."""
+    """Returns MuJoCo's solref of a contact with the finger.
+
+    The contact is stiff, since the light tip would otherwise sink in deeply (with this value it sinks in by
+    0.2 mm at 8 N).
+    """
     return [max(0.002, 2.0 * step), 1.0]
 
 
 def add_skin(spec: mujoco.MjSpec, surface: Surface, *, axes: int, step: float, floor: bool) -> None:
-    """Adds a patch to the scene: a geom through its taxels, and a sensor of the contacts on it.
+    """Adds a patch to the scene: a geom through its taxels, and a sensor of the contacts on this geom.
 
-    MuJoCo collides a mesh's convex hull; its faces are used only in pictures. Skin has friction with the
-    finger only if it has three `axes`. Contacts with a `floor` have a separate sensor.
+    MuJoCo uses a mesh's convex hull for collisions. The mesh's faces are used only in pictures. Skin has
+    friction with the finger only if it has three `axes`. With `floor`, contacts with the floor have a
+    separate sensor.
     """
     name = skin_geom(surface.patch)
     points, faces = _solid(surface)
@@ -116,9 +123,10 @@ def floor_sensor(patch: str) -> str:
 
 
 def _solid(surface: Surface) -> tuple[Array, NDArray[np.intp]]:
-    """Returns vertices (v, 3) [m] and faces (f, 3) of a body with that surface.
+    """Returns vertices (v, 3) [m] and faces (f, 3) of a body that has this surface.
 
-    The taxels of a limb enclose a body. Those of a sheet, and single ones, become plates of their own area.
+    The taxels of a limb enclose a body. Taxels of a sheet, and single taxels, become plates of their own
+    area.
     """
     if len(surface.faces) and not is_sheet(surface.normals):
         return surface.positions, surface.faces
@@ -135,9 +143,10 @@ def _solid(surface: Surface) -> tuple[Array, NDArray[np.intp]]:
 
 
 def contact_truth(physics: Physics, patch: str, torso: Callable[[], Array]) -> ContactTruth:
-    """Returns the current contacts on a patch from the physics, not from the sensor that the skin uses.
+    """Returns the current contacts on a patch.
 
-    `torso` returns the pose (4, 4) of the torso in the world, which is asked for where there is a contact.
+    The contacts come from the physics, not from the sensor that the skin uses. `torso` is a function that
+    returns the pose (4, 4) of the torso in the world. It is called only if there is a contact.
     """
     physics.refresh()
     model, data = physics.model, physics.data

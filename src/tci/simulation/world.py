@@ -1,4 +1,4 @@
-"""The simulated world: one robot with servos and skin, and a finger."""
+"""The simulated world: one robot with servos and skin, and a simulated finger."""
 
 from __future__ import annotations
 
@@ -29,16 +29,17 @@ from tci.skin.surfaces import Surface, surfaces_of
 
 MIDDLEWARE = "sim"
 MAX_STEP = 0.005
-"""Longest step [s]: the time constant of the servos. Contacts become softer from 0.002 s on."""
+"""Longest step [s] of the physics. It equals the time constant of the servos. From a step of 0.002 s on,
+contacts are softer than with shorter steps."""
 MAX_TIP = 0.05
-"""Largest radius [m] of the finger's tip: a ball that a hand can still hold."""
+"""Largest radius [m] of the finger's tip. It is the radius of the largest ball that a hand can hold."""
 
 
 class World:
-    """A physical simulation of one robot with servos, skin and a finger, on a fixed base or on a floor.
+    """A physical simulation of one robot with servos, skin and a finger.
 
-    It has its own clock. Equal arguments, calls and MuJoCo version give equal bits. An object serves one
-    thread.
+    The robot is on a fixed base or on a floor. It has its own clock. With equal arguments, equal calls and
+    one MuJoCo version, results are equal bit for bit. An object serves one thread.
     """
 
     def __init__(
@@ -55,16 +56,20 @@ class World:
         period: float | None = None,
         tip: float = RADIUS,
     ) -> None:
-        """Args: `step` [s] of the physics; `period` [s] between two targets of the servos, by default the
-        description's; `noise` [counts], the standard deviation of raw skin values; `imperfection`, what the
-        skin's sensors add to them; `skin`, True for all patches, False for none, or the names of patches;
-        `tip` [m], the radius of the finger's tip, which can also represent a ball in a hand.
+        """Builds the world.
 
-        `posture` gives generic angles [rad] at the start by generic part; other parts start at their initial
-        posture. A robot that `stands` carries its weight on a floor, which only its soles touch, and may
-        fall; otherwise its base is fixed and it has no weight. Raises DescriptionError for a robot that can't
-        be simulated, CommandError for an invalid number or posture, or for a standing robot without skin on
-        its soles.
+        - `step` [s]: step of the physics.
+        - `period` [s]: time between two targets of the servos, by default the description's period.
+        - `noise` [counts]: standard deviation of raw skin values.
+        - `imperfection`: deviations of the skin's sensors from ideal sensors.
+        - `skin`: True for all patches, False for none, or the names of patches.
+        - `tip` [m]: radius of the finger's tip. The tip can also represent a ball in a hand.
+
+        `posture` maps generic parts to their generic angles [rad] at the start. Other parts start at their
+        initial posture. With `stands`, the robot carries its weight on a floor and may fall. Only the robot's
+        soles touch the floor. Without `stands`, the robot's base is fixed and the robot has no weight. Raises
+        DescriptionError for a robot that can't be simulated. Raises CommandError for an invalid number or
+        posture, and for a standing robot without skin on its soles.
         """
         if robot.model is None:
             raise DescriptionError(robot.source, [Fault(0, NO_MODEL)])
@@ -81,7 +86,7 @@ class World:
         worn = [robot.patch(name) for name in names]
         built = {one.patch: one for one in surfaces_of(robot)} if worn else {}
         self.surfaces: Mapping[str, Surface] = {patch.name: built[patch.name] for patch in worn}
-        """Taxels of every patch, by its name."""
+        """Taxels of every patch, by the patch's name."""
         home = start_angles(robot, posture or {})
         self._seed = _checked_seed(seed)
         self._generator = np.random.default_rng(seed)
@@ -117,15 +122,19 @@ class World:
         return self._physics.model
 
     def shown_model(self) -> mujoco.MjModel:
-        """Builds MuJoCo's model with what only pictures need: full meshes, and geoms that never collide.
+        """Builds MuJoCo's model with additional parts that only pictures need.
 
-        Bodies and joints are those of `model`.
+        These are full meshes, and geoms that never collide. Bodies and joints are those of `model`, so this
+        model can show the states of `model`.
         """
         return self._build(shown=True)
 
     @property
     def data(self) -> mujoco.MjData:
-        """MuJoCo's data. Contacts and poses belong to the joints before the latest step; see `refresh`."""
+        """MuJoCo's data.
+
+        Contacts and poses belong to the joint angles before the latest step. To update them, call `refresh`.
+        """
         return self._physics.data
 
     @property
@@ -134,10 +143,10 @@ class World:
         return self._physics.time
 
     def reset(self, *, seed: int | None = None) -> None:
-        """Resets time to 0, the posture and full stiffness, and removes the finger. The noise restarts with
-        `seed`, by default the present one.
+        """Resets time to 0, restores the posture and full stiffness, and removes the finger.
 
-        Raises CommandError for an invalid seed.
+        The noise restarts with `seed`. By default the seed does not change. Raises CommandError for an
+        invalid seed.
         """
         self._seed = self._seed if seed is None else _checked_seed(seed)
         self._generator.bit_generator.state = np.random.default_rng(self._seed).bit_generator.state
@@ -148,15 +157,18 @@ class World:
 
     @property
     def torso(self) -> Array:
-        """`T_WT` (4, 4): current pose of the torso frame in the world."""
+        """`T_WT` (4, 4): current pose of the torso frame in the world frame."""
         return self._skin.torso()
 
     def refresh(self) -> None:
-        """Updates poses and contacts in `data` to its current joints. Later steps are not affected."""
+        """Updates poses and contacts in `data` to the current joint angles. Later steps are not affected."""
         self._physics.refresh()
 
     def advance(self, until: float) -> None:
-        """Steps the physics until `time` is at least `until` [s]; takes the skin frames that become due."""
+        """Steps the physics until `time` is at least `until` [s].
+
+        Also takes the skin frames that become due.
+        """
         last = math.ceil(until / self._physics.step - 1e-6)
         while self._physics.steps < last:
             end = min(last, self._taxels.due) if self._taxels.noisy else last
@@ -171,7 +183,10 @@ class World:
                 self._taxels.frames()
 
     def set_position_targets(self, servos: ArrayLike, angles: ArrayLike) -> None:
-        """Sends servos (k,), indices into `Robot.servos`, to `angles` (k,) [rad]. Raises CommandError."""
+        """Sends targets `angles` (k,) [rad] to `servos` (k,), which are indices into `Robot.servos`.
+
+        Raises CommandError.
+        """
         self._servos.set_position_targets(servos, angles)
 
     def set_modes(self, servos: ArrayLike, modes: Sequence[Mode]) -> None:
@@ -179,15 +194,21 @@ class World:
         self._servos.set_modes(servos, modes)
 
     def set_torques(self, servos: ArrayLike, torque: ArrayLike) -> None:
-        """Sets torques (k,) [N m] of servos in torque mode, up to the motors' limits. Raises CommandError."""
+        """Sets torques (k,) [N m] of servos in torque mode.
+
+        Each torque is limited to the motor's limit. Raises CommandError.
+        """
         self._servos.set_torques(servos, torque)
 
     def set_power(self, servos: ArrayLike, on: bool) -> None:
-        """Switches servos (k,) off, which makes them limp, or on where they are. Raises CommandError."""
+        """Switches servos (k,) off, which makes them limp, or on.
+
+        Servos that are switched on hold their current angles. Raises CommandError.
+        """
         self._servos.set_power(servos, on)
 
     def halt(self) -> None:
-        """Stops all servos at their current angles; those in torque mode are switched to position mode."""
+        """Stops all servos at their current angles. Servos in torque mode are switched to position mode."""
         joints, _, _ = self._servos.measured()
         servos = np.arange(len(joints))
         modes = [Mode.POSITION if mode is Mode.TORQUE else mode for mode in self._servos.modes]
@@ -200,19 +221,18 @@ class World:
         return self._servos.stiffness
 
     def set_stiffness(self, servos: ArrayLike, share: ArrayLike) -> None:
-        """Sets fractions (k,) 0..1 of full stiffness; at 0 a servo is limp. Raises CommandError."""
+        """Sets fractions (k,) 0..1 of full stiffness. At 0 a servo is limp. Raises CommandError."""
         self._servos.set_stiffness(servos, share)
 
     def set_damping(self, servos: ArrayLike, share: ArrayLike) -> None:
-        """Sets fractions (k,) 0..1 of damping in addition to the critical one. Raises CommandError."""
+        """Sets fractions (k,) 0..1 of damping that is added to the critical damping. Raises CommandError."""
         self._servos.set_damping(servos, share)
 
     def joints(self) -> JointReading:
-        """Returns exact current angles and velocities of all servos, with the target of one without a
-        joint.
+        """Returns exact current angles and velocities of all servos.
 
-        Torques are those of the motors; of a robot that feels touches through its joints, those at their
-        outputs.
+        The angle of a servo without a joint is its target. Torques are the motors' torques. If the robot
+        measures touches through its joints, torques are those at the joints' outputs.
         """
         found = self._servos.measured()
         return JointReading(
@@ -226,7 +246,7 @@ class World:
         )
 
     def frames(self) -> tuple[SkinFrame, ...]:
-        """Returns the latest frame of every patch, in the description's order."""
+        """Returns the latest frame of every patch, in the description's order of patches."""
         return self._taxels.frames()
 
     def contact_truth(self, patch: str) -> ContactTruth:
@@ -237,29 +257,33 @@ class World:
     def skin_point(
         self, patch: str, place: int | ArrayLike, normal: ArrayLike | None = None
     ) -> tuple[Array, Array]:
-        """Returns the current position (3,) [m] and outward normal (3,) of a place on the skin, in the torso.
+        """Returns the current position (3,) [m] and outward normal (3,) of a place on the skin.
 
-        `place` is a taxel or a point (3,) [m] in the patch's link; `normal` (3,) in the link replaces that of
-        the surface. Raises UnknownNameError, CommandError.
+        Both are in the torso frame. `place` is a taxel, or a point (3,) [m] in the frame of the patch's link.
+        If a `normal` (3,) in that frame is given, it replaces the surface normal. Raises UnknownNameError,
+        CommandError.
         """
         return self.to_torso(*self._skin.point(patch, place, normal))
 
     def to_torso(self, point: Array, normal: Array) -> tuple[Array, Array]:
-        """Transforms a point (3,) [m] and a direction (3,) from the world to the torso frame."""
+        """Transforms a point (3,) [m] and a direction (3,) from the world frame to the torso frame."""
         return self._skin.to_torso(point, normal)
 
     def skin_point_in_world(
         self, patch: str, place: int | ArrayLike, normal: ArrayLike | None = None
     ) -> tuple[Array, Array]:
-        """Returns position and normal as `skin_point` does, in the world frame."""
+        """Returns the position (3,) [m] and outward normal (3,) of a place on the skin, in the world frame.
+
+        The arguments are those of `skin_point`.
+        """
         return self._skin.point(patch, place, normal)
 
 
 def start_angles(robot: Robot, posture: Mapping[str, ArrayLike]) -> Array:
-    """Returns the angles (n,) [rad] of all servos (inverse of eq. 1) for a generic `posture` by part.
+    """Returns the angles (n,) [rad] of all servos for a generic posture (inverse of eq. 1).
 
-    Other parts are at their initial posture, servos that no part maps at 0; all are clipped to their limits.
-    Raises UnknownNameError, CommandError.
+    `posture` maps parts to generic angles [rad]. Other parts are at their initial posture. Servos that belong
+    to no part are at 0. All angles are clipped to their limits. Raises UnknownNameError, CommandError.
     """
     angles = np.zeros(len(robot.servos))
     given = {robot.part(name).name: np.asarray(values, dtype=float) for name, values in posture.items()}

@@ -1,6 +1,6 @@
-"""Perception of touch: raw frames to pressure on taxels, and pressure to contacts.
+"""Perception of touch: turns raw frames into pressure on taxels, and pressure into contacts.
 
 Conditioning estimates each taxel's rest value and noise and turns raw values into pressure. Neighbouring
-active taxels become contacts with a place on the generic limb, which are tracked over time by compiled loops
-(`kernels/`).
+active taxels become contacts with a place on the generic limb, and compiled loops (`kernels/`) track these
+contacts over time.
 """

@@ -1,9 +1,9 @@
 """Estimates of each taxel's rest value and noise, window by window.
 
 A change of temperature shifts all taxels of a patch by similar amounts, while a touch changes only a few
-taxels. So the median deviation of the quiet taxels is drift, and is added to the rest values of all taxels,
-also of touched ones. Apart from this, the rest value of a touched taxel stays constant during a touch of any
-length.
+taxels. So the median deviation of the quiet taxels is taken as the drift of the patch. This drift is added to
+the rest values of all taxels, also of touched ones. Apart from this, the rest value of a touched taxel stays
+constant during a touch of any length.
 """
 
 from __future__ import annotations
@@ -23,42 +23,44 @@ from tci.skin.kernels.baseline import ROOM, BaselineArrays, Window, update_basel
 class BaselineSettings:
     """Settings of the baseline. Times are in seconds, so results do not depend on the frame rate.
 
-    All figures are assumed, since drift and noise differ from sensor to sensor. With shorter times the
-    baseline follows drift faster, and a slow touch becomes rest sooner.
+    All figures are assumed, since drift and noise differ from sensor to sensor. With shorter time constants
+    the rest values follow drift faster, but a slow touch is also taken for drift sooner.
     """
 
     window: float = 1.0
-    """Least length [s] of an estimation window: a longer one follows drift later, a shorter one estimates
-    noise less exactly."""
+    """Least length [s] of an estimation window. A longer window follows drift later. A shorter window
+    estimates noise less exactly."""
     frames: int = 50
     """Least number of frames in an estimation window. With fewer frames, single readings of a touch would
     look like noise."""
     drift_rate: float = 5e-4
-    """Upper bound on common drift [fraction of the sensor's range per second]; faster change is a touch."""
+    """Upper bound on common drift [fraction of the sensor's range per second]. A faster change counts as a
+    touch."""
     own: float = 30.0
     """Time constant [s] with which the rest value of a single quiet taxel is tracked."""
     release: float = 1.0
-    """Time constant [s] with which the rest value of a taxel that reads below it is tracked. It is short
-    because pressure is never negative."""
+    """Time constant [s] with which the rest value is tracked if the taxel reads less than this rest value.
+    The time is short, since a reading below rest can't be a touch: pressure is never negative."""
     noise: float = 20.0
     """Time constant [s] of the noise estimate."""
     quiet: float = 2.0
-    """Deviation [counts] below which a taxel always counts as quiet, even if its noise is smaller."""
+    """Deviation [counts] below which a taxel always counts as quiet, also if its noise is smaller."""
     threshold: float = 7.0
     """A taxel is active if its deviation exceeds this many standard deviations of its noise."""
     fluctuating: float = 0.2
-    """A taxel counts as noisy if at least this fraction of its frames differs from the previous one."""
+    """A taxel counts as noisy if at least this fraction of its frames differs from the frame before."""
     lively: float = 0.4
-    """Noise [counts] from which a taxel that stays constant for a window is frozen: a third of its frames
-    differ, so 50 equal ones occur by chance once in 1e5 windows."""
+    """Noise [counts] from which a taxel counts as frozen if its value stays constant for a window. At this
+    noise, a third of the frames differ from the frame before. So 50 equal frames in a healthy taxel occur
+    by chance once in 1e5 windows."""
     share: float = 0.25
     """Least fraction of the healthy taxels that must be quiet before their median counts as drift."""
 
     step: float = 30.0
-    """Time [s] after which pressure on nearly all taxels counts as a step of the baseline, and becomes rest.
-    Soles are excepted, since they may carry weight for any time."""
+    """Time [s] after which pressure on nearly all taxels counts as a step of the baseline. The present
+    values then become the rest values. Soles are excepted, since they may carry weight for any time."""
     step_share: float = 0.9
-    """Least fraction of the healthy taxels that counts as nearly all."""
+    """Least fraction of the healthy taxels that counts as "nearly all" for `step`."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -80,32 +82,36 @@ class Baseline:
         neighbours: NDArray[np.intp],
         settings: BaselineSettings,
     ) -> None:
-        """Starts with the rest value in the description.
+        """Starts with the rest value in the description for every taxel.
 
-        `span` [counts] is the sensor's range, `floor` [counts] the lowest signal that it can send, `noise`
-        [counts] the initial standard deviation, `neighbours` (m, 2) are pairs of neighbouring taxels.
+        `span` [counts] is the sensor's range and `floor` [counts] the lowest signal that the sensor can
+        send. `noise` [counts] is the initial standard deviation. `neighbours` (m, 2) are pairs of
+        neighbouring taxels.
         """
         self.settings = settings
         self.offset = np.zeros(count)
-        """Rest value (n,) [counts] relative to that in the description, positive with pressure."""
+        """Rest value (n,) [counts] relative to the rest value in the description. It increases with
+        pressure."""
         self.noise = np.full(count, noise)
         """Standard deviation (n,) [counts] of the noise."""
         self.threshold = settings.threshold * self.noise
         """Deviation (n,) [counts] above which a taxel is active."""
         self.typical_noise = float(noise)
-        """Median standard deviation [counts] of the taxels that have been at rest, or of all taxels if none
-        has.
+        """Median standard deviation [counts] of the taxels that have been at rest. If no taxel has been at
+        rest: the median of all taxels.
 
-        The noise of taxels that were loaded from the start, for example by the robot's weight, is unknown."""
+        Taxels that were loaded from the start, for example by the robot's weight, are left out, because
+        their noise is unknown."""
         self._floor = floor
         self._slew = settings.drift_rate * span
         self._neighbours = np.ascontiguousarray(neighbours, np.int64)
         self.rested = np.zeros(count, dtype=bool)
-        """True (n,) for taxels that have been at rest."""
+        """True (n,) for each taxel that has been at rest."""
         initialised = np.zeros(count, dtype=bool)
         self.frozen = np.zeros(count, dtype=bool)
         """True (n,) for taxels with a measured noise of `lively` or more that were constant in the latest
-        window. Their windows are not used for estimates until they have changed for a whole window."""
+        window. The rest value and noise of these taxels are not updated until the taxel has changed for a
+        whole window."""
         self._estimates = BaselineArrays(
             self.offset, self.noise, self.threshold, initialised, self.rested, self.frozen, np.zeros(count)
         )
@@ -121,13 +127,16 @@ class Baseline:
         self.typical_noise = float(np.median(self.noise))
 
     def rezero(self, signal: Array) -> None:
-        """Makes `signal` (n,) [counts] the new rest values; the next window refines them."""
+        """Makes `signal` (n,) [counts] the new rest values.
+
+        The next estimation window refines these values.
+        """
         self.offset[:] = signal
         self._estimates.followed[:] = 0.0
         self._afresh = True
 
     def update(self, window: Window, healthy: NDArray[np.bool_]) -> None:
-        """Updates rest values and noise from a window, of the `healthy` taxels (n,) only."""
+        """Updates rest values and noise of the `healthy` taxels (n,) from one estimation window."""
         s, elapsed = self.settings, window.elapsed
         weights = [1.0 - exp(-elapsed / constant) for constant in (s.own, s.release, s.noise)]
         numbers = np.array([
@@ -141,7 +150,10 @@ class Baseline:
 
 
 def near(touched: NDArray[np.bool_], neighbours: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Finds the taxels (n,) that have a touched neighbour; `neighbours` (m, 2) are pairs."""
+    """Finds the taxels (n,) that have a touched neighbour.
+
+    `neighbours` (m, 2) are pairs of neighbouring taxels.
+    """
     result = np.zeros(touched.size, dtype=bool)
     if touched.any():
         one, other = neighbours.T

@@ -1,8 +1,9 @@
 """Conditioning: turns raw frames of all patches into pressure on their taxels.
 
-Polarity, range and response of each sensor come from the description, rest values and noise are estimated,
-and taxels that can't be trusted are masked. All later stages use pascal, for every sensor (§3.2: readings are
-normalised in layer L3). The result is deterministic, bit for bit.
+The polarity, range and response of each sensor come from the description. Rest values and noise are estimated
+from the frames. Taxels that can't be trusted are masked. All later stages work with pressures in pascal, so
+they do not depend on the sensor (§3.2: readings are normalised in layer L3). The result is deterministic:
+equal frames give equal pressures, bit for bit.
 """
 
 from __future__ import annotations
@@ -48,13 +49,14 @@ from tci.skin.layout import AXES, SkinLayout
 from tci.skin.shear import Shear
 
 RESTART = 1.0
-"""If a frame has a lower sequence number but is newer by this time [s], its sender has restarted. Assumed:
-with a shorter time, a frame out of order could look like a restart; with a longer time, a restarted sender
-would be ignored for longer."""
+"""If a frame has a lower sequence number than the previous frame, but its stamp is later by more than this
+time [s], the sender counts as restarted. Assumed: with a shorter time, a frame out of order could look like a
+restart. With a longer time, the frames of a restarted sender would be ignored for longer."""
 
 
 SETS = 16
-"""Largest number of cached sets of patches. Assumed: more than the different rates of a robot's patches."""
+"""Largest number of cached entries. An entry belongs to one combination of patches that send together.
+Assumed: this is more than the number of different frame rates of a robot's patches."""
 _CONDITION = {np.dtype(kind): entry(condition, k) for k, kind in enumerate((np.uint8, np.float32))}
 """The kernel for each dtype of raw values."""
 
@@ -68,8 +70,8 @@ class ConditioningSettings:
     health: HealthSettings = field(default_factory=HealthSettings)
     """Conditions under which taxels are masked."""
     latency: float = 0.0
-    """Time constant [s] of the low-pass filter on pressures, which is also their largest delay; 0 for no
-    filter."""
+    """Time constant [s] of the low-pass filter on pressures. 0 means no filter. Pressures are delayed by at
+    most this time."""
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.latency < np.inf:
@@ -81,14 +83,14 @@ class PatchHealth:
     """Health of the taxels of one patch."""
 
     coverage: float
-    """Fraction (0..1) of its taxels that are in use."""
+    """Fraction (0..1) of the patch's taxels that are in use."""
     masked: Mapping[int, str]
     """Reason for each taxel that is not in use, by index: `dead`, `stuck` or `noisy`."""
     saturated: int
-    """Number of taxels that are at the end of their range now. Their touch is valid; its force is a lower
-    bound."""
+    """Number of taxels that are at the end of their range now. A touch on a saturated taxel is valid, but
+    the touch's force is only a lower bound."""
     dropped: int
-    """Number of values so far that were not finite or outside the sensor's range."""
+    """Number of values so far that were not finite or were outside the sensor's range."""
 
 
 class Conditioner:
@@ -97,7 +99,8 @@ class Conditioner:
     def __init__(self, layout: SkinLayout, settings: ConditioningSettings = ConditioningSettings()) -> None:
         self.layout, self.settings = layout, settings
         self.late = 0
-        """Number of frames so far that arrived after a newer one of their patch."""
+        """Number of frames so far that arrived after a newer frame of their patch. These frames are
+        ignored."""
         self.estimators = tuple(
             PatchEstimator(patch, settings.baseline, settings.health) for patch in layout.patches
         )
@@ -153,7 +156,7 @@ class Conditioner:
 
     @property
     def dropped(self) -> int:
-        """Number of values so far that were not finite or outside their sensor's range."""
+        """Number of values so far that were not finite or were outside their sensor's range."""
         return int(self._memory.patches[:, DROPPED].sum())
 
     @property
@@ -170,15 +173,16 @@ class Conditioner:
         return found
 
     def copy(self) -> Conditioner:
-        """Returns an independent copy, in the present state."""
+        """Returns an independent copy with the present estimates and statistics."""
         return copy.deepcopy(self)
 
     def step(self, frames: Sequence[SkinFrame]) -> bool:
-        """Processes those frames that are newer than the last frame of their patch. Returns False if there
-        are none.
+        """Processes the frames that are newer than the last frame of their patch.
 
-        If frames are out of order, the newest one is used. Raises FrameError, and changes nothing, if a frame
-        does not fit its patch.
+        Returns False if no frame is newer.
+
+        If frames are out of order, the newest frame is used. Raises FrameError, and changes nothing, if a
+        frame does not fit its patch.
         """
         names = [frame.patch for frame in frames]
         if names != self._names:
@@ -206,10 +210,12 @@ class Conditioner:
         return True
 
     def update(self) -> bool:
-        """Updates the estimates by half of an ended estimation window. Returns False if none has ended.
+        """Updates the estimates by half of an ended estimation window.
 
-        Otherwise the next frame would do this, with an equal result. A caller uses this method when it has
-        time to spare.
+        Returns False if no window has ended.
+
+        Without this call, the next frame does the update, with an equal result. So a caller can call
+        `update` when it has time to spare, to shorten the next `step`.
         """
         if not self._ended:
             return False
@@ -228,7 +234,10 @@ class Conditioner:
             pass
 
     def rezero(self, patch: str) -> None:
-        """Takes the present readings of a patch as rest. Raises UnknownNameError for an unknown patch."""
+        """Takes the present readings of a patch as its rest values.
+
+        Raises UnknownNameError for an unknown patch.
+        """
         if (p := self.layout.places.get(patch)) is None:
             raise UnknownNameError("skin patch", patch, self.layout.places)
         if self._memory.patches[p, FRAMES]:
@@ -237,8 +246,11 @@ class Conditioner:
             self._restart(p)
 
     def _arrange(self, names: list[str]) -> None:
-        """Prepares for frames of this set of patches. Few different sets occur: slow patches send together
-        with every n-th frame of fast ones."""
+        """Prepares the arrays for frames of the patches `names`.
+
+        The result is cached, since few combinations of patches occur: slow patches send together with every
+        n-th frame of fast patches.
+        """
         places = self.layout.places
         found = self._arranged.get(key := tuple(names))
         if found is None:
@@ -266,8 +278,10 @@ class Conditioner:
         return frame.sequence > known or not frame.stamp <= stamp + RESTART
 
     def _check(self, values: list[NDArray[np.generic]]) -> None:
-        """Raises FrameError unless all frames fit their patches. Switches the buffer to float32 if their
-        dtype requires it."""
+        """Raises FrameError unless all frames fit their patches.
+
+        Switches the buffer of raw values to float32 if the dtype of the frames requires float32.
+        """
         if [one.shape for one in values] != self._sizes:
             for name, one, size in zip(self._names, values, self._sizes, strict=True):
                 if one.shape != size:
@@ -335,8 +349,10 @@ class Conditioner:
         self._vectors[p] = self._shears[p].force(frame.values, pressure, frame.stamp)[active]
 
     def _vector(self) -> NDArray[np.float64] | None:
-        """Returns the force (k, 3) [N] on each active taxel. It is along the inward normal if the sensor does
-        not measure a direction."""
+        """Returns the force (k, 3) [N] on each active taxel.
+
+        If the sensor does not measure a direction, the force is along the inward normal.
+        """
         if not self._shears:
             return None
         out, parts = self._out, []
@@ -351,7 +367,7 @@ class Conditioner:
         return np.concatenate(parts)
 
     def _revive(self, patches: list[int]) -> None:
-        """Trusts dead and stuck taxels whose values have changed again, from the next frame on."""
+        """Uses dead and stuck taxels again, from the next frame on, if their values have changed."""
         for p in patches:
             estimator, own = self.estimators[p], self.layout.taxels[p]
             if estimator.health.constant:
@@ -375,7 +391,7 @@ class Conditioner:
         memory.patches[p, CONSTANT] = min(memory.patches[p, CONSTANT], 0.0)
 
     def _note_anew(self, p: int) -> None:
-        """Marks all blocks so that the next frame is processed in full, also unchanged blocks."""
+        """Marks all blocks of a patch, so that its next frame is processed in full."""
         self._count_repeats(p)
         begin = self.layout.arrays.begin
         self._memory.blocks[begin[p, BLOCK] : begin[p + 1, BLOCK], REPEATED] = 0

@@ -30,8 +30,8 @@ from tci.skin.tracking import Tracker
 _NONE = Contacts.of(())
 _cluster, _describe, _reject_isolated = entry(cluster), entry(describe), entry(reject_isolated)
 Measure = Literal["total", "weighted", "peak"]
-"""Scalar force of a contact: that of the whole touch, the mean F-bar of eq. 7, or that of the strongest
-taxel."""
+"""Kind of scalar force of a contact: "total" is the force of the whole touch, "weighted" the mean F-bar of
+eq. 7, "peak" the force on the strongest taxel."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,15 +39,18 @@ class ContactSettings:
     """Thresholds at which active taxels form a contact."""
 
     touch: float = 0.1
-    """Least force [N] on the strongest taxel of a contact. Assumed: 3 counts on an iCub's forearm."""
+    """Least force [N] on the strongest taxel of a contact. Assumed: this is 3 counts on an iCub's forearm."""
     light: float = 0.05
-    """Least force [N] on the strongest taxel if its noise is known and it reads two counts or more. Assumed:
-    below two counts on all described sleeves, so that the resolution of the sensor decides."""
+    """Least force [N] on the strongest taxel of a contact if this taxel's noise is known and its value is two
+    counts or more above rest. Assumed: on all described sleeves this force is less than two counts, so the
+    two counts decide."""
     floor: float = 0.01
-    """Least force [N] on a taxel that is added to a contact, low enough to include the weak edge of a touch.
-    Assumed: below one count of an iCub's sensor; a sensor that flickers at rest needs more."""
+    """Least force [N] on a taxel that is added to a contact. It is low enough to include the weak edge of a
+    touch. Assumed: this is below one count of an iCub's sensor. A sensor that flickers at rest needs a
+    higher value."""
     isolated: IsolatedSettings | None = field(default_factory=IsolatedSettings)
-    """Conditions under which a single active taxel is a contact; None accepts all."""
+    """Conditions under which a single active taxel is a contact. With None every active taxel can be a
+    contact."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.floor <= self.light <= self.touch < np.inf:
@@ -56,7 +59,7 @@ class ContactSettings:
 
     @property
     def limits(self) -> Limits:
-        """Returns the forces [N] as the compiled loops take them."""
+        """Returns the three forces [N] in the form that the compiled loops read."""
         return Limits(float(self.floor), float(self.light), float(self.touch))
 
 
@@ -88,12 +91,13 @@ class ContactFinder:
     def find(
         self, state: SkinState, estimates: Estimates, poses: Callable[[], Array], posture: Mapping[str, Array]
     ) -> Contacts:
-        """Returns all contacts of the skin in the robot's order of patches; on each patch the strongest
-        contact is first.
+        """Returns all contacts of the skin, in the robot's order of patches.
 
-        `estimates` are those with which the state was computed, `poses` those of `SkinLayout.links`.
-        `posture` contains the generic angles (n,) [rad] of each part with skin. Raises UnknownNameError if
-        the posture lacks a touched part.
+        On each patch the strongest contact is first.
+
+        `estimates` are the estimates with which the state was computed, and `poses` returns the poses that
+        `SkinLayout.links` describes. `posture` contains the generic angles (n,) [rad] of each part with
+        skin. Raises UnknownNameError if `posture` does not contain a touched part.
         """
         layout, clusters, settings = self.layout, self._clusters, self.settings
         active = ActiveTaxels(state.stamp, state.begin, state.active, state.pressure)
@@ -122,8 +126,8 @@ class ContactFinder:
     ) -> tuple[int, int, Array]:
         """Removes clusters of a single taxel that are not a touch.
 
-        Returns the number of remaining clusters, the number of their taxels, and the taxels that wait (w,
-        WAITING).
+        Returns the number of remaining clusters, the number of their taxels, and the taxels that do not yet
+        count as touched (w, WAITING).
         """
         arrays, before = self.layout.arrays, self.contacts
         starts = arrays.begin[before.site, 0]
@@ -155,7 +159,10 @@ class ContactFinder:
 
 
 def _limb_angles(parts: Sequence[str], posture: Mapping[str, Array]) -> Array:
-    """Returns the generic angles (parts, 4) [rad] of limbs, zeros where they are unknown."""
+    """Returns the generic angles (parts, 4) [rad] of limbs.
+
+    The angles of a part that `posture` does not contain are 0.
+    """
     result = np.zeros((max(len(parts), 1), 4))
     for row, part in enumerate(parts):
         if part in posture:
@@ -169,9 +176,10 @@ def describe_touches(
     poses: Array,
     posture: Mapping[str, Array],
 ) -> ContactArrays:
-    """Returns a contact for each of `touches` (patch, taxel, force [N]), which are sorted by patch.
+    """Returns a contact for each of `touches` (patch, taxel, force [N]). `touches` must be sorted by patch.
 
-    `poses` and `posture` are those of `ContactFinder.find`. The caller sets identity, onset and displacement.
+    `poses` and `posture` are as in `ContactFinder.find`. The caller must set identity, onset and
+    displacement of the contacts.
     """
     count = len(touches)
     patches, taxels, forces = zip(*touches, strict=True)
@@ -191,7 +199,7 @@ def describe_touches(
 
 
 def empty_contacts(count: int, taxels: int) -> ContactArrays:
-    """Returns arrays with room for `count` contacts with `taxels` taxels in all."""
+    """Returns empty arrays for `count` contacts that have `taxels` taxels altogether."""
     empty, vectors = np.empty, (count, 3)
     return ContactArrays(
         empty(count, np.int64), empty(count, np.int64), empty(count), empty(count), empty(count),
@@ -205,9 +213,9 @@ def single_contact(
     site: Site, taxels: ArrayLike, forces: ArrayLike, *, u: float, theta: float, taxel_u: ArrayLike,
     taxel_theta: ArrayLike, stamp: float = 0.0, sequence: int = 0, area: float = 0.0, **vectors: ArrayLike,
 ) -> Contact:  # fmt: skip
-    """Returns a contact without a skin, of `taxels` (k,) with `forces` (k,) [N].
+    """Returns a contact that needs no skin, made of `taxels` (k,) with `forces` (k,) [N].
 
-    `vectors` are its p_L, n_L, p_T, n_T and f_T (3,), see `Contacts`.
+    `vectors` are the contact's p_L, n_L, p_T, n_T and f_T (3,), see `Contacts`.
     """
     forces = np.array(forces, np.float64)
     made = ContactArrays(
@@ -233,19 +241,21 @@ def single_contact(
 def centre_of_pressure(positions: Array, forces: Array) -> Array:
     """Returns P-bar (3,) [m] of eq. 7, the mean of `positions` (k, 3) [m] weighted by `forces` (k,) [N].
 
-    On a curved limb this point is below the skin; for an even grip around the limb it is on the axis.
+    On a curved limb this point is below the skin. If a grip presses evenly all around the limb, the point
+    is on the limb's axis.
     """
     centre: Array = forces @ positions / forces.sum()
     return centre
 
 
 def weighted_force(contact: Contact, radius: float, *, measure: Measure = "weighted") -> float:
-    """Returns F-bar [N] of eq. 7, the mean taxel force weighted by 2 r minus the distance of P_t and P.
+    """Returns F-bar [N] of eq. 7, a weighted mean of the taxel forces.
 
-    `radius` r [limb lengths] is that of the receptive field. Eq. 7 has negative weights for taxels farther
-    than 2 r from the centre; these taxels are left out. If no taxel has a positive weight, the result is 0.
-    The weighted mean decreases when weak taxels are added to a strong one, and it is proportional to the area
-    of a taxel. With `measure` "total" it has neither property, with "peak" only the second. Raises
+    The weight of a taxel is 2 r minus the distance of P_t and P. `radius` r [limb lengths] is the radius of
+    the receptive field. Eq. 7 gives negative weights to taxels farther than 2 r from the centre. These taxels
+    are left out. If no taxel has a positive weight, the result is 0. The weighted mean decreases when weak
+    taxels are added to a strong one, and it is proportional to the area of one taxel. With `measure` "total"
+    the force has neither property. With "peak" the force is proportional to the area of one taxel. Raises
     UnknownNameError for another measure.
     """
     if measure == "total":

@@ -1,4 +1,4 @@
-"""Estimates of one patch: rest values, noise and health of its taxels, window by window."""
+"""Estimates the rest values, noise and health of one patch's taxels, window by window."""
 
 from __future__ import annotations
 
@@ -25,11 +25,12 @@ from tci.skin.kernels.condition import (
 from tci.skin.layout import SkinPatch
 
 SATURATED = 0.9
-"""Fraction of the range above which a taxel counts as saturated, which means that it is pressed and its
-baseline has not stepped. Assumed: 1 would miss taxels whose noise is below the end of the range at times."""
+"""Fraction of the range above which a taxel counts as saturated: it is then pressed, and its rest value has
+not shifted. Assumed: with 1, a saturated taxel with noise would be missed in frames where the noise lowers
+its value."""
 TWO_COUNTS = 1.5
-"""Least deviation [counts] of a value that is two counts from rest, since the rest value may be between two
-counts."""
+"""Least deviation [counts] that counts as two counts from rest. It is less than 2 because the rest value
+may be between two counts."""
 
 
 class PatchEstimator:
@@ -60,11 +61,12 @@ class PatchEstimator:
         self._half: tuple[Window, Array, NDArray[np.bool_]] | None = None
 
     def update(self, statistics: Single, status: Array) -> bool:
-        """Processes half of an ended window: first rest values and noise, then health. Returns True after the
-        second.
+        """Processes half of an ended window.
 
-        The work is divided into halves because it is the longest computation in a period of a loop at 1 kHz.
-        `statistics` (ROWS, n) and `status` (PATCH_COLUMNS,) are those of the patch, see `kernels.condition`.
+        The first call updates rest values and noise, the second call health. Returns True after the second
+        call. The work is divided into halves because a whole update would be the longest computation in a
+        period of a loop at 1 kHz. `statistics` (ROWS, n) and `status` (PATCH_COLUMNS,) are the patch's
+        arrays, see `kernels.condition`.
         """
         if self._half is None:
             self._half = self._estimate(statistics, status)
@@ -76,8 +78,7 @@ class PatchEstimator:
         return True
 
     def rezero(self, statistics: Single) -> None:
-        """Makes the present readings the rest values: after a step of the baseline, or at an operator's
-        request."""
+        """Makes the present readings the rest values."""
         self.baseline.rezero(statistics[SIGNAL].astype(np.float64))
 
     def write(self, taxels: slice, estimates: Estimates) -> None:
@@ -89,8 +90,11 @@ class PatchEstimator:
         self.write_health(taxels, estimates)
 
     def write_health(self, taxels: slice, estimates: Estimates) -> None:
-        """Writes the muted taxels; for the others the pressure above which they are active (at least one
-        count), and the pressure below which they measure nothing (at least half a count)."""
+        """Writes which taxels are muted, and two pressures for the others.
+
+        A taxel is active above the first pressure (at least one count). Below the second pressure (at least
+        half a count) the taxel measures nothing.
+        """
         threshold = self.baseline.threshold
         least = self._pressure(np.maximum(threshold, 1.0))
         estimates.least[taxels] = np.where(self.health.healthy, least, np.inf)
@@ -110,7 +114,8 @@ class PatchEstimator:
     def _estimate(self, statistics: Single, status: Array) -> tuple[Window, Array, NDArray[np.bool_]]:
         """Updates rest values and noise.
 
-        Returns the window, the rest values (n,) before it, and the taxels (n,) that were active by these.
+        Returns the window, the rest values (n,) before this window, and the taxels (n,) that were active
+        relative to these rest values.
         """
         total, peak, difference, changes = statistics[TOTAL : CHANGES + 1].astype(float)
         window = Window(
@@ -126,10 +131,10 @@ class PatchEstimator:
         return window, before, raised
 
     def _is_step(self, raised: NDArray[np.bool_], elapsed: float) -> bool:
-        """Returns True if nearly all taxels have been `raised` (n,) for so long that this is rest and not a
-        touch.
+        """Returns True if pressure on nearly all taxels has lasted so long that it is the new rest value.
 
-        A sole is excepted, since the robot's weight presses all its taxels while the robot stands.
+        `raised` (n,) are the taxels with pressure in the last `elapsed` [s]. A sole always returns False,
+        since the robot's weight presses all its taxels while the robot stands.
         """
         settings, healthy = self.baseline.settings, self.health.healthy
         least = settings.step_share * max(int(np.count_nonzero(healthy)), 1)

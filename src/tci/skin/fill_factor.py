@@ -1,7 +1,7 @@
-"""The fill factor of a skin: the fraction of the surface around a place that its taxels measure.
+"""The fill factor of a skin: the fraction of the surface around a place that the taxels measure.
 
-Taxels measure neither the gaps between modules nor the area beyond the end of a sleeve. So the force of a
-touch is divided by the fill factor, averaged over an area as wide as the touch.
+Taxels do not measure the gaps between modules or the area beyond the end of a sleeve. So the measured force
+of a touch is divided by the fill factor, averaged over an area as wide as the touch.
 """
 
 from __future__ import annotations
@@ -15,21 +15,24 @@ from tci.skin.surfaces import NEIGHBOUR_DISTANCE, Surface
 from tci.skin.triangulation import is_sheet
 
 WIDTHS = 2e-3 * 2.0 ** np.arange(4)
-"""Standard deviations [m] of the Gaussians by which the fill factor is averaged, each twice the one before.
-Assumed: from the sharpest touch that taxels at distances of 5 mm resolve, to the touch of a palm."""
+"""Standard deviations [m] of the Gaussians over which the fill factor is averaged. Each is twice the
+previous one. Assumed: they range from the sharpest touch that taxels at distances of 5 mm can resolve to
+the touch of a palm."""
 REACH = 2.5
-"""Distance [standard deviations] at which the Gaussians are cut off. Assumed: this leaves out 4 % of their
-weight."""
+"""Distance [standard deviations] at which the Gaussians are cut off. Assumed: the part beyond this distance
+has 4 % of the weight of a Gaussian."""
 SPARSE = 2
-"""Number of neighbours within `NEIGHBOUR_DISTANCE` below which a taxel measures a single place (switches,
-bumpers, load cells). The fill factor of such a taxel is 1. Isolated taxels have the same bound, see
-`IsolatedSettings`."""
+"""Least number of neighbours within `NEIGHBOUR_DISTANCE` of a taxel on a dense skin. A taxel with fewer
+neighbours measures a single place (switches, bumpers, load cells). The fill factor of such a taxel is 1.
+`IsolatedSettings` uses an equal bound for isolated taxels."""
 _CHUNK = 8192
 
 
 def is_surface(surface: Surface) -> NDArray[np.bool_]:
-    """Returns True for each taxel (n,) on a surface where the pressure of a touch decreases gradually: not on
-    a sheet, and not for sparse taxels."""
+    """Returns True for each taxel (n,) where the pressure of a touch decreases gradually towards its edge.
+
+    On a sheet, and for sparse taxels, the result is False.
+    """
     if is_sheet(surface.normals):
         return np.zeros(len(surface.positions), np.bool_)
     tree = cKDTree(surface.positions)
@@ -38,13 +41,12 @@ def is_surface(surface: Surface) -> NDArray[np.bool_]:
 
 
 def fill_factors(surface: Surface) -> Array:
-    """Returns the fill factor (n, WIDTHS) around each taxel of a patch. It is 1 at places without gaps
-    nearby.
+    """Returns the fill factor (n, WIDTHS) around each taxel of a patch.
 
-    On a sheet (a palm, a sole, a cap) the fill factor is 1: the part of the body ends at the edge of the
-    sheet, and a rigid plate passes the load to the taxels. Taxels on the other side of a thin limb are not
-    included, and distances are those along the arc between two taxels. A taxel has the weight of a Gaussian
-    with the second moment of a disc of the taxel's area.
+    The factor is 1 at places without gaps nearby. On a sheet (a palm, a sole, a cap) the fill factor is 1.
+    The reasons: the body part ends at the edge of the sheet, and a rigid plate passes the load to the taxels.
+    Taxels on the other side of a thin limb are left out. Distances are measured along the arc between two
+    taxels. The weight of a taxel is a Gaussian that has the second moment of a disc with the taxel's area.
     """
     if is_sheet(surface.normals):
         return np.ones((len(surface.positions), len(WIDTHS)))

@@ -1,4 +1,4 @@
-"""Detection of dead, stuck and noisy taxels. They are masked until they work again."""
+"""Detection of dead, stuck and noisy taxels. Such taxels are masked until they work again."""
 
 from __future__ import annotations
 
@@ -20,35 +20,45 @@ class Health(IntEnum):
     HEALTHY = 0
     """In use."""
     DEAD = 1
-    """At rest and constant for a long time, although its patch fluctuates: masked."""
+    """Masked because the taxel is at rest and constant for a long time, although the other taxels of its
+    patch fluctuate."""
     STUCK = 2
-    """Masked because it is active and constant: without an active neighbour, for a long time or, if it
-    fluctuated before, for one window; or together with its whole patch for a long time. On a patch without
-    noise only at the end of the range."""
+    """Masked because the taxel is active and constant, in one of these cases:
+
+    - No neighbour is active, and the value is constant for a long time (one window if the taxel fluctuated
+      before).
+    - The whole patch is active and constant for a long time.
+
+    On a patch without noise, only a taxel at the end of its range, without an active neighbour, is stuck.
+    """
     NOISY = 3
-    """Much noisier than its patch: masked."""
+    """Masked because the taxel is much noisier than its patch."""
 
 
 _HEALTHY, _DEAD, _STUCK, _NOISY = map(int, Health)
-"""Values of the states, since comparing an array with a member of an enumeration takes several times as
-long."""
+"""Values of the states as plain integers, since a comparison of an array with a member of an enumeration
+takes several times as long."""
 
 
 @dataclass(frozen=True, slots=True)
 class HealthSettings:
-    """Thresholds at which taxels are masked. All figures are assumed. With lower figures more healthy taxels
-    are masked, with higher ones broken taxels are trusted for longer."""
+    """Thresholds at which taxels are masked.
+
+    All figures are assumed. With lower thresholds more healthy taxels are masked. With higher thresholds
+    broken taxels are used for longer.
+    """
 
     constant: float = 60.0
-    """Time [s] for which a value may stay exactly constant while others change."""
+    """Time [s] for which a taxel's value may stay exactly constant while the values of other taxels change.
+    """
     noisy: float = 8.0
-    """A taxel is masked if its noise is this many times the median noise of its patch's taxels that were at
-    rest, until its noise is half of that."""
+    """A taxel is masked if its noise is more than this many times the median noise of the patch (of its
+    taxels that were at rest). The taxel is masked until its noise is below half of this bound."""
     least_noise: float = 1.0
     """Noise [counts] below which no taxel counts as noisy."""
     flicker: float = 0.2
-    """Median noise [counts] of a patch above which a constant taxel counts as broken. On a patch without
-    fluctuations, healthy taxels are constant too."""
+    """Median noise [counts] of a patch above which a constant taxel counts as broken. On a patch that does
+    not fluctuate, healthy taxels are constant too, so they are not masked."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -65,15 +75,15 @@ class TaxelHealth:
     ) -> None:
         """Starts with all taxels healthy.
 
-        `full` [counts] is the largest deviation that the sensor can send; `neighbours` (m, 2) are pairs of
+        `full` [counts] is the largest deviation that the sensor can send. `neighbours` (m, 2) are pairs of
         neighbouring taxels.
         """
         self.settings = settings
         self.state = np.zeros(count, dtype=np.int8)
         """`Health` of each taxel (n,)."""
         self.muted = np.zeros(count, dtype=bool)
-        """Taxels (n,) whose pressure is ignored. Dead taxels are not included: they read no pressure, and are
-        trusted again immediately when their value changes."""
+        """True (n,) for each taxel with a pressure that is ignored. Dead taxels are not included: their
+        pressure is 0, and they are used again as soon as their value changes."""
         self.constant = False
         """True if any taxel is dead or stuck."""
         self._full = full
@@ -82,18 +92,20 @@ class TaxelHealth:
 
     @property
     def healthy(self) -> NDArray[np.bool_]:
-        """Mask (n,) of the taxels in use."""
+        """Mask (n,) that is True for each taxel in use."""
         healthy: NDArray[np.bool_] = self.state == _HEALTHY
         return healthy
 
     def revive(self, changed: NDArray[np.bool_]) -> None:
-        """Trusts dead and stuck taxels that `changed` (n,) again, from the next frame on."""
+        """Uses dead and stuck taxels that `changed` (n,) again, from the next frame on."""
         self.state[changed & (self.state != _NOISY)] = _HEALTHY
         self.muted &= ~(changed & (self.state == _HEALTHY))
 
     def judge(self, window: Window, baseline: Baseline, offset: Array) -> None:
-        """Updates the health of every taxel (n,) from a window, the noise and thresholds of the `baseline`,
-        and the rest values `offset` (n,) [counts] before the window.
+        """Updates the health of every taxel (n,) from one window.
+
+        The `baseline` gives the noise and the thresholds. `offset` (n,) [counts] are the rest values before
+        the window.
         """
         s, noise, threshold = self.settings, baseline.noise, baseline.threshold
         deviation = window.mean - offset

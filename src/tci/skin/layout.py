@@ -1,4 +1,4 @@
-"""Arrays with all taxels of one robot, as the stages of perception read them."""
+"""Arrays with all taxels of one robot, in the form that the stages of perception read."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ class SkinPatch:
     surface: Surface
     part: GenericPart
     segment: Segment | None
-    """The limb segment with the patch; None if it is on no limb segment."""
+    """The limb segment on which the patch is. None if the patch is on no limb segment."""
     calibration: PatchCalibration | None = None
-    """Measured rest values, noise and response; None to use the description's."""
+    """Measured rest values, noise and response. None: the values of the description are used."""
 
     @property
     def channels(self) -> NDArray[np.intp]:
@@ -65,8 +65,10 @@ class SkinPatch:
 
     @property
     def nodes(self) -> Array:
-        """Deviation [counts] and pressure [Pa] (2, m) at the nodes of its response curve; (2, 0) if it is
-        linear."""
+        """Deviation [counts] and pressure [Pa] (2, m) at the nodes of the sensor's response curve.
+
+        The shape is (2, 0) if the response is linear.
+        """
         measured = () if self.calibration is None else self.calibration.response
         response = measured or self.description.sensor.response
         return np.array(response).T.copy() if response else np.zeros((2, 0))
@@ -80,14 +82,16 @@ class SkinPatch:
 
     @property
     def gain(self) -> Array:
-        """Factor (n,) from `response` to each taxel's pressure."""
+        """Factor (n,) by which `response` is multiplied to give each taxel's pressure."""
         linear = 1.0 if self.nodes.size else abs(self.description.sensor.pascal_per_count)
         measured = () if self.calibration is None else self.calibration.gain
         return linear * np.array(measured) if measured else np.full(len(self.channels), linear)
 
     def response(self, counts: Array) -> Array:
-        """Returns the response (n,) to deviations [counts] along the normal, without `gain`. Deviations
-        beyond the last node count as the last node."""
+        """Returns the response (n,) to deviations [counts] along the normal, without the factor `gain`.
+
+        Deviations beyond the last node get the response of the last node.
+        """
         return np.interp(counts, *self.nodes) if self.nodes.size else counts
 
 
@@ -102,11 +106,11 @@ class SkinLayout:
     places: Mapping[str, int]
     """Index of each patch by its name."""
     links: tuple[str, ...]
-    """Links (l,) that carry patches or the limb segments of patches."""
+    """Links (l,) that carry patches, and links of the patches' limb segments."""
     parts: tuple[str, ...]
-    """Generic parts whose limbs carry skin."""
+    """Generic parts that have skin on their limbs."""
     segments: Places
-    """Index (p,) of each patch's segment in SEGMENTS; -1 for none of these."""
+    """Index (p,) in SEGMENTS of each patch's segment. -1 if the segment is not in SEGMENTS."""
     taxels: tuple[slice, ...]
     """Taxels of each patch (p,) within the whole skin."""
     channels: tuple[slice, ...]
@@ -114,15 +118,15 @@ class SkinLayout:
     starts: Places
     """First taxel (p + 1,) of each patch within the whole skin."""
     dtype: np.dtype[Any]
-    """Dtype of raw values: uint8 if it can represent the range of every sensor, else float32."""
+    """Dtype of raw values: uint8 if uint8 can represent the range of every sensor, else float32."""
     arrays: LayoutArrays
 
     @staticmethod
     def of_robot(robot: Robot, calibration: SkinCalibration | None = None) -> SkinLayout:
         """Builds the layout of a robot's skin with a `calibration`.
 
-        None means the file that `tci skin calibrate` wrote beside the description, if there is one. Raises
-        TciError for a calibration that does not fit the robot.
+        If `calibration` is None, the file that `tci skin calibrate` wrote beside the description is used, if
+        there is one. Raises TciError if the calibration does not fit the robot.
         """
         beside = calibration_path(Path(robot.source))
         if calibration is None and beside.is_file():
@@ -136,7 +140,10 @@ class SkinLayout:
 
     @staticmethod
     def of(patches: Iterable[SkinPatch]) -> SkinLayout:
-        """Builds the layout of `patches`. Raises TciError for a calibration with another number of taxels."""
+        """Builds the layout of `patches`.
+
+        Raises TciError if the calibration has another number of taxels than the patch.
+        """
         patches = tuple(patches)
         for one in patches:
             if one.calibration is not None:
@@ -190,7 +197,7 @@ def _as_described(robot: Robot) -> SkinLayout:
 
 
 def adjacency(count: int, pairs: NDArray[np.intp]) -> Indices:
-    """Returns `LayoutArrays.graph` for `count` taxels with the neighbour `pairs` (m, 2), each pair once."""
+    """Returns `LayoutArrays.graph` for `count` taxels. `pairs` (m, 2) are neighbours, each pair once."""
     one, other = np.concatenate([pairs, pairs[:, ::-1]]).T
     starts = np.concatenate([[0], np.cumsum(np.bincount(one, minlength=count))]) + count + 1
     return np.concatenate([starts, other[np.lexsort((other, one))]]).astype(np.int32)
@@ -240,15 +247,17 @@ def _arrays(patches: Sequence[SkinPatch], on: Places) -> LayoutArrays:
 
 
 def _fill(one: SkinPatch) -> Array:
-    """Returns the rows of `LayoutArrays.fill` of a patch. They are 1 for a patch that is felt through
-    joints."""
+    """Returns the rows of `LayoutArrays.fill` for one patch.
+
+    The fill factors are 1 for a patch that measures touches through joints.
+    """
     if one.description.through_joints:
         return np.ones((len(one.surface.areas), len(WIDTHS)))
     return fill_factors(one.surface)
 
 
 def _joined(arrays: Sequence[NDArray[Any]], shape: int | tuple[int, ...]) -> NDArray[Any]:
-    """Concatenates arrays; returns an empty one of `shape` for none."""
+    """Concatenates arrays. Without arrays, returns an empty array of `shape`."""
     return np.concatenate(arrays) if len(arrays) else np.zeros(shape)
 
 
@@ -276,7 +285,7 @@ def _sensor(patch: SkinPatch) -> tuple[float, float, float, float, float]:
 
 
 def _spans(channels: NDArray[np.intp]) -> list[tuple[int, int, bool]]:
-    """Returns the rows of `LayoutArrays.span` of one patch."""
+    """Returns the rows of `LayoutArrays.span` for one patch."""
     blocks = [channels[first : first + BLOCK_SIZE] for first in range(0, len(channels), BLOCK_SIZE)]
     return [
         (int(own.min()), int(own.max()) + 1, np.array_equal(own, own[0] + np.arange(len(own))))
@@ -285,8 +294,11 @@ def _spans(channels: NDArray[np.intp]) -> list[tuple[int, int, bool]]:
 
 
 def _grid(surface: Surface) -> tuple[Array, Places, Places]:
-    """Returns a surface's grid of cells: its box (7,), the start of each cell's faces (cells + 1,), and the
-    faces."""
+    """Returns a surface's grid of cells.
+
+    The result is `LayoutArrays.box` (7,) of the patch, the start of each cell's faces (cells + 1,), and the
+    faces.
+    """
     if not len(surface.faces):
         return np.zeros(7), np.zeros(1, np.int64), np.zeros(0, np.int64)
     corners = surface.positions[surface.faces]

@@ -8,16 +8,18 @@ from numpy.typing import NDArray
 from tci.frames import Array
 
 FLAT = 1e-12
-"""Squared sine of a face's angle at its first corner below which the face counts as having no area."""
+"""Squared sine of a face's angle at its first corner. A face with a smaller value counts as having no area.
+"""
 
 
 def nearest_on_faces(
     vertices: Array, faces: NDArray[np.intp], points: Array
 ) -> tuple[NDArray[np.intp], Array, Array]:
-    """Finds the nearest face's corners (k, 3), weights (k, 3) and point (k, 3) for each of `points` (k, 3).
+    """Finds the nearest face for each of `points` (k, 3).
 
-    The point is the mean of the corners with these weights, which are barycentric: 0..1, with sum 1.
-    `vertices` (n, 3) and `points` are in one frame, `faces` (f, 3) are indices of vertices.
+    Returns the face's corners (k, 3), weights (k, 3) and the nearest point (k, 3). The nearest point is the
+    mean of the corners with these weights. The weights are barycentric: 0..1, with sum 1. `vertices` (n, 3)
+    and `points` are given in one common frame. `faces` (f, 3) are indices of vertices.
     """
     points = np.asarray(points, dtype=np.float64)
     a, b, c = vertices[faces].transpose(1, 0, 2)

@@ -21,7 +21,7 @@ class Region:
 
     name: str
     taxels: Mapping[str, NDArray[np.intp]]
-    """Indices (k,) of its taxels by patch."""
+    """Indices (k,) of the region's taxels on each patch, by the patch's name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,23 +29,24 @@ class RegionState:
     """Statistics of a region in one state of the skin."""
 
     force: float
-    """Sum of its taxels' forces [N]."""
+    """Sum of the forces [N] on the region's taxels."""
     peak_pressure: float
-    """Largest pressure [Pa] on a taxel."""
+    """Largest pressure [Pa] on a taxel of the region."""
     mean_pressure: float
-    """Mean pressure [Pa] over active taxels; 0 if there are none."""
+    """Mean pressure [Pa] over the active taxels. 0 if no taxel is active."""
     area: float
     """Total area [m2] of active taxels."""
     active: int
     """Number of active taxels."""
     coverage: float
-    """Fraction (0..1) of its taxels that are in use: not masked, and on patches that have sent a frame."""
+    """Fraction (0..1) of the region's taxels that are in use: not masked, and on a patch that has sent a
+    frame."""
 
 
 def region(skin: Skin, name: str, taxels: Mapping[str, ArrayLike]) -> Region:
-    """Returns a region of taxels, given by their indices on each patch.
+    """Returns a region made of `taxels`, given as indices on each patch.
 
-    Raises TciError for an empty region, and for an index that is out of range or occurs twice;
+    Raises TciError if the region is empty, or if an index is out of range or occurs twice. Raises
     UnknownNameError for an unknown patch.
     """
     found = {}
@@ -66,7 +67,10 @@ def region(skin: Skin, name: str, taxels: Mapping[str, ArrayLike]) -> Region:
 
 
 def patch_region(skin: Skin, patch: str) -> Region:
-    """Returns a whole patch as a region of its own name. Raises UnknownNameError for an unknown patch."""
+    """Returns a region with all taxels of a patch.
+
+    The region's name is the patch's name. Raises UnknownNameError for an unknown patch.
+    """
     skin.robot.patch(patch)
     return region(skin, patch, {patch: np.arange(len(skin.surfaces[patch].positions))})
 
@@ -77,9 +81,9 @@ def limb_region(
 ) -> Region:  # fmt: skip
     """Returns the taxels within `radius` [limb lengths] of a place (u, theta [rad]) on the generic limb.
 
-    This is the shape of a receptive field. The taxels are computed for the posture `joints` and do not change
-    when a rotation of the limb about its axis turns its skin. Raises TciError if there is no taxel within the
-    radius.
+    Receptive fields have this shape. The taxels are computed for the posture `joints`. The region does not
+    change later, when a rotation about the limb's axis turns the skin. Raises TciError if no taxel is within
+    the radius.
     """
     near = {}
     for patch in skin.robot.patches:

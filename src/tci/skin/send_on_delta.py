@@ -1,10 +1,10 @@
-"""Event-driven skin (send-on-delta): only frames that changed are sent, and the receiver repeats the last
-one.
+"""Event-driven skin (send-on-delta): only changed frames are sent, and the receiver repeats the last frame.
 
 The sensor of a patch numbers its frames at a constant rate. The sender omits frames that equal the previous
-one, except for one frame every `keep_alive` seconds, which distinguishes an unchanged patch from a dead one.
-The receiver replaces omitted frames by the same array object, which `Conditioner` only counts. Perceptions
-are equal, bit for bit, if stamps are exact numbers. Otherwise rounding of summed times can end an estimation
+frame. But every `keep_alive` seconds the sender sends one frame in any case, so that the receiver can
+distinguish an unchanged patch from a dead one. For omitted frames the receiver passes on the array object of
+the last frame, and `Conditioner` only counts such frames. If stamps are exact numbers, the perceptions equal
+those of a skin that sends every frame, bit for bit. Otherwise rounding in summed times can end an estimation
 window one frame earlier or later.
 """
 
@@ -19,7 +19,8 @@ from tci.messages import SkinFrame
 from tci.robot.description import Robot
 
 _EARLY = 1e-6
-"""Fraction of a period by which a frame may be early, to allow for rounding of its stamp."""
+"""Fraction of a period by which a frame may come before its time. It allows for rounding of the frame's
+stamp."""
 
 
 class SendOnDelta:
@@ -31,8 +32,11 @@ class SendOnDelta:
         self._sent: dict[str, SkinFrame] = {}
 
     def select(self, frames: Iterable[SkinFrame]) -> tuple[SkinFrame, ...]:
-        """Returns those `frames` that differ from the last frame sent of their patch, or are due for
-        keep-alive."""
+        """Returns the `frames` that must be sent.
+
+        These frames differ from the last sent frame of their patch, or are due because `keep_alive` has
+        passed.
+        """
         return tuple(frame for frame in frames if self._is_due(frame))
 
     def _is_due(self, frame: SkinFrame) -> bool:
@@ -48,7 +52,10 @@ class SendOnDelta:
 
 
 class HoldLast:
-    """Receiver's side: stores the latest frame of each patch and repeats it for frames that were not sent."""
+    """Receiver's side: stores the latest frame of each patch.
+
+    This frame is repeated in place of frames that were not sent.
+    """
 
     def __init__(self, robot: Robot, keep_alive: float) -> None:
         """Raises TciError unless `keep_alive` [s] is above 0 and finite."""
@@ -58,10 +65,10 @@ class HoldLast:
         self._before = self._known
 
     def fill(self, arrived: Iterable[SkinFrame], now: float) -> tuple[SkinFrame, ...]:
-        """Returns the latest frames at `now` [s] as a sender at constant rate would send them, given the
-        frames that `arrived` so far.
+        """Returns the frames at `now` [s] that a sender at constant rate would have sent.
 
-        A patch that sent nothing for `keep_alive` plus one period is dead: its last frame is not repeated.
+        `arrived` are the frames received since the last call. A patch that sent nothing for `keep_alive` plus
+        one period counts as dead: its last frame is no longer repeated.
         """
         self._before = self._known
         known = self._known = {**self._known}
@@ -84,12 +91,15 @@ class HoldLast:
         return tuple(frames)
 
     def undo(self) -> None:
-        """Undoes the last `fill`, whose frames were refused, so that none of them is repeated."""
+        """Undoes the last call of `fill`.
+
+        Call this method if the frames of that call were refused, so that none of these frames is repeated.
+        """
         self._known = self._before
 
 
 def check_keep_alive(seconds: float) -> float:
-    """Returns `seconds`. Raises TciError unless it is above 0 and finite."""
+    """Returns `seconds`. Raises TciError unless `seconds` is above 0 and finite."""
     if not 0.0 < seconds < np.inf:
         raise TciError(f"keep-alive of {seconds} s; valid: above 0 and finite")
     return seconds

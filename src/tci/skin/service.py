@@ -1,7 +1,8 @@
-"""One writer and many readers of skin states. Each reader has its own rate, and none slows the writer.
+"""One writer and many readers of the states of a skin.
 
-The writer puts every state of the skin into a ring buffer and never waits; each reader has its own index (as
-in Skinware, Youssefi et al. 2015). States that a slow reader misses are counted.
+Each reader has its own rate, and no reader slows the writer down. The writer puts every state of the skin
+into a ring buffer and never waits. Each reader has its own index into this buffer (as in Skinware, Youssefi
+et al. 2015). States that a slow reader misses are counted in `SkinReader.missed`.
 """
 
 from __future__ import annotations
@@ -19,15 +20,21 @@ from tci.skin.skin import Skin
 Mode = Literal["every", "latest", "change"]
 MODES: tuple[Mode, ...] = ("every", "latest", "change")
 DEPTH = 256
-"""Number of states in the ring. Assumed: 5 s of an iCub's skin at 50 Hz."""
+"""Number of states in the ring buffer. Assumed: this is 5 s of an iCub's skin at 50 Hz."""
 
 
 class SkinService:
-    """Publishes the states of one skin. One thread may call `publish`, any thread may read."""
+    """Publishes the states of one skin to many readers.
+
+    One thread may call `publish`. Any thread may read.
+    """
 
     def __init__(self, skin: Skin, *, depth: int = DEPTH) -> None:
-        """Starts with an empty ring of `depth` states. A reader that lags by more states misses some. Raises
-        TciError for a depth below 1."""
+        """Starts with an empty ring buffer of `depth` states.
+
+        A reader that lags by more than `depth` states misses some states. Raises TciError if `depth` is below
+        1.
+        """
         if depth < 1:
             raise TciError(f"a ring of {depth} states; valid: 1 or more")
         self.skin = skin
@@ -43,8 +50,10 @@ class SkinService:
         return self._published
 
     def publish(self, state: SkinState) -> None:
-        """Publishes a new state. The time does not depend on the number of readers, and the call never waits
-        for a reader."""
+        """Publishes a new state.
+
+        The call takes equally long for any number of readers, and never waits for a reader.
+        """
         if self._published and state is self._ring[(self._published - 1) % len(self._ring)]:
             return
         self._ring[self._published % len(self._ring)] = state
@@ -56,15 +65,19 @@ class SkinService:
     def reader(self, mode: Mode = "every", *, region: Region | None = None, step: float = 0.0) -> SkinReader:
         """Returns a new reader, which starts with the next state to be published.
 
-        Mode `every`: the reader gets each state in turn. `latest`: it gets the newest state and skips earlier
-        ones. `change`: it gets the newest state in which the force on any patch (or on the region) differs by
-        more than `step` [N] from the last state it read. Raises UnknownNameError for another mode, TciError
-        for a negative or infinite step.
+        The mode selects the states that the reader gets:
+
+        - `every`: each state in turn.
+        - `latest`: the newest state. Earlier states are skipped.
+        - `change`: the newest state in which the force on any patch (or on the region) differs by more than
+          `step` [N] from the last state that was read.
+
+        Raises UnknownNameError for another mode. Raises TciError for a negative or infinite step.
         """
         return SkinReader(self, mode, region, step)
 
     def _get(self, index: int) -> SkinState | None:
-        """Returns state `index`; None if it is no longer in the ring."""
+        """Returns state `index`. Returns None if the state is no longer in the ring buffer."""
         state = self._ring[index % len(self._ring)]
         # The index is checked after reading: a writer that overwrote the slot meanwhile has moved it on.
         return state if self._published - index < len(self._ring) else None
@@ -73,7 +86,7 @@ class SkinService:
         return max(self._published - len(self._ring) + 1, 0)
 
     def _wait(self, index: int, timeout: float | None) -> bool:
-        """Waits until state `index` is published, at most `timeout` [s]. Returns True if it is."""
+        """Waits until state `index` is published, but at most `timeout` [s]. Returns True if it is."""
         if self._published > index:
             return True
         self._waiting += 1
@@ -92,7 +105,7 @@ class SkinService:
 
 
 class SkinReader:
-    """A reader's position in the ring. Each thread needs its own reader."""
+    """A reader's position in the ring buffer. Each thread needs its own reader."""
 
     def __init__(self, service: SkinService, mode: Mode, region: Region | None, step: float) -> None:
         if mode not in MODES:
@@ -101,7 +114,8 @@ class SkinReader:
             raise TciError(f"a step of {step} N; valid: 0 or more, finite")
         self.mode = mode
         self.missed = 0
-        """Number of states that were overwritten before an `every` reader read them."""
+        """Number of states that were overwritten before this reader read them. Only counted in mode `every`.
+        """
         self._service = service
         self._region = region
         self._step = step
@@ -109,8 +123,10 @@ class SkinReader:
         self._forces: dict[str, float] | None = None
 
     def read(self, timeout: float | None = None) -> SkinState | None:
-        """Returns the next state for this reader; None if there was none within `timeout` [s] (None: wait
-        indefinitely)."""
+        """Returns the next state for this reader, or None if no state came within `timeout` [s].
+
+        With `timeout` None the reader waits indefinitely.
+        """
         end = None if timeout is None else time.monotonic() + timeout
         while True:
             left = None if end is None else max(end - time.monotonic(), 0.0)
@@ -129,8 +145,10 @@ class SkinReader:
                 return state
 
     def figures(self, state: SkinState) -> RegionState:
-        """Returns the statistics of this reader's region in `state`. Raises TciError for a reader without a
-        region."""
+        """Returns the statistics of this reader's region in `state`.
+
+        Raises TciError if the reader has no region.
+        """
         if self._region is None:
             raise TciError("this reader has no region; valid: reader(region=...)")
         return region_state(self._service.skin, self._region, state)

@@ -13,15 +13,15 @@ from tci.skin.layout import AXES
 from tci.skin.surfaces import Surface, tangents
 
 SETTLE = 10.0
-"""Time constant [s] with which the rest values of an untouched taxel are tracked. Assumed: slower than a
-touch, faster than a change of temperature."""
+"""Time constant [s] with which the rest values of an untouched taxel are tracked. Assumed: this is slower
+than a touch, and faster than a change of temperature."""
 GAP = 1.0
-"""Upper bound [s] on the frame interval in the estimate of rest values. Assumed: without a bound, the first
-frame after a gap would replace the mean of earlier frames."""
+"""Upper bound [s] on the frame interval that is used to track rest values. Assumed: without a bound, the
+first frame after a gap would replace the rest values that earlier frames gave."""
 
 
 class Shear:
-    """Converts the x and y values of one patch to forces. Contains their rest values."""
+    """Converts the x and y values of one patch to tangential forces. Contains the rest values of x and y."""
 
     def __init__(self, patch: Patch, surface: Surface) -> None:
         self._sensor = patch.sensor
@@ -37,9 +37,9 @@ class Shear:
     def force(self, values: NDArray[np.generic], pressure: Array, stamp: float) -> Array:
         """Returns the force (taxels, 3) [N] on each taxel, in the patch's link, from a raw frame (channels,).
 
-        `pressure` (taxels,) [Pa] comes from conditioning the same frame: a taxel without pressure has no
-        tangential force, and its rest values are updated. A value that is not finite or outside the sensor's
-        range is replaced by the rest value.
+        `pressure` (taxels,) [Pa] must come from conditioning of this frame. A taxel without pressure has no
+        tangential force, and its rest values are updated. A value that is not finite, or outside the sensor's
+        range, is replaced by the rest value.
         """
         sensor = self._sensor
         raw = doubles(values[self._channels])

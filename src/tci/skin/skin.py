@@ -17,21 +17,22 @@ from tci.robot.kinematics import KinematicChain
 from tci.skin.surfaces import Surface, surfaces_of
 
 FrameName = Literal["link", "limb", "torso"]
-"""Reference frame of positions: the patch's link, its segment's frame S, or the torso."""
+"""Reference frame of positions: "link" is the frame of the patch's link, "limb" the frame S of its segment,
+"torso" the torso frame."""
 
 
 class Skin:
-    """The whole skin of one robot. Immutable; methods take the posture as an argument."""
+    """The whole skin of one robot. The object is immutable. Its methods take the posture as an argument."""
 
     def __init__(self, robot: Robot) -> None:
-        """Builds the surface of every patch, once for each robot.
+        """Builds the surface of every patch.
 
-        Raises the errors of KinematicChain and build_surface.
+        Raises the errors that KinematicChain and build_surface raise.
         """
         self.robot = robot
         self.kinematics = KinematicChain(robot)
         self.surfaces: Mapping[str, Surface] = {one.patch: one for one in surfaces_of(robot)}
-        """Surface of each patch, in its link, by patch name."""
+        """Surface of each patch, in the frame of the patch's link, by patch name."""
 
     def positions(self, patch: str, joints: JointReading, *, frame: FrameName = "link") -> Array:
         """Returns taxel positions (taxels, 3) [m] at the posture `joints` (eq. 3).
@@ -50,9 +51,10 @@ class Skin:
         return normals
 
     def limb(self, patch: str, joints: JointReading) -> tuple[Array, Array, Array]:
-        """Returns u, theta [rad] and r [m] (taxels,) of the taxels on their segment (eq. 3, x = u L).
+        """Returns u, theta [rad] and r [m] of the taxels on their limb segment (eq. 3, x = u L).
 
-        Raises UnknownNameError for an unknown patch, TciError for a patch that is not on a limb.
+        Each array has the shape (taxels,). Raises UnknownNameError for an unknown patch. Raises TciError for
+        a patch that is not on a limb.
         """
         points_S = self.positions(patch, joints, frame="limb")
         description = self.robot.patch(patch)
@@ -68,7 +70,8 @@ class Skin:
     def segment_pose(self, part: str, segment: str, joints: JointReading, posture: Array) -> Array:
         """Returns `T_TS` (4, 4) of a part's segment at the generic angles `posture` (n,) [rad].
 
-        Raises UnknownNameError for an unknown part or segment, TciError for a segment without a generic limb.
+        Raises UnknownNameError for an unknown part or segment. Raises TciError for a segment without a
+        generic limb.
         """
         description = self.robot.part(part)
         place = description.segment(segment)
@@ -93,11 +96,12 @@ class Skin:
 
 
 def segment_pose(part: GenericPart, segment: Segment, T_TL: Array, posture: Array) -> Array:
-    """Returns `T_TS` (4, 4) of a segment, given the pose of the link that its origin refers to.
+    """Returns `T_TS` (4, 4) of a segment.
 
-    The frame S does not turn with a rotation of the segment about its axis: iCub's forearm skin turns with
-    pronation, NAO's sleeve does not, and (u, theta) must mean the same place of the body on both robots.
-    Raises TciError for a part that is not an arm.
+    `T_TL` is the pose of the link to which the segment's origin refers. The frame S does not turn when the
+    segment rotates about its axis. The reason: iCub's forearm skin turns with pronation, but NAO's sleeve
+    does not. With a frame S that does not turn, (u, theta) is one place of the body on both robots. Raises
+    TciError if the part is not an arm.
     """
     if part.kind != "arm" or part.side is None:
         raise TciError(f"the {segment.name} of {part.name} is on no generic limb; valid: segments of an arm")

@@ -1,7 +1,7 @@
-"""The skin of a robot as surfaces: taxels, outward normals, neighbours and the faces between taxels.
+"""The skin of a robot as surfaces: taxels, outward normals, neighbours, and the faces between taxels.
 
-A patch is described as a truncated cone (eqs 3-4), as triangular modules at frames of the kinematic model, or
-as a table of positions. All three become a `Surface`.
+A patch is described in one of three ways: as a truncated cone (eqs 3-4), as triangular modules at frames of
+the kinematic model, or as a table of positions. All three become a `Surface`.
 """
 
 from __future__ import annotations
@@ -24,16 +24,17 @@ from tci.skin.nearest import nearest_on_faces
 from tci.skin.triangulation import outward, triangulate
 
 NEIGHBOUR_DISTANCE = 0.015
-"""Upper bound [m] on the distance of neighbouring taxels: the largest value in the settings of iCub's
+"""Upper bound [m] on the distance of neighbouring taxels. It is the largest value in the settings of iCub's
 skinManager."""
 
 PITCHES = 2.3
-"""Largest distance of neighbouring taxels, as a multiple of the pitch of a dense lattice. Assumed: more than
-two steps of the lattice, so that a failed taxel does not divide a contact; this is 15 mm on an iCub."""
+"""Largest distance between neighbouring taxels, as a multiple of the pitch of a dense lattice. Assumed: this
+is more than two steps of the lattice, so that a failed taxel does not divide a contact. On an iCub it is 15
+mm."""
 
 GAP = 0.025
-"""Widest gap [m] in a skin across which taxels are neighbours. Assumed: the widest gap in an iCub's skin is
-19 mm."""
+"""Width [m] of the widest gap in a skin over which taxels can be neighbours. Assumed: the widest gap in an
+iCub's skin is 19 mm."""
 
 CHANNELS_PER_MODULE = 12
 
@@ -41,10 +42,10 @@ _LATTICE = {
     0: (-1, 1), 1: (-1, 2), 2: (0, 1), 3: (0, 0), 4: (1, 0),
     5: (2, -1), 7: (1, -1), 8: (0, -1), 9: (-1, -1), 11: (-1, 0),
 }  # fmt: skip
-"""Place of each taxel on a module, in steps along two lattice axes 60 degrees apart; 3 is the centre.
+"""Place of each taxel on a module, in steps along two lattice axes 60 degrees apart. Taxel 3 is the centre.
 
-Channels 6 and 10 are thermal pads. Derived from the positions in pyCub: every module fits within 0.03 mm.
-"""
+Channels 6 and 10 are thermal pads. The places were derived from the positions in pyCub. Every module fits
+within 0.03 mm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,34 +55,33 @@ class Surface:
     patch: str
     """Name of the patch."""
     link: str
-    """Link of the kinematic model that carries it."""
+    """Link of the kinematic model on which the patch is."""
     positions: Array
-    """Taxel positions (n, 3) [m] in the link."""
+    """Taxel positions (n, 3) [m] in the frame of the link."""
     normals: Array
-    """Outward unit normals (n, 3) in the link."""
+    """Outward unit normals (n, 3) in the frame of the link."""
     areas: Array
     """Area (n,) [m2] that each taxel represents."""
     channels: NDArray[np.intp]
-    """Index (n,) of each taxel in the raw frame."""
+    """Index (n,) of each taxel's value in the raw frame."""
     neighbours: NDArray[np.intp]
-    """Pairs (m, 2) of neighbouring taxels, each pair once. Neighbours are near and on the same side of a thin
-    limb; taxels under one rigid plate are all neighbours."""
+    """Pairs (m, 2) of neighbouring taxels, each pair once. Neighbours are near each other, and not on
+    opposite sides of a thin limb. Taxels under one rigid plate are all neighbours of each other."""
     faces: NDArray[np.intp]
-    """Triangles (f, 3) of taxels, anticlockwise seen from outside.
+    """Triangles (f, 3) of taxel indices. Seen from outside, the corners run anticlockwise.
 
-    All taxels are corners, so that the projection of a taxel is the taxel itself. In simulation the convex
-    hull of the faces collides. Taxels on one line have no faces.
-    """
+    All taxels are corners, so the projection of a taxel onto the surface is the taxel itself. The simulation
+    uses the convex hull of the faces for collisions. If all taxels are on one line, there are no faces."""
     tangents: Array | None = None
-    """Unit x axes (n, 3) of three-axis taxels in the link; y is normal x tangent. None means the default,
-    `tangents`."""
+    """Unit x axes (n, 3) of three-axis taxels, in the frame of the link. The y axis is normal x tangent. None
+    means the default, `tangents`."""
 
     def project(self, points: Array) -> tuple[Array, Array]:
-        """Returns the nearest points (k, 3) [m] of the surface to `points` (k, 3) [m] and its normals (k, 3)
-        there.
+        """Returns the points of the surface that are nearest to `points` (k, 3) [m].
 
-        All are in the frame of the link. Points inside the limb are valid, since a centre of pressure is
-        there. For a surface without faces it returns the nearest taxel.
+        Also returns the surface normals (k, 3) at these nearest points (k, 3) [m]. All points and normals are
+        in the frame of the link. `points` may be inside the limb, since a centre of pressure is inside. If
+        the surface has no faces, the nearest taxel is returned.
         """
         if not len(self.faces):
             near = cKDTree(self.positions).query(points)[1]
@@ -94,9 +94,9 @@ class Surface:
 def build_surface(robot: Robot, patch: Patch, kinematics: KinematicChain) -> Surface:
     """Builds the surface of one patch.
 
-    Raises DescriptionError if a table can't be read, if the frame of a module is not fixed to the patch's
-    link, or if the patch has fewer channels than its taxels need; UnknownNameError for a link or frame that
-    the model lacks.
+    Raises DescriptionError if a table can't be read, or if the frame of a module is not fixed to the patch's
+    link. Also raises DescriptionError if the patch has fewer channels than its taxels need. Raises
+    UnknownNameError for a link or frame that the model does not have.
     """
     description = patch.surface
     across: Array | None = None
@@ -141,22 +141,24 @@ def build_surface(robot: Robot, patch: Patch, kinematics: KinematicChain) -> Sur
 
 @per_robot
 def surfaces_of(robot: Robot) -> tuple[Surface, ...]:
-    """Returns the surface of every patch, in the robot's order. Raises the errors of KinematicChain and
-    build_surface."""
+    """Returns the surface of every patch, in the robot's order of patches.
+
+    Raises the errors that KinematicChain and build_surface raise.
+    """
     kinematics = KinematicChain(robot)
     return tuple(build_surface(robot, patch, kinematics) for patch in robot.patches)
 
 
 def mount_of(patch: Patch) -> Array:
-    """Returns the pose (4, 4) in the patch's link by which all its taxels are moved."""
+    """Returns the pose (4, 4) in the patch's link by which all taxels of the patch are moved."""
     return transform(rotation_rpy(*patch.rpy), np.array(patch.xyz))
 
 
 def tangents(normals: Array) -> Array:
     """Returns default x axes (n, 3) of taxels, unit vectors perpendicular to `normals` (n, 3).
 
-    They are projections of the link's x axis, or of its y axis if the x axis is within 18 degrees of the
-    normal. Assumed, since the description does not define axes.
+    The x axes are projections of the link's x axis. If the link's x axis is within 18 degrees of the normal,
+    the link's y axis is projected instead. Assumed, since the description does not define these axes.
     """
     steep = np.abs(normals[:, :1]) > 0.95
     guide = np.where(steep, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0])
@@ -166,10 +168,10 @@ def tangents(normals: Array) -> Array:
 
 
 def _cone(cone: TruncatedCone) -> tuple[Array, Array, Array, NDArray[np.intp]]:
-    """Returns positions, normals, areas and faces of a cone's taxels. The first and the last ring are at the
-    ends of the cone.
+    """Returns positions, normals, areas and faces of the taxels on a cone.
 
-    In the cone's frame a taxel at x and theta is at (r(x) cos theta, r(x) sin theta, -x) (eqs 3-4).
+    The first and the last ring of taxels are at the ends of the cone. A taxel at x and theta has the position
+    (r(x) cos theta, r(x) sin theta, -x) in the cone's frame (eqs 3-4).
     """
     ring, place = np.divmod(np.arange(cone.rings * cone.per_ring), cone.per_ring)
     share = ring / (cone.rings - 1) if cone.rings > 1 else np.full(len(ring), 0.5)
@@ -187,7 +189,10 @@ def _cone(cone: TruncatedCone) -> tuple[Array, Array, Array, NDArray[np.intp]]:
 
 
 def _ring_strips(rings: int, per_ring: int) -> NDArray[np.intp]:
-    """Returns triangles (f, 3) between each ring of a cone and the next, which is shifted by half a step."""
+    """Returns triangles (f, 3) between each ring of a cone and the next ring.
+
+    The next ring is shifted by half a step.
+    """
     if rings < 2 or per_ring < 2:
         return np.zeros((0, 3), np.intp)  # taxels on one line, or in one plane across
     here = np.arange(per_ring)
@@ -205,7 +210,10 @@ def _ring_strips(rings: int, per_ring: int) -> NDArray[np.intp]:
 def _modules(
     robot: Robot, patch: Patch, modules: TriangularModules, kinematics: KinematicChain
 ) -> tuple[Array, Array, Array, NDArray[np.intp]]:
-    """Returns positions, normals, areas and channels of flat modules whose frames' z axes point outward."""
+    """Returns positions, normals, areas and channels of flat modules.
+
+    The z axes of the modules' frames point outward.
+    """
     poses = _frames(robot, patch, modules, kinematics)
     turns = modules.turns or (0.0,) * len(poses)
     steps = np.array(list(_LATTICE.values()), dtype=np.float64)
@@ -244,9 +252,12 @@ def _frames(
 
 
 def lattice_pitch(positions: Array) -> float:
-    """Returns the pitch [m] of the lattice of taxels at `positions` (n, 3) [m]: the median distance to the
-    third nearest one. Distances to nearer taxels can be too small in files with rounded positions. It is
-    infinite for fewer than four taxels."""
+    """Returns the pitch [m] of the lattice of taxels at `positions` (n, 3) [m].
+
+    The pitch is the median distance of a taxel to its third nearest taxel. The first and second nearest are
+    not used, since their distances can be too small in files with rounded positions. The pitch is infinite
+    for fewer than four taxels.
+    """
     places = np.unique(positions, axis=0)
     if len(places) < 4:
         return float("inf")
@@ -254,17 +265,20 @@ def lattice_pitch(positions: Array) -> float:
 
 
 def neighbour_distance(positions: Array) -> float:
-    """Returns the default of the largest distance [m] of neighbours among taxels at `positions` (n, 3)
-    [m]."""
+    """Returns the default for the largest distance [m] at which two taxels are neighbours.
+
+    `positions` (n, 3) [m] are the positions of all taxels.
+    """
     return min(PITCHES * lattice_pitch(positions), NEIGHBOUR_DISTANCE)
 
 
 def find_neighbours(positions: Array, normals: Array, distance: float | None = None) -> NDArray[np.intp]:
-    """Returns pairs (m, 2), lower index first, of taxels that are near and have similar normals.
+    """Returns pairs (m, 2) of neighbouring taxels, which are near each other and have similar normals.
 
-    Taxels are near if their distance is at most `distance` [m] (None: `neighbour_distance`). With
-    `distance=None`, taxels across a wider gap between modules are also near if the ball between them contains
-    no other taxel (Gabriel and Sokal 1969), since one finger on the gap presses both.
+    In a pair, the lower index is first. Taxels are near each other if their distance is at most `distance`
+    [m]. With None, this is `neighbour_distance`. With None, taxels on two sides of a wider gap are also
+    neighbours if the ball between them contains no other taxel (Gabriel and Sokal 1969). The reason: one
+    finger on the gap presses both taxels.
     """
     tree = cKDTree(positions)
     near = neighbour_distance(positions) if distance is None else distance

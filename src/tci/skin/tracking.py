@@ -1,4 +1,4 @@
-"""Identities of contacts, constant from the first frame of a contact to its end."""
+"""Identities of contacts. An identity stays constant from the first frame of a contact to its last."""
 
 from __future__ import annotations
 
@@ -17,14 +17,16 @@ _track = entry(track)
 
 @dataclass(frozen=True, slots=True)
 class TrackSettings:
-    """Conditions under which contacts in successive frames of a patch are one contact. All figures are
-    assumed."""
+    """Conditions under which contacts in successive frames of a patch count as one contact.
+
+    All figures are assumed.
+    """
 
     reach: float = 0.03
-    """Largest distance [m] by which the centre of a contact may move between frames. A larger value joins
-    separate touches, a smaller one splits a fast slide."""
+    """Largest distance [m] by which the centre of a contact may move between two frames. With a larger value,
+    separate touches are joined. With a smaller value, a fast slide is split."""
     linger: float = 0.1
-    """Longest time [s] for which a contact may vanish and keep its identity."""
+    """Longest time [s] for which a contact may disappear without losing its identity."""
 
     def __post_init__(self) -> None:
         for name in ("reach", "linger"):
@@ -43,8 +45,8 @@ class Tracker:
     def follow(self, contacts: ContactArrays, stamps: Array) -> None:
         """Writes identity, onset and displacement of the contacts of a frame.
 
-        `stamps` (p,) [s] are the times of the patches' frames. Tracks and contacts are matched, nearest pairs
-        first, up to `reach`; contacts without a match are new.
+        `stamps` (p,) [s] are the times of the patches' frames. Tracks and contacts are matched up to a
+        distance of `reach`, and the nearest pairs are matched first. Contacts without a match are new.
         """
         tracks = np.empty((len(self._tracks) + len(contacts.site), TRACK))
         best = np.empty((len(contacts.site), 3))

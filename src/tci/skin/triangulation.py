@@ -1,8 +1,8 @@
-"""Triangles between the taxels of a skin, computed on a plane for a sheet, and on the unrolled surface for a
-limb.
+"""Triangles between the taxels of a skin.
 
-All taxels are corners. A convex hull would leave out taxels in hollows; touches in the hollows of an iCub's
-forearm would then be up to 9 mm outside its skin.
+For a sheet they are computed on a plane, for a limb on the unrolled surface. All taxels are corners. A convex
+hull would leave out taxels in hollows. Then touches in the hollows of an iCub's forearm would be up to 9 mm
+outside its skin.
 """
 
 from __future__ import annotations
@@ -14,19 +14,22 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 from tci.frames import Array
 
 SHEET = 0.3
-"""Least cosine between each normal of a sheet and their mean: 72 degrees. Assumed: normals of a limb point in
-all directions around it; those of a palm or a sole are well within this angle."""
+"""Least cosine of the angle between each normal of a sheet and the mean of its normals. This is an angle of
+at most 72 degrees. Assumed: normals of a limb point in all directions around the limb. Normals of a palm or a
+sole are well within this angle."""
 OFF = 1e-3
-"""Largest distance [m] of a taxel from its projection. Assumed: the rounding of skin files."""
+"""Largest distance [m] of a taxel from its projection onto the triangles. Assumed: this covers the rounding
+of positions in skin files."""
 TIE = 1e-6
-"""Standard deviation [m] of small shifts of taxels that decide between equally good triangles. Without these
-shifts, the triangles of a regular lattice would differ from one turn of an unrolled limb to the next."""
+"""Standard deviation [m] of the small random shifts of taxels that decide between equally good triangles.
+Without these shifts, the triangles of a regular lattice would differ between the copies of an unrolled
+limb."""
 
 _NONE = np.zeros((0, 3), np.intp)
 
 
 def is_sheet(normals: Array) -> bool:
-    """Returns True if a skin with these normals (n, 3) is a sheet: a palm, a sole, a cap, a single taxel."""
+    """Returns True if a skin with these normals (n, 3) is a sheet (a palm, a sole, a cap, a single taxel)."""
     mean = normals.mean(axis=0)
     length = float(np.linalg.norm(mean))
     return length > 0.0 and float((normals @ (mean / length)).min()) > SHEET
@@ -35,7 +38,7 @@ def is_sheet(normals: Array) -> bool:
 def triangulate(positions: Array, normals: Array) -> NDArray[np.intp]:
     """Returns triangles (f, 3) between taxels at `positions` (n, 3) [m] with `normals` (n, 3).
 
-    There are none for taxels on one line, or if a taxel is farther than OFF from its projection onto the
+    The result is empty for taxels on one line, or if a taxel is farther than OFF from its projection onto the
     triangles.
     """
     places, index = np.unique(positions, axis=0, return_index=True)
@@ -52,7 +55,7 @@ def triangulate(positions: Array, normals: Array) -> NDArray[np.intp]:
 
 
 def outward(faces: NDArray[np.intp], positions: Array, normals: Array) -> NDArray[np.intp]:
-    """Orients triangles anticlockwise, seen from the side to which the taxels' normals point."""
+    """Orients triangles anticlockwise, seen from outside. The taxels' normals point outside."""
     inward = np.einsum("fi,fi->f", _unit_normals(faces, positions), normals[faces].mean(axis=1)) < 0.0
     return np.where(inward[:, None], faces[:, ::-1], faces)
 
@@ -64,7 +67,7 @@ def _on_plane(places: Array, normals: Array) -> NDArray[np.intp]:
 
 
 def _around_axis(places: Array, normals: Array) -> NDArray[np.intp]:
-    """Returns triangles (f, 3) of a limb from its unrolled skin."""
+    """Returns triangles (f, 3) of a limb, computed on its unrolled skin."""
     unrolled, turn, _ = unroll(places, normals)
     unrolled += TIE * np.random.default_rng(0).standard_normal(unrolled.shape)
     n = len(places)
@@ -78,11 +81,14 @@ def _around_axis(places: Array, normals: Array) -> NDArray[np.intp]:
 
 
 def unroll(places: Array, normals: Array) -> tuple[Array, float, Array]:
-    """Returns the coordinates (n, 2) [m] of a limb's skin around its axis and along it, the length [m] of a
-    turn, and unit vectors (3, 3): along, and the two across between which the angle rises.
+    """Returns a limb's unrolled skin, the length [m] of a turn, and three unit vectors (3, 3).
 
-    The axis has the direction in which the normals vary least, and the least distance from the lines along
-    the normals.
+    The unrolled skin (n, 2) [m] has one coordinate around the axis and one along the axis. The first unit
+    vector points along the axis. The second and third are perpendicular to the axis: the angle around the
+    axis increases from the second to the third.
+
+    The axis is in the direction in which the normals vary least. The axis has the least distance from the
+    lines along the normals.
     """
     axes = np.linalg.eigh(np.cov(normals.T))[1].T
     along, flat, out = places @ axes[0], places @ axes[1:].T, normals @ axes[1:].T
@@ -96,7 +102,10 @@ def unroll(places: Array, normals: Array) -> tuple[Array, float, Array]:
 
 
 def _skin_only(faces: NDArray[np.intp], places: Array, normals: Array) -> NDArray[np.intp]:
-    """Returns the `faces` (f, 3) without those that close the open ends of a limb, where there is no skin."""
+    """Returns the `faces` (f, 3) without the faces that close the open ends of a limb.
+
+    There is no skin at these ends.
+    """
     towards = normals[faces].mean(axis=1)
     across = np.abs(np.einsum("fi,fi->f", _unit_normals(faces, places), towards))
     result: NDArray[np.intp] = faces[across > 0.5 * np.linalg.norm(towards, axis=1)]

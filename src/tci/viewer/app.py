@@ -1,4 +1,4 @@
-"""The viewer application: combines robots, controls and plots, and updates them."""
+"""The viewer application: puts robots, controls and plots on one page, and updates the page."""
 
 from __future__ import annotations
 
@@ -32,18 +32,19 @@ RATE = 30.0
 SLOW = 6
 """Number of pictures between two updates of plots, sliders and texts."""
 WIDTH = 390
-"""Width [pixels] of the panel with the controls: an event takes one line."""
+"""Width [pixels] of the panel with the controls. At this width each event fits into one line."""
 SPACE = 0.25
 """Free space [m] between two robots."""
 SKY = (208, 218, 230), (250, 250, 250)
-"""Colours of the background, from top to bottom: darker than a white robot."""
+"""Colours of the background, from top to bottom. They are darker than white, so that a white robot is
+visible."""
 Source = Session | Player
 """A source of views: a running robot or a recorded one."""
 HINT = "**Click the skin of an arm** to poke it there. Drag to rotate, scroll to zoom."
 
 
 class Viewer:
-    """A page with all robots side by side. `run` returns after `stop`."""
+    """A page with all robots side by side. `run` updates the page until another thread calls `stop`."""
 
     def __init__(
         self,
@@ -53,10 +54,11 @@ class Viewer:
         port: int = 8080,
         folder: Path = Path("recordings"),
     ) -> None:
-        """Opens the page; recordings go into `folder`. Raises DriverError for a port that is in use."""
+        """Opens the page. New recordings are written to `folder`. Raises DriverError if the port is in
+        use."""
         self.sources: Mapping[str, Source] = _by_key(sources)
         self.sessions = {key: source for key, source in self.sources.items() if isinstance(source, Session)}
-        """The sessions, which are the sources that are not recorded, by key."""
+        """Sources with a running robot, by key; recordings are left out."""
         names = " and ".join(dict.fromkeys(_title(source) for source in sources))
         self.server, self.guard, self.address = open_server(host, port, label="TCI", title=f"{names} - TCI")
         self.pictures = 0
@@ -71,7 +73,7 @@ class Viewer:
         self._add_panels(folder)
 
     def run(self, *, duration: float | None = None, until: Callable[[], bool] = lambda: False) -> None:
-        """Updates the page until `stop`, for `duration` [s], or until `until` returns True."""
+        """Updates the page until `stop` is called, `duration` [s] is over, or `until` returns True."""
         begin = due = time.monotonic()
         while not (self._stop.is_set() or until()) and (
             duration is None or time.monotonic() - begin < duration
@@ -81,7 +83,7 @@ class Viewer:
             self._stop.wait(due - time.monotonic())
 
     def stop(self) -> None:
-        """Ends `run`. May be called from any thread."""
+        """Lets `run` return. Any thread may call it."""
         self._stop.set()
 
     def close(self) -> None:
@@ -91,7 +93,7 @@ class Viewer:
         close_server(self.server)
 
     def update(self, *, words: bool) -> None:
-        """Draws one picture; with `words` also plots, sliders and texts."""
+        """Draws one picture of the robots. If `words` is true, also updates plots, sliders and texts."""
         self.pictures += 1
         now = time.monotonic()
         if self.playback is not None:
@@ -113,8 +115,8 @@ class Viewer:
                 self.playback.update()
 
     def poke(self, key: str, place: Place) -> None:
-        """Pokes a robot's skin with the settings of the sliders and, if selected, the corresponding place on
-        the other robots."""
+        """Pokes a robot's skin with the force and speed of the sliders. If selected on the page, also pokes
+        the corresponding place on the other robots."""
         touched = self.sources[key]
         self._poke(touched, place)
         if self._everywhere is None or not self._everywhere.value or touched.view is None:
@@ -161,7 +163,7 @@ class Viewer:
             self.poke(key, place)
 
     def _stand_side_by_side(self) -> None:
-        """Places the robots in a row, the first on the left of the picture."""
+        """Places the robots in a row. The first robot is at the left of the picture."""
         total = sum(figure.width for figure in self.figures.values()) + SPACE * (len(self.figures) - 1)
         left = -total / 2.0
         for figure in self.figures.values():

@@ -19,20 +19,20 @@ from tci.viewer.rehearsal import description
 from tci.viewer.session import Session
 
 LEFT_OUT = ("sigterm",)
-"""Faults that are not offered because they would end the viewer itself."""
+"""Faults that the page does not offer, because they would end the viewer."""
 MINE = 1.0
-"""Time [s] that a slider keeps the position that a person gave it before it follows the robot again. Assumed:
-a person's drag has no longer pauses."""
+"""Time [s] for which a slider stays where a person moved it, before it follows the robot again. Assumed: a
+person who drags a slider never pauses for longer."""
 STEP = 0.5
 """Finest step [deg] of a slider."""
 FULL_TURN = 180.0
 
 
 class Controls:
-    """The controls of one session, inside the open container of the page."""
+    """The controls of one session. They are added to the container that is open in viser."""
 
     def __init__(self, server: viser.ViserServer, session: Session, key: str, folder: Path) -> None:
-        """Adds the controls; recordings go into `folder`."""
+        """Adds the controls to the page. New recordings are written to `folder`."""
         self._server = server
         self._gui = server.gui
         self._session = session
@@ -45,8 +45,8 @@ class Controls:
         self._add_recording()
 
     def update(self) -> None:
-        """Shows the gate's answer to a fault and updates the sliders, in viser's thread so that a person's
-        input comes first."""
+        """Shows the gate's response to a fault, and updates the sliders. It does this in viser's thread, so
+        that a person's input is handled first."""
         rehearsal = self._session.rehearsal
         if rehearsal is not None and self._answer.content != rehearsal.words:
             self._answer.content = rehearsal.words
@@ -160,5 +160,5 @@ class Controls:
 
 
 def _on_slider(degrees: float, low: float, high: float) -> float:
-    """Returns the nearest value [deg] that a slider from `low` to `high` can have."""
+    """Returns the nearest value [deg] to which a slider with the range `low` to `high` can be set."""
     return float(np.clip(round(degrees / STEP) * STEP, low, high))

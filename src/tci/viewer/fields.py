@@ -1,4 +1,4 @@
-"""Receptive fields on the page: the field of a place, the fields' colours and their legend."""
+"""Receptive fields on the page: finds the field of a place, and gives colours and legend of the fields."""
 
 from __future__ import annotations
 
@@ -18,22 +18,23 @@ from tci.pictures.paint import FIELD_COLOURS
 from tci.robot.limb import generic_limb_distance
 
 OUTSIDE = "touched outside all fields"
-"""Text for a touch that lies in no field."""
+"""Text for a touch that is outside all fields."""
 REST = np.array([0.42, 0.45, 0.50])
 """Colour of taxels at rest outside all fields."""
 TINT = 0.6
-"""Fraction 0..1 of a field's colour in the colour of its taxels at rest."""
+"""Colour of a taxel at rest: fraction (0 to 1) of the field's colour in the mixture with `REST`."""
 
 
 def fields_of(capability: Capability[Any]) -> tuple[ReceptiveField, ...]:
-    """Returns the receptive fields of a behaviour; empty for one that has none on limbs."""
+    """Returns the receptive fields of a behaviour; an empty tuple if the behaviour has no fields on limbs."""
     return tuple(capability.fields) if isinstance(capability, WithdrawalReflex) else ()
 
 
 def nearest_field(
     fields: Sequence[ReceptiveField], segment: str, u: ArrayLike, theta: ArrayLike
 ) -> NDArray[np.intp]:
-    """Returns the index (...) of the nearest field that contains each place of a segment; -1 if none does."""
+    """Returns, for each place (...) of a segment, the index of the nearest field that contains the place. The
+    index is -1 if no field contains it."""
     u = np.asarray(u, dtype=float)
     found, least = np.full(u.shape, -1), np.full(u.shape, np.inf)
     for index, field in enumerate(fields):
@@ -45,12 +46,13 @@ def nearest_field(
 
 
 def is_outside(fields: Sequence[ReceptiveField], contact: Contact) -> bool:
-    """Returns True if a contact lies in none of the fields; False if there are no fields."""
+    """Returns True if there are fields, and the contact is outside all of them."""
     return bool(fields) and bool(nearest_field(fields, contact.segment, contact.u, contact.theta) < 0)
 
 
 def tints(fields: NDArray[np.intp]) -> Array:
-    """Returns the colours (n, 3), 0 to 1, of taxels at rest in `fields` (n,), -1 for none."""
+    """Returns the colours (n, 3), 0 to 1, of taxels at rest. `fields` (n,) has the index of each taxel's
+    field, or -1 for a taxel outside all fields."""
     colours = REST + TINT * (np.array(FIELD_COLOURS)[fields % len(FIELD_COLOURS)] - REST)
     return np.where(fields[:, None] < 0, REST, colours)
 

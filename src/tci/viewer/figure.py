@@ -1,4 +1,4 @@
-"""One robot in the scene: its links, its skin coloured by pressure, contacts, the finger."""
+"""One robot in the scene: draws its links, its skin coloured by pressure, its contacts and the finger."""
 
 from __future__ import annotations
 
@@ -26,21 +26,22 @@ from tci.viewer.view import View
 
 # Sizes, times and colours of the drawing are assumed; they change the picture only.
 FADE = 0.15
-"""Time constant [s] with which a shown pressure fades; without it a touch of 50 ms would not be visible."""
+"""Time constant [s] with which a shown pressure fades. Without the slow fading a touch of 50 ms would not be
+visible."""
 ARROW = 0.02
 """Length [m/N] of a contact's arrow."""
 LONGEST = 0.15
 """Length [m] of the longest arrow."""
 GAMMA = 2.2
-"""Exponent to linear light, in which viser takes the colours of a batch."""
+"""Exponent that converts a colour to linear light, the form in which viser expects the colours of a batch."""
 COVER = 0.012
-"""Thickness [m] of the thickest cover over a taxel. An iCub's forearm has one of up to 10 mm."""
+"""Thickness [m] of the thickest cover over a taxel. The cover of an iCub's forearm is up to 10 mm thick."""
 ABOVE = 0.0008
 """Height [m] above the skin at which taxels are drawn."""
 MOVED = 1e-5
 """Smallest change of a body's pose [m, or fraction of a turn] that is sent to the page."""
 TURNED = np.deg2rad(1.0)
-"""Change [rad] of a joint after which the fields of the taxels are computed again."""
+"""Change [rad] of a joint after which the receptive field of each taxel is computed again."""
 _INK = (225, 60, 50)
 _FINGER = (215, 140, 115)
 
@@ -76,7 +77,7 @@ class Figure:
         """Size [m] of the robot."""
         self._standing = -np.array([middle[0], middle[1], low[2]])
         self.T_SW = transform(self._turn, self._standing)
-        """Pose (4, 4) of the model's world in the scene."""
+        """Pose (4, 4) of the model's world frame in the scene."""
         self.stand(0.0)
         self._bodies: dict[int, viser.FrameHandle] = {}
         for body in sorted(set(self._links.values()) | {mesh.body for mesh in meshes}):
@@ -118,18 +119,18 @@ class Figure:
         self._draw_taxels(initial_position(robot))
 
     def stand(self, y: float) -> None:
-        """Puts the robot on the floor, its middle `y` [m] to the left of the scene's origin."""
+        """Puts the robot on the floor, with its middle `y` [m] to the left of the scene's origin."""
         self.T_SW = transform(self._turn, self._standing + np.array([0.0, y, 0.0]))
         self._root.position = self.T_SW[:3, 3]
         self._root.wxyz = quaternion(self._turn)
 
     def show_fields(self, fields: Sequence[ReceptiveField]) -> None:
-        """Sets the receptive fields that tint the skin; none for no tint."""
+        """Sets the receptive fields whose colours the skin shows. Without fields, the skin has one colour."""
         self._fields = tuple(fields)
         self._tinted = None
 
     def show(self, view: View) -> None:
-        """Draws a view and sends only the changes to the page."""
+        """Draws a view. Sends only the differences from the previous view to the page."""
         position = view.joints.position
         self._move(position)
         now = time.monotonic()
@@ -153,13 +154,14 @@ class Figure:
                 self._finger.wxyz = quaternion(view.finger[:3, :3])
 
     def pose(self, link: str) -> Array:
-        """Returns `T_SL` (4, 4), the pose of a link in the scene, as shown. For the drawing thread only."""
+        """Returns `T_SL` (4, 4), the pose of a link in the scene, in the posture that is shown. For the
+        drawing thread only."""
         pose: Array = self.T_SW @ self._pose(self._model.body(link).id)
         return pose
 
     def distance(self, origin: Array, direction: Array) -> float:
-        """Returns the distance [m] at which a ray of the scene meets a link as shown; infinite if it meets
-        none."""
+        """Returns the distance [m] at which a ray of the scene meets a link in the posture that is shown. The
+        distance is infinite if the ray meets no link."""
         groups = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)
         geom = np.zeros(1, dtype=np.int32)
         T_WS = invert(self.T_SW)
@@ -175,13 +177,13 @@ class Figure:
         return transform(self._data.xmat[body].reshape(3, 3), np.array(self._data.xpos[body]))
 
     def _facing(self) -> Array:
-        """Returns `R_SW` (3, 3): the rotation around z after which the torso faces along x."""
+        """Returns `R_SW` (3, 3), the rotation around z that turns the front of the torso to the x axis."""
         forward = (self._pose(self._torso_body) @ self._T_LT)[:3, 0]
         return rotation_z(-float(np.arctan2(forward[1], forward[0])))
 
     def _extent(self) -> tuple[Array, Array]:
-        """Returns the lowest and highest coordinates (3,) [m] of the visible geoms at the model's present
-        posture."""
+        """Returns the lowest and the highest coordinates, each (3,) [m], of the visible geoms in the model's
+        present posture."""
         reach = self._model.geom_rbound[:, None]
         shown = (self._model.geom_group < 3) & (self._model.geom_rbound > 0.0)
         rotation = self._turn @ self._data.geom_xmat.reshape(-1, 3, 3)
@@ -228,8 +230,8 @@ class Figure:
         )
 
     def _lift(self, name: str) -> Array:
-        """Returns the height (taxels,) [m] of the link's cover over each taxel; taxels are drawn on top of
-        it."""
+        """Returns the height (taxels,) [m] of the link's cover over each taxel. The taxels are drawn on top
+        of the cover."""
         surface = self.skin.surfaces[name]
         T_WL = self._pose(self._links[name])
         starts = apply(T_WL, surface.positions + COVER * surface.normals)
@@ -258,7 +260,8 @@ class Figure:
             handle.batched_colors = sent
 
     def _tint(self, position: Array) -> None:
-        """Computes the colours of the taxels at rest: those of the receptive field that they lie in."""
+        """Computes the colour of each taxel at rest: the colour of the receptive field that contains the
+        taxel."""
         joints = JointReading(0.0, 0, position, np.zeros_like(position))
         for name, surface in self.skin.surfaces.items():
             patch = self.robot.patch(name)

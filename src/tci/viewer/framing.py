@@ -8,20 +8,22 @@ import viser
 FOV, USUAL = 0.7, 0.8
 """Vertical angle of view [rad] of a picture that is `USUAL` times as wide as it is high."""
 AROUND = 1.32, 1.2
-"""Height and width of the picture at the robots, relative to theirs. Assumed: room for moving arms."""
+"""Height and width of the picture at the distance of the robots, as factors of the robots' height and width.
+Assumed: leaves room for moving arms."""
 NARROW = 400
-"""Width of a picture [pixels] below which the panel next to it is folded, once. Assumed: a telephone's; the
-panel would cover most of it."""
+"""Width of a picture [pixels] below which the panel next to the picture is folded, once. Assumed: the width
+of a telephone, where the panel would cover most of the picture."""
 
 
 class Framing:
-    """Cameras of all clients. The angle of view follows the window's shape; clients choose the rest."""
+    """Controls the cameras of all clients. The angle of view depends on the shape of the client's window.
+    Clients may move and turn the camera."""
 
     def __init__(
         self, server: viser.ViserServer, panel: viser.PanelHandle, *, width: float, height: float
     ) -> None:
-        """Frames robots around the origin that are `width` [m] wide and `height` [m] tall; `panel` is next to
-        the picture."""
+        """Shows robots around the origin that are together `width` [m] wide and `height` [m] tall. `panel` is
+        the panel next to the picture."""
         self._server, self._panel = server, panel
         self._folded: set[int] = set()
         self._reach = AROUND[1] * width / 2.0, AROUND[0] * height / 2.0
@@ -34,12 +36,12 @@ class Framing:
         camera.fov = FOV
 
     def angle(self, aspect: float) -> float:
-        """Returns the vertical angle of view [rad] that shows all robots in a window `aspect` times as wide
-        as high."""
+        """Returns the vertical angle of view [rad] with which a window shows all robots. The window is
+        `aspect` times as wide as it is high."""
         return float(2.0 * np.arctan(self._half(aspect) / self._distance))
 
     def update(self) -> None:
-        """Adapts every camera to the shape of its window, and folds the panel in narrow windows."""
+        """Adapts every camera to the shape of the client's window, and folds the panel in narrow windows."""
         for number, client in self._server.get_clients().items():
             if min(client.camera.image_width, client.camera.image_height) <= 0:
                 continue  # a minimised window has no shape
@@ -51,6 +53,6 @@ class Framing:
                 handle.minimize()
 
     def _half(self, aspect: float) -> float:
-        """Returns half the height [m] of the picture at the robots."""
+        """Returns half the height [m] of the picture at the distance of the robots."""
         across, up = self._reach
         return max(up, across / aspect)

@@ -1,9 +1,9 @@
-"""Access control of the web server: it accepts requests only from its own page, and from other machines only
-with a token.
+"""Access control of the web server. The server accepts requests only from its own page, and requests from
+other machines only with a token.
 
-Another web site in the same browser could send requests to a server on the loopback interface, by its own
-name or through DNS rebinding. Therefore every request must name a host that is this machine, and every web
-socket must come from a page of that host.
+A page of another web site in the user's browser could send requests to a server on the loopback interface,
+directly or through DNS rebinding. Therefore every request must name this machine as its host, and every web
+socket must come from a page of this host.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from yarpwire.connection_limit import PATIENCE, ConnectionLimit
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 ALIVE = "/alive"
-"""Path that a page requests to check that its server is running."""
+"""Path that the page requests to check if the server is still running."""
 SCRIPT = Path(__file__).with_name("page.js").read_text(encoding="utf-8")
 _patching = threading.Lock()
 
@@ -47,8 +47,8 @@ class Guard:
     """Checks each request before the server handles it."""
 
     def __init__(self, host: str, token: str, *, title: str = "TCI") -> None:
-        """Takes the `host` that the server listens on, the `token` that every client needs (empty for none)
-        and the `title` of the page."""
+        """Takes the address `host` on which the server listens, the `token` that every client needs, and the
+        `title` of the page. If `token` is empty, clients need no token."""
         self.local = host in LOOPBACK
         self.token = token
         self.title = title
@@ -59,7 +59,7 @@ class Guard:
         self._cookie = f"tci_{secrets.token_hex(4)}"
 
     def wrap(self, answer: Answer) -> Answer:
-        """Returns `answer` behind the check: it is called for permitted requests only."""
+        """Returns a function that calls `answer` for permitted requests only."""
 
         def judge(connection: Any, request: Request) -> Response | None:
             reason = self.refusal(request)
@@ -86,7 +86,7 @@ class Guard:
         return judge
 
     def refusal(self, request: Request) -> str:
-        """Returns the reason to refuse a request; empty if it is permitted."""
+        """Returns the reason to refuse a request; an empty text if the request is permitted."""
         try:
             host, origin = request.headers.get("Host"), request.headers.get("Origin")
             socket_wanted = (request.headers.get("Upgrade") or "").lower() == "websocket"
@@ -102,8 +102,8 @@ class Guard:
         return ""
 
     def _is_here(self, host: str) -> bool:
-        """Returns True if a Host header names this machine. A numeric address needs no DNS, so it can't be
-        rebound."""
+        """Returns True if a Host header names this machine. Numeric addresses are accepted: they need no DNS,
+        so DNS rebinding is not possible."""
         try:
             name = urlsplit(f"//{host}").hostname or ""
         except ValueError:
@@ -126,11 +126,12 @@ class Guard:
 
 
 def _bounded() -> type[ServerConnection]:
-    """Returns the connection class of one server; its connections share a counter."""
+    """Returns a class for the connections of one server. All these connections share a counter."""
     limit = ConnectionLimit()
 
     class Bounded(ServerConnection):
-        """A connection that closes if there are too many; untrusted until its request is permitted."""
+        """A connection of the server. It closes if there are too many connections, and is untrusted until its
+        first request is permitted."""
 
         def connection_made(self, transport: asyncio.BaseTransport) -> None:
             super().connection_made(transport)
@@ -150,11 +151,12 @@ def _bounded() -> type[ServerConnection]:
 
 
 class LoopEvent(asyncio.Event):
-    """An event that only the thread of its loop may set; others use `call_soon_threadsafe`.
+    """An event that only the thread of the event loop may set. Other threads must use `call_soon_threadsafe`.
 
-    viser sets the event that wakes its sender from other threads too, in addition to the safe call. If that
-    happens between the sender's check and its wait, the safe call finds the event set and does nothing, and
-    the sender waits for ever: the page gets no more updates, though its own messages still arrive.
+    viser sets the event that wakes its sender in two ways: by the safe call, and directly from other threads.
+    If the direct call comes after the sender has checked the event and before it waits, the safe call finds
+    the event set and does nothing. Then the sender waits for ever: the page gets no more updates, although
+    messages from the page still arrive.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -162,7 +164,7 @@ class LoopEvent(asyncio.Event):
         self._home = loop
 
     def set(self) -> None:
-        """Sets the event as `asyncio.Event` does; calls from other threads do nothing."""
+        """Sets the event as `asyncio.Event` does. Calls from other threads have no effect."""
         if asyncio._get_running_loop() is self._home:
             super().set()
 
@@ -174,7 +176,8 @@ def close_server(server: viser.ViserServer) -> None:
 
 
 def _adapt_page(response: Response, title: str) -> None:
-    """Sets the title of the page, and adds a script with which it reports that its server has ended."""
+    """Sets the title of the page, and adds a script that shows a message on the page when the server has
+    ended."""
     if not response.headers.get("Content-Type", "").startswith("text/html"):
         return
     script = f"<script>{SCRIPT}</script></head>".encode()
@@ -193,9 +196,9 @@ def open_server(
 ) -> tuple[viser.ViserServer, Guard, str]:
     """Opens a viser server behind a guard; returns the server, the guard, and the address to open.
 
-    `label` is the heading of the page's panel, `title` that of the browser's tab.
-    If the host is not the loopback interface, a token is made. Raises DriverError for a port that is in use
-    or a host that is not this machine's.
+    `label` is the heading of the page's panel, `title` that of the browser's tab. If the host is not the
+    loopback interface, creates a token that clients need. Raises DriverError if the port is in use, or if the
+    host is not an address of this machine.
     """
     # The library refuses malformed requests of strangers itself; users need no traceback of each.
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)

@@ -47,13 +47,13 @@ def badge(title: str, view: View | None, ended: str, loop: str = "") -> str:
 
 
 def touched(contact: Contact, fields: Sequence[ReceptiveField]) -> str:
-    """Returns the event of a touch: `touched: left forearm, flexor side: 3.1 N`, or that it lies in no
-    field."""
+    """Returns the text for a touch, such as `touched: left forearm, flexor side: 3.1 N`. If the touch is
+    outside all fields, the text says so."""
     return f"{OUTSIDE if is_outside(fields, contact) else 'touched'}: {touch(contact)}"
 
 
 def touch(contact: Contact) -> str:
-    """Returns a contact as text: `left forearm, flexor side: 3.1 N`."""
+    """Returns a contact as text, such as `left forearm, flexor side: 3.1 N`."""
     if not np.isfinite(contact.theta):
         return f"{contact.patch.replace('_', ' ')}: {contact.force:.1f} N"
     side = SIDES[int(np.round(contact.theta / (np.pi / 2.0))) % 4]

@@ -13,19 +13,19 @@ from tci.pictures.paint import SKIN_COLOUR
 from tci.pictures.render import model_colours
 
 CELL, COARSER = 0.003, 1.25
-"""Edge [m] of the cubes in which vertices are merged, and the factor by which it grows while there are too
-many triangles. Assumed: a balance of detail and transfer time."""
+"""Edge [m] of the cubes in which vertices are merged, and the factor by which the edge is enlarged until
+there are few enough triangles. Assumed: a balance of detail and transfer time."""
 ENOUGH, COARSEST = 4000, 0.006
-"""Number of triangles of one colour on one body that is small enough, and the largest edge [m] of a cube,
-which ends the merging. Assumed: a balance of detail and transfer time."""
+"""Largest number of triangles of one colour on one body, and largest edge [m] of a cube. Merging ends if one
+of the two is reached. Assumed: a balance of detail and transfer time."""
 
 ROUND = 32
-"""Number of sides of a round shape. Assumed: it looks round on a screen."""
+"""Number of sides of a round shape. Assumed: with so many sides the shape looks round on a screen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyMesh:
-    """Triangles of one colour on one body."""
+    """All triangles of one colour on one body."""
 
     body: int
     """Body of the MuJoCo model."""
@@ -38,7 +38,8 @@ class BodyMesh:
 
 
 def body_meshes(model: mujoco.MjModel, covered: set[int]) -> list[BodyMesh]:
-    """Returns the visible meshes of a model. Bodies in `covered` carry skin and have its colour."""
+    """Returns the visible meshes of a model. Bodies in `covered` carry skin, and are drawn in the colour of
+    skin."""
     colours = model_colours(model)
     found: dict[tuple[int, tuple[int, int, int]], list[tuple[Array, NDArray[np.intp]]]] = {}
     for geom in range(model.ngeom):
@@ -62,8 +63,7 @@ def body_meshes(model: mujoco.MjModel, covered: set[int]) -> list[BodyMesh]:
 
 
 def _triangles(model: mujoco.MjModel, geom: int) -> tuple[Array, NDArray[np.intp]] | None:
-    """Returns vertices (n, 3) and faces (m, 3) of a geom in its own frame; None for a geom that is not
-    drawn."""
+    """Returns vertices (n, 3) and faces (m, 3) of a geom in its own frame; None if the geom is not drawn."""
     kind, size = int(model.geom_type[geom]), model.geom_size[geom]
     kinds = mujoco.mjtGeom
     if kind == kinds.mjGEOM_MESH:
@@ -96,12 +96,12 @@ _SIDES = np.array([
     (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
     (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
 ], np.intp)  # fmt: skip
-"""Its triangles (12, 3), anticlockwise seen from outside."""
+"""Triangles (12, 3) of the cube, with corners in anticlockwise order seen from outside."""
 
 
 def _turned(profile: Array) -> tuple[Array, NDArray[np.intp]]:
-    """Returns the surface of a `profile` (k, 2) of radius and z [m] that turns around z. It begins at the top
-    and ends at the bottom, both on the axis."""
+    """Returns the surface that a `profile` (k, 2) of radius and z [m] makes when it turns around the z axis.
+    The profile begins at the top and ends at the bottom; both ends are on the axis."""
     angle = 2.0 * np.pi * np.arange(ROUND) / ROUND
     radius, z = profile[:, :1], profile[:, 1:]
     rings = np.stack([radius * np.cos(angle), radius * np.sin(angle), z + 0.0 * angle], axis=2)
@@ -129,7 +129,7 @@ def _lighter(vertices: Array, faces: NDArray[np.intp], *, coarsest: float) -> tu
 
 
 def _merged(vertices: Array, faces: NDArray[np.intp], size: float) -> tuple[Array, NDArray[np.intp]]:
-    """Merges the vertices in each cube of `size` [m] and drops the triangles that become degenerate."""
+    """Merges the vertices in each cube of `size` [m], and removes triangles with two equal corners."""
     _, cell = np.unique(np.floor(vertices / size).astype(np.int64), axis=0, return_inverse=True)
     cell = cell.ravel()
     count = np.bincount(cell)
@@ -140,7 +140,7 @@ def _merged(vertices: Array, faces: NDArray[np.intp], size: float) -> tuple[Arra
 
 
 def disc(radius: float) -> tuple[Array, NDArray[np.intp]]:
-    """Returns a hexagon of `radius` [m] across z."""
+    """Returns a hexagon of `radius` [m] perpendicular to the z axis."""
     angle = np.arange(6) * np.pi / 3.0
     rim = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(6)])
     faces = np.array([[0, k, k + 1] for k in range(1, 5)])
@@ -148,14 +148,14 @@ def disc(radius: float) -> tuple[Array, NDArray[np.intp]]:
 
 
 def towards(normal: Array) -> Array:
-    """Returns the quaternion (4,) that turns z to `normal`."""
+    """Returns the quaternion (4,) that turns the z axis to `normal`."""
     found = np.zeros(4)
     mujoco.mju_quatZ2Vec(found, normal)
     return found
 
 
 def quaternion(rotation: Array) -> Array:
-    """Returns the quaternion (4,) of a rotation (3, 3)."""
+    """Returns the quaternion (4,) of a rotation matrix (3, 3)."""
     found = np.zeros(4)
     mujoco.mju_mat2Quat(found, np.ascontiguousarray(rotation).ravel())
     return found

@@ -9,17 +9,19 @@ from tci.frames import Array, apply, invert, read_only
 from tci.viewer.figure import Figure
 
 NEAR = 0.015
-"""Largest distance [m] between a click and the skin that it selects. Assumed: about two taxels of iCub's
-skin."""
+"""Largest distance [m] between a click and the taxel that the click selects. Assumed: about two taxels of
+iCub's skin."""
 BEHIND = 0.03
-"""Largest depth [m] of the skin below the visible surface. Assumed: covers lie over the skin."""
+"""Largest depth [m] below the visible surface at which a click selects skin. Assumed: covers over the skin
+are thinner."""
 
 
 def pick(figure: Figure, origin: Array, direction: Array) -> tuple[Place, float] | None:
-    """Returns the place of a figure's skin that a ray of the scene meets, and its distance [m].
+    """Returns the place of a figure's skin that a ray of the scene meets, and the distance [m] along the ray.
 
-    `origin` (3,) [m] and the unit vector `direction` (3,) define the ray. None if it meets no skin, or
-    something else first. A ray that passes within `NEAR` selects the nearest visible taxel.
+    `origin` (3,) [m] and the unit vector `direction` (3,) define the ray. Returns None if the ray meets no
+    skin, or meets another surface first. If the ray misses the skin by at most `NEAR`, it selects the nearest
+    visible taxel.
     """
     best: tuple[float, Place] | None = None
     for name, surface in figure.skin.surfaces.items():

@@ -1,4 +1,4 @@
-"""Play, pause, seek and speed of the recordings on the page. All recordings are synchronised."""
+"""Controls for the recordings on the page: play, pause, seek, speed. All recordings are synchronised."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from tci.viewer.player import Player
 
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "5")
 MINE = 0.5
-"""Time [s] that the slider keeps the position that a person gave it. Assumed: a person's drag has no longer
-pauses."""
+"""Time [s] for which the slider stays where a person moved it, before it follows the recording again.
+Assumed: a person who drags the slider never pauses for longer."""
 STEP = 0.01
 """Finest step [s] of the slider."""
 
 
 class Playback:
-    """The controls of all players, inside the open container of the page. `advance` executes the requests."""
+    """The controls of all players. They are added to the container that is open in viser. `advance`
+    executes the requests."""
 
     def __init__(self, server: viser.ViserServer, players: Sequence[Player]) -> None:
         self._server = server
@@ -49,7 +50,7 @@ class Playback:
 
     @property
     def time(self) -> float:
-        """Time [s] since the beginning of all recordings; a shorter recording stays at its end."""
+        """Present time [s] from the beginning of the recordings. A shorter recording stays at its end."""
         return max(player.time - player.begin for player in self._players)
 
     @property
@@ -58,14 +59,14 @@ class Playback:
         return any(player.playing for player in self._players)
 
     def advance(self, now: float) -> None:
-        """Executes the requests and follows the machine's clock, `now` [s] on it."""
+        """Executes a person's requests, then advances the recordings to `now` [s] on the machine's clock."""
         while not self._asked.empty():
             self._asked.get()()
         for player in self._players:
             player.advance(now)
 
     def play_or_pause(self) -> None:
-        """Pauses or continues; starts from the beginning if all recordings are at their end."""
+        """Pauses or continues. If all recordings are at their end, starts from the beginning."""
         if self.playing:
             for player in self._players:
                 player.pause()
@@ -80,7 +81,7 @@ class Playback:
             player.seek(player.begin + moment)
 
     def next_touch(self) -> None:
-        """Goes to the next touch; after the last one, to the first."""
+        """Goes to the next touch. After the last touch, goes to the first touch."""
         following = [moment for moment in self._began if moment > self.time + 1e-9]
         playing = self.playing
         self.seek((following or self._began)[0])
@@ -88,16 +89,16 @@ class Playback:
             self._play(self._unfinished())
 
     def set_speed(self, speed: float) -> None:
-        """Sets the speed in recorded seconds per second."""
+        """Sets the speed [recorded seconds per second]."""
         for player in self._players:
             player.speed = speed
 
     def update(self) -> None:
-        """Updates the slider in viser's thread, so that a person's input comes first."""
+        """Updates the slider in viser's thread, so that a person's input is handled first."""
         self._server.get_event_loop().call_soon_threadsafe(self._follow)
 
     def _follow(self) -> None:
-        """Moves the slider unless a person has just moved it, then labels the button."""
+        """Moves the slider, unless a person has just moved it, and updates the label of the button."""
         value = min(round(self.time, 2), self.slider.max)
         if time.monotonic() - self._touched > MINE and abs(value - self.slider.value) > STEP / 2.0:
             self.slider.value = value  # type: ignore[misc] # viser's types say read-only

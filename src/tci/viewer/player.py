@@ -21,15 +21,17 @@ from tci.viewer.labels import moves, touched
 from tci.viewer.view import WINDOW, History, View
 
 FINEST = 0.01
-"""Smallest time [s] between two stored views. Assumed: finer than the pictures of the page."""
+"""Smallest time [s] between two stored views. Assumed: shorter than the time between two pictures of the
+page."""
 REFLEX = "withdrawal"
-"""Behaviour whose fields are shown, also for a recording that names none."""
+"""Behaviour whose receptive fields are shown, also if the recording contains no name of a behaviour."""
 LONGEST = 600.0
-"""Length [s] of the longest recording that is played. Assumed: all of it is kept in memory."""
+"""Length [s] of the longest recording that can be played. Assumed: limits memory, because all views are
+kept."""
 
 
 class Player:
-    """One recorded robot. One thread uses it, except for `view`, `history` and `events`."""
+    """Plays the recording of one robot. Other threads may read only `view`, `history` and `events`."""
 
     armed = False
     world = None
@@ -39,18 +41,20 @@ class Player:
     def __init__(
         self, recording: Recording, robot: Robot, *, progress: Callable[[float], None] = lambda now: None
     ) -> None:
-        """Computes the perceptions of the recording again, and calls `progress` with the time [s] reached.
+        """Computes the perceptions of the recording again. During this it calls `progress` with the recorded
+        time [s] that it has reached.
 
-        Raises RecordingError for a recording without periods, or one that is too long.
+        Raises RecordingError if the recording has no periods or is too long.
         """
         self.robot = robot
         known = recording.about.get("capability", REFLEX) == REFLEX
         self.fields = default_fields() if known else ()
-        """Receptive fields that are shown. A recording has the name of its behaviour, but not the fields."""
+        """Receptive fields that are shown. A recording contains the name of its behaviour, but not the
+        fields."""
         self.history = History()
         self.playing = False
         self.speed = 1.0
-        """Speed in recorded seconds per second."""
+        """Speed of the playback [recorded seconds per second]."""
         self._views: list[View] = []
         self._happened: list[tuple[float, str]] = []
         self._keep(recording, progress)
@@ -88,12 +92,12 @@ class Player:
 
     @property
     def loop_words(self) -> str:
-        """Present position in the recording, as text."""
+        """Present time in the recording, as text."""
         state = "playing" if self.playing else "paused"
         return f"recorded; {state} at {self._time - self.begin:.2f} of {self.end - self.begin:.2f} s"
 
     def play(self) -> None:
-        """Plays; from the beginning if the recording was at its end."""
+        """Starts to play. If the recording is at its end, plays it from the beginning."""
         if self._time >= self.end:
             self.seek(self.begin)
         self.playing, self._before = True, None
@@ -103,7 +107,8 @@ class Player:
         self.playing = False
 
     def seek(self, moment: float) -> None:
-        """Goes to a time [s], or the nearest one that was recorded. The plots show the seconds before it."""
+        """Goes to the recorded time that is nearest to a time [s]. The plots then show the seconds before
+        this time."""
         self._time = min(max(moment, self.begin), self.end)
         self._index = max(bisect.bisect_right(self._times, self._time) - 1, 0)
         self.history.clear()
@@ -112,7 +117,8 @@ class Player:
             self.history.add(view)
 
     def advance(self, now: float | None = None) -> None:
-        """Advances to the machine's clock, or `now` [s] on it; stops at the end."""
+        """Advances the recording to the present time of the machine's clock, or to `now` [s] on this clock.
+        Stops at the end."""
         now = time.monotonic() if now is None else now
         if self.playing and self._before is not None:
             before = self._index
@@ -131,7 +137,7 @@ class Player:
         """Does nothing: a recording holds no resources."""
 
     def say(self, words: str) -> None:
-        """Adds an event at the present time of the recording: the answer to a person's attempt."""
+        """Adds an event at the present time of the recording, such as the reply to a person's click."""
         bisect.insort(self._happened, (self._time, words))
 
     def poke(self, place: Place, *, force: float, speed: float) -> None:

@@ -1,4 +1,4 @@
-"""Plots of the last seconds: force and response of all robots, joint angles of each."""
+"""Plots of the last seconds: force and response of all robots, and joint angles of each robot."""
 
 from __future__ import annotations
 
@@ -13,20 +13,21 @@ from tci.robot.generic_arm import JOINTS
 from tci.viewer.view import WINDOW, History
 
 GRID = np.linspace(-WINDOW, 0.0, 201)
-"""Plotted times [s] relative to now."""
+"""Times [s] of the plotted points, relative to now."""
 LEAST_FORCE, LEAST_RESPONSE = 6.0, 60.0
-"""Smallest upper end of the axes [N, deg/s]. Assumed; it changes the picture only."""
+"""Smallest upper end of the axis of force [N] and of the axis of response [deg/s]. Assumed; the value changes
+only the picture."""
 ANGLE, ROOM = 15.0, 2.0
-"""Step [deg] of the ends of the angle axes, and their smallest distance [deg] from the lines. Assumed; they
-change the picture only."""
+"""Step [deg] to which the ends of an angle axis are rounded, and smallest distance [deg] between these ends
+and the plotted lines. Assumed; the two values change only the picture."""
 LINES = ("#1c7ed6", "#e8590c", "#2b8a3e", "#9c36b5", "#0b7285", "#c92a2a")
 
 
 class Plots:
-    """Plots in a panel of their own."""
+    """Plots in a separate panel of the page."""
 
     def __init__(self, server: viser.ViserServer, titles: Mapping[str, str], parts: tuple[str, ...]) -> None:
-        """Adds the plots: `titles` of the robots by key, `parts` to choose from."""
+        """Adds the plots. `titles` has the title of each robot by key; a person can choose one of `parts`."""
         self._titles = dict(titles)
         self._gui = server.gui
         self._part = self._gui.add_dropdown("arm", parts) if parts else None
@@ -87,7 +88,8 @@ def _scales(ends: tuple[float, float]) -> dict[str, uplot.Scale]:
 
 
 def _top(rows: list[Array], least: float) -> float:
-    """Returns the first of 1, 2, 5, 10, 20 ... times `least` that exceeds all values."""
+    """Returns the upper end of an axis: the first of 1, 2, 5, 10, 20 ... times `least` that is above all
+    values."""
     largest = max((float(row.max()) for row in rows), default=0.0)
     decade = 1.0
     while True:
@@ -98,15 +100,15 @@ def _top(rows: list[Array], least: float) -> float:
 
 
 def _around(rows: list[Array]) -> tuple[float, float]:
-    """Returns the multiples of `ANGLE` that enclose all values."""
+    """Returns the ends of an angle axis: two multiples of `ANGLE`, with all values between them."""
     low = np.floor((min(float(row.min()) for row in rows) - ROOM) / ANGLE) * ANGLE
     high = np.ceil((max(float(row.max()) for row in rows) + ROOM) / ANGLE) * ANGLE
     return float(low), float(high)
 
 
 def _on_grid(before: Array, values: Array) -> Array:
-    """Resamples values to the plotted times; before the first one, repeats it, since uPlot can't scale
-    NaN."""
+    """Resamples values to the plotted times. Before the first value, the result repeats this value, because
+    uPlot can't scale NaN."""
     if len(before) < 2:
         return np.zeros(len(GRID))
     return np.interp(GRID, before, values)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 
 AHEAD = 0.03
-"""Time [s] that a simulation may run ahead of real time before it waits. Assumed: one picture; several
-periods at once cost less than each alone."""
+"""Time [s] that a simulation may run ahead of real time before it waits. Assumed: the time of one picture. It
+needs less processor time to compute several periods at once than to wait after each period."""
 LATE = 0.1
-"""Delay [s] after which a simulation no longer catches up. Assumed: three pictures."""
+"""Largest delay [s] behind real time that a simulation tries to make up. Assumed: three pictures."""
 
 
 class RealTime:
@@ -18,11 +18,12 @@ class RealTime:
         self._zero: tuple[float, float] | None = None
 
     def forget(self) -> None:
-        """Starts a new time base, after the simulation stood still."""
+        """Starts to count real time anew, after the simulation stood still."""
         self._zero = None
 
     def wait(self, now: float, pace: float) -> None:
-        """Waits for `now` [s] on the simulation's clock, which runs at `pace` seconds per second."""
+        """Waits until real time reaches `now` [s] on the simulation's clock. This clock advances `pace`
+        seconds per second."""
         wall = time.monotonic()
         if self._zero is None or self._zero[1] != pace:
             self._zero = (wall - now / pace, pace)

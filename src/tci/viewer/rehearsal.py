@@ -1,4 +1,4 @@
-"""One fault that a person injects, and the gate's answer to it."""
+"""One fault that a person injects, and the gate's response to this fault."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ from tci.gate.safe_command import SafeCommand
 
 
 def description(name: str) -> str:
-    """Returns the text for a fault: its description, the expected answer, and the delay until it can be
-    detected."""
+    """Returns the text for a fault: the description, the expected response of the gate, and the delay until
+    TCI can detect the fault."""
     injector = INJECTORS[name]
     late = f"; it can be detected after {injector.shows_after:g} s" if injector.shows_after else ""
     return f"{injector.description}{late}.  \nExpected: {FAULTS[injector.number].expected}"
 
 
 class Rehearsal:
-    """A fault from its request to its end. One thread updates it, another may read `words`."""
+    """Follows one fault from a person's request to the end of the fault. One thread updates it; another
+    thread may read `words`."""
 
     def __init__(self, plan: FaultPlan) -> None:
         self.plan = plan
@@ -29,8 +30,8 @@ class Rehearsal:
         self._state = GateState.RUN
 
     def see(self, now: float, sent: SafeCommand, *, active: bool) -> None:
-        """Records the command sent in a period that begins at `now` [s], while the fault is `active` or
-        not."""
+        """Records the command that is sent in the period that begins at `now` [s]. `active` is true while the
+        fault is injected."""
         if self.over or not (active or self._begun is not None):
             return
         if self._begun is None:
@@ -49,7 +50,7 @@ class Rehearsal:
 
     @property
     def words(self) -> str:
-        """The fault and the gate's answers, as text."""
+        """The fault and the gate's responses, as text."""
         answers = "; ".join(self._answers)
         if not answers and self.over:
             answers = "commands passed: the gate did not detect the fault"

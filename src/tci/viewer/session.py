@@ -1,4 +1,5 @@
-"""One running robot in a thread of its own: the loop, a person's requests, and the views for the page."""
+"""One running robot in a separate thread: runs the control loop, executes a person's requests, and makes the
+views for the page."""
 
 from __future__ import annotations
 
@@ -36,17 +37,17 @@ from tci.viewer.steered import Steered
 from tci.viewer.view import History, View
 
 FRESH = 0.01
-"""Smallest time [s] between two views, unless something happened."""
+"""Smallest time [s] between two views. A view with a new event may follow earlier."""
 IDLE = 0.02
 """Time [s] between two checks of a robot whose loop has ended. Assumed: shorter than one picture."""
 QUIET = 0.3
-"""Pause [s] after which a touch or a command becomes a new event. Assumed: bridges short interruptions of one
-touch."""
+"""Pause [s] between two touches or commands, after which the second one is shown as a new event. Assumed:
+bridges short interruptions of one touch."""
 GAP = 0.01
 """Distance [m] from which the finger approaches. Assumed: the approach is visible."""
 LEAVE, STAY = 0.3, 1.5
-"""Times [s] after which the finger leaves: since the touch ended, and since it began. Assumed: long enough
-for a person to see the touch."""
+"""Times [s] after which the finger leaves: from the end of the touch, and from its beginning. Assumed: long
+enough for a person to see the touch."""
 
 
 class _Closed(Exception):
@@ -54,10 +55,10 @@ class _Closed(Exception):
 
 
 class Session:
-    """A robot, live or simulated. Methods may be called from any thread."""
+    """A running robot, real or simulated. Any thread may call the methods."""
 
     def __init__(self, driver: Driver, capability: Capability[Any], *, about: dict[str, str]) -> None:
-        """Takes `about` for the recordings. `start` begins the loop; `close` ends it."""
+        """Stores `about` for recordings. `start` begins the control loop; `close` ends it."""
         self.robot = driver.robot
         self._patches = [patch.name for patch in driver.robot.patches]
         self.driver = FaultInjector(driver, [])
@@ -72,7 +73,7 @@ class Session:
         self.ended = ""
         """Reason why the loop ended; empty while it runs."""
         self.pace = 1.0
-        """Seconds of simulation per second; 0 for a pause. Ignored by a live robot."""
+        """Speed of the simulation [simulated seconds per second]; 0 for a pause. Ignored by a live robot."""
         self.pokes = 0
         """Number of pokes that began."""
         self.recorder: Recorder | None = None
@@ -80,7 +81,7 @@ class Session:
         self.rehearsal: Rehearsal | None = None
         """The latest fault that a person injected."""
         self.fields = fields_of(capability)
-        """Receptive fields of its behaviour; empty for one that has none on limbs."""
+        """Receptive fields of the behaviour; empty if the behaviour has no fields on limbs."""
         self._steered = Steered(capability)
         self._inbox: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._again, self._closing = threading.Event(), threading.Event()
@@ -104,7 +105,7 @@ class Session:
         self._thread.start()
 
     def close(self) -> None:
-        """Brings the robot to rest, ends the loop, closes recording and driver."""
+        """Brings the robot to rest, ends the loop, and closes the recording and the driver."""
         self._closing.set()
         self._again.set()
         if self._thread.ident is not None:
@@ -113,14 +114,14 @@ class Session:
         self.driver.close()
 
     def post(self, action: Callable[[], None]) -> None:
-        """Runs an action between two periods, in the loop's thread. An error that it raises becomes an
-        event."""
+        """Runs an action between two periods, in the loop's thread. If the action raises an error, the page
+        shows this error as an event."""
         self._inbox.put(action)
 
     def poke(self, place: Place, *, force: float, speed: float) -> None:
-        """Presses the skin with the finger, with up to `force` [N], arriving at `speed` [m/s].
+        """Presses the skin with the simulated finger, with up to `force` [N]; it arrives at `speed` [m/s].
 
-        Raises CommandError for a robot that is not simulated.
+        Raises CommandError if the robot is not simulated.
         """
         world = self.world
         if world is None:
@@ -160,7 +161,7 @@ class Session:
         self.post(begin)
 
     def reset(self) -> None:
-        """Leaves STOP, or starts the loop again after it ended. An operator calls this."""
+        """Leaves the state STOP. If the loop has ended, starts it again. An operator calls this."""
         if self.ended:
             self.driver.gate.reset()
             self._again.set()
@@ -183,7 +184,8 @@ class Session:
         self.say(f"recording to {path}")
 
     def stop_recording(self) -> Recorder | None:
-        """Closes the recording and returns its recorder, or None. Compressing it does not delay the loop."""
+        """Closes the recording and returns its recorder; None if there is no recording. The compression of
+        the file does not delay the loop."""
         with self._recording:
             recorder, self.recorder = self.recorder, None
         if recorder is not None:
@@ -217,7 +219,7 @@ class Session:
                         self.world.advance(self.world.time + IDLE * self.pace)
 
     def _watch(self) -> None:
-        """Shows a robot without commanding it."""
+        """Makes views of a robot without commanding the robot."""
         perceiver = Perceiver(GenericBody(self.robot), keep_alive=self.driver.info.keep_alive)
         for now in self.driver.ticks():
             reading = self.driver.read()
@@ -277,7 +279,7 @@ class Session:
             self.say(rehearsal.words)
 
     def _tell_moves(self, tick: Tick) -> None:
-        """Adds events for a contact and a command that follow a pause."""
+        """Adds an event for each contact and each command that comes after a pause."""
         for contact in tick.perception.contacts:
             if tick.now - self._noted.get(contact.patch, -np.inf) > QUIET:
                 self.say(touched(contact, self.fields))

@@ -1,4 +1,5 @@
-"""A capability with additional orders from a person, which pass through the gate like its own."""
+"""A capability with additional orders from a person. The gate checks these orders like those of the
+capability."""
 
 from __future__ import annotations
 
@@ -13,16 +14,18 @@ from tci.reasons import Reason
 
 
 class Steered(Capability[Any]):
-    """Another capability with orders from outside. They are recorded like the capability's own.
+    """Runs another capability and adds a person's orders to its orders. Recordings contain the orders of
+    both.
 
-    Orders given while no loop runs are dropped, so that a robot does not move merely because its loop starts
-    again.
+    Orders that a person gives while no loop runs are dropped. So the robot does not move merely because the
+    loop starts again.
     """
 
     def __init__(self, inner: Capability[Any]) -> None:
         self.inner = inner
         self.orders: SimpleQueue[Order] = SimpleQueue()
-        """Orders of a person; the latest ones follow the capability's own."""
+        """Orders of a person that wait for the next step. `step` returns them after the capability's own
+        orders."""
 
     def init(self, body: GenericBody) -> Any:
         self._given()

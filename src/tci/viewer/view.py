@@ -1,4 +1,4 @@
-"""The state of one robot at one instant as the page shows it, and the history for plots."""
+"""The state of one robot at one instant, as the page shows it, and the history of states for the plots."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from tci.messages import Contact, JointReading
 WINDOW = 10.0
 """Time span [s] of the plots."""
 SAMPLE = 0.05
-"""Time [s] between two samples of the plots. Force and response are the largest since the sample before."""
+"""Time [s] between two samples of the plots. Each sample has the largest force and the largest response since
+the previous sample."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,17 +30,19 @@ class View:
     posture: Mapping[str, Array]
     """Generic angles (n,) [rad] by part."""
     pressure: Mapping[str, Array]
-    """Pressure (taxels,) [Pa] by patch; a patch that has not sent is absent."""
+    """Pressure (taxels,) [Pa] by patch. A patch that has not sent any frame is not included."""
     contacts: Sequence[Contact]
     """Contacts on the skin."""
     state: GateState | None
     """State of the gate; None if nothing is commanded."""
     reason: str
-    """Reason why the gate holds or has stopped; if nothing is commanded, why the joint data can't be used."""
+    """Reason for which the gate holds or has stopped. If nothing is commanded: reason for which the joint
+    data can't be used."""
     response: float
-    """Largest speed [rad/s] of a servo among those sent."""
+    """Largest servo speed [rad/s] in the command that was sent."""
     finger: Array | None = None
-    """`T_WF` (4, 4) of the simulated finger's tip, z into the skin; None if there is no finger."""
+    """Pose `T_WF` (4, 4) of the simulated finger's tip, with its z axis into the skin; None if there is no
+    finger."""
 
     @property
     def force(self) -> float:
@@ -51,14 +54,16 @@ _Row = tuple[float, float, float, Mapping[str, Array]]
 
 
 class History:
-    """The last seconds of a robot's views, for plots. One thread adds, another may read."""
+    """Stores the last seconds of a robot's views, for plots. One thread adds views, another thread may read
+    them."""
 
     def __init__(self) -> None:
         self._rows: deque[_Row] = deque(maxlen=int(WINDOW / SAMPLE))
         self._latest: _Row | None = None
 
     def add(self, view: View) -> None:
-        """Adds a view, at most one per `SAMPLE`. A time before the last one clears the history first."""
+        """Adds a view; stores at most one sample per `SAMPLE`. If the time of the view is before that of the
+        last view, clears the history first."""
         if self._rows and view.time < self._rows[-1][0]:
             self.clear()
         _, force, response, _ = self._latest or (0.0, 0.0, 0.0, {})

@@ -1,7 +1,7 @@
 """YARP's network through YARP's own `yarp` bindings, if they can be imported.
 
-module   loading of the bindings, and conversions of Python objects for them
-port     ports of YARP: reading and writing
-calls    calls to other ports
-network  the interface to all of these
+- `module` loads the bindings, and converts Python objects for them.
+- `port` reads and writes with ports of YARP.
+- `calls` makes calls to other ports.
+- `network` is the interface to `port` and `calls`.
 """

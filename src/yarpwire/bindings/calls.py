@@ -1,4 +1,4 @@
-"""Calls to other ports, made by YARP."""
+"""Calls to other ports, made with YARP's bindings."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _lines = itertools.count()
 
 
 class BindingsCaller:
-    """Calls over one connection, which is opened when it is needed, and again after a failure."""
+    """Makes calls over one connection. Connects at the first call, and again after a failure."""
 
     def __init__(self, yarp: Any, target: str, sender: str) -> None:
         self._yarp, self._target, self._sender = yarp, target, sender
@@ -77,7 +77,7 @@ class BindingsCaller:
 
 
 class Line:
-    """A port for calls, and the one thread that makes them, since YARP blocks until the reply."""
+    """A port for calls, with a thread that makes the calls, since YARP blocks until the reply arrives."""
 
     def __init__(self, yarp: Any, target: str, sender: str) -> None:
         self._yarp, self._target, self._sender = yarp, target, sender
@@ -87,11 +87,11 @@ class Line:
         self._thread = ThreadPoolExecutor(1, thread_name_prefix=f"yarp {sender}")
 
     def submit(self, items: Sequence[Any]) -> Future[list[Any]]:
-        """Makes a call; the future returns its reply, or raises a PortError."""
+        """Begins a call. The future returns the reply, or raises PortError."""
         return self._thread.submit(self._exchange, items)
 
     def close(self) -> Future[None]:
-        """Closes the port when the call in progress has ended."""
+        """Closes the port after the call in progress has ended."""
         done = self._thread.submit(self._hang_up)
         self._thread.shutdown(wait=False)
         return done

@@ -1,4 +1,4 @@
-"""The `yarp` module: loading, and conversions of Python objects for it."""
+"""Loading of YARP's module `yarp`, and conversion of Python objects for this module."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ ADDERS: dict[type, str] = {
     Int8: "addInt8", Int16: "addInt16", Int64: "addInt64", Float32: "addFloat32",
 }  # fmt: skip
 RESTED = 1.0
-"""Idle time [s] after which a connection that its other end may close is opened again. Assumed: half of the 2
-s after which YARP closes it."""
+"""Idle time [s] after which a connection is opened again, because the other end may close it. Assumed: half
+of the 2 s after which YARP closes an idle connection."""
 _open: dict[int, Any] = {}
 
 
 def load() -> Any:
-    """Imports the module without its messages about success. Raises BindingsError with the way to install
-    it."""
+    """Imports the module and suppresses its messages about success. Raises BindingsError if that fails; the
+    error says how to install the module."""
     os.environ.setdefault("YARP_QUIET", "1")
     try:
         yarp = importlib.import_module("yarp")
@@ -43,7 +43,7 @@ def load() -> Any:
 
 
 def version(yarp: Any) -> tuple[str, Dialect]:
-    """Returns the version of the bindings and their dialect. Raises PortError for an unknown version."""
+    """Returns the version of the bindings and their dialect. Raises PortError if the version is unknown."""
     dialect = DIALECTS.get(str(yarp.YARP_VERSION_MAJOR))
     if dialect is None:
         raise PortError(f"bindings of YARP {yarp.YARP_VERSION}; valid: {' and '.join(DIALECTS)}.x")
@@ -51,7 +51,7 @@ def version(yarp: Any) -> tuple[str, Dialect]:
 
 
 def importable() -> str:
-    """Returns the version that can be imported, as text; empty if there is none."""
+    """Returns version and dialect of the bindings as text; empty if they can't be imported."""
     try:
         name, dialect = version(load())
     except (PortError, BindingsError):
@@ -60,7 +60,7 @@ def importable() -> str:
 
 
 def open_port(yarp: Any, port: Any, name: str) -> None:
-    """Opens a port of YARP. Raises PortError when YARP refuses."""
+    """Opens a port of YARP. Raises PortError if YARP refuses."""
     if not port.open(name):
         raise PortError(f"YARP does not open a port {name!r}; valid: a free name that begins with /")
     _open[id(port)] = port
@@ -75,18 +75,19 @@ def close_port(port: Any) -> None:
 
 @atexit.register
 def _close_all() -> None:
-    """Closes all ports at exit: YARP's threads must not call into an interpreter that is ending."""
+    """Closes all ports when the program ends, since YARP's threads must not call a Python interpreter that is
+    ending."""
     for port in list(_open.values()):
         close_port(port)
 
 
 def closes_at_rest() -> bool:
-    """Returns True if ports authenticate: they then close a connection after 2 s without data."""
+    """Returns True if authentication is on. Then ports close a connection after 2 s without data."""
     return read_key() is not None
 
 
 def connect(yarp: Any, source: str, target: str, carrier: str) -> None:
-    """Connects two ports, as `yarp connect` does. Raises PortError."""
+    """Connects two ports, as `yarp connect` does. Raises PortError if that fails."""
     style = yarp.ContactStyle()
     style.quiet, style.timeout, style.carrier = True, PATIENCE, carrier
     if not yarp.NetworkBase.connect(source, target, style):
@@ -94,7 +95,7 @@ def connect(yarp: Any, source: str, target: str, carrier: str) -> None:
 
 
 def to_bottle(yarp: Any, items: Sequence[Any], into: Any = None) -> Any:
-    """Converts items to a Bottle of YARP. Raises WireError for values that it can't hold."""
+    """Converts items to a Bottle of YARP. Raises WireError if a Bottle can't hold a value."""
     bottle = yarp.Bottle() if into is None else into
     for item in items:
         if isinstance(item, np.ndarray | np.generic):
@@ -115,8 +116,8 @@ def to_bottle(yarp: Any, items: Sequence[Any], into: Any = None) -> Any:
 
 
 def reader(yarp: Any, read: Callable[[Any], bool]) -> Any:
-    """Returns an object that YARP calls for each message, from threads of its own; returning False ends the
-    connection."""
+    """Returns an object that YARP's threads call for each message. If `read` returns False, the connection
+    ends."""
 
     class Reader(yarp.PortReader):  # type: ignore[misc] # SWIG's class has no types
         def read(self, connection: Any) -> bool:

@@ -1,4 +1,4 @@
-"""YARP's own ports and carriers behind the interface `Network`."""
+"""Implementation of `Network` with YARP's own ports and carriers."""
 
 from __future__ import annotations
 
@@ -15,12 +15,14 @@ from yarpwire.network import Network
 
 
 class Bindings(Network):
-    """YARP's network through its bindings, in the dialect that they were built for and by any of their
-    carriers."""
+    """A YARP network through YARP's bindings. The bindings determine the dialect and the carriers."""
 
     def __init__(self, server: tuple[str, int] | None = None) -> None:
-        """Connects to the name server. Raises BindingsError without the bindings, PortError when YARP's
-        configuration has no name server, or another one than `server`: there is only one per process."""
+        """Connects to the name server of YARP's configuration.
+
+        Raises BindingsError if the bindings can't be imported. Raises PortError if YARP's configuration has
+        no name server, or a name server other than `server`: a process can use only one.
+        """
         self._yarp = load()
         self.dialect: Dialect = version(self._yarp)[1]
         self.title = importable()

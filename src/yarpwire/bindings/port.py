@@ -1,4 +1,5 @@
-"""A port of YARP. Its messages go to the same readers as with `wire`, since YARP passes them as bytes."""
+"""A port of YARP. YARP passes received messages as bytes, so yarpwire decodes them with the code that `wire`
+uses."""
 
 from __future__ import annotations
 
@@ -30,20 +31,20 @@ from yarpwire.source import LONGEST
 from yarpwire.values import Array
 
 KEPT = 16
-"""Number of sent messages that are kept, since YARP uses them again in a thread of its own. Assumed: more
-than YARP sends at a time."""
+"""Number of sent messages that are kept in memory, since YARP reads them later in its own thread. Assumed:
+more than YARP sends at a time."""
 SENT = 0.001
-"""Longest time [s] that a message waits for the previous one to be sent; then new ones are dropped without
-waiting. Assumed: a small part of a control period."""
+"""Longest time [s] that `write` waits until the previous message is sent. If this takes longer, new messages
+are dropped without waiting. Assumed: a small part of a control period."""
 
 
 class BindingsPort:
-    """A port that reads and writes; writing never waits for a reader."""
+    """A port of YARP that reads and writes. Writing never waits for a reader."""
 
     def __init__(
         self, yarp: Any, name: str, dialect: Dialect, receive: Callable[[Delivery], Answer] | None = None
     ) -> None:
-        """Opens the port. Raises PortError when YARP refuses the name."""
+        """Opens the port. Raises PortError if YARP refuses the name."""
         self.name = name
         self.last_error = ""
         self.dropped = 0
@@ -86,7 +87,8 @@ class BindingsPort:
         close_port(self._port)
 
     def _is_free(self) -> bool:
-        """Returns True if the previous message is sent; it may be of the same period."""
+        """Returns True if the previous message is sent. Waits up to SENT, since that message may be of the
+        present period."""
         until = time.monotonic() + (0.0 if self._stuck else SENT)
         while self._port.isWriting():
             self._stuck = time.monotonic() >= until
@@ -118,7 +120,7 @@ class BindingsPort:
         return True
 
     def _answer(self, writer: Any, answer: Sequence[Any] | str | bytes) -> None:
-        """Writes the answer as bytes: a Bottle of YARP can't express all replies of 4.x."""
+        """Writes the answer as bytes, since a Bottle of YARP can't express all replies of 4.x."""
         if not isinstance(answer, bytes):
             answer = encode_bottle([answer] if isinstance(answer, str) else answer, self._dialect)
         words, rest = divmod(len(answer), 4)
@@ -137,7 +139,7 @@ class BindingsWriter:
     """A port that sends to one other port."""
 
     def __init__(self, yarp: Any, target: str, sender: str, dialect: Dialect) -> None:
-        """Opens the port and connects it. Raises PortError."""
+        """Opens the port and connects it to `target`. Raises PortError if that fails."""
         self._target = target
         self._closes, self._used = closes_at_rest(), time.monotonic()
         self._port = BindingsPort(yarp, sender, dialect)

@@ -12,7 +12,7 @@ from tci.robot.kernels.limb import limb_pose
 from tci.robot.limb import RHO
 
 SEGMENT, X, Y, Z, RADIUS = range(5)
-"""Rows of `places`: segment, point on the generic limb (3) and radius [limb lengths]."""
+"""Rows of `places`: segment, three coordinates on the generic limb, and radius [limb lengths]."""
 LENGTH, SIDE, PLACE = 12, 13, 14
 """Columns of `limb`, see `limb_numbers`."""
 
@@ -34,13 +34,18 @@ def count_taxels(
     places: Array,
     counts: Array,
 ) -> None:
-    """Counts the taxels of some patches around each of the `places` (5, m), and how many of them are `masked`
-    (n,).
+    """Counts the taxels, and the masked taxels, of p patches around each of m places.
 
-    The numbers are added to `counts` (2, m). `poses` (l, 4, 4) are `T_TL` of all links. `on` (p, 2) are the
-    indices in `poses` of each patch's link and of its segment's link, `limb` (p, 15) the numbers of its limb.
-    `posture` (n,) [rad] is that of the part. `positions` (n, 3) [m] are those of the taxels in their links;
-    those of patch i begin at `begins[i]` (p + 1,).
+    Args:
+        poses: Poses `T_TL` (l, 4, 4) of all links.
+        on: Indices (p, 2) in `poses` of the link of each patch, and of the link of its segment.
+        limb: Numbers (p, 15) that describe the limb of each patch, see `limb_numbers`.
+        posture: Generic angles [rad] of the part.
+        positions: Positions (n, 3) [m] of the taxels of all patches, each in the link of its patch.
+        begins: Indices (p + 1,) in `positions` at which the taxels of each patch begin; the last is n.
+        masked: Mask (n,) of taxels that are not trusted.
+        places: Table (5, m) of the places.
+        counts: Output (2, m), to which the numbers of taxels and of masked taxels are added.
     """
     for p in range(len(on)):
         x_S, y_S, z_S = limb_pose(poses[on[p, 0]], poses[on[p, 1]], limb[p], posture)

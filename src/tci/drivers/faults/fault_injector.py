@@ -1,7 +1,7 @@
 """Fault injection: a driver that wraps another driver and corrupts its data from a given time on.
 
-The inner driver, its gate and its robot stay unchanged; the injector changes only what is read and written.
-Users can test their own behaviours with the faults that TCI's tests use (docs/reliability.md).
+Most faults change only the readings that the loop gets. The wrapped driver and its gate stay unchanged. Users
+can test their own behaviours with the faults that TCI's tests use (docs/reliability.md).
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from tci.frames import read_only
 from tci.messages import Reading, SkinFrame
 
 SWITCH = 16
-"""Number of counts below which a sensor is a switch, which has no noise. Assumed: a pressure sensor has
-more."""
+"""A sensor with a range below this number of counts is treated as a switch and gets no noise. Assumed: a
+pressure sensor has a larger range."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class FaultPlan:
     name: str
     """Name of the injector."""
     at: float
-    """Start [s] of the fault after the first reading."""
+    """Time [s] from the first reading to the start of the fault."""
     lasts: float = float("inf")
     """Duration [s] of the fault."""
 
@@ -41,9 +41,9 @@ class FaultPlan:
 
 
 def parse_fault(text: str) -> FaultPlan:
-    """Parses a fault written as NAME@TIME or NAME@TIME:DURATION, both [s].
+    """Parses a fault written as NAME@TIME or NAME@TIME:DURATION, with TIME and DURATION in [s].
 
-    Raises UnknownNameError for an unknown fault, CommandError for invalid times.
+    Raises UnknownNameError if the fault is unknown, and CommandError if a time is invalid.
     """
     name, _, times = text.partition("@")
     at, _, lasts = times.partition(":")
@@ -61,22 +61,23 @@ def parse_fault(text: str) -> FaultPlan:
 
 
 class FaultInjector(DriverWrapper):
-    """A driver with faults. It shares the inner driver's gate, clock and lease."""
+    """A driver that injects faults into the driver `inner`. It uses the gate, clock and lease of `inner`."""
 
     def __init__(self, inner: Driver, plans: Sequence[FaultPlan], *, flicker: float = 0.0) -> None:
         """Adds noise of `flicker` counts (standard deviation) to each raw value of the skin. Real sensors
-        have noise; without it, a dead taxel can't be distinguished from a taxel at rest."""
+        have noise. Without noise, a dead taxel can't be distinguished from a taxel at rest."""
         super().__init__(inner)
         self._flicker, self._random = flicker, np.random.default_rng(0)
         self._frames: dict[str, SkinFrame] = {}
         self.begun: list[FaultPlan] = []
-        """Faults that have begun, in order."""
+        """Faults that have begun, the earliest first."""
         self._waiting = sorted(plans, key=lambda plan: plan.at)
         self._active: list[tuple[FaultPlan, Injector]] = []
         self._start: float | None = None
 
     def inject(self, plan: FaultPlan) -> None:
-        """Adds a fault; its start time is relative to now. Call it from the thread of the loop."""
+        """Adds a fault. Its start time `plan.at` counts from now. Call this method from the thread of the
+        loop."""
         since = 0.0 if self._start is None else self.clock.now() - self._start
         self._waiting.append(replace(plan, at=plan.at + since))
         self._waiting.sort(key=lambda waiting: waiting.at)
@@ -108,7 +109,7 @@ class FaultInjector(DriverWrapper):
         return frozen
 
     def _flickering(self, frame: SkinFrame) -> SkinFrame:
-        """Returns the frame with noise. If a frame is read again, the noise is equal."""
+        """Returns the frame with noise. A frame that is read twice gets equal noise both times."""
         sensor = self.robot.patch(frame.patch).sensor
         if sensor.highest - sensor.lowest < SWITCH:
             return frame

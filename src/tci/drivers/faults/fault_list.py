@@ -1,5 +1,5 @@
-"""The catalogue of faults: number, fault, expected reaction, and the test that shows it or the missing
-part."""
+"""The catalogue of faults. A row has a number, a description, the required reaction, and the test of the
+reaction. If a fault has no test yet, the row names the part that TCI still lacks."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ class KnownFault:
     """One row of the catalogue."""
 
     number: int
-    """Number of the fault; tests refer to it."""
+    """Number of the fault. Tests refer to the fault by this number."""
     fault: str
     """Description of the fault."""
     expected: str
     """Required reaction of TCI."""
     test: str
-    """`path::test` that shows the reaction; empty while there is none."""
+    """Test that checks the reaction, as `path::test`. Empty if there is no test yet."""
     missing: str
-    """Part that is missing; empty once the fault is tested."""
+    """Part that TCI still lacks for this fault. Empty if the fault is tested."""
 
 
 def _load() -> dict[int, KnownFault]:

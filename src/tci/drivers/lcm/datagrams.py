@@ -1,12 +1,23 @@
-"""LCM's datagrams, sent and read without LCM's own library.
+"""Datagrams of LCM, sent and received without LCM's own library.
 
-LCM's own library is not used for two reasons: damaged datagrams crash its receiver, and it joins the group on
-the interface of the default route, which may be a public network.
+LCM's own library is not used for two reasons. Damaged datagrams crash its receiver. The library also joins
+the multicast group on the interface of the default route, which may be a public network.
 
-A short message is one datagram: `LC02`, the message number, the channel and a zero, the bytes of the message.
-A long message consists of several datagrams: `LC03`, the message number, the size of the message, the offset
-of this piece, its index and the number of pieces; the first piece begins with the channel. All numbers are
-big-endian. Each sender numbers its messages consecutively, so losses are detected.
+A short message is one datagram. The datagram contains:
+
+- `LC02` and the message number,
+- the channel name with a zero byte,
+- the bytes of the message.
+
+A long message is sent in pieces, with one piece per datagram. Each datagram contains:
+
+- `LC03` and the message number,
+- the size of the message,
+- the offset of the piece, its index, and the number of pieces,
+- the piece. The first piece begins with the channel name and a zero byte.
+
+All numbers are big-endian. Each sender numbers its messages consecutively, so a receiver can count lost
+messages.
 """
 
 from __future__ import annotations
@@ -22,30 +33,34 @@ from dataclasses import dataclass, field
 from tci.errors import DriverError
 
 URL = "udpm://239.255.76.67:7667?ttl=0"
-"""LCM's own default: this machine only."""
+"""Default URL of LCM. With ttl=0, messages stay on this machine."""
 VALID = f"valid: {URL}; with ttl=1 everybody on the local network may read and command"
 PER_POLL = 1024
-"""Largest number of datagrams read per call. Assumed: more than usually wait, so that the latest is found,
-and few enough to bound the time in case of a flood."""
+"""Largest number of datagrams that one call of `poll` reads. Assumed: usually fewer datagrams wait, so `poll`
+reaches the latest one, and in a flood of datagrams `poll` still ends soon."""
 BUFFER = 1 << 18
-"""Size [bytes] of the system's send and receive buffers. Assumed: twice the longest message."""
+"""Size [bytes] of the operating system's send and receive buffers. Assumed: twice the longest message."""
 LONGEST = 1 << 17
-"""Length [bytes] of the longest message. Assumed: about two datagrams of the largest size."""
+"""Length [bytes] of the longest message that is accepted. Assumed: about two datagrams of the largest
+size."""
 SENDERS = 64
-"""Largest number of senders whose message numbers and pieces are tracked. Assumed: bounds memory."""
+"""Largest number of senders for which message numbers and pieces are stored. Assumed: this bounds the
+memory."""
 PATIENCE = 0.1
-"""Longest time [s] from the first to the last piece of a message. Assumed: pieces are sent at once."""
+"""Longest time [s] from the first to the last piece of a message. Assumed: a sender sends all pieces of a
+message without a pause."""
 PIECE = 65_487 if sys.platform == "linux" else 1435
-"""Largest number of bytes of a message in one datagram, as in LCM, since some systems refuse longer ones."""
+"""Largest number of bytes of a message in one datagram. LCM uses the same limits, since some systems refuse
+longer datagrams."""
 _SHORT, _LONG = struct.Struct(">4sI"), struct.Struct(">4sIIIHH")
 IP_MULTICAST_ALL = 49
-"""Linux's option, which Python does not define. By default, a socket also receives messages from interfaces
-on which another program joined the group."""
+"""Number of a Linux socket option that Python does not define. By default, a socket also receives messages
+from interfaces on which only other programs joined the group; `Receiver` switches this off."""
 
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """A multicast group, and the range of its datagrams."""
+    """A multicast group, and how far its datagrams travel (`ttl`, in hops)."""
 
     address: str
     port: int
@@ -53,13 +68,13 @@ class Group:
 
     @property
     def interface(self) -> str:
-        """Address of the interface on which it is joined: loopback, or for a network that of the default
-        route."""
+        """Address of the interface on which the group is joined. With ttl=0: the loopback interface. With a
+        higher ttl: the interface of the default route."""
         return "0.0.0.0" if self.ttl else "127.0.0.1"
 
 
 def parse_url(url: str) -> Group:
-    """Returns the group of an LCM URL. Raises DriverError."""
+    """Returns the multicast group of an LCM URL. Raises DriverError if the URL is invalid."""
     found = re.fullmatch(r"udpm://(\d+\.\d+\.\d+\.\d+):(\d{1,5})(?:\?ttl=(\d{1,3}))?", url)
     if found is None or not 224 <= int(found[1].split(".")[0]) <= 239 or not 0 < int(found[2]) < 65536:
         raise DriverError(f"lcm: {url!r}; {VALID}")
@@ -67,19 +82,19 @@ def parse_url(url: str) -> Group:
 
 
 Address = tuple[str, int]
-"""Source address and port of datagrams."""
+"""Address and port from which a datagram was sent."""
 
 
 @dataclass(slots=True)
 class _Sender:
-    """Message number of one sender, and its message whose pieces are arriving."""
+    """Latest message number of one sender, and the pieces of an unfinished message."""
 
     number: int
     pieces: dict[int, bytes] = field(default_factory=dict)
     message: int = -1
-    """Number of that message; -1 between messages."""
+    """Number of the unfinished message; -1 if there is none."""
     count: int = 0
-    """Number of pieces that have arrived."""
+    """Number of pieces of the complete message."""
     begun: float = 0.0
 
 
@@ -92,10 +107,12 @@ class Datagrams:
         self.lost = 0
         """Number of messages that were lost."""
         self.rejected = 0
-        """Number of datagrams that were damaged, duplicates, or part of a message that was never complete."""
+        """Number of rejected datagrams: damaged ones, duplicates, and pieces of messages that were never
+        completed."""
 
     def take(self, data: bytes, sender: object) -> tuple[str, bytes] | None:
-        """Returns channel and bytes of a message that this datagram of `sender` completes; else None."""
+        """Takes a datagram of `sender`. Returns channel and bytes of the message that is complete now, or
+        None."""
         magic = data[:4]
         if magic == b"LC02" and len(data) >= _SHORT.size:
             return self._short(data, sender)
@@ -138,7 +155,8 @@ class Datagrams:
         return whole
 
     def _follow(self, sender: object, number: int) -> _Sender | None:
-        """Returns the sender of a new message after counting its losses; None for an old message."""
+        """Returns the stored data of `sender` if message `number` is new, and counts the messages lost before
+        this message. Returns None if the message is old."""
         known = self._senders.get(sender)
         if known is None:
             while len(self._senders) >= SENDERS:
@@ -161,10 +179,10 @@ def _split(data: bytes) -> tuple[str, bytes] | None:
 
 
 class Transmitter:
-    """Sends messages of this process to a group."""
+    """Sends messages of this process to a multicast group."""
 
     def __init__(self, url: str) -> None:
-        """Opens the socket. Raises DriverError for a bad URL."""
+        """Opens the socket. Raises DriverError if `url` is invalid."""
         self._group = parse_url(url)
         self._number = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -176,8 +194,8 @@ class Transmitter:
         self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface)
 
     def send(self, channel: str, data: bytes) -> None:
-        """Sends a message, in pieces if it is long. Raises OSError for data that the network does not
-        accept."""
+        """Sends a message, in pieces if it is long. Raises OSError if the network does not accept the
+        data."""
         number, self._number = self._number, (self._number + 1) % (1 << 32)
         whole = channel.encode("ascii") + b"\0" + data
         if len(whole) <= PIECE:
@@ -190,7 +208,7 @@ class Transmitter:
             self.send_raw(head + whole[begin : begin + PIECE])
 
     def send_raw(self, datagram: bytes) -> None:
-        """Sends one datagram unchanged. Raises as `send`."""
+        """Sends one datagram unchanged. Raises OSError if the network does not accept the datagram."""
         self._socket.sendto(datagram, (self._group.address, self._group.port))
 
     def close(self) -> None:
@@ -199,13 +217,13 @@ class Transmitter:
 
 
 class Receiver:
-    """Receives messages of others in a group."""
+    """Receives the messages that are sent to a multicast group."""
 
     def __init__(self, url: str) -> None:
-        """Joins the group. Raises DriverError for a bad URL, and if no multicast arrives."""
+        """Joins the group. Raises DriverError if `url` is invalid, or if the group can't be joined."""
         group = parse_url(url)
         self.datagrams = Datagrams()
-        """Assembled messages, and counts of lost ones."""
+        """Assembles messages from datagrams, and counts lost messages."""
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -223,7 +241,8 @@ class Receiver:
             raise DriverError(f"lcm: {url}: {error.strerror}; {VALID}") from error
 
     def poll(self) -> Iterator[tuple[str, bytes, Address]]:
-        """Yields channel, bytes and sender of the messages that arrived, oldest first; a bounded number."""
+        """Yields channel, bytes and sender of the messages that arrived, oldest first. Reads at most
+        `PER_POLL` datagrams."""
         for _ in range(PER_POLL):
             try:
                 data, sender = self._socket.recvfrom(65536)

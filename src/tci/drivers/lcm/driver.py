@@ -8,8 +8,8 @@
 | `tci/NAME/orders` | `tci_lcm.orders_t`: orders and heartbeat, in every period | behaviour |
 
 Every member of the multicast group may command the robot, since LCM has no passwords. By default the group is
-joined on the loopback interface; a URL with ttl=1 opens the robot to the whole local network. For a network
-use Zenoh.
+joined on the loopback interface, so only programs on this machine are members. A URL with ttl=1 opens the
+robot to the whole local network. To use a robot over a network, prefer Zenoh.
 """
 
 from __future__ import annotations
@@ -39,26 +39,26 @@ from tci.messages import Reading, SkinFrame
 from tci.robot.description import Robot
 
 PER_POLL = 64
-"""Largest number of messages that are decoded per call, the latest ones. Assumed: bounds the time that a
-flood costs."""
+"""Largest number of messages that one call of `poll` returns. If more have arrived, the older ones are
+dropped. Assumed: this bounds the time for decoding in a flood of messages."""
 FACTS = 1.0
-"""Time [s] between two messages with the robot's facts. Assumed: LCM has no requests, so a new client waits
-this long."""
+"""Time [s] between two messages with the robot's facts. Assumed: a new client can't request the facts over
+LCM, so it waits up to this time."""
 
 
 class _Bus:
-    """One process in a multicast group."""
+    """Connection of this process to a multicast group."""
 
     def __init__(self, address: RemoteAddress) -> None:
-        """Joins the group. Raises DriverError."""
+        """Joins the multicast group. Raises DriverError if that fails."""
         self.receiver = Receiver(address.where)
         self.transmitter = Transmitter(address.where)
         self._where, self._prefix = address, f"tci/{address.robot}"
         self._works = False
 
     def put(self, name: str, data: bytes) -> None:
-        """Sends a message to the channel of that name. During a network failure the message is lost without
-        an error. Raises DriverError if no message could ever be sent."""
+        """Sends a message on the robot's channel `name`. Raises DriverError if sending fails before any
+        message was sent. Later, a message that can't be sent is lost without an error."""
         try:
             self.transmitter.send(f"{self._prefix}/{name}", data)
             self._works = True
@@ -67,7 +67,7 @@ class _Bus:
                 raise DriverError(f"{self._where}: the network accepts no data: {error.strerror}") from error
 
     def poll(self) -> Iterable[tuple[str, bytes, Address]]:
-        """Returns channel name, bytes and sender of the latest messages, oldest first; a bounded number."""
+        """Returns channel name, bytes and sender of the latest messages, oldest first, at most `PER_POLL`."""
         latest: deque[tuple[str, bytes, Address]] = deque(maxlen=PER_POLL)
         for channel, data, sender in self.receiver.poll():
             prefix, _, name = channel.rpartition("/")
@@ -85,7 +85,8 @@ class LcmDriver(RemoteDriver):
     """A robot that another process serves through LCM."""
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = False) -> None:
-        """Connects. Raises DriverError when nothing answers at `address` for a robot of this description."""
+        """Connects to `address`. Raises DriverError if no process at this address serves a robot with this
+        description."""
         where = _parse(address, robot)
         super().__init__(robot, middleware="lcm", place=str(where), arm=arm)
         self._bus = _Bus(where)
@@ -108,13 +109,13 @@ class LcmDriver(RemoteDriver):
         return reading
 
     def _is_late(self) -> bool:
-        """Returns True if the latest state was delayed."""
+        """Returns True if the latest state is older than the gate's `stale_after`."""
         assert self._state is not None
         return self.clock.now() - (self._state.now + self._shift) > self.gate.stale_after
 
     def _poll(self) -> Iterator[State | SessionFrame]:
-        """Accepts messages of the driver's session only from the sender of its first state: every member of
-        the group can read the number of the session."""
+        """Yields the received states and frames. A message with this driver's session number is accepted only
+        from the sender of the first state, since every member of the group can read that number."""
         readers: dict[str, Callable[[Robot, bytes], State | SessionFrame]] = {
             "state": to_state, "skin": to_skin
         }  # fmt: skip
@@ -165,14 +166,14 @@ class LcmServer(RemoteServer):
     """Serves a robot through LCM."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """Joins the group. Raises DriverError when `address` can't be used."""
+        """Joins the multicast group. Raises DriverError if `address` can't be used."""
         super().__init__(driver, address, middleware="lcm")
         self._where = _parse(address, driver.robot)
         self._bus = _Bus(self._where)
         self._homes: dict[int, Address] = {}
         self.rejected = 0
-        """Number of messages that were not orders for this robot, or used the name of a commander at another
-        address."""
+        """Number of rejected messages: messages without valid orders for this robot, and orders with the
+        client number of a process at another address."""
         self._facts, self._due = facts_bytes(driver.robot), -float("inf")
         self._open = True
 

@@ -1,7 +1,7 @@
-"""Conversion of `remote`'s messages to those of `tci_lcm/tci.lcm`, for which lcm-gen generates code in eight
-languages.
+"""Conversion between the messages of `tci.drivers.remote` and the LCM messages in `tci_lcm/tci.lcm`.
 
-`check`, their last field, is the CRC-32 of all bytes before it.
+The program lcm-gen generates code for these LCM messages in eight languages. Their last field, `check`, is
+the CRC-32 of all bytes before this field.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from tci.robot.description import Robot
 
 
 def robot_number(robot: Robot) -> int:
-    """Returns the first 8 bytes of the SHA-256 of a description, as a signed integer."""
+    """Returns the first 8 bytes of the SHA-256 hash of the robot's description, as a signed integer."""
     return int.from_bytes(bytes.fromhex(robot.digest[:16]), "big", signed=True)
 
 
 def facts_bytes(robot: Robot) -> bytes:
-    """Returns a facts_t with the robot's facts."""
+    """Returns an encoded facts_t with the facts about the robot."""
     json = zlib.compress(query(robot).model_dump_json().encode())
     return _sealed(facts_t, robot=robot_number(robot), size=len(json), json=json)
 
@@ -70,7 +70,7 @@ def state_bytes(robot: Robot, state: State) -> bytes:
 
 
 def to_state(robot: Robot, data: bytes) -> State:
-    """Returns the State in a state_t. Raises FrameError."""
+    """Decodes a state_t. Raises FrameError if it is invalid or for another robot."""
     found = _opened(robot, state_t, data)
     if found.num_joints != len(robot.servos) or found.num_commanders > MOST_COMMANDERS:
         raise FrameError(f"{found.num_joints} joints, {found.num_commanders} commanders for {robot.name}")
@@ -107,7 +107,8 @@ def frame_bytes(robot: Robot, message: SessionFrame) -> bytes:
 
 
 def to_skin(robot: Robot, data: bytes) -> SessionFrame:
-    """Returns the frame in a skin_t. Raises FrameError; conditioning checks if it fits its patch."""
+    """Decodes a skin_t. Raises FrameError if it is invalid or for another robot. Skin conditioning checks
+    later if the frame fits its patch."""
     found = _opened(robot, skin_t, data)
     if found.patch not in {patch.name for patch in robot.patches}:
         raise FrameError(f"frame of a patch {found.patch[:40]!r}, which {robot.name} lacks")
@@ -134,7 +135,8 @@ def orders_bytes(robot: Robot, message: Orders) -> bytes:
 
 
 def to_orders(robot: Robot, data: bytes) -> Orders:
-    """Returns the Orders in an orders_t. Raises FrameError; the gate checks the orders themselves."""
+    """Decodes an orders_t. Raises FrameError if it is invalid or for another robot. The gate checks later if
+    the orders are allowed."""
     found = _opened(robot, orders_t, data)
     if found.num_orders > MOST_ORDERS or not 0 < found.first < HIGHEST:
         raise FrameError(f"{found.num_orders} orders from number {found.first}; valid: {MOST_ORDERS}, from 1")

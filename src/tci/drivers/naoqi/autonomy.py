@@ -1,8 +1,8 @@
 """Autonomous motions and reflexes of a NAO, which interfere with a behaviour.
 
-An armed driver refuses to connect while an autonomous motion moves the joints. On request it switches these
-motions off, and on again when it is closed; nothing is switched without a request. The robot's own reflexes
-are not changed.
+An armed driver refuses to connect while an autonomous motion moves the joints. If the address contains
+`?life=off`, the driver switches these motions off, and on again when the driver is closed. Without this
+option nothing is switched. The robot's own reflexes are not changed.
 """
 
 from __future__ import annotations
@@ -16,57 +16,57 @@ from tci.drivers.naoqi.session import answer, service
 from tci.errors import DriverError
 
 PATIENCE = 5.0
-"""Longest time [s] for a switch. Assumed: ending autonomous life takes a few seconds."""
+"""Longest time [s] for switching a motion on or off. Assumed: ending autonomous life takes a few seconds."""
 LIFE_OFF = "disabled"
-"""State of autonomous life in which nothing moves by itself (Aldebaran's documentation)."""
+"""State of autonomous life in which the robot makes no autonomous motions (Aldebaran's documentation)."""
 LIFE = "ALAutonomousLife"
 """Name of the service of autonomous life."""
 EVERY = 1.0
-"""Time [s] between two queries of the state of autonomous life. Assumed: a person switches it, so a second is
-soon enough."""
+"""Time [s] between two queries of the state of autonomous life. Assumed: a person switches autonomous life on
+or off, so a delay of a second is acceptable."""
 ENABLED = ("ALBackgroundMovement", "ALBasicAwareness")
 """Services other than autonomous life that move the robot while they are enabled."""
 REFLEXES = {
     "getSmartStiffnessEnabled": "smart stiffness (lowers stiffness at rest)",
     "getFallManagerEnabled": "the fall manager (lets go when it believes to fall)",
 }
-"""Methods of ALMotion that return if a reflex is on, each with a description of the reflex."""
+"""Methods of ALMotion that return True if a reflex is on. Each method has a description of its reflex."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mover:
-    """An autonomous motion. The object contains only names, so it stays valid after its session has ended."""
+    """An autonomous motion. The object contains only names, so it can also be used in a later session."""
 
     name: str
     """Description for messages."""
     service: str
-    """Service with the methods that switch it."""
+    """Service with the method that switches the motion."""
     method: str
-    """Method that switches it."""
+    """Method that switches the motion on and off."""
     off: tuple[Any, ...]
-    """Arguments of `method` that switch it off."""
+    """Arguments of `method` that switch the motion off."""
     on: tuple[Any, ...]
-    """Arguments of `method` that restore its former state."""
+    """Arguments of `method` that restore the motion's former state."""
 
     @property
     def switch(self) -> tuple[str, str, tuple[Any, ...]]:
-        """Key of this motion, equal for every state in which the motion was on."""
+        """Key of this motion. It does not depend on the former state of the motion."""
         return self.service, self.method, self.off
 
     def turn(self, session: Any, arguments: tuple[Any, ...]) -> None:
-        """Switches it with the arguments `off` or `on`. Raises DriverError."""
+        """Switches the motion; `arguments` are `off` or `on`. Raises DriverError if that fails."""
         method = getattr(service(session, self.service), self.method)
         answer(method(*arguments, _async=True), f"{self.service}.{self.method}", timeout=PATIENCE)
 
 
 def present(session: Any) -> list[str]:
-    """Returns the services that may move the robot by themselves, of those that it has."""
+    """Returns the services of this robot that can start autonomous motions."""
     return [name for name in (LIFE, *ENABLED) if _service(session, name) is not None]
 
 
 def movers(session: Any, motion: Any, chains: list[str]) -> list[Mover]:
-    """Returns the autonomous motions that now move joints of the robot's `chains`. Services that a robot
-    lacks are skipped."""
+    """Returns the autonomous motions that are on now, for the whole robot or for one of its `chains` (groups
+    of joints). Services that the robot lacks are skipped."""
     found = []
     state = _ask(_service(session, LIFE), "getState")
     if isinstance(state, str) and state != LIFE_OFF:
@@ -89,7 +89,8 @@ def reflexes(motion: Any) -> list[str]:
 
 
 def switch_off(session: Any, found: list[Mover]) -> None:
-    """Switches movers off; if one fails, switches the earlier ones on again. Raises DriverError."""
+    """Switches autonomous motions off. If one can't be switched off, switches the earlier ones on again and
+    raises DriverError."""
     done: list[Mover] = []
     for mover in found:
         try:
@@ -101,7 +102,8 @@ def switch_off(session: Any, found: list[Mover]) -> None:
 
 
 def switch_on(session: Any, found: list[Mover]) -> list[str]:
-    """Restores movers, the last first; returns those that failed, with the reason."""
+    """Switches autonomous motions on again, in reverse order. Returns the names of motions for which this
+    failed, each with the reason."""
     left = []
     for mover in reversed(found):
         try:
@@ -112,19 +114,20 @@ def switch_on(session: Any, found: list[Mover]) -> list[str]:
 
 
 class Lookout:
-    """Detects that a person or another program switches autonomous life on. It queries from time to time and
-    never blocks."""
+    """Detects that a person or another program switches autonomous life on. Queries the state in the
+    background, at most once per `EVERY`."""
 
     def __init__(self, session: Any, *, was_off: bool) -> None:
-        """Takes `was_off`, which is True if autonomous life was off or not started, and not about to end."""
+        """Takes `was_off`: True if autonomous life was off or not started, False if it was on and may still
+        be ending."""
         self._session, self._was_off = session, was_off
         self._question = getattr(_service(session, LIFE), "getState", None)
         self._answer: Any = None
         self._due = -math.inf
 
     def look(self, now: float) -> str:
-        """Returns the state that it was switched to, at `now` [s]; empty otherwise, and while it is still
-        ending."""
+        """Returns the state to which autonomous life was switched on, at time `now` [s]. Returns an empty
+        text if autonomous life is off or still ending."""
         asked, seen = self._answer, ""
         if asked is not None and asked.isFinished():
             self._answer = None
@@ -148,7 +151,7 @@ def _service(session: Any, name: str) -> Any:
 
 
 def _ask(one: Any, question: str, *arguments: Any) -> Any:
-    """Returns an answer; None from a robot that does not have the method."""
+    """Returns the answer of a method; None if the robot lacks the method or the call fails."""
     try:
         return answer(getattr(one, question)(*arguments, _async=True), question, timeout=PATIENCE)
     except (AttributeError, DriverError):

@@ -1,4 +1,4 @@
-"""Data shared by a served robot's loop and NAOqi's services, which run in threads of `qi`."""
+"""Data shared by the loop of a served robot and its NAOqi services, which run in threads of `qi`."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from tci.robot.joint_calibration import joint_calibration
 
 
 class Board:
-    """The latest values in both directions. No caller waits, and no values are queued."""
+    """The latest measured values and the latest orders. Calls never wait, and older values are dropped."""
 
     def __init__(self, robot: Robot, first: Reading) -> None:
-        """Takes `first`, a reading from before the robot is served."""
+        """Takes `first`, a reading that is made before the server starts."""
         self.robot = robot
         self.measured: list[float] = first.joints.position.tolist()
         """Measured angles [rad] of all servos."""
@@ -32,7 +32,7 @@ class Board:
         self.stiffness = [1.0] * len(robot.servos)
         """Stiffness 0..1 of all servos."""
         self.gate = ["run", ""]
-        """State of the gate, and its reason."""
+        """State of the gate, and the reason for this state."""
         self._lock = threading.Lock()
         self._moves: dict[int, tuple[float, float]] = {}
         self._shares: dict[int, float] = {}
@@ -40,12 +40,12 @@ class Board:
         self._texts: dict[str, tuple[int, str]] = {}
 
     def store_skin(self, reading: Reading) -> None:
-        """Stores this period's skin. The loop calls it."""
+        """Stores the skin frames of one period. Called by the loop."""
         for frame in reading.skin:
             self._frames[frame.patch] = frame
 
     def store(self, reading: Reading, sent: SafeCommand) -> None:
-        """Stores one period. The loop calls it."""
+        """Stores joint data, command and gate state of one period. Called by the loop."""
         self.measured = reading.joints.position.tolist()
         if reading.joints.torque is not None:
             self.torque = reading.joints.torque.tolist()
@@ -58,8 +58,8 @@ class Board:
         self.gate = [sent.state.value, text_of(sent.reason)]
 
     def take(self) -> Sequence[Order]:
-        """Returns the latest order for each servo and removes these orders; older orders are dropped. The
-        loop calls it."""
+        """Returns and removes the latest orders, at most one angle and one stiffness for each servo. Called
+        by the loop."""
         with self._lock:
             moves, shares = self._moves, self._shares
             self._moves, self._shares = {}, {}
@@ -77,12 +77,12 @@ class Board:
                 self._moves[servo.index] = (angle, speed)
 
     def stiffen(self, servos: Sequence[Servo], shares: Sequence[float]) -> None:
-        """Sets fractions 0..1 of full stiffness, from the next period on."""
+        """Sets the stiffness of servos to fractions 0..1 of full stiffness, from the next period on."""
         with self._lock:
             self._shares.update({s.index: share for s, share in zip(servos, shares, strict=True)})
 
     def keys(self) -> dict[str, Callable[[], Any]]:
-        """Returns functions that give the robot's values in ALMemory, by key."""
+        """Returns for each key of ALMemory a function that returns the present value."""
         keys: dict[str, Callable[[], Any]] = {"TCI/Gate": lambda: self.gate}
         for servo in self.robot.servos:
             keys[words.angle_key(servo.name, "Sensor")] = partial(self._measured, servo.index)
@@ -107,7 +107,7 @@ class Board:
         return self.commanded[servo]
 
     def _current(self, servo: int, constant: float) -> float:
-        """Returns a current [A], which has no sign."""
+        """Returns the current [A] of a servo without its sign."""
         return abs(self.torque[servo]) / constant
 
     def _channel(self, patch: str, place: int) -> float | None:

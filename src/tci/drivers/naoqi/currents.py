@@ -1,8 +1,8 @@
-"""Torques from the currents of a NAO's motors.
+"""Joint torques, computed from the motor currents of a NAO.
 
-NAOqi reports amperes. Neither their sign nor the constants of motors and gears are published. So the constant
-is a setting of each joint (`JointCalibration.amperes`), and a motor is assumed to push towards its commanded
-angle, as a position controller does.
+NAOqi reports motor currents [A]. Neither the sign of the currents nor the constants of motors and gears are
+published. Therefore the constant [N m/A] is a setting of each joint (`JointCalibration.amperes`). The sign of
+the torque is an assumption: a motor pushes towards its commanded angle, as a position controller does.
 """
 
 from __future__ import annotations
@@ -19,10 +19,11 @@ from tci.robot.joint_calibration import joint_calibration
 
 
 class Currents:
-    """The currents of those servos whose constant is known."""
+    """Converts the currents of all servos with a known constant to torques."""
 
     def __init__(self, robot: Robot, names: Sequence[str]) -> None:
-        """Takes the robot's own `names` (n,) of its joints. Raises the errors of `joint_calibration`."""
+        """Takes `names` (n,), the robot's own names of its joints. Raises the errors that `joint_calibration`
+        raises."""
         known = joint_calibration(robot).amperes
         servos = [servo.index for servo in robot.servos if servo.name in known]
         self._count, self._servos = len(robot.servos), np.array(servos, dtype=np.intp)
@@ -32,11 +33,15 @@ class Currents:
             *(words.current_key(name) for name in chosen),
             *(words.angle_key(name, "Actuator") for name in chosen),
         ]
-        """ALMemory's keys of currents and commanded angles; none without a constant."""
+        """ALMemory keys of the currents and the commanded angles of these servos. Empty if no constant is
+        known."""
 
     def torque(self, values: Sequence[Any], position: Array) -> Array:
-        """Returns torques (n,) [N m] from the values of `keys` at measured angles (n,) [rad]; NaN for a servo
-        without a constant or without a number."""
+        """Returns the torques (n,) [N m] of all servos.
+
+        `values` are the values of `keys`, and `position` (n,) [rad] are the measured angles. The torque of a
+        servo is NaN if it has no constant, or if one of its values is not a number.
+        """
         numbers = [value if isinstance(value, int | float) else np.nan for value in values]
         amperes, wanted = np.array(numbers, dtype=float).reshape(2, -1)
         torque = np.full(self._count, np.nan)

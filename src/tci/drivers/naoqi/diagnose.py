@@ -17,15 +17,16 @@ from tci.errors import DriverError
 from tci.robot.description import Robot
 
 CLOSE = np.deg2rad(0.6)
-"""Difference [rad] up to which limits count as equal. Assumed: manufacturers round limits to half a
-degree."""
+"""Limits that differ by at most this angle [rad] count as equal. Assumed: manufacturers round limits to half
+a degree."""
 OFFSET = 1.0
-"""Offset [s] of the robot's clock above which its logs can't be compared with TCI's. Assumed: log entries are
-compared to the second."""
+"""Largest offset [s] of the robot's clock with which the robot's logs can be compared with TCI's logs.
+Assumed: the times of log entries are compared with a resolution of one second."""
 
 
 def examine(robot: Robot, poller: Poller, stream: Stream | None) -> tuple[Finding, ...]:
-    """Returns the findings about the robot behind `poller`. Raises DriverError while it is not connected."""
+    """Returns the findings about the robot that `poller` reads. Raises DriverError if the robot is not
+    connected."""
     if poller.trouble:
         raise DriverError(poller.trouble)
     found = [*_version(poller), *_trips(poller), *_clock(poller), *_skin(poller)]

@@ -27,29 +27,32 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 PATIENCE = 0.9
-"""Fraction of a period for which `read` waits for a new reading before it returns the previous one. Assumed:
-the rest is for computations."""
+"""Fraction of a period for which `read` waits for a new reading before it returns the previous reading.
+Assumed: the loop computes in the rest of the period."""
 SWITCH_ON = 0.3
-"""Time [s] within which a servo must report the stiffness that it was sent. Assumed: several queries of
-`poller.SLOW`."""
+"""For this time [s] after a stiffness command, a servo counts as powered, although it may still report zero
+stiffness. Assumed: several times `poller.SLOW`, the time between two stiffness requests."""
 LAST = 10.0
-"""Longest time [s] that closing waits until a new connection has switched autonomous motions off, before
-closing switches them on again. Assumed: twice `autonomy.PATIENCE`."""
+"""Longest time [s] for which `close` waits for a reconnection in progress. A reconnection may be switching
+autonomous motions off, and `close` can switch them on again only afterwards. Assumed: twice
+`autonomy.PATIENCE`."""
 
 
 class NaoqiDriver(Driver):
-    """Driver of a NAO. It is armed only on request, and never while the robot moves by itself."""
+    """Driver of a NAO. The driver is armed only on request, and never while the robot moves by itself."""
 
     def __init__(
         self, robot: Robot, address: str = "", *, arm: bool = False, joints: bool = True, skin: bool = True
     ) -> None:
         """Connects to `address`, such as `//10.0.0.5` or `//nao@10.0.0.5`.
 
-        Without `joints` or `skin` only the other one is read; without joints nothing can be moved.
+        With `joints=False`, only the skin is read, and nothing can be moved. With `skin=False`, only the
+        joints are read.
 
-        An armed driver refuses a robot that moves by itself (autonomous life, breathing, ...); with
-        `?life=off` after the address it switches these motions off until it is closed. Each new connection is
-        checked like the first one: autonomous motions are switched off too, or the gate stops.
+        An armed driver does not connect to a robot that moves by itself (for example autonomous life or
+        breathing). With `?life=off` after the address, the driver switches these motions off until it is
+        closed. After a lost connection, the new connection is checked in the same way. If the robot then
+        moves by itself and the address lacks `?life=off`, the gate stops all joints.
 
         Raises DriverError if the robot can't be reached, does not fit the description, or moves by itself.
         """
@@ -146,8 +149,8 @@ class NaoqiDriver(Driver):
         self._poller.close()
 
     def _open_stream(self) -> Stream:
-        """Opens the stream with the robot's own joint data. Raises DriverError if a joint of the description
-        is missing."""
+        """Creates the stream of target angles, with the joint limits that the robot reports. Raises
+        DriverError if the robot lacks a joint of the description."""
         motion, names = self._poller.services.motion, self._poller.names
         limits = answer(motion.getLimits("Body", _async=True), "ALMotion.getLimits", timeout=3.0)
         known = answer(motion.getBodyNames("Body", _async=True), "ALMotion.getBodyNames", timeout=3.0)
@@ -162,7 +165,8 @@ class NaoqiDriver(Driver):
         return Stream(names, lower, upper, fastest)
 
     def _greet(self, services: Services) -> None:
-        """Checks a reconnected robot, in the poller's thread: the gate holds until this is done."""
+        """Checks a robot after a reconnection, in the poller's thread. The gate holds until the check is
+        done."""
         if not self.armed:
             return
         for name in self._may_move:
@@ -182,8 +186,8 @@ class NaoqiDriver(Driver):
             self._restless = Reason(Code.MOVED_BY_ITSELF, words)
 
     def _quieten(self, services: Services) -> None:
-        """Switches autonomous motions off. Raises DriverError if the address does not ask for that or it
-        fails."""
+        """Switches autonomous motions off. Raises DriverError if that fails, or if an autonomous motion is on
+        and the address lacks `?life=off`."""
         chains = list(dict.fromkeys(servo.robot_part for servo in self.robot.servos))
         self._may_move = self._may_move or autonomy.present(services.session)
         found = autonomy.movers(services.session, services.motion, chains)
@@ -200,8 +204,8 @@ class NaoqiDriver(Driver):
         self._lookout = autonomy.Lookout(services.session, was_off=was_off)
 
     def _restore(self) -> None:
-        """Switches on the motions that were switched off, in a new session if this one has ended. Warns about
-        those that stay off."""
+        """Switches autonomous motions on again that this driver switched off. If the session has ended, a new
+        session is opened. Warns about motions that stay off."""
         found, services = list(self._switched.values()), self._poller.services
         left: list[str] = []
         try:

@@ -21,23 +21,22 @@ from tci.messages import JointReading, Reading, SkinFrame
 from tci.robot.description import Robot
 
 ANSWER = 0.05
-"""Longest time [s] to wait for an answer while running. Assumed: 2.5 of ALMotion's periods."""
+"""Longest time [s] to wait for an answer after connecting. Assumed: 2.5 periods of ALMotion."""
 GONE = 1.0
 """Time [s] without an answer after which the connection counts as lost. Assumed: twenty times `ANSWER`."""
 AGAIN = 0.3
 """Time [s] between two attempts to reconnect. Assumed: attempts cost little, and a robot needs seconds to
 start."""
 IDLE = 0.1
-"""Longest time [s] between two requests if no reader waits. Assumed: keeps the connection checked at little
-cost."""
+"""Longest time [s] between two requests while no call of `read` waits. Assumed: this rate detects a lost
+connection at little cost."""
 EARLY, LATE = 0.0005, 0.0025
-"""Window [s] before and after the time of a skin frame in which the frame is requested. Assumed; a wider one
-asks more often, a narrower one misses late frames."""
+"""A skin frame is requested from EARLY [s] before its expected time until LATE [s] after it. Assumed: a
+longer window causes more requests, a shorter window misses late frames."""
 STEP = 0.001
-"""Assumed largest age [s] of the frame that the first request returns."""
+"""A skin frame that a request returns for the first time is assumed to be at most this old [s]."""
 FIRST = 0.003
-"""Time [s] before a skin frame is due within which it is requested before the joints. Assumed: the length of
-the window of `EARLY` and `LATE`."""
+"""A skin frame that is due within this time [s] is requested before the joints. Assumed: `EARLY` + `LATE`."""
 SLOW = 0.05
 """Time [s] between two requests for stiffness. Assumed: stiffness changes slowly."""
 
@@ -52,28 +51,31 @@ class Sensed:
 
 
 class Poller:
-    """Requests data of one robot whenever a reader waits, and at a low rate otherwise."""
+    """Requests data of one robot whenever a call of `read` waits, and otherwise at a low rate."""
 
     def __init__(
         self, robot: Robot, address: Address, clock: Clock, *, joints: bool, skin: bool,
         greet: Callable[[Services], None], glance: Callable[[], None],
     ) -> None:  # fmt: skip
-        """Connects, and requests data once. The thread calls `greet` for each later connection, before the
-        robot counts as connected; if `greet` raises DriverError, the thread connects again. It calls `glance`
-        after each answer, for tasks without a deadline. Raises DriverError."""
+        """Connects, and requests data once. Raises DriverError if that fails.
+
+        After each reconnection, the thread calls `greet`. The robot counts as connected when `greet` has
+        returned. If `greet` raises DriverError, the thread connects again. After each answer, the thread
+        calls `glance`, for tasks that are not urgent.
+        """
         self.robot, self.address, self.clock = robot, address, clock
         self._greet, self._glance = greet, glance
         binding = robot.binding(words.MIDDLEWARE)
         self.names = [binding.address(servo.name, servo.name) for servo in robot.servos]
         """The robot's own names of its joints, in the description's order."""
         self.keys = words.skin_keys(robot, binding) if skin else {}
-        """The ALMemory key of each patch that is read, or the keys of its channels."""
+        """ALMemory keys of each patch that is read: one key for the patch, or one key per channel."""
         self.trips: deque[float] = deque(maxlen=1000)
         """Durations [s] of the latest requests."""
         self.counts: Counter[str] = Counter()
-        """Numbers of `polls`, `failures`, `reconnections`, and `bad` frames."""
+        """Counts of requests (`polls`), `failures`, `reconnections` and invalid skin frames (`bad`)."""
         self.trouble = ""
-        """Reason why there is no answer now; empty if there is one."""
+        """Reason why the robot does not answer now. Empty if it answers."""
         self._joints = joints
         self._currents = Currents(robot, self.names)
         self._channels = {patch.name: patch.channels for patch in robot.skin}
@@ -98,15 +100,18 @@ class Poller:
             raise
         self._known, self._look, self._back = dict(self._asks), -np.inf, np.inf
         self.generation = 0
-        """Number that increases with each new connection, and after each long time without answers."""
+        """Counter that increases after each reconnection, and after each interval without answers that is
+        longer than `stale_after`."""
         self._wanted, self._fresh = threading.Event(), threading.Event()
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"naoqi {address.host}", daemon=True)
         self._thread.start()
 
     def read(self, patience: float) -> Sensed:
-        """Returns the latest data; waits up to `patience` [s] for data requested now, or until a skin frame
-        that is due before then has arrived."""
+        """Requests new data and returns it; returns the previous data if no answer arrives in time.
+
+        Waits at most `patience` [s] for the answer, plus `LATE` [s] if a skin frame is due in this time.
+        """
         self._fresh.clear()
         self._until = self.clock.now() + patience
         self._wanted.set()
@@ -114,7 +119,7 @@ class Poller:
         return self.latest
 
     def end(self, patience: float) -> None:
-        """Ends the thread; waits up to `patience` [s] for a connection that it is making."""
+        """Ends the thread. Waits at most `patience` [s] for the end, since the thread may be connecting."""
         self._end.set()
         self._wanted.set()
         self._thread.join(timeout=patience)
@@ -158,15 +163,15 @@ class Poller:
                 self._end.wait(AGAIN)
 
     def _next_frame(self) -> float | None:
-        """Returns the time [s] of the next frame if it is due now or before the present reader stops
-        waiting."""
+        """Returns the time [s] at which the next skin frame is due. Returns None if no frame is due before
+        `read` stops waiting."""
         now = self.clock.now()
         due = (seen + self._every[patch] for patch, seen in self._seen.items())
         return min((one for one in due if now - LATE < one < self._until), default=None)
 
     def _skin_first(self) -> bool:
-        """Returns True if the joints of the previous period are recent enough to request a due frame
-        first."""
+        """Returns True if the skin is requested before the joints. This is so if a skin frame is due soon,
+        and the joint data of the previous period is recent enough."""
         due, before = self._next_frame(), self._before
         now, longest = self.clock.now(), 2.0 * self._period
         return due is not None and before is not None and due - now < FIRST and now - before.stamp < longest
@@ -179,8 +184,8 @@ class Poller:
         self.counts["reconnections"] += 1
 
     def _look_again(self) -> None:
-        """Searches again for skin that was found at the first connection, since its publisher may start later
-        than NAOqi."""
+        """Searches again for patches that the first connection found and a later connection lacks. Their
+        publisher may start later than NAOqi."""
         lost = {p: self.keys[p] for p, keys in self._known.items() if self._asks.get(p) != keys}
         if lost and self.clock.now() >= self._look:
             self._look = self.clock.now() + GONE
@@ -189,7 +194,7 @@ class Poller:
             self._known |= {p: self._asks[p] for p in here}  # published again, possibly in another form
 
     def _try(self, key: str) -> Any:
-        """Returns a value; None if there is none, `words.REFUSED` from a NAOqi that refuses such a
+        """Returns the value of a key, None if there is no value, or `words.REFUSED` if NAOqi refuses the
         request."""
         try:
             return self._values(self.services.memory.getListData([key], _async=True), [key], 1.0)[0]
@@ -206,7 +211,8 @@ class Poller:
         return list(values)
 
     def _ask(self, joints: JointReading | None = None) -> Sensed:
-        """Makes one request, for skin only if `joints` have just been read. Raises DriverError."""
+        """Makes one request for joints and skin. If `joints` are given, requests only the skin. Raises
+        DriverError if the answer is late or invalid."""
         begin = self.clock.now()
         motion, memory = self.services.motion, self.services.memory
         asked = {patch: keys for patch, keys in self._asks.items() if begin >= self._due.get(patch, -np.inf)}
@@ -271,7 +277,7 @@ class Poller:
         return numbers
 
     def _frame(self, patch: str, stamp: float, found: list[Any]) -> SkinFrame | None:
-        """Returns the frame if it is a new one. Raises FrameError for an invalid one."""
+        """Returns the frame if it is new, otherwise None. Raises FrameError if the frame is invalid."""
         old = self._frames.get(patch)
         if len(self.keys[patch]) > 1:
             self._due[patch] = stamp + 0.9 * self._every[patch]
@@ -298,7 +304,7 @@ class Poller:
 
 
 def _vector(patch: str, value: list[Any] | tuple[Any, ...]) -> NDArray[np.generic]:
-    """Converts a plain vector of ALMemory. Its length is checked with that of all frames."""
+    """Converts a vector of numbers from ALMemory. Its length is checked later, as for all frames."""
     try:
         values = np.array(value)
     except ValueError:

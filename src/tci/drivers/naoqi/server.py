@@ -1,8 +1,9 @@
-"""`tci serve nao --via naoqi`: any NAO, such as the simulated one, as a NAOqi service over a real socket.
+"""`tci serve nao --via naoqi`: serves any NAO, for example the simulated one, as NAOqi would.
 
-Its clients are any programs that use NAOqi through `qi`. As with ALMotion, joints move to the latest target
-at a fraction of the top speed, but through the gate of this process. There is no login, so by default only
-this machine can connect.
+Clients are programs that use NAOqi through the library `qi`; they connect over a real socket. As with the
+real ALMotion, joints move to the latest target at a fraction of the top speed. In addition, every motion
+passes the safety gate of this process. There is no login, so by default only programs on this machine can
+connect.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ class NaoqiServer(Server):
     """Serves the robot of a driver as NAOqi would."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """Listens at `address`, HOST:PORT. Raises DriverError if that fails."""
+        """Listens at `address` (HOST:PORT). Raises DriverError if that fails."""
         super().__init__(driver, address)
         host, _, port = address.removeprefix("//").rpartition(":")
         if not host and port and not port.isdigit():

@@ -1,7 +1,7 @@
-"""NAOqi's services of a served robot. Their methods are called from threads of `qi`.
+"""NAOqi services of a served robot. Threads of `qi` call their methods.
 
-They offer only the part of a NAO's services that concerns joints, touch and memory. Names, arguments and
-meanings are Aldebaran's.
+They offer only the methods of a real NAO that concern joints, touch and memory. Each method has the name, the
+arguments and the meaning that Aldebaran's documentation gives.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from tci.drivers.naoqi.board import Board
 from tci.robot.description import Servo
 
 SETTLED = 0.01
-"""Distance [rad] from its target at which a blocking motion has arrived. Assumed: 0.6 degrees; because of
-backlash, a smaller distance may never be reached."""
+"""In a blocking motion, a joint has arrived if it is within this distance [rad] of its target. Assumed: 0.6
+degrees; because of backlash, a smaller distance may never be reached."""
 LONGEST = 1000
 """Largest number of joints or keys in one call."""
 
 
 @qi.multiThreaded()
 class ALMotion:
-    """Joints: angles, stiffness, limits, blocking motions."""
+    """NAOqi's service for joints: angles, stiffness, limits, and blocking motions."""
 
     def __init__(self, board: Board) -> None:
         self._board = board
@@ -34,12 +34,12 @@ class ALMotion:
         self._breath: dict[str, bool] = {}
 
     def getBodyNames(self, name: str) -> list[str]:
-        """Returns the names of the joints of a chain, or of all."""
+        """Returns the names of the joints of a chain, or of all joints if `name` is `Body`."""
         return [servo.name for servo in self._find(name)]
 
     @qi.bind(qi.List(qi.Float), [qi.Dynamic, qi.Bool])
     def getAngles(self, names: Any, useSensors: bool) -> list[float]:
-        """Returns angles [rad], measured or commanded."""
+        """Returns measured angles [rad] if `useSensors` is True, otherwise commanded angles [rad]."""
         angles = self._board.measured if useSensors else self._board.commanded
         return [angles[servo.index] for servo in self._find(names)]
 
@@ -50,20 +50,21 @@ class ALMotion:
         return [shares[servo.index] for servo in self._find(names)]
 
     def getLimits(self, name: Any) -> list[list[float]]:
-        """Returns lower and upper limit [rad], speed [rad/s] and torque [N m] of each joint."""
+        """Returns for each joint: lower limit [rad], upper limit [rad], top speed [rad/s], largest torque [N
+        m]."""
         return [_limits(servo) for servo in self._find(name)]
 
     @qi.bind(qi.Void, [qi.Dynamic, qi.Dynamic])
     def setStiffnesses(self, names: Any, stiffnesses: Any) -> None:
-        """Sets stiffnesses 0..1, one for all joints or one for each."""
+        """Sets stiffnesses 0..1. Takes one number for all joints, or one number per joint."""
         servos = self._find(names)
         shares = _numbers(stiffnesses, len(servos), "stiffness", 0.0, 1.0)
         self._board.stiffen(servos, shares)
 
     @qi.bind(qi.Void, [qi.Dynamic, qi.Dynamic, qi.Float])
     def setAngles(self, names: Any, angles: Any, fractionMaxSpeed: float) -> None:
-        """Moves joints to angles [rad] at that fraction of the top speed; a later call replaces this one at
-        once."""
+        """Moves joints to `angles` [rad] at the fraction `fractionMaxSpeed` of their top speed. A later call
+        replaces these targets at once."""
         servos = self._find(names)
         wanted = _numbers(angles, len(servos), "angle [rad]", -7.0, 7.0)
         share = _numbers(fractionMaxSpeed, 1, "fractionMaxSpeed", 1e-6, 1.0)[0]
@@ -80,7 +81,7 @@ class ALMotion:
 
     @qi.bind(qi.Void, [qi.Dynamic, qi.Dynamic, qi.Float])
     def angleInterpolationWithSpeed(self, names: Any, targetAngles: Any, maxSpeedFraction: float) -> None:
-        """Moves joints to angles [rad] and returns when they have arrived."""
+        """Moves joints to `targetAngles` [rad]. Returns when all joints have arrived."""
         servos = self._find(names)
         self.setAngles(names, targetAngles, maxSpeedFraction)
         wanted = _numbers(targetAngles, len(servos), "angle [rad]", -7.0, 7.0)
@@ -89,7 +90,8 @@ class ALMotion:
 
     @qi.bind(qi.Void, [qi.Dynamic, qi.Dynamic, qi.Dynamic, qi.Bool])
     def angleInterpolation(self, names: Any, angleLists: Any, timeLists: Any, isAbsolute: bool) -> None:
-        """Moves each joint to one target, reached after that time [s]; returns when they have arrived."""
+        """Moves each joint to one target within its time [s] in `timeLists`. Returns when all joints have
+        arrived."""
         servos = self._find(names)
         commanded = self._board.commanded
         wanted = _numbers(angleLists, len(servos), "angle [rad] (one for each joint)", -7.0, 7.0)
@@ -104,13 +106,13 @@ class ALMotion:
         self._wait(servos, wanted, 2.0 + max(times))
 
     def killTasksUsingResources(self, resourceNames: Any) -> None:
-        """Stops joints where they are."""
+        """Stops joints at their present angles."""
         servos, here = self._find(resourceNames), self._board.measured
         movable = [servo for servo in servos if servo.limits.velocity is not None]
         self._board.move(movable, [here[s.index] for s in movable], [_limits(s)[2] for s in movable])
 
     def killAll(self) -> None:
-        """Stops all joints where they are."""
+        """Stops all joints at their present angles."""
         self.killTasksUsingResources("Body")
 
     def wakeUp(self) -> None:
@@ -118,15 +120,15 @@ class ALMotion:
         self.setStiffnesses("Body", 1.0)
 
     def rest(self) -> None:
-        """Sets zero stiffness. A NAO on its legs sits down first; a served one has no legs."""
+        """Sets zero stiffness. A real NAO sits down first; a served NAO does not, since it has no legs."""
         self.setStiffnesses("Body", 0.0)
 
     def robotIsWakeUp(self) -> bool:
-        """Returns True if the joints are stiff."""
+        """Returns True if at least one joint is stiff."""
         return max(self._board.stiffness) > 0.0
 
     def getBreathEnabled(self, chain: str) -> bool:
-        """Returns True if the chain breathes, that is, moves slightly when idle."""
+        """Returns True if breathing (slight motions when idle) is switched on for the chain."""
         return self._breath.get(chain, False)
 
     def setBreathEnabled(self, chain: str, enabled: bool) -> None:
@@ -134,7 +136,7 @@ class ALMotion:
         self._breath[str(chain)[:40]] = bool(enabled)
 
     def _find(self, names: Any) -> list[Servo]:
-        """Finds joints by a name, a chain, or a list of them."""
+        """Finds joints by the name of a joint or chain, or by a list of names."""
         found: list[Servo] = []
         every = list(names) if isinstance(names, list | tuple) else [names]
         if len(every) > LONGEST:
@@ -169,16 +171,16 @@ class ALMotion:
 
 @qi.multiThreaded()
 class ALMemory:
-    """Values by key: those of the robot, and those that clients insert."""
+    """Values by key: the robot's own values, and values that clients insert."""
 
     def __init__(self, live: dict[str, Callable[[], Any]]) -> None:
-        """Takes as `live` the functions that give the robot's own values, by key."""
+        """Takes `live`: for each key of the robot, a function that returns the present value."""
         self._live = live
         self._own: dict[str, tuple[Any, float]] = {}
         self._lock = threading.Lock()
 
     def getData(self, key: str) -> Any:
-        """Returns the value of a key. Raises KeyError for a key that does not exist."""
+        """Returns the value of a key. Raises KeyError if the key does not exist."""
         found, value = self._value(key)
         if not found:
             raise KeyError(f"getData: no data at key {str(key)[:80]}")
@@ -186,7 +188,7 @@ class ALMemory:
 
     @qi.bind(qi.Dynamic, [qi.Dynamic])
     def getListData(self, keys: Any) -> list[Any]:
-        """Returns the values of several keys; None for a key that does not exist."""
+        """Returns the values of several keys. The value of a key that does not exist is None."""
         if not isinstance(keys, list | tuple) or len(keys) > LONGEST:
             raise ValueError(f"getListData: valid: a list of at most {LONGEST} keys")
         if not all(isinstance(key, str) for key in keys):
@@ -194,7 +196,8 @@ class ALMemory:
         return [self._value(key)[1] for key in keys]
 
     def getTimestamp(self, key: str) -> list[Any]:
-        """Returns a value and the time of its insertion: seconds and microseconds of the robot's clock."""
+        """Returns a value and its time on the robot's clock, as seconds and microseconds. The time of an
+        inserted value is the time of insertion; for a value of the robot it is now."""
         value = self.getData(key)
         stamp = self._own[key][1] if key in self._own else time.time()
         return [value, int(stamp), int(1e6 * (stamp % 1.0))]
@@ -224,7 +227,7 @@ class ALMemory:
 
 @qi.multiThreaded()
 class ALAutonomousLife:
-    """Autonomous life as a stored state; it moves nothing."""
+    """Autonomous life. Its state is only stored and moves nothing."""
 
     def __init__(self) -> None:
         self._state = "disabled"
@@ -246,12 +249,13 @@ class ALSystem:
     """Identity of the served robot."""
 
     def systemVersion(self) -> str:
-        """Returns the version of NAOqi, as a text that says that this is not NAOqi."""
+        """Returns a NAOqi version with the note that TCI serves this robot."""
         return "2.8 (served by TCI)"
 
 
 def all_services(board: Board) -> dict[str, object]:
-    """Returns every service by its name, ALMotion last: a client that finds it finds all others."""
+    """Returns all services by name. ALMotion is the last one, so a client that finds ALMotion finds all
+    services."""
     return {
         "ALMemory": ALMemory(board.keys()),
         "ALAutonomousLife": ALAutonomousLife(),
@@ -261,15 +265,16 @@ def all_services(board: Board) -> dict[str, object]:
 
 
 def _limits(servo: Servo) -> list[float]:
-    """Returns limits as ALMotion gives them; a hand opens from 0 to 1."""
+    """Returns lower limit, upper limit, top speed and largest torque, as ALMotion does. The limits of a hand
+    are 0 and 1."""
     limits = servo.limits
     values = (limits.lower, limits.upper, limits.velocity, limits.torque)
     return [float(b if a is None else a) for a, b in zip(values, (0.0, 1.0, 8.33, 0.0), strict=True)]
 
 
 def _numbers(values: Any, count: int, what: str, lowest: float, highest: float) -> list[float]:
-    """Returns one number for each item, from one for all or one for each. Raises ValueError for anything
-    else."""
+    """Returns `count` numbers; a single number is repeated `count` times. Raises ValueError if `values` has
+    another length or an invalid number."""
     given = list(values) if isinstance(values, list | tuple) else [values] * count
     valid = len(given) == count and all(
         isinstance(v, int | float) and math.isfinite(v) and lowest <= v <= highest for v in given

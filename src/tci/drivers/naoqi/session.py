@@ -18,10 +18,10 @@ PORT = 9559
 SECURE_PORT = 9503
 """Port of NAOqi 2.9, which uses credentials and encryption."""
 PASSWORD = "TCI_NAOQI_PASSWORD"
-"""Environment variable with the password; a command line would be visible to other users."""
+"""Environment variable with the password. Other users could read a password on the command line."""
 TIMEOUT = 3.0
-"""Longest time [s] to connect, and for answers while connecting. Assumed: a robot on the local network
-answers within a second."""
+"""Longest time [s] for connecting, and for each answer while connecting. Assumed: a robot on the local
+network answers within a second."""
 VALID = "valid: naoqi://HOST[:PORT], or naoqi://USER@HOST for NAOqi 2.9"
 
 # The library logs to standard output, which other programs may parse.
@@ -35,21 +35,23 @@ class Address:
     host: str
     port: int
     user: str = ""
-    """User name for the login; empty for NAOqi up to 2.8, which has none."""
+    """User name for the login. Empty for NAOqi up to 2.8, which has no login."""
     life: str = "refuse"
-    """Action of an armed driver if autonomous life or the like moves joints: `refuse`, or switch it `off`."""
+    """Action of an armed driver if the robot moves by itself: `refuse` to connect, or switch these motions
+    `off`."""
 
     @property
     def url(self) -> str:
-        """Address as `qi` expects it."""
+        """Address in the form that `qi` expects."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{'tcps' if self.user else 'tcp'}://{host}:{self.port}"
 
 
 def parse_address(text: str) -> Address:
-    """Parses an address as it follows `naoqi:`, such as `//10.0.0.5`, `10.0.0.5:9559` or `//nao@10.0.0.5`.
+    """Parses the part of an address after `naoqi:`, such as `//10.0.0.5`, `10.0.0.5:9559` or
+    `//nao@10.0.0.5`.
 
-    Raises DriverError.
+    Raises DriverError if the address is invalid.
     """
     parts = urlsplit(text if text.startswith("//") else f"//{text}")
     try:
@@ -68,7 +70,8 @@ def parse_address(text: str) -> Address:
 
 
 class _Login:
-    """Credentials in the form that `qi` requires: a factory and its product in one object."""
+    """Credentials in the form that `qi` requires. This object is both the factory and the authenticator that
+    the factory makes."""
 
     def __init__(self, user: str, password: str) -> None:
         self._words = {"user": user, "token": password}
@@ -81,7 +84,7 @@ class _Login:
 
 
 def open_session(address: Address, *, timeout: float = TIMEOUT) -> Any:
-    """Opens a `qi.Session`. Raises DriverError if there is none within `timeout` [s]."""
+    """Opens a `qi.Session`. Raises DriverError if the session is not open within `timeout` [s]."""
     session = qi.Session()
     if address.user:
         password = os.environ.get(PASSWORD)
@@ -98,9 +101,10 @@ def open_session(address: Address, *, timeout: float = TIMEOUT) -> Any:
 
 
 def service(session: Any, name: str) -> Any:
-    """Returns a service by name; a robot that has just been switched on may need a moment.
+    """Returns a service by name. Waits for the service, since a robot that was just switched on is still
+    starting.
 
-    Raises DriverError if the service is not there within TIMEOUT.
+    Raises DriverError if the service is not available within TIMEOUT.
     """
     until = time.monotonic() + TIMEOUT
     while True:
@@ -122,7 +126,8 @@ class Services:
     """The services of one session."""
 
     def __init__(self, address: Address, *, motion: bool) -> None:
-        """Opens the services. Raises DriverError; without `motion` ALMotion may be missing."""
+        """Opens a session and its services; ALMotion only if `motion` is True. Raises DriverError if a
+        service is missing."""
         self.session = open_session(address)
         try:
             self.motion: Any = service(self.session, "ALMotion") if motion else None
@@ -138,7 +143,8 @@ class Services:
 
 
 def answer(future: Any, what: str, *, timeout: float) -> Any:
-    """Returns the result of a call. Raises DriverError if it fails, or takes longer than `timeout` [s]."""
+    """Returns the result of a call. Raises DriverError if the call fails, or takes longer than `timeout`
+    [s]."""
     try:
         return future.value(int(1e3 * timeout))
     except RuntimeError as error:
@@ -146,7 +152,7 @@ def answer(future: Any, what: str, *, timeout: float) -> Any:
 
 
 def first_line(error: Exception) -> str:
-    """Returns the text of an error of `qi`, without the traceback lines of Python or C++ that follow."""
+    """Returns the first line of an error of `qi`, without the traceback that follows."""
     return (str(error).strip().splitlines() or ["no reason given"])[0][:200].rstrip(".:")
 
 

@@ -1,9 +1,9 @@
 """Continuous motion with ALMotion: new target angles in each period.
 
-ALMotion comes to rest at each target unless the next one arrives earlier (libqi issue 29). Therefore the
-target of a moving servo is its planned position two of ALMotion's periods later, with a speed that does not
-reach it earlier. The last target is the position at which the servo stops. If the stream is interrupted, the
-robot stops at the latest target.
+ALMotion comes to rest at each target unless the next target arrives earlier (libqi issue 29). Therefore a
+moving servo gets as target the position that is planned for two periods of ALMotion later. The sent speed is
+so low that the servo does not reach this target before that time. The last target of a motion is the position
+at which the servo stops. If the stream is interrupted, the robot stops at the latest target.
 """
 
 from __future__ import annotations
@@ -18,33 +18,34 @@ from tci.frames import Array
 from tci.gate.gate import SafeCommand
 
 AHEAD = 2.0 * CYCLE
-"""Time [s] ahead of its reference for which a servo's position is sent, on the path that the gate has
-planned. Assumed: two of ALMotion's periods."""
+"""Lead time [s]: each target is the position that the gate has planned for this time later. Assumed: two
+periods of ALMotion."""
 CATCH_UP = 0.05
-"""Time [s] in which a servo reaches its target at the sent speed, from its measured position or from the
-previous target, whichever is farther. Assumed: a little more than AHEAD, so that the servo neither arrives
-before the next target nor lags far behind."""
+"""Time [s] in which a servo reaches its target at the sent speed. The distance is counted from the measured
+position or from the previous target, whichever is farther. Assumed: a little more than AHEAD, so that the
+servo neither arrives before the next target nor lags far behind."""
 LEAST = 0.02
-"""Smallest fraction of the top speed that is sent, since at zero a servo would never arrive. Assumed: a
+"""Smallest fraction of the top speed that is sent. At speed zero, a servo would never arrive. Assumed: a
 larger fraction makes slow motions jerky."""
 EVERY = 0.01
-"""Shortest time [s] between two targets of a moving servo: NAO's device cycle."""
+"""Shortest time [s] between two targets of a moving servo. This is the cycle time of NAO's devices."""
 SAME = 1e-5
 """Distance [rad] below which two targets count as equal."""
 
 
 class Stream:
-    """The targets sent to each servo, and the rule for the next ones."""
+    """Stores the targets sent to each servo, and decides which targets are sent next."""
 
     def __init__(self, names: list[str], lower: Array, upper: Array, fastest: Array) -> None:
-        """Takes for each servo (n,) its name, limits [rad] and top speed [rad/s], as the robot gives them."""
+        """Takes names (n,), lower and upper limits (n,) [rad] and top speeds (n,) [rad/s], as the robot
+        reports them."""
         self._names, self.lower, self.upper, self.fastest = names, lower, upper, fastest
         self.errors: Counter[str] = Counter()
-        """Errors that the robot returned for targets it refused, with their counts."""
+        """Errors with which the robot refused targets, each with its count."""
         self.forget()
 
     def forget(self) -> None:
-        """Makes `send` send all targets anew."""
+        """Deletes the stored targets, so that `send` sends all targets anew."""
         count = len(self._names)
         self._target = np.full(count, np.nan)
         self._share = np.zeros(count)
@@ -52,9 +53,10 @@ class Stream:
         self._running: dict[int, Any] = {}
 
     def send(self, motion: Any, safe: SafeCommand, ahead: Array, measured: Array) -> None:
-        """Sends the targets of the servos (k,) of a command.
+        """Sends targets to the servos (k,) of a command. A target that has not changed is not sent again.
 
-        `ahead` (k,) [rad] are their positions AHEAD later, `measured` (n,) [rad] the positions of all servos.
+        `ahead` (k,) [rad] are the positions of these servos that are planned for AHEAD later. `measured` (n,)
+        [rad] are the measured positions of all servos.
         """
         servos, now = safe.servos, safe.stamp
         target = np.clip(ahead, self.lower[servos], self.upper[servos])
@@ -79,8 +81,8 @@ class Stream:
             self._running |= dict.fromkeys(chosen, call)
 
     def _free(self, servo: int) -> bool:
-        """Returns True if the robot has accepted the previous target. Otherwise the new target waits, and
-        only the latest one is sent."""
+        """Returns True if the robot has answered the previous target. Otherwise this period sends no target
+        to the servo; a later period does."""
         running = self._running.get(servo)
         if running is None:
             return True

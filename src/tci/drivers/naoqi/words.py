@@ -1,9 +1,12 @@
-"""Names in NAOqi that both sides use: ALMemory keys, and skin frames as text.
+"""Names that the driver and the server of a NAO both use: ALMemory keys, and skin frames as text.
 
-A skin is one vector of numbers in ALMemory, under `TCI/Skin/PATCH` or the key of the binding; switches have
-one key each, separated by spaces. A long vector takes `qi` milliseconds (720 numbers: about 6 ms), text
-almost nothing (0.3 ms). Therefore a publisher may also put the frame under `.../Packed`: `SEQUENCE TYPE
-BASE64`, little endian.
+A patch of skin is one vector of numbers in ALMemory. Its key is `TCI/Skin/PATCH`, or the key in the
+description's binding to NAOqi. Each switch has a key of its own; the binding lists these keys, separated by
+spaces.
+
+`qi` needs about 6 ms to transfer a vector of 720 numbers, but only 0.3 ms to transfer it as text. Therefore a
+publisher may also write the frame as text, under the key `KEY/Packed`. The text is `SEQUENCE TYPE BASE64`,
+with little-endian numbers.
 """
 
 from __future__ import annotations
@@ -33,8 +36,8 @@ _PACKED = re.compile(r"([0-9]{1,18}) (u1|i4|f4) ([A-Za-z0-9+/]*={0,2})")
 
 
 def skin_keys(robot: Robot, binding: Binding) -> dict[str, tuple[str, ...]]:
-    """Returns the ALMemory key of each patch, by its name, or the keys of its channels, as for NAO's
-    switches."""
+    """Returns the ALMemory keys by the name of the patch: one key for the patch, or one key per channel, as
+    for NAO's switches."""
     return {
         patch.name: tuple(binding.address(patch.name, f"TCI/Skin/{patch.name}").split(" "))
         for patch in robot.skin
@@ -42,21 +45,23 @@ def skin_keys(robot: Robot, binding: Binding) -> dict[str, tuple[str, ...]]:
 
 
 def packed_key(key: str) -> str:
-    """Returns the key of the same frame as text."""
+    """Returns the key of the text form of the frame at `key`."""
     return f"{key}/Packed"
 
 
 def sequence_key(key: str) -> str:
-    """Returns the key of the frame's number, which counts up by one; it may be missing."""
+    """Returns the key of the frame's number, which increases by one per frame. ALMemory may lack this key."""
     return f"{key}/Sequence"
 
 
 def find_keys(keys: Mapping[str, tuple[str, ...]], attempt: Callable[[str], Any]) -> dict[str, list[str]]:
-    """Finds the keys to request for each patch: text, else a vector and its number, else the vector; or its
-    switches.
+    """Finds the keys to request for each patch.
 
-    `attempt` requests one key alone, since some NAOqi refuse a whole list because of one missing key. It
-    returns the value, None or REFUSED.
+    The first choice is the frame as text, the second the vector with its number, and the third the vector
+    alone. For a patch of switches, the keys of all its switches are requested.
+
+    `attempt` requests a single key, since some NAOqi versions refuse a whole list of keys if one key is
+    missing. `attempt` returns the value of the key, None if there is no value, or REFUSED.
     """
     asks = {}
     for patch, names in keys.items():
@@ -90,7 +95,8 @@ def pack(sequence: int, values: NDArray[np.generic]) -> str:
 def unpack(text: str, channels: int) -> tuple[int, NDArray[np.generic]]:
     """Returns number and values (channels,) of a packed frame.
 
-    Raises FrameError for anything else, before memory is allocated for it.
+    Raises FrameError if `text` is not a packed frame of this size. The length is checked before memory is
+    allocated.
     """
     found = _PACKED.fullmatch(text) if len(text) <= LONGEST else None
     if found is None:

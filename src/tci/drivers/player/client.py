@@ -1,4 +1,4 @@
-"""A client of a Player server. It waits for answers only while connecting."""
+"""A client of a Player server. The client waits for answers only while it connects."""
 
 from __future__ import annotations
 
@@ -27,15 +27,16 @@ from tci.errors import DriverError, FrameError
 PORT = 6665
 """Default port of a server."""
 TIMEOUT = 3.0
-"""Time [s] that a server has to answer. Assumed: on a local network it answers within a second."""
+"""Time [s] within which a server must answer. Assumed: on a local network, servers answer within a second."""
 CHUNK = 1 << 16
 PER_POLL = 64
-"""Chunks of CHUNK bytes that one call reads. Assumed: bounds the time that a flood of data costs."""
+"""Largest number of chunks of CHUNK bytes that one call reads. Assumed: this number bounds the time of a call
+when very much data arrives."""
 ADDRESS = re.compile(r"(?P<host>[A-Za-z0-9_.-]*|\[[0-9a-fA-F:]+\])(:(?P<port>[0-9]{1,5}))?")
 
 
 def parse(address: str) -> tuple[str, int]:
-    """Returns host and port of `[HOST][:PORT]`. Raises DriverError for an invalid address."""
+    """Returns host and port of the address `[HOST][:PORT]`. Raises DriverError for an invalid address."""
     found = ADDRESS.fullmatch(address)
     if found is None or int(found["port"] or PORT) > 65535:
         raise DriverError(f"{address!r} is no address; valid: player:HOST:PORT, each may be left out")
@@ -46,12 +47,12 @@ class Client:
     """A connection to one server."""
 
     def __init__(self, host: str, port: int) -> None:
-        """Connects. Raises DriverError when no Player server answers there."""
+        """Connects to the server. Raises DriverError if no Player server answers at `host` and `port`."""
         self.where, self._robot = f"{host}:{port}", port
         self._stream = Stream()
         self._waiting: list[Message] = []
         self.lost = ""
-        """Reason why the connection is lost; empty while it works."""
+        """Reason why the connection is lost; empty while the connection works."""
         try:
             self._socket = socket.create_connection((host, port), timeout=TIMEOUT)
         except OSError as error:
@@ -67,20 +68,20 @@ class Client:
             raise
 
     def devices(self) -> list[tuple[int, int]]:
-        """Returns interface and index of all devices. Raises DriverError."""
+        """Returns interface and index of each device of the server. Raises DriverError."""
         try:
             return to_devices(self._request(DEVLIST, b"").body)
         except FrameError as error:
             raise DriverError(f"{self.where}: {error}") from error
 
     def open(self, interface: int, index: int) -> None:
-        """Subscribes to a device. Raises DriverError when that is refused."""
+        """Subscribes to a device. Raises DriverError if the server refuses the subscription."""
         answer = self._request(SUBSCRIBE, access(interface, index, OPEN, self._robot)).body
         if to_access(answer)[2] != OPEN:
             raise DriverError(f"{self.where} refuses device {interface}:{index}")
 
     def poll(self) -> list[Message]:
-        """Returns the messages that have arrived, oldest first; never waits."""
+        """Returns the messages that have arrived, oldest first. Never waits for a message."""
         found, self._waiting = self._waiting, []
         self._socket.setblocking(False)
         for _ in range(PER_POLL):
@@ -98,8 +99,10 @@ class Client:
         return found
 
     def send(self, message: Message) -> bool:
-        """Sends a message without waiting. Returns False if the message was dropped because sending would
-        have to wait."""
+        """Sends a message without waiting; returns True if the message was sent.
+
+        If the message can't be sent at once, it is dropped.
+        """
         data = message.to_bytes()
         try:
             self._socket.setblocking(False)
@@ -119,7 +122,7 @@ class Client:
         return True
 
     def command(self, interface: int, index: int, subtype: int, body: bytes) -> bool:
-        """Sends a command; returns True if it was sent."""
+        """Sends a command to a device; returns True if the command was sent."""
         return self.send(
             Message(interface, index, Kind.COMMAND, subtype, time.time(), body, robot=self._robot)
         )
@@ -132,7 +135,10 @@ class Client:
         self.lost = self.lost or "closed"
 
     def _request(self, subtype: int, body: bytes) -> Message:
-        """Returns the answer to a request to the server. Data that arrives meanwhile is kept for `poll`."""
+        """Sends a request to the server and returns the answer.
+
+        Data that arrives before the answer is kept for `poll`.
+        """
         self.send(Message(PLAYER, 0, Kind.REQUEST, subtype, 0.0, body, robot=self._robot))
         end = time.monotonic() + TIMEOUT
         while time.monotonic() < end and not self.lost:
@@ -179,6 +185,7 @@ class Client:
         return data
 
     def _acknowledge(self) -> None:
-        """Acknowledges data immediately, since a server with Nagle's algorithm would otherwise wait 40 ms."""
+        """Acknowledges data immediately; otherwise a server with Nagle's algorithm waits 40 ms before it
+        sends."""
         if hasattr(socket, "TCP_QUICKACK"):
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)

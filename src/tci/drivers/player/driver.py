@@ -1,7 +1,8 @@
 """`player:[HOST][:PORT]`: a robot behind a Player server, which may be another TCI process.
 
-actarray:N are the joints of the robot's N-th part, opaque:N is the skin of its N-th patch; the binding may
-set other numbers. Devices from opaque:99 on are used for the protocol between TCI processes (`remote`).
+The device actarray:N has the joints of the robot's N-th part; opaque:N has the skin of its N-th patch. N
+counts from 0. The robot's binding `player` may set other numbers. The devices from opaque:99 on carry the
+protocol between TCI processes (`remote`).
 """
 
 from __future__ import annotations
@@ -38,15 +39,17 @@ from tci.messages import JointReading, Reading, SkinFrame
 from tci.robot.description import Robot
 
 STATES, FRAMES = 99, 100
-"""Indices of the opaque devices between TCI processes: of states, and of the first patch's frames."""
+"""Indices of two opaque devices for TCI processes: the robot's states, and the frames of the first patch."""
 WAIT = 5.0
-"""Time [s] that a driver waits for joints and skin when it opens. Assumed: a server sends them in every
-period."""
+"""Time [s] that a driver waits for joints and skin when it opens. Assumed: a server sends joints and skin in
+every period."""
 
 
 def numbers(robot: Robot) -> dict[tuple[int, int], str]:
-    """Returns the part or patch of each device, by interface and index. Raises DriverError for an invalid
-    address."""
+    """Returns the name of the part or patch of each device; keys are interface and index.
+
+    Raises DriverError if the binding has an invalid address.
+    """
     binding = robot.binding("player")
     parts = tuple(dict.fromkeys(servo.robot_part for servo in robot.servos))
     found: dict[tuple[int, int], str] = {}
@@ -63,8 +66,8 @@ class PlayerDriver(RemoteDriver):
     """A driver of a robot behind a Player server."""
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = False, wait: float = WAIT) -> None:
-        """Connects. Raises DriverError if there is no server, if devices are missing, and if their data does
-        not arrive."""
+        """Connects. Raises DriverError if there is no server, if devices are missing, or if no joints arrive
+        in time."""
         host, port = parse(address)
         super().__init__(robot, middleware="player", place=f"{host}:{port}", arm=arm)
         self._devices = numbers(robot)
@@ -176,7 +179,7 @@ class PlayerDriver(RemoteDriver):
                 self._refuse(error)
 
     def _accept_data(self, name: str, message: Message) -> None:
-        """Decodes joints of a part or a frame of a patch. Raises FrameError."""
+        """Decodes and stores joints of a part or a frame of a patch. Raises FrameError."""
         clock, count = self._arrived[name]
         if message.interface == OPAQUE:
             values = to_raw(to_blob(message.body), self.robot.patch(name).channels)

@@ -59,16 +59,16 @@ from tci.robot.joint_map import initial_position
 from yarpwire.connection_limit import AcceptedConnection, ConnectionLimit
 
 BACKLOG = 128
-"""Largest number of connections that wait and that are accepted in one period. Assumed: bounds the time that
-a flood costs."""
+"""Largest number of connections that wait to be accepted, and that are accepted in one period. Assumed:
+this number bounds the time of a period when very many clients connect."""
 MOST_WAITING = 1 << 16
-"""Largest number of bytes that may wait for a slow client; beyond it the client gets no further data.
-Assumed: bounds memory, and the age of the data."""
+"""Largest number of bytes that may wait for a slow client. While more bytes wait, further data for the client
+is dropped. Assumed: this number bounds the memory, and the age of the data that a client gets."""
 MOST_OWED = 1 << 20
-"""Bytes that may wait for a client before it is disconnected, since replies are never dropped. Assumed:
-bounds memory."""
+"""Largest number of bytes that may wait for a client. If more bytes wait, the client is disconnected; needed
+since replies, unlike data, are never dropped. Assumed: this number bounds the memory."""
 DRIVER = b"tci\0"
-"""Driver name that devices report."""
+"""Name of the driver that every device reports to clients."""
 
 
 @dataclass(slots=True, eq=False)
@@ -82,10 +82,13 @@ class _Client:
     devices: set[tuple[int, int]] = field(default_factory=set)
     sequence: int = 0
     asked: bool = False
-    """True if the client waits for the end of a batch of data (pull mode)."""
+    """True if the client has requested data (pull mode) and waits for the message that ends the batch."""
 
     def send(self, message: Message) -> None:
-        """Queues a message; drops data for a slow client. Raises FrameError if too many bytes are queued."""
+        """Queues a message for the client; drops a message with data if the client is slow.
+
+        Raises FrameError if too many bytes are queued.
+        """
         if message.kind == Kind.DATA and len(self.out) > MOST_WAITING:
             return
         if len(self.out) > MOST_OWED:
@@ -96,7 +99,8 @@ class _Client:
         self.out += message.to_bytes(self.sequence)
 
     def flush(self) -> None:
-        """Sends what can be sent now. Raises OSError for a disconnected client."""
+        """Sends as many queued bytes as possible without waiting. Raises OSError for a disconnected
+        client."""
         while self.out:
             try:
                 sent = self.socket.send(self.out)
@@ -109,8 +113,10 @@ class PlayerServer(RemoteServer):
     """Serves a robot as a Player server."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """Listens at `address`, [HOST][:PORT], by default on this machine. Raises DriverError for a port that
-        is in use."""
+        """Listens at `address`, `[HOST][:PORT]`; by default only clients on this machine can connect.
+
+        Raises DriverError if the port is in use.
+        """
         super().__init__(driver, address, middleware="player")
         host, self.port = parse(address)
         self._devices = numbers(driver.robot)
@@ -122,9 +128,9 @@ class PlayerServer(RemoteServer):
         self._states, self._is_due = Every(1.0 / driver.robot.binding("player").rate), False
         self._arrived: deque[bytes] = deque(maxlen=64)
         self.rejected = 0
-        """Number of messages that could not be used."""
+        """Number of messages from clients that could not be used."""
         self.last_error = ""
-        """Error for which a client was last disconnected."""
+        """Error message of the last client that was disconnected because of an invalid message."""
         self._facts = blob(query(driver.robot).model_dump_json().encode())
         self._clients: list[_Client] = []
         self._limit = ConnectionLimit()
@@ -209,7 +215,7 @@ class PlayerServer(RemoteServer):
 
     @contextlib.contextmanager
     def _drop_on_error(self, client: _Client) -> Iterator[None]:
-        """Disconnects a client that is gone or sends invalid requests."""
+        """Disconnects the client if the block inside raises OSError, FrameError or struct.error."""
         try:
             yield
         except OSError:
@@ -224,8 +230,10 @@ class PlayerServer(RemoteServer):
         self._clients.remove(client)
 
     def _read_messages(self, client: _Client) -> None:
-        """Handles the messages of a client. Raises OSError when it is gone, FrameError for an invalid
-        message."""
+        """Handles the messages of a client.
+
+        Raises OSError if the connection is closed, FrameError for an invalid message.
+        """
         for _ in range(PER_POLL):
             try:
                 data = client.socket.recv(CHUNK)
@@ -251,7 +259,7 @@ class PlayerServer(RemoteServer):
         )  # fmt: skip
 
     def _reply(self, client: _Client, message: Message) -> bytes | None:
-        """Returns the answer to a request; None for an unknown one. Raises FrameError."""
+        """Returns the answer to a request; None for an unknown request. Raises FrameError."""
         if message.interface == PLAYER:
             if message.subtype == DEVLIST:
                 return devices(self._offered, self.port)
@@ -282,7 +290,7 @@ class PlayerServer(RemoteServer):
         return b"" if message.subtype == POWER else None
 
     def _order(self, message: Message) -> None:
-        """Handles a command: positions for a part, or orders of a TCI process."""
+        """Handles a command from a client: positions for a robot part, or orders of another TCI process."""
         try:
             if (message.interface, message.index) == (OPAQUE, STATES):
                 self._arrived.append(to_blob(message.body))
@@ -306,5 +314,5 @@ class PlayerServer(RemoteServer):
         self._controllers.start(name, lambda *_: Once(order))
 
     def _epoch(self, stamp: float) -> float:
-        """Converts a time on the driver's clock to Player's: seconds since 1970."""
+        """Converts a time [s] on the driver's clock to Player's time, the seconds since 1970."""
         return time.time() + stamp - self.driver.clock.now()

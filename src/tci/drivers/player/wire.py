@@ -1,5 +1,7 @@
-"""Player's messages over TCP: big-endian XDR after a header of 40 bytes. Pure functions with bounded
-lengths."""
+"""Player's messages over TCP: a header of 40 bytes, then a body in big-endian XDR.
+
+The functions have no side effects. They check every length in a message before they use it.
+"""
 
 from __future__ import annotations
 
@@ -15,24 +17,32 @@ from tci.errors import FrameError
 from tci.frames import Array, doubles
 
 HEADER = struct.Struct(">IIIIIIdII")
-"""Host, robot (port of the server), interface, index; type, subtype; time [s], sequence, number of bytes that
-follow."""
+"""The header of a message, in this order:
+
+- address of the device: host, robot (port of the server), interface, index
+- type and subtype of the message
+- time [s], sequence number, number of bytes in the body
+"""
 GREETING = 32
-"""Number of bytes that a server sends first: its version, then zeros."""
+"""Number of bytes in a server's greeting after a client connects: the version, then zeros."""
 MOST = 1 << 20
-"""Longest body [bytes] that is accepted. Assumed: far above a skin frame; Player's own limit is 8 MiB."""
+"""Longest body [bytes] that is accepted. Assumed: a skin frame is far shorter. Player's own limit is 8
+MiB."""
 PLAYER, OPAQUE, ACTARRAY = 1, 51, 53
-"""Codes of interfaces."""
+"""Player's codes of the three interfaces."""
 DEVLIST, DRIVERINFO, SUBSCRIBE, GET, DATAMODE = 1, 2, 3, 4, 5
-"""Requests to the server itself."""
+"""Subtypes of requests to the server itself, not to a device."""
 STATE, POSITIONS, GEOMETRY, POWER = 1, 2, 3, 1
-"""Subtypes of an actarray: data, command of all positions, requests."""
+"""Subtypes of an actarray's messages: data, command of all positions, and the requests for geometry and
+power."""
 POSITION = 1
-"""Subtype of an actarray: command of one position."""
+"""Subtype of a command that sets one position of an actarray."""
 FACTS = 1
-"""Request to `opaque:99` of a TCI process for the robot's facts as JSON."""
+"""Subtype of the request for the robot's facts as JSON; only a TCI process answers it, at its device
+opaque:99."""
 OPEN, CLOSE, ERROR = 1, 2, 3
-"""Access modes of a device that a client requests, or gets."""
+"""Access modes of a device: the client requests OPEN or CLOSE, and the server answers with the mode or
+ERROR."""
 PUSH = 1
 IDLE, MOVING, ROTARY = 1, 2, 2
 
@@ -78,8 +88,10 @@ class Stream:
         self._bytes = bytearray()
 
     def feed(self, data: bytes) -> Iterator[Message]:
-        """Yields the messages that are complete now. Raises FrameError for a body longer than MOST, which
-        ends the stream."""
+        """Adds received bytes and yields the messages that are complete.
+
+        Raises FrameError for a body longer than MOST. The stream can't be used after that.
+        """
         self._bytes += data
         at = 0
         while len(self._bytes) - at >= HEADER.size:
@@ -96,7 +108,7 @@ class Stream:
 
 
 def array(items: bytes, count: int) -> bytes:
-    """Returns a variable array: Player's count, XDR's count, the items."""
+    """Returns a variable array as bytes: Player's count of items, XDR's count of items, then the items."""
     return struct.pack(">II", count, count) + items
 
 
@@ -106,18 +118,18 @@ def floats(values: Sequence[float] | Array) -> bytes:
 
 
 def to_floats(body: bytes) -> Array:
-    """Returns the numbers of such an array. Raises FrameError."""
+    """Returns the numbers of an array that `floats` made. Raises FrameError."""
     count = _count(body, 4)
     return doubles(np.frombuffer(body, dtype=">f4", count=count, offset=8))
 
 
 def blob(data: bytes) -> bytes:
-    """Returns the body of an opaque message: bytes, padded to four."""
+    """Returns the body of an opaque message with `data`, padded to a multiple of four bytes."""
     return array(data + bytes(-len(data) % 4), len(data))
 
 
 def to_blob(body: bytes) -> bytes:
-    """Returns the bytes in such a body. Raises FrameError."""
+    """Returns the data in the body of an opaque message. Raises FrameError."""
     return body[8 : 8 + _count(body, 1)]
 
 
@@ -133,16 +145,16 @@ def actuators(position: Array, velocity: Array) -> bytes:
 
 
 def to_actuators(body: bytes) -> tuple[Array, Array]:
-    """Returns positions [rad] and speeds [rad/s] from such a state. Raises FrameError."""
+    """Returns positions [rad] and speeds [rad/s] from the state of an actarray. Raises FrameError."""
     found = np.frombuffer(body, dtype=ACTUATOR, count=_count(body, ACTUATOR.itemsize, rest=4), offset=8)
     return doubles(found["position"]), doubles(found["speed"])
 
 
 def geometry(limits: Sequence[tuple[float, float, float, float]]) -> bytes:
-    """Returns the geometry of an actarray: least, greatest and first position [rad], and speed [rad/s] of
-    each joint.
+    """Returns the geometry of an actarray as bytes.
 
-    Lengths and axes are zero: links are in the robot's facts.
+    Each joint has four values: its lowest, highest and initial position [rad], and its largest speed [rad/s].
+    Player's fields for lengths and axes of links are zero; links are in the robot's facts.
     """
     joints = b"".join(
         struct.pack(">If6d5fI", ROTARY, 0.0, *([0.0] * 6), low, (low + high) / 2, high, home, speed, 0)
@@ -152,24 +164,27 @@ def geometry(limits: Sequence[tuple[float, float, float, float]]) -> bytes:
 
 
 def devices(found: Sequence[tuple[int, int]], robot: int) -> bytes:
-    """Returns the list of devices as bytes: interface and index of each; the count is written twice."""
+    """Returns the list of devices as bytes, with interface and index of each device.
+
+    As in `array`, the number of devices is written twice.
+    """
     items = b"".join(struct.pack(">IIII", 0, robot, interface, index) for interface, index in found)
     return array(items, len(found))
 
 
 def to_devices(body: bytes) -> list[tuple[int, int]]:
-    """Returns the devices in such a list. Raises FrameError."""
+    """Returns interface and index of each device from a list that `devices` made. Raises FrameError."""
     count = _count(body, 16)
     return [struct.unpack_from(">II", body, 16 + 16 * item) for item in range(count)]
 
 
 def access(interface: int, index: int, mode: int, robot: int, driver: bytes = b"") -> bytes:
-    """Returns a request for a device, or its answer, as bytes."""
+    """Returns the body of a request for access to a device, or of the answer, as bytes."""
     return struct.pack(">IIIII", 0, robot, interface, index, mode) + blob(driver)
 
 
 def to_access(body: bytes) -> tuple[int, int, int]:
-    """Returns interface, index and mode. Raises FrameError."""
+    """Returns interface, index and mode from a body that `access` made. Raises FrameError."""
     if len(body) < 20:
         raise FrameError(f"Player: access to a device in {len(body)} bytes; valid: 20 and a name")
     interface, index, mode = struct.unpack_from(">III", body, 8)
@@ -177,11 +192,14 @@ def to_access(body: bytes) -> tuple[int, int, int]:
 
 
 FORMATS = {1: ">u1", 2: ">u2", 4: ">f4", 8: ">f8"}
-"""Data types of raw skin values, by their bytes per channel."""
+"""Data type of a raw skin value for each number of bytes per channel."""
 
 
 def skin(values: NDArray[np.generic]) -> bytes:
-    """Returns raw values as bytes for an opaque message: integers of one or two bytes, else floats."""
+    """Returns raw skin values as bytes for an opaque message.
+
+    Integers of one or two bytes stay integers; all other values become floats.
+    """
     kind, size = values.dtype.kind, values.dtype.itemsize
     if kind not in "bu" or size > 2:
         size = 4 if (kind, size) == ("f", 4) else 8
@@ -189,8 +207,10 @@ def skin(values: NDArray[np.generic]) -> bytes:
 
 
 def to_skin(data: bytes, channels: int) -> NDArray[np.generic]:
-    """Returns the raw values in such bytes. Raises FrameError if `data` is no whole number of bytes per
-    channel."""
+    """Returns the raw values from bytes that `skin` made.
+
+    Raises FrameError if the number of bytes is not 1, 2, 4 or 8 for each channel.
+    """
     size, rest = divmod(len(data), channels)
     if rest or size not in FORMATS:
         raise FrameError(f"skin of {channels} channels in {len(data)} bytes; valid: 1, 2, 4 or 8 for each")
@@ -198,7 +218,10 @@ def to_skin(data: bytes, channels: int) -> NDArray[np.generic]:
 
 
 def _count(body: bytes, size: int, rest: int = 0) -> int:
-    """Returns the number of items of `size` bytes in a variable array, checked against the length."""
+    """Returns the number of items of `size` bytes in a variable array.
+
+    Raises FrameError if the two counts differ or the body is too short.
+    """
     if len(body) < 8:
         raise FrameError(f"Player: an array in {len(body)} bytes; valid: 8 and its items")
     first, second = struct.unpack_from(">II", body)

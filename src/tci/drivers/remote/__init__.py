@@ -1,1 +1,1 @@
-"""The protocol between two TCI processes: one owns the robot, others command it."""
+"""The protocol between TCI processes: one process owns the robot, other processes command the robot."""

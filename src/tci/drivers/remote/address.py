@@ -9,8 +9,8 @@ from tci.errors import DriverError
 from tci.robot.description import wire_name
 
 LONGEST = 32
-"""Longest name of a robot on the network: with the rest of its name, a channel of LCM has at most 63
-characters."""
+"""Largest length of a robot's name on the network. The name is a part of the names of LCM's channels, which
+may have at most 63 characters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +19,7 @@ class RemoteAddress:
 
     middleware: str
     robot: str
-    """Name of the robot on the network, which distinguishes several robots."""
+    """Name of the robot on the network; distinguishes several robots on one network."""
     where: str
     """Address in the middleware's own form."""
 
@@ -28,7 +28,8 @@ class RemoteAddress:
 
 
 def parse_remote(middleware: str, text: str, robot: str, where: str) -> RemoteAddress:
-    """Parses an address; `robot` and `where` are its defaults. Raises DriverError for a bad name."""
+    """Parses an address `[NAME@][WHERE]`; defaults are `robot` and `where`. Raises DriverError for an invalid
+    NAME."""
     name, at, place = text.rpartition("@")
     name = name if at else wire_name(robot)[:LONGEST]
     if not re.fullmatch(rf"[A-Za-z0-9_-]{{1,{LONGEST}}}", name):

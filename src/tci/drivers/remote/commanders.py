@@ -1,5 +1,7 @@
-"""Arbitrates between processes that command a served robot: drops stale messages, grants each joint to one
-process, executes each order once."""
+"""Arbitration between processes that command a served robot.
+
+Stale messages are dropped, each joint is granted to only one process, and each order is executed only once.
+"""
 
 from __future__ import annotations
 
@@ -16,17 +18,17 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 LEASE = 1.0
-"""Time [s] after a commander counts as silent until its joints are free for others. Assumed: the robot comes
-to rest first."""
+"""Time [s] for which a silent commander still keeps its joints; then other processes may command the joints.
+Assumed: the robot comes to rest within this time."""
 
 
 @dataclass(slots=True)
 class _Member:
-    """One process that commands."""
+    """One process that commands the robot."""
 
     name: str
     last_message: float
-    """Arrival time [s] of its last message that is the reply to a recent state."""
+    """Arrival time [s] of the process's last message that was accepted."""
     sequence: int = 0
     acknowledged: int = 0
     refused: int = 0
@@ -37,11 +39,16 @@ class _Member:
 
 
 class CommandArbiter:
-    """The processes that command one robot.
+    """Arbiter between the processes (commanders) that command one robot.
 
-    A message is accepted only if it is the reply to a state of this session that is at most `silence` [s]
-    old, and that its sender received after it last disconnected. So delayed or recorded messages move
-    nothing. The robot holds while a commander is silent for longer, or while the commander's own gate holds.
+    Every message of a commander is the reply to a state of the robot. A message is accepted only if
+
+    - the state belongs to this session and was sent at most `silence` [s] ago, and
+    - the state is more recent than the commander's last disconnection.
+
+    Delayed or recorded messages are therefore dropped and move nothing. The robot holds while a commander
+    that has joints under command sends nothing for more than `silence` [s], or while the commander's own gate
+    holds.
     """
 
     def __init__(
@@ -57,11 +64,13 @@ class CommandArbiter:
         self._left: Reason | None = None
         self._gone: dict[int, float] = {}
         self.rejected = 0
-        """Number of rejected messages: late, repeated, of another session, of a process that left, or too
-        many."""
+        """Number of rejected messages.
+
+        Reasons are: late, repeated, of another session, of a process that has left, of one process too many.
+        """
 
     def receive(self, message: Orders) -> None:
-        """Handles a message."""
+        """Handles a message of a commander."""
         now = self._clock()
         member = self._members.get(message.client)
         fresh = message.session == self._session and 0.0 <= now - message.seen <= self._silence
@@ -83,7 +92,11 @@ class CommandArbiter:
             self._forget(message.client, Reason(Code.COMMANDER_LEFT, f"{member.name} has disconnected"))
 
     def fault(self) -> Reason | None:
-        """Returns a reason to hold: a commander is silent, its gate holds, or it has just disconnected."""
+        """Returns a reason for which the robot must hold, or None.
+
+        Reasons are: a commander is silent, a commander's own gate holds, or a commander has just
+        disconnected.
+        """
         now = self._clock()
         reason, self._left = self._left, None
         for client, member in list(self._members.items()):
@@ -98,8 +111,10 @@ class CommandArbiter:
         return reason
 
     def take(self) -> list[PlatformOrder]:
-        """Returns the orders for the gate, oldest first; orders for another commander's joints are
-        refused."""
+        """Returns the orders for the gate, oldest first.
+
+        Refuses orders for joints that another commander has under command.
+        """
         self._taken = []
         while self._waiting:
             client, number, order = self._waiting.popleft()
@@ -115,7 +130,7 @@ class CommandArbiter:
         return [order for _, _, order in self._taken]
 
     def refuse(self, order: Order, reason: Reason) -> None:
-        """Records that an order returned by `take` did not reach the gate."""
+        """Records that an order, which `take` had returned, was refused before it reached the gate."""
         for place, (client, number, taken) in enumerate(self._taken):
             if taken is order:
                 self._refuse(client, number, reason)
@@ -123,8 +138,7 @@ class CommandArbiter:
                 return
 
     def decided(self, sent: SafeCommand) -> None:
-        """Records the gate's decision on the orders of `take`: those it accepted, and the reasons for the
-        others."""
+        """Records which orders of `take` the gate accepted, and the reasons why it refused the rest."""
         over = {id(order) for order in sent.orders}
         refused = [(client, number) for client, number, order in self._taken if id(order) not in over]
         for (client, number), reason in zip(refused, sent.refusals, strict=False):
@@ -132,7 +146,7 @@ class CommandArbiter:
         self._taken = []
 
     def states(self) -> tuple[Commander, ...]:
-        """Returns the entry of each commander in the next state."""
+        """Returns the entries of all commanders for the next state that is sent to them."""
         return tuple(
             Commander(client, member.name, member.acknowledged, member.refused, member.reason)
             for client, member in self._members.items()

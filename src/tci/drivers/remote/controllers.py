@@ -1,7 +1,7 @@
-"""Controllers of a robot that is served in the protocol of another middleware. Each accepts orders for one
-part.
+"""Controllers of a robot that is served in the protocol of another middleware.
 
-Each counts as one commander among the TCI processes, so a joint is commanded by one of them at a time.
+Each controller accepts orders for one robot part. A controller counts as one commander, like a TCI process
+that commands the robot. So only one controller or process commands a joint at a time.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from tci.reasons import Reason
 from tci.robot.description import Robot, Servo
 
 KEEP = 1.0
-"""Time [s] for which a part stays under command after its last order, so that it comes to rest. Assumed:
-longer than a stop takes."""
+"""Time [s] for which a part stays under command after its last order, so that the part comes to rest.
+Assumed: stopping takes less time."""
 MOST = 16
-"""Largest number of messages that are handled between two periods. Assumed: a client sends about one in each
+"""Largest number of messages that are handled in one period. Assumed: a client sends about one message per
 period."""
 
 
@@ -35,42 +35,46 @@ class Source(Protocol):
     """The set-points that a controller follows."""
 
     def order(self, now: float) -> PlatformCommand | None:
-        """Returns the set-points of its joints at `now` [s]; None when it is over."""
+        """Returns the set-points of the controller's joints at `now` [s], or None after the last
+        set-point."""
         ...
 
 
 Make = Callable[[Array, float], Source]
-"""Makes a source, from a position (n_servos,) [rad] at a time [s]. Raises CommandError."""
+"""Function that makes a source of set-points from the robot's position (n_servos,) [rad] and the time [s].
+Raises CommandError."""
 
 
 class Once:
-    """A single order."""
+    """A source with a single order."""
 
     def __init__(self, order: PlatformCommand) -> None:
         self._left: PlatformCommand | None = order
 
     def order(self, now: float) -> PlatformCommand | None:
-        """Returns the order the first time, then None."""
+        """Returns the order at the first call, then None."""
         found, self._left = self._left, None
         return found
 
 
 class PartControllers:
-    """The controllers of one robot, one per part."""
+    """The controllers of one robot, one controller per robot part."""
 
     def __init__(self, robot: Robot, session: int, *, of: str) -> None:
-        """Takes the server's number `session`; `of` names the clients, for messages."""
+        """Makes the controllers. `session` is the number of the server; `of` names the clients in
+        messages."""
         parts = dict.fromkeys(servo.robot_part for servo in robot.servos)
         self._parts = {part: _Part(robot, f"{of}, for {part}", session) for part in parts}
         self._arrived: deque[tuple[str, Make]] = deque(maxlen=MOST)
         self._refused: list[Reason] = []
 
     def start(self, part: str, make: Make) -> None:
-        """Starts a new source for a part; it replaces the previous one."""
+        """Starts a new source for a part. The new source replaces the part's previous source."""
         self._arrived.append((part, make))
 
     def messages(self, position: Array, now: float) -> Iterator[Orders]:
-        """Yields the controllers' orders at `now` [s], with the robot at `position` (n_servos,) [rad]."""
+        """Yields the controllers' orders at `now` [s]. `position` (n_servos,) [rad] is the robot's
+        position."""
         while self._arrived:
             part, make = self._arrived.popleft()
             try:
@@ -81,7 +85,7 @@ class PartControllers:
             yield from controller.messages(now)
 
     def refusals(self, commanders: Iterable[Commander]) -> list[Reason]:
-        """Returns the reasons for refusals since the last call."""
+        """Returns the reasons for which orders were refused since the last call."""
         found, self._refused = self._refused, []
         for commander in commanders:
             for controller in self._parts.values():
@@ -123,15 +127,17 @@ class _Part:
 
 
 def position_order(servos: NDArray[np.intp], values: Array) -> PlatformCommand:
-    """Returns a command of positions [rad], as fast as the gate allows."""
+    """Returns a command to move servos to positions [rad] as fast as the gate allows."""
     return PlatformCommand(
         mode=Mode.POSITION, servos=servos, values=values, speed=np.full(len(servos), math.inf)
     )
 
 
 def values_order(robot_part: str, servos: tuple[Servo, ...], data: Any) -> PlatformCommand:
-    """Returns a command of positions [rad] of all servos of a part. Raises CommandError for another count, or
-    no numbers."""
+    """Returns a command to move all servos of a robot part to positions [rad].
+
+    Raises CommandError if the number of values is wrong or a value is not finite.
+    """
     values = np.asarray(data, dtype=float)
     if values.shape != (len(servos),) or not np.isfinite(values).all():
         found = f"commands for {robot_part}: {len(values)} values"
@@ -140,7 +146,10 @@ def values_order(robot_part: str, servos: tuple[Servo, ...], data: Any) -> Platf
 
 
 def movable(order: PlatformCommand, robot: Robot) -> PlatformCommand:
-    """Removes joints that the gate can't move, since a message for a whole part contains them too."""
+    """Returns the command without the joints that the gate can't move.
+
+    Needed since a message for a whole part also contains such joints.
+    """
     limits = (robot.servos[servo].limits for servo in order.servos)
     known = [None not in (s.lower, s.upper, s.velocity, s.acceleration, s.jerk) for s in limits]
     return position_order(order.servos[known], order.values[known])

@@ -1,4 +1,4 @@
-"""The behaviour's side of `remote`, over any middleware."""
+"""Driver in the behaviour's process for the protocol `remote`, over any middleware."""
 
 from __future__ import annotations
 
@@ -27,35 +27,41 @@ from tci.reasons import Code, Reason, text_of
 from tci.robot.description import Robot
 
 TIMEOUT = 3.0
-"""Time [s] that a robot has to answer when a driver is opened. Assumed: a served robot sends a state in every
-period."""
+"""Time [s] within which a robot must answer when a driver is opened. Assumed: a served robot sends a state in
+every period."""
 STARTING = 30.0
-"""Time [s] that a robot has to answer if its process is running. Assumed: the process may still
-compile its kernels."""
+"""Time [s] within which a robot must answer if its process is known to run. Assumed: the process may still
+compile its computation kernels."""
 SKIN = 2.0
-"""Time [s] that the first frames of the skin have after the first state. Assumed: longer than the period of
-any patch; later the conditioning detects a dead patch."""
+"""Time [s] that a driver waits for the first skin frames after the first state. Assumed: every patch has a
+shorter period than this. If frames of a patch are still missing, the driver opens, and the conditioning
+detects the dead patch."""
 WINDOW = 1.0
-"""Time [s], without silences, in which the shortest delay of a state counts as the transport's own; a longer
-delay is a late arrival. Assumed: many periods of the states."""
+"""Time [s] over which the shortest delay of a state is taken as the normal delay of the transport. Times
+without states do not count. A state with a longer delay has arrived late. Assumed: many states arrive in this
+time."""
 
 
 class RemoteDriver(Driver):
-    """A robot that another TCI process owns and serves. The gate of this driver belongs to the behaviour's
-    process: it refuses commands early. The robot's gate checks collisions and following errors. If one of the
-    two gates holds, both hold.
+    """Driver of a robot that another TCI process owns and serves.
+
+    There are two gates. This driver's gate, in the behaviour's process, refuses invalid commands early. The
+    gate in the robot's process also checks collisions and following errors. If one of the two gates holds,
+    both hold.
 
     A subclass transfers messages in `_poll` and `_put`, and calls `_wait` at the end of its `__init__`.
-    Stamps are on this process's clock: delays of the transport count as age.
+    Stamps of readings are on this process's clock. Data that the transport delivers late has an old stamp.
     """
 
     def __init__(
         self, robot: Robot, *, middleware: str, place: str, arm: bool, clock: Clock | None = None
     ) -> None:
-        """Prepares the connection; `place` is the robot's address, for messages. Raises UnknownNameError if
-        the description has no binding."""
+        """Prepares the connection; `place` is the robot's address for messages.
+
+        Raises UnknownNameError if the robot's description has no binding to `middleware`.
+        """
         self.client = secrets.randbits(62) + 1
-        """Number of this driver."""
+        """Random number that identifies this driver in messages."""
         super().__init__(
             DriverInfo.of(
                 robot, middleware, clock=MonotonicClock() if clock is None else clock, armed=arm,
@@ -66,11 +72,13 @@ class RemoteDriver(Driver):
         self.place = place
         self.name = f"{socket.gethostname()}, process {os.getpid()}"
         self.refusals: deque[Reason] = deque(maxlen=100)
-        """Reasons of the orders that the robot's process refused, latest last."""
+        """Reasons for which the robot's process refused orders, latest last."""
         self.rejected = 0
-        """Number of rejected messages: damaged, out of order, for another robot."""
+        """Number of messages that were rejected because they were damaged, out of order or for another
+        robot."""
         self.strangers = 0
-        """Number of ignored messages: of another session or another sender than the robot's process."""
+        """Number of messages that were ignored because they belong to another session of the robot's
+        process."""
         self._state: State | None = None
         self._delays: deque[tuple[float, float]] = deque()
         self._shift = self._connected_time = 0.0
@@ -82,29 +90,34 @@ class RemoteDriver(Driver):
 
     @abstractmethod
     def _poll(self) -> Iterable[State | SessionFrame]:
-        """Returns the messages that arrived, a bounded number of the latest."""
+        """Returns the latest messages that have arrived, at most a fixed number."""
 
     @abstractmethod
     def _put(self, orders: Orders) -> None:
         """Sends orders to the robot's process."""
 
     def _use_full_gate(self, lease_name: str) -> None:
-        """Changes to direct control of a robot that no TCI process owns: this process then has the full gate
-        and the lease."""
+        """Changes to direct control of a robot that no TCI process owns.
+
+        This process then checks commands with the full gate and holds the robot's lease.
+        """
         gate = Gate(self.robot, period=self.period, stale_after=self.gate.stale_after)
         self.info = replace(self.info, gate=gate, lease_name=lease_name)
 
     def _starting(self) -> bool:
-        """Returns True if the robot's process is known to run, so that waiting for it is worthwhile."""
+        """Returns True if the robot's process is known to run, so that it is worthwhile to wait for a
+        state."""
         return False
 
     @abstractmethod
     def _why_silent(self) -> str:
-        """Returns the probable reason why no state has arrived, for the error."""
+        """Returns the probable reason why no state has arrived, for the text of the error."""
 
     def diagnose(self) -> tuple[Finding, ...]:
-        """Returns findings about the robot's process: its gate, its commanders. Raises DriverError when the
-        driver is closed."""
+        """Returns findings about the gate and the commanders of the robot's process.
+
+        Raises DriverError if this driver is closed.
+        """
         self._check_open()
         self._take()
         state = self._state
@@ -129,7 +142,8 @@ class RemoteDriver(Driver):
         return tuple(found)
 
     def _wait(self) -> None:
-        """Waits for a state and all patches. Raises DriverError when no state arrives in time."""
+        """Waits for a state and for a frame of every skin patch. Raises DriverError if no state arrives in
+        time."""
         begin = time.monotonic()
         while self._state is None:
             self._take()
@@ -181,8 +195,10 @@ class RemoteDriver(Driver):
         self._send_orders(state, None if theirs else safe.reason, leaving=False)
 
     def _halt(self) -> None:
-        """Drops pending orders, and requests a hold until the robot's process holds. Without a connection,
-        the robot's process holds by itself."""
+        """Drops pending orders, and requests a hold until the robot's process holds.
+
+        If the connection is lost, the robot's process holds by itself.
+        """
         if self._state is None or not self._sequence:
             return
         self._pending.clear()
@@ -251,7 +267,7 @@ class RemoteDriver(Driver):
         self._shift = state.sent + self._delays[0][1] - state.now
 
     def _process_entry(self, commander: Commander) -> None:
-        """Handles this driver's entry in a state of the robot's process."""
+        """Handles the entry for this driver in a state from the robot's process."""
         while self._pending and self._next - len(self._pending) <= commander.acknowledged:
             self._pending.popleft()
         if commander.refused > self._refused:

@@ -1,8 +1,13 @@
-"""The messages of `remote` as bytes: ROS 2's CDR, which any ROS tool can read, after a header with a check
-sum.
+"""The messages of `remote` as bytes: an envelope with a check sum, then a body in ROS 2's CDR.
 
-Envelope: `TCI3`, kind (1 byte), 8 bytes of the description's SHA-256, CRC-32 of all that follows and of the
-13 bytes before. A message that does not fit is refused before it is decoded.
+The envelope has these fields:
+
+- `TCI3`
+- the kind of the message (1 byte)
+- the first 8 bytes of the SHA-256 of the robot's description
+- the CRC-32 of the 13 bytes before and of the body
+
+A message is refused before it is decoded if a field of its envelope is wrong.
 """
 
 from __future__ import annotations
@@ -37,9 +42,10 @@ ENVELOPE = struct.Struct("<4sc8sI")
 FAMILY = b"TCI"
 MAGIC = FAMILY + b"3"
 LONGEST = 1 << 16
-"""Size [bytes] of the longest message. Assumed: about the longest datagram of UDP."""
+"""Size [bytes] of the longest message that is accepted. Assumed: this is about the size of UDP's longest
+datagram."""
 Kind = Literal[b"S", b"F", b"O"]
-"""Kinds of messages: a state, a frame of skin, orders."""
+"""Kinds of messages: a state (S), a skin frame (F), orders (O)."""
 
 STATE = MessageType(
     "tci_msgs/msg/State",
@@ -74,13 +80,16 @@ ORDERS = MessageType(
 
 
 def seal(robot: Robot, kind: Kind, body: bytes) -> bytes:
-    """Returns a message of `kind`."""
+    """Returns a message of `kind`: the envelope, then `body`."""
     begin = MAGIC + kind + bytes.fromhex(robot.digest[:16])
     return begin + struct.pack("<I", zlib.crc32(body, zlib.crc32(begin))) + body
 
 
 def unseal(robot: Robot, kind: Kind, data: bytes) -> bytes:
-    """Returns the body of a message. Raises FrameError for damaged bytes, another kind or another robot."""
+    """Returns the body of a message.
+
+    Raises FrameError if the bytes are damaged, or if the message is of another kind or for another robot.
+    """
     if not ENVELOPE.size <= len(data) <= LONGEST:
         raise FrameError(f"message of {len(data)} bytes; valid: {ENVELOPE.size} to {LONGEST}")
     magic, found, digest, check = ENVELOPE.unpack_from(data)
@@ -143,7 +152,7 @@ def to_state(robot: Robot, data: bytes) -> State:
 
 
 def frame_bytes(robot: Robot, message: SessionFrame) -> bytes:
-    """Returns a frame of skin as bytes; its patch is given by its number in the description."""
+    """Returns a skin frame as bytes, with the number of the patch in the robot's description."""
     frame, names = message.frame, [patch.name for patch in robot.patches]
     seconds, nanoseconds, name, *values = skin_values(frame, names.index(frame.patch), frame.stamp)
     body = encode(FRAME, (seconds, nanoseconds, name, message.session, *values))
@@ -151,7 +160,10 @@ def frame_bytes(robot: Robot, message: SessionFrame) -> bytes:
 
 
 def to_skin(robot: Robot, data: bytes) -> SessionFrame:
-    """Returns the frame in a message. Raises FrameError; conditioning checks if it fits its patch."""
+    """Returns the skin frame in a message. Raises FrameError.
+
+    The number of values is not checked here; the conditioning checks it.
+    """
     found = _decode(FRAME, unseal(robot, b"F", data))
     frame = _checked(robot, to_frame, found)
     if frame.patch not in {patch.name for patch in robot.patches}:
@@ -179,7 +191,10 @@ def orders_bytes(robot: Robot, message: Orders) -> bytes:
 
 
 def to_orders(robot: Robot, data: bytes) -> Orders:
-    """Returns the Orders in a message. Raises FrameError; the gate checks the orders themselves."""
+    """Returns the Orders in a message. Raises FrameError for an invalid message.
+
+    The values of the orders are not checked here; the gate checks them.
+    """
     found = _decode(ORDERS, unseal(robot, b"O", data))
     counts, columns = found["counts"], [found[name] for name in ("servos", "values", "speeds")]
     if len(counts) > MOST_ORDERS or {len(found[name]) for name in ("switches", "modes")} != {len(counts)}:

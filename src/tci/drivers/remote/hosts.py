@@ -1,4 +1,4 @@
-"""A unique name per host, for limits that count by host."""
+"""A unique name for each host, needed to count the connections of each host."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from ipaddress import ip_address
 
 
 def numeric(host: str) -> str:
-    """Returns the numeric address of a host, which is equal for all its names; 127.0.0.1 for every loopback
-    address.
+    """Returns the numeric address of a host; all names of a host give one address.
 
-    If a host has several addresses, the lowest one is returned, preferably of IPv4. A name that can't be
-    resolved is returned unchanged. The call waits for the network only if `host` is a name. `localhost` is
-    never looked up: not every machine has it in /etc/hosts.
+    - Every loopback address gives 127.0.0.1.
+    - If a host has several addresses, the lowest address is returned, and an IPv4 address before IPv6.
+    - A name that can't be resolved is returned unchanged.
+    - `localhost` is never looked up, because it is missing in /etc/hosts on some machines.
+
+    The call waits for the network only if `host` is another name.
     """
     if host.lower() == "localhost":
         return "127.0.0.1"

@@ -1,10 +1,13 @@
-"""The messages between two TCI processes: one owns the robot (gate, lease, watchdog), others command it.
+"""The messages between TCI processes: one process owns the robot, other processes command the robot.
 
-The robot's process sends a `State` in every period and each skin frame once. A behaviour's process replies
-with `Orders` in every period, even without orders; this is its heartbeat. The reply contains the stamp of the
-state, so delays are detected without synchronised clocks. Orders are repeated until a state acknowledges
-their number, so a lost datagram has no effect. All three carry the session of the robot's process: messages
-of other sessions are counted and ignored.
+- The robot's process has the gate, the lease and the watchdog. It sends a `State` in every period and each
+  skin frame once.
+- A behaviour's process replies with `Orders` in every period, also if the list of orders is empty. So the
+  reply also serves as a heartbeat. The reply contains the time stamp of the state, so delays are detected
+  without synchronised clocks.
+- Orders are repeated until a state acknowledges their number, so a lost datagram has no effect.
+- All messages contain the session number of the robot's process. Messages of other sessions are counted and
+  ignored.
 """
 
 from __future__ import annotations
@@ -15,35 +18,34 @@ from tci.messages import JointReading, PlatformOrder, SkinFrame
 from tci.reasons import Reason
 
 MOST_ORDERS = 64
-"""Largest number of orders in one message. Assumed: bounds the message; a behaviour sends one for each part
-in a period."""
+"""Largest number of orders in one message. Assumed: this number bounds the length of a message; a behaviour
+sends at most one order for each robot part in a period."""
 HIGHEST = 1 << 62
 """Upper bound of the numbers of orders."""
 MOST_COMMANDERS = 16
-"""Largest number of processes that may command one robot at a time. Assumed: bounds the state, which has an
-entry for each."""
+"""Largest number of processes that may command one robot at a time. Assumed: this number bounds the length of
+a state, which has an entry for each process."""
 MOST_WORDS = 2000
-"""Longest reason [characters]. Assumed: the reasons for all commanders fit in one state."""
+"""Largest length [characters] of a reason. Assumed: the reasons for all commanders fit in one state."""
 
 
 def shown(text: str, most: int) -> str:
-    """Returns a text of another process in printable form: at most `most` characters, all of them
-    printable."""
+    """Returns at most `most` characters of another process's text, with only printable characters."""
     return "".join(one if one.isprintable() else "\N{REPLACEMENT CHARACTER}" for one in text[:most])
 
 
 @dataclass(frozen=True, slots=True)
 class Commander:
-    """Part of a state for one commander."""
+    """Entry in a state for one commander, a process that commands the robot."""
 
     client: int
     """Number of the commander."""
     name: str
-    """Name of the commander, for messages."""
+    """Name of the commander, for texts that people read."""
     acknowledged: int
-    """Number of its last order that was handled."""
+    """Number of the commander's last order that was handled."""
     refused: int
-    """Number of its last order that was refused; 0 for none."""
+    """Number of the commander's last order that was refused; 0 if no order was refused."""
     reason: Reason | None
     """Reason for the refusal."""
 
@@ -53,27 +55,27 @@ class State:
     """State of the robot in one period."""
 
     session: int
-    """Number of the robot's process, a new one after each start."""
+    """Random number of the robot's process; a new number after each start of the process."""
     sequence: int
     """Number of the state, which increases by one with each state of the session."""
     sent: float
-    """Time [s] of sending on the process's monotonic clock."""
+    """Time [s] at which the state was sent, on the monotonic clock of the robot's process."""
     now: float
-    """Time [s] of sending on the clock of the joint stamps."""
+    """Time [s] at which the state was sent, on the clock of the joints' stamps."""
     joints: JointReading
     gate: str
     """State of the gate: run, hold, stop."""
     reason: Reason | None
-    """Reason why it holds or has stopped; None while it runs."""
+    """Reason why the gate holds or has stopped; None while the gate runs."""
     commanders: tuple[Commander, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionFrame:
-    """A frame of skin with its session."""
+    """A skin frame with the session of the robot's process."""
 
     session: int
-    """Number of the robot's process, as in its states."""
+    """Number of the robot's process, equal to `State.session`."""
     frame: SkinFrame
 
 
@@ -82,21 +84,21 @@ class Orders:
     """Orders of one behaviour's process, which also serve as its heartbeat."""
 
     session: int
-    """Session of the state to which it is the reply."""
+    """`State.session` of the state to which this message is the reply."""
     seen: float
-    """`sent` [s] of the state to which it is the reply."""
+    """`State.sent` [s] of the state to which this message is the reply."""
     client: int
-    """Number of the sender, a new one after each start."""
+    """Random number of the sender; a new number after each start of the sender."""
     name: str
-    """Name of the sender, for messages: host and process."""
+    """Host and process of the sender, for texts that people read."""
     sequence: int
     """Number of the message, which increases by one with each message of the client."""
     halt: Reason | None
-    """Reason for which the sender's own gate holds, so that the robot should hold too; None while that gate
+    """Reason for which the sender's gate holds, so that the robot must also hold; None while that gate
     runs."""
     leaving: bool
-    """True if this is the last message."""
+    """True if this is the last message of the sender."""
     first: int
-    """Number of the first of `orders`; orders are numbered consecutively from 1."""
+    """Number of the first order in `orders`. The sender numbers its orders consecutively from 1."""
     orders: tuple[PlatformOrder, ...]
-    """All orders that are not acknowledged yet, oldest first."""
+    """All orders that no state has acknowledged yet, oldest first."""

@@ -1,4 +1,4 @@
-"""The robot's side of `remote`, over any middleware."""
+"""Server in the robot's process for the protocol `remote`, over any middleware."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from tci.reasons import Reason
 
 
 class RemoteServer(Server):
-    """Serves a robot to other TCI processes, which command it through the gate of this one.
+    """Serves a robot to other TCI processes, which command the robot through the gate of this process.
 
-    A subclass transfers messages in `_poll`, `_show` and `_show_skin`, and never waits there.
+    A subclass transfers messages in `_poll`, `_show` and `_show_skin`. These methods must never wait.
     """
 
     def __init__(self, driver: Driver, address: str = "", *, middleware: str) -> None:
-        """Prepares the server. Raises UnknownNameError when the robot has no binding to `middleware`."""
+        """Prepares the server. Raises UnknownNameError if the robot has no binding to `middleware`."""
         super().__init__(driver, address)
         self.number = secrets.randbits(62) + 1
-        """Number of this start."""
+        """Session number: a random number, new for each server."""
         silence = driver.robot.binding(middleware).stale_after
         self.commanders = CommandArbiter(driver.robot, self.number, silence)
-        """Arbiter between the processes that command now."""
+        """Arbiter between the processes that command the robot."""
         self._sequence = 0
         self._shown: dict[str, int] = {}
 
     @abstractmethod
     def _poll(self) -> Iterable[Orders]:
-        """Returns the messages that arrived, a bounded number."""
+        """Returns the messages that have arrived, at most a fixed number."""
 
     @abstractmethod
     def _show(self, state: State) -> None:

@@ -1,46 +1,46 @@
-"""Conversion of a sender's stamps to this process's clock, without synchronised clocks."""
+"""Conversion of a sender's time stamps to this process's clock, without synchronised clocks."""
 
 from __future__ import annotations
 
 import math
 
 JUMP = 1.0
-"""Jump [s] back of the stamps, or of the delay below its minimum, that means that the sender's clock was set
-or the sender was restarted. A smaller jump is caused by a message out of order, or by a faster path. Assumed:
-far above the delays of a local network."""
+"""Smallest decrease [s] of the stamps, or of the delay below the previous minimum, that counts as a jump: the
+sender's clock was set, or the sender was restarted. A smaller decrease is caused by a message out of order,
+or by a faster path. Assumed: the delays of a local network are far shorter."""
 WINDOW = 5.0
-"""Time [s] for which a minimum of the delay is used. A delay that lasts for two windows counts as a property
-of the path. Assumed: clocks drift by less than a millisecond in this time."""
+"""Time window [s] for the minimum of the delay. If all delays in two windows are above the minimum, the
+shortest of them becomes the new minimum. Assumed: clocks drift by less than a millisecond in this time."""
 FIRST = 20
-"""Number of messages after which the offset may change only slowly. Assumed: the shortest delay occurs among
-them."""
+"""Number of messages after which the offset may change only slowly. Assumed: the shortest delay occurs in
+these first messages."""
 SLEW = 0.1
-"""Largest change of the offset, as a fraction of the time between two messages. Assumed: measured speeds are
-then wrong by at most a tenth."""
+"""Largest change of the offset, as a fraction of the time between two messages. Assumed: this makes measured
+speeds wrong by at most a tenth."""
 
 
 class SourceClock:
     """Converts a sender's stamps to this process's clock, and detects delayed messages.
 
-    The shortest recent delay of a message counts as zero; a longer one makes the message older by the
-    difference. Thus delayed data does not look recent, times between messages are those of the sender, and a
-    jump of the sender's clock has no effect.
+    The shortest recent delay of a message counts as zero. If a message has a longer delay, the message counts
+    as older by the difference. This has three effects: delayed data does not look recent, the times between
+    messages are the sender's, and a jump of the sender's clock has no effect.
     """
 
     def __init__(self) -> None:
         self.difference: float | None = None
-        """Offset [s] of this clock from the sender's; None before the first message."""
+        """Offset [s] of this process's clock from the sender's clock; None before the first message."""
         self._last = -math.inf
         self._least = self._next = math.inf
         self._since = -math.inf
         self._count = 0
 
     def place(self, stamp: float, arrival: float) -> float | None:
-        """Returns the time of measurement [s, this clock] for a `stamp` [s, sender's clock] and `arrival` [s,
-        this clock].
+        """Returns the time [s] of measurement on this process's clock, or None for an outdated message.
 
-        None for a message that is older than an earlier one, or a repetition. A stamp of 0 means that there
-        is no stamp; the result is then the time of arrival.
+        `stamp` [s] is on the sender's clock, `arrival` [s] on this process's clock. A message is outdated if
+        its stamp is not above the stamp of an earlier message. A stamp of 0 means that the message has no
+        stamp; then returns `arrival`.
         """
         if not 0.0 < stamp < 1e12:  # NaN fails this test too
             return arrival

@@ -12,8 +12,11 @@ from tci.robot.description import Robot
 
 
 class WholeParts:
-    """Completes commands: joints without a command keep the position that they had when other joints of their
-    part came under command."""
+    """Turns commands to some joints of a robot part into commands to all joints of the part.
+
+    Joints without a command keep the position that they had when another joint of the part came under
+    command.
+    """
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
@@ -22,15 +25,19 @@ class WholeParts:
         self._stays: dict[int, float] = {}
 
     def forget(self) -> None:
-        """Forgets all kept positions, because the robot was disconnected or halted, and its posture may have
-        changed."""
+        """Forgets all kept positions.
+
+        Needed after the robot was disconnected or halted, since the robot's posture may have changed.
+        """
         self._stays.clear()
 
     def complete(self, safe: SafeCommand, here: Array) -> dict[str, list[float]]:
-        """Returns the angles [rad] of all servos of each part that has one under command, in the order of
-        `Robot.servos_of`; the robot's servos (n_servos,) are at `here` [rad].
+        """Returns the set-points [rad] for each robot part that has a servo under command.
 
-        Raises DriverError for a mode other than position.
+        Each list has all servos of the part, in the order of `Robot.servos_of`. `here` (n_servos,) [rad]
+        holds the measured angles of all servos.
+
+        Raises DriverError if a command is not in position mode.
         """
         for servo, mode in zip(safe.servos.tolist(), safe.modes, strict=True):
             if mode is not Mode.POSITION:

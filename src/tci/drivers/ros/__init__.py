@@ -1,4 +1,5 @@
-"""The common part of the drivers for ROS 1, ROS 2 and rosbridge: topics, messages, a driver and a server.
+"""The common part of ROS 1, ROS 2 and rosbridge: topics, messages, a driver and a server.
 
-They differ in the node only (`node.py`); `tci.drivers.ros.ros1`, `ros2` and `rosbridge` each implement one.
+ROS 1, ROS 2 and rosbridge differ only in the node. `node.py` defines the node's interface; `ros1.py`,
+`ros2.py` and `rosbridge.py` implement it.
 """

@@ -1,4 +1,4 @@
-"""Conversion of received joint and skin messages to TCI's types; useless messages are counted."""
+"""Conversion of received ROS messages to TCI's types: joints, accelerations and skin."""
 
 from __future__ import annotations
 
@@ -18,26 +18,28 @@ from tci.robot.description import Robot
 from tci.robot.kinematics import KinematicChain
 
 MOST_ORDERS = 32
-"""Largest number of different orders of joint names that are cached. Assumed: each publisher uses one, so
-more are an error."""
+"""Largest number of different lists of joint names that are cached. Assumed: each publisher uses only one
+list, so a larger number is an error."""
 FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
-"""NumPy's type codes of PointField's datatypes."""
+"""NumPy's type code for each datatype of the ROS message PointField."""
 
 SILENT = 0.1
 """Age [s] of an acceleration, relative to the joint data, above which torques are not used to detect touches.
-Assumed: a base that leans by 6 degrees in that time changes the torques by less than a touch."""
+Assumed: the base leans by at most 6 degrees in this time, which changes the torques by less than a touch
+does."""
 
 
 def stamp_of(fields: Mapping[str, Any]) -> float:
-    """Returns the stamp [s] in a message's header."""
+    """Returns the time stamp [s] from a message's header."""
     return float(fields["sec"]) + float(fields["nanosec"]) * 1e-9
 
 
 class JointArrivals:
-    """JointStates of one robot, from one publisher or from several that each publish some joints."""
+    """Collects the JointStates of one robot from one publisher, or from several that each publish some
+    joints."""
 
     def __init__(self, robot: Robot, indices: Mapping[str, int]) -> None:
-        """Takes the `indices` of servos by their names in ROS."""
+        """Takes the robot and the `indices` of its servos by their joint names in ROS."""
         self._robot = robot
         self._names = indices
         self._orders: dict[tuple[str, ...], tuple[NDArray[np.intp], NDArray[np.intp]]] = {}
@@ -48,16 +50,19 @@ class JointArrivals:
         self._stamps = np.full(count, -np.inf)
         self._sequence = 0
         self.latest: JointReading | None = None
-        """The latest reading, after data of every servo has arrived."""
+        """The latest reading of all servos; None until data of every servo has arrived."""
 
     @property
     def missing(self) -> list[str]:
-        """Names of servos without data so far."""
+        """Names of the servos for which no data has arrived yet."""
         return [servo.name for servo in self._robot.servos if np.isnan(self._position[servo.index])]
 
     def receive(self, fields: Mapping[str, Any], arrival: float) -> None:
-        """Handles a JointState that arrived at `arrival` [s]. Raises FrameError if its lengths do not
-        match."""
+        """Handles a JointState that arrived at `arrival` [s].
+
+        Raises FrameError if the message has not one position for each name. Velocities and efforts may be
+        empty; if they are not, each name needs a velocity or effort, too.
+        """
         names = tuple(fields["name"])
         position, velocity, effort = fields["position"], fields["velocity"], fields["effort"]
         for what, values in (("velocity", velocity), ("effort", effort)):
@@ -89,7 +94,8 @@ class JointArrivals:
             )
 
     def _order(self, names: tuple[str, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Returns the servos of a message, and their indices in it."""
+        """Returns the indices of the servos in a message, and the places of these servos in its list
+        `names`."""
         if names not in self._orders:
             if len(self._orders) >= MOST_ORDERS:
                 raise FrameError(f"JointState: more than {MOST_ORDERS} different lists of names")
@@ -102,7 +108,7 @@ class JointArrivals:
         return self._orders[names]
 
     def _speed(self, servos: NDArray[np.intp], position: Array, stamp: float) -> Array:
-        """Computes speeds [rad/s] from the previous positions, for a robot that sends none."""
+        """Computes speeds [rad/s] from the previous positions. Needed for a robot that sends no speeds."""
         passed = stamp - self._stamps[servos]
         moved = position - self._position[servos]
         known = np.isfinite(passed) & (passed > 0.0) & np.isfinite(moved)
@@ -110,7 +116,7 @@ class JointArrivals:
 
 
 class ImuArrivals:
-    """Accelerations of one robot, from an accelerometer in any of its links."""
+    """Collects accelerations of one robot from an accelerometer, which may be in any link of the robot."""
 
     def __init__(self, robot: Robot) -> None:
         self._kinematics = KinematicChain(robot) if robot.model is not None else None
@@ -120,8 +126,10 @@ class ImuArrivals:
         self._gravity: Array | None = None
 
     def receive(self, fields: Mapping[str, Any], arrival: float) -> None:
-        """Handles an Imu that arrived at `arrival` [s]. Raises FrameError for one without an acceleration,
-        and for a frame that is no link of the robot's model."""
+        """Handles an Imu message that arrived at `arrival` [s].
+
+        Raises FrameError if the message has no acceleration, or if its frame is no link of the robot's model.
+        """
         if self._kinematics is None:
             return
         gravity, root = to_gravity(fields), self._kinematics.links[0]
@@ -135,8 +143,11 @@ class ImuArrivals:
             self._stamp, self._links, self._gravity = stamp, (root, link), gravity
 
     def complete(self, joints: JointReading) -> JointReading:
-        """Adds the gravity of the root link to the joints, if it has arrived. If it is no longer sent,
-        removes the torques, since the effect of weight is then unknown."""
+        """Returns the joints with the direction of gravity in the root link added, if an Imu message has
+        arrived.
+
+        If Imu messages no longer arrive, removes the torques, since the effect of weight on them is unknown.
+        """
         if self._gravity is None or self._kinematics is None:
             return joints
         if joints.stamp - self._stamp > SILENT:
@@ -146,7 +157,7 @@ class ImuArrivals:
 
 
 class SkinArrivals:
-    """Frames of one patch."""
+    """Collects the skin frames of one patch."""
 
     def __init__(self, robot: Robot, patch: str) -> None:
         self._patch = patch
@@ -154,7 +165,7 @@ class SkinArrivals:
         self._clock = SourceClock()
         self._sequence = 0
         self.latest: SkinFrame | None = None
-        """The latest frame."""
+        """The latest frame; None until a frame has arrived."""
 
     def receive(self, fields: Mapping[str, Any], values: NDArray[np.generic], arrival: float) -> None:
         """Handles raw values that arrived at `arrival` [s]."""
@@ -166,7 +177,8 @@ class SkinArrivals:
 
 
 def raw_of_cloud(fields: Mapping[str, Any]) -> NDArray[np.generic]:
-    """Returns the field `raw` (n,) of a PointCloud2. Raises FrameError if it is missing or does not fit."""
+    """Returns the field `raw` (n,) of a PointCloud2. Raises FrameError if the field is missing or its size is
+    wrong."""
     field = next((field for field in fields["fields"] if field["name"] == "raw"), None)
     if field is None or field["datatype"] not in FORMATS or fields["is_bigendian"]:
         raise FrameError("PointCloud2: no little-endian field named raw")

@@ -1,4 +1,4 @@
-"""A frame of skin as sensor_msgs/PointCloud2: one point per channel, in the frame of the patch's link."""
+"""A skin frame as sensor_msgs/PointCloud2: one point per channel, in the coordinates of the patch's link."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ FLOAT32 = DATATYPES["f4"]
 
 
 class PatchCloud:
-    """Points of one patch: x, y, z [m], pressure [Pa] by the description, and the raw value.
+    """Points of one patch: x, y, z [m], pressure [Pa] and the raw value of each channel.
 
-    The position of a channel that is no taxel is NaN, so that `raw` contains the whole frame in its own
+    The pressure is computed with the calibration in the robot's description. A channel that is no taxel also
+    has a point, with NaN as position. So the field `raw` contains all values of the skin frame in their
     order.
     """
 
@@ -30,7 +31,7 @@ class PatchCloud:
         self._places[surface.channels] = surface.positions
 
     def values(self, frame: SkinFrame, stamp: float) -> tuple[Any, ...]:
-        """Returns the values of a message stamped `stamp` [s]."""
+        """Returns the values of the PointCloud2 message for a skin frame, with the time stamp `stamp` [s]."""
         raw: NDArray[Any] = frame.values
         kind = raw.dtype.str[1:]
         if kind not in DATATYPES:  # 8-byte integers, which PointField lacks

@@ -1,7 +1,8 @@
-"""A driver over any ROS, for a robot that another TCI process serves, or a robot with its own ROS topics.
+"""A driver over any kind of ROS, for robots that a TCI process serves and robots with their own ROS topics.
 
-The driver detects the kind when it opens. A TCI process sends states and accepts orders (`remote`); its gate
-plans the motion. A robot with its own ROS topics gets the set-points of the gate in this process.
+The driver detects which of the two it has found when it opens. A TCI process sends states and accepts orders
+(`remote`), and the gate in that process plans the motion. For a robot with its own ROS topics, the gate in
+this process plans the motion, and the robot receives the set-points.
 """
 
 from __future__ import annotations
@@ -30,20 +31,20 @@ WAIT = 5.0
 """Time [s] that a driver waits for the robot's joints when it opens. Assumed: discovery of nodes takes a few
 seconds."""
 STATE_WAIT = 0.5
-"""Time [s] that joints are published but no states before the robot counts as one of ROS. Assumed: a TCI
-process offers states first, so they appear within a few periods."""
+"""Time [s] after which a robot counts as one with its own ROS topics, if joints but no states are published.
+Assumed: a TCI process offers its topic of states before its topic of joints, so states appear much sooner."""
 SKIN_WAIT = 2.0
-"""Time [s] to wait then for patches that have sent nothing yet. Assumed: longer than the period of any
-patch."""
+"""Longest time [s] to wait for the first frame of every patch when a robot with its own ROS topics is opened.
+Assumed: every patch has a shorter period than this."""
 
 
 class RosDriver(RemoteDriver):
-    """A driver over a node of any ROS; it closes the node with itself."""
+    """A driver over a node of any kind of ROS. Closing the driver also closes the node."""
 
     def __init__(
         self, robot: Robot, node: RosNode, *, middleware: str, namespace: str, arm: bool, wait: float = WAIT
     ) -> None:
-        """Connects. Raises DriverError when no joints arrive within `wait` [s]."""
+        """Connects to the robot. Raises DriverError if no joints arrive within `wait` [s]."""
         self._node = node
         try:
             super().__init__(robot, middleware=middleware, place=namespace or "/", arm=arm)
@@ -71,7 +72,7 @@ class RosDriver(RemoteDriver):
 
     @property
     def is_native(self) -> bool:
-        """True if the robot has ROS topics of its own."""
+        """True if the robot has its own ROS topics, False if a TCI process serves the robot."""
         return self._native is not None
 
     def diagnose(self) -> tuple[Finding, ...]:
@@ -135,12 +136,15 @@ class RosDriver(RemoteDriver):
         return keep
 
     def _where_else(self) -> str:
-        """Returns advice on finding a robot that no one publishes."""
+        """Returns advice for the user if no node publishes the robot's joints."""
         return ""
 
     def _is_tci(self, wait: float) -> bool:
-        """Returns True if a TCI process serves the robot. Raises DriverError if there is no publisher, and,
-        without waiting longer, if the publisher has another type."""
+        """Returns True if a TCI process serves the robot, False if the robot has its own ROS topics.
+
+        Raises DriverError if no node publishes the joints within `wait` [s]. Raises DriverError, without
+        waiting that long, if the topic of the joints has another type than JointState.
+        """
         begin = time.monotonic()
         plain_since = np.inf
         while True:
@@ -163,8 +167,8 @@ class RosDriver(RemoteDriver):
             time.sleep(0.01)
 
     def _wait_for_discovery(self, seconds: float) -> None:
-        """Waits until the robot's process has discovered this one: connecting topics of ROS takes a
-        moment."""
+        """Waits until the robot's process receives orders of this process, since ROS takes time to connect
+        topics."""
         end = time.monotonic() + seconds
         while True:
             self._take()

@@ -1,4 +1,4 @@
-"""Standard ROS messages that recordings do not use."""
+"""Types of the standard ROS messages that only the ROS drivers use, and not the recordings."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BYTES = MessageType(
     headed=False,
 )
 NO_LAYOUT = ((), 0)
-"""Value of an empty layout: one row."""
+"""Value of the field `layout` of a ROS array message with one dimension."""
 TRAJECTORY = MessageType(
     "trajectory_msgs/msg/JointTrajectory",
     (("string[]", "joint_names"), ("trajectory_msgs/JointTrajectoryPoint[]", "points")),

@@ -7,23 +7,28 @@ from tci.robot.description import Robot, Servo, wire_name
 
 
 def token(name: str) -> str:
-    """Returns a name of a description as one token of a topic, or as the name of a node."""
+    """Returns a name from a robot's description in a form that is valid in the name of a ROS topic or
+    node."""
     return wire_name(name, dash=False)
 
 
 class Names:
-    """The names of a robot's topics and joints: ROS conventions, or the addresses of its binding."""
+    """The names of a robot's topics and joints in ROS.
+
+    If the robot's binding has an address for a joint or topic, this address is used. Otherwise the name
+    follows the conventions of ROS.
+    """
 
     def __init__(self, robot: Robot, middleware: str, namespace: str) -> None:
-        """Takes a `namespace` as `namespace_of` returns it.
+        """Takes the robot, the middleware of its binding, and a `namespace` that `namespace_of` returned.
 
-        Raises DriverError when two servos, parts or patches have one name.
+        Raises DriverError if two servos, two parts or two patches would have one name in ROS.
         """
         self._robot = robot
         self._binding = robot.binding(middleware)
         self._namespace = namespace
         self.indices: dict[str, int] = {}
-        """Index of each servo by its name in ROS."""
+        """Index of each servo by the servo's joint name in ROS."""
         parts, patches = self.parts(), [patch.name for patch in robot.patches]
         for what, names in (
             ("servos", [self.joint(servo) for servo in robot.servos]),
@@ -40,13 +45,16 @@ class Names:
 
     @property
     def joints(self) -> str:
-        """Topic of sensor_msgs/JointState, as of ros2_control's joint_state_broadcaster."""
+        """Topic of sensor_msgs/JointState; the name is that of ros2_control's joint_state_broadcaster."""
         return self.topic("joint_states")
 
     @property
     def imu(self) -> str | None:
-        """Topic of sensor_msgs/Imu: the address of `imu` in the binding, or that of REP 145 for a robot that
-        feels through its joints; None for others, which do not need it."""
+        """Topic of sensor_msgs/Imu: the address of `imu` in the robot's binding.
+
+        Without that address, a robot that detects touches by joint torques has the topic `imu/data` of REP
+        145. For other robots, which need no accelerations, the result is None.
+        """
         feels = any(patch.through_joints for patch in self._robot.patches)
         name = self._binding.address("imu", "imu/data" if feels else "")
         return self.topic(name) if name else None
@@ -66,7 +74,8 @@ class Names:
         return self.topic(f"tci/frames/{token(patch)}")
 
     def topic(self, name: str) -> str:
-        """Returns a topic in the robot's namespace; a name that begins with a slash stays unchanged."""
+        """Returns the name of a topic in the robot's namespace. A name that begins with a slash stays
+        unchanged."""
         return name if name.startswith("/") else f"{self._namespace}/{name}"
 
     def joint(self, servo: Servo) -> str:
@@ -74,16 +83,20 @@ class Names:
         return self._binding.address(servo.name, servo.joint or servo.name)
 
     def trajectory(self, robot_part: str) -> str:
-        """Returns the topic of trajectory_msgs/JointTrajectory, as a joint_trajectory_controller takes it."""
+        """Returns the topic of trajectory_msgs/JointTrajectory for ros2_control's
+        joint_trajectory_controller."""
         return self.topic(f"{token(robot_part)}_controller/joint_trajectory")
 
     def values(self, robot_part: str) -> str:
-        """Returns the topic of std_msgs/Float64MultiArray, as a forward_command_controller takes it."""
+        """Returns the topic of std_msgs/Float64MultiArray for ros2_control's forward_command_controller."""
         return self.topic(f"{token(robot_part)}_controller/commands")
 
     def command(self, robot_part: str) -> str:
-        """Returns the topic on which a robot takes commands for a part; a name that ends in `/commands` means
-        values."""
+        """Returns the topic on which a robot takes commands for a robot part.
+
+        If the topic's name ends in `/commands`, its messages are Float64MultiArray, otherwise
+        JointTrajectory.
+        """
         return self.topic(self._binding.address(robot_part, self.trajectory(robot_part)))
 
     def skin(self, patch: str) -> str:
@@ -91,9 +104,9 @@ class Names:
         return self.topic(self._binding.address(patch, f"skin/{token(patch)}"))
 
     def points(self, patch: str) -> str:
-        """Returns the topic of sensor_msgs/PointCloud2 with a patch's frames, positions and pressures."""
+        """Returns the topic of sensor_msgs/PointCloud2 with a patch's raw values, positions and pressures."""
         return f"{self.skin(patch)}/points"
 
     def parts(self) -> tuple[str, ...]:
-        """Returns the robot's own parts."""
+        """Returns the names of the robot parts that the description gives to servos."""
         return tuple(dict.fromkeys(servo.robot_part for servo in self._robot.servos))

@@ -1,4 +1,7 @@
-"""A robot with the topics of ros2_control: JointState in, JointTrajectory or values out."""
+"""A robot with the topics of ros2_control.
+
+The driver receives JointState and sends JointTrajectory or Float64MultiArray.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +24,8 @@ from tci.recording.schemas import CLOUD, IMU, JOINTS, SKIN, to_frame
 from tci.robot.description import Robot
 
 QUEUE = 16
-"""Largest number of JointStates kept between two periods. Assumed: several publishers may each send some
-joints."""
+"""Largest number of JointStates that are kept between two periods. Assumed: a few publishers may each send
+some of the joints."""
 
 
 class NativeRobot:
@@ -31,7 +34,10 @@ class NativeRobot:
     def __init__(
         self, robot: Robot, node: RosNode, names: Names, *, arm: bool, period: float, now: Callable[[], float]
     ) -> None:
-        """Subscribes to joints, accelerations and skin; if `arm`, offers commands once per `period` [s]."""
+        """Subscribes to joints, accelerations and skin; with `arm`, also offers the topics of commands.
+
+        A commanded position is to be reached after one `period` [s].
+        """
         self.robot = robot
         self._names = names
         self._now = now
@@ -55,12 +61,12 @@ class NativeRobot:
 
     @property
     def complete(self) -> bool:
-        """True if data of every joint and every patch has arrived."""
+        """True as soon as data of every joint and every patch has arrived."""
         received = (arrivals.latest is not None for arrivals in self.skin.values())
         return self.joints.latest is not None and all(received)
 
     def reading(self) -> Reading:
-        """Returns the latest data. Raises DriverError before the first joints."""
+        """Returns the latest data. Raises DriverError if data of some joint has not arrived yet."""
         if self.joints.latest is None:
             raise DriverError(f"no joints of {self.robot.name} yet")
         frames = (arrivals.latest for arrivals in self.skin.values())
@@ -68,13 +74,17 @@ class NativeRobot:
         return Reading(joints, tuple(frame for frame in frames if frame is not None))
 
     def forget(self) -> None:
-        """Forgets the held position of joints without a command: the robot was away, and its posture may have
-        changed."""
+        """Forgets the positions that joints without a command keep.
+
+        Needed after the robot was disconnected or halted, since the robot's posture may have changed.
+        """
         self._parts.forget()
 
     def send(self, safe: SafeCommand) -> None:
-        """Commands each part that has a servo under command. Raises DriverError for a mode other than
-        position."""
+        """Sends a command to each robot part that has a servo under command.
+
+        Raises DriverError if a command is not in position mode.
+        """
         for part, position in self._parts.complete(safe, self.reading().joints.position).items():
             self._out[part](self._message(part, np.array(position)))
 

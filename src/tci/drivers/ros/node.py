@@ -1,4 +1,4 @@
-"""The interface that a driver or a server needs of ROS: topics only."""
+"""The interface to ROS for drivers and servers. They need only topics, no services or actions."""
 
 from __future__ import annotations
 
@@ -12,55 +12,62 @@ from tci.errors import DriverError, TciError
 from tci.rosmsg.cdr import MessageType
 
 Publish = Callable[[Sequence[Any]], None]
-"""Sends one message from its values in the order of `MessageType.flat`."""
+"""Function that sends one message; takes the message's values in the order of `MessageType.flat`."""
 Callback = Callable[[Mapping[str, Any]], None]
-"""Handles one message, as `tci.rosmsg.cdr.decode` returns it. Errors that it raises are counted and have no
-other effect."""
+"""Function that handles one message; takes the fields that `tci.rosmsg.cdr.decode` returns. If the function
+raises an error, the message is counted as rejected and dropped."""
 LIFESPAN = 0.1
-"""Time [s] after which a message is no longer delivered, if the middleware stores messages. Assumed: older
-joint data or commands are stale."""
+"""Time [s] after which a message that the middleware has stored is no longer delivered. Assumed: older joint
+data or commands are useless."""
 MOST_REASONS = 100
-"""Largest number of reasons that are counted separately. Assumed: bounds memory, since the reasons contain
-received text."""
+"""Largest number of reasons that are counted separately. Assumed: this number bounds the memory, since
+reasons contain text from received messages, which may differ each time."""
 NAMESPACE = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)*")
 
 
 class RosNode(ABC):
-    """A node of one kind of ROS. Topics are absolute: `/joint_states`."""
+    """A node of one kind of ROS. Names of topics are absolute, e.g. `/joint_states`."""
 
     def __init__(self) -> None:
         self.rejected: Counter[str] = Counter()
-        """Messages that could not be decoded, counted by reason."""
+        """Number of messages that could not be used, by the reason."""
         self.silent: set[str] = set()
-        """Nodes that are registered for a requested topic but do not answer."""
+        """Nodes that ROS lists as publishers of a requested topic, but that do not answer."""
 
     @abstractmethod
     def advertise(self, topic: str, kind: MessageType, *, latched: bool = False) -> Publish:
-        """Offers a topic; with `latched`, later subscribers still get the last message."""
+        """Offers a topic; returns the function that sends a message on the topic.
+
+        If `latched`, nodes that subscribe later also get the last message.
+        """
 
     @abstractmethod
     def subscribe(
         self, topic: str, kind: MessageType, callback: Callback, *, latched: bool = False, keep: int = 1
     ) -> None:
-        """Passes messages of a topic to `callback`: between two polls, only the last `keep` messages."""
+        """Passes the messages of a topic to `callback`; between two polls, only the last `keep` messages."""
 
     @abstractmethod
     def types_of(self, topic: str) -> tuple[str, ...]:
-        """Returns the types with which running nodes offer a topic, for messages; empty for no such topic."""
+        """Returns the message types with which running nodes offer a topic; empty if no node offers the
+        topic."""
 
     @abstractmethod
     def close(self) -> None:
         """Closes every topic. A second call does nothing."""
 
     def poll(self) -> None:  # noqa: B027 - a node with a thread needs none
-        """Passes on the messages that have arrived. Nodes with their own thread need not do this."""
+        """Passes the messages that have arrived to the callbacks. Does nothing if the node has its own
+        thread."""
 
     def supports(self, kind: MessageType) -> bool:
-        """Returns True if this node can carry messages of a type; it can carry all standard ones."""
+        """Returns True if this node can transport messages of a type. Every node can transport standard
+        messages."""
         return True
 
     def _pass_on(self, topic: str, decoded: Callable[[], Mapping[str, Any]], callback: Callback) -> None:
-        """Decodes one message and passes it on, or counts it as rejected."""
+        """Decodes one message and passes it to the callback; counts the message as rejected if either step
+        fails."""
         try:
             callback(decoded())
         except (TciError, ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
@@ -69,9 +76,9 @@ class RosNode(ABC):
 
 
 def namespace_of(address: str) -> str:
-    """Returns the namespace in a driver's address, with a slash before it and none after; "" for none.
+    """Returns the namespace in a driver's address: "/left" for "left", "/left" or "/left/"; "" for "" or "/".
 
-    Raises DriverError for an invalid name.
+    Raises DriverError if the namespace is invalid.
     """
     namespace = "/" + address.strip("/") if address.strip("/") else ""
     if not NAMESPACE.fullmatch(namespace):

@@ -1,7 +1,7 @@
-"""`ros1[:NAMESPACE]`: robots in ROS 1 (noetic), through the machine's own rospy.
+"""`ros1[:NAMESPACE]`: robots in ROS 1 (noetic), through the rospy that is installed on the machine.
 
-rospy comes with ROS or with Debian (`apt-get install python3-rospy python3-sensor-msgs
-python3-trajectory-msgs`), not from PyPI; it is loaded from the folders of either.
+rospy is not on PyPI. Install it with ROS 1 or, on Debian, with `apt-get install python3-rospy
+python3-sensor-msgs python3-trajectory-msgs`. TCI looks for rospy in the folders of ROS 1 and of Debian.
 """
 
 from __future__ import annotations
@@ -42,24 +42,27 @@ HOW = (
     "with a Python of the system's version"
 )
 MASTER_TIMEOUT = 3.0
-"""Time [s] that the master or a node has to answer. Assumed: on a local network it answers within a
-second."""
+"""Time [s] within which the ROS master or a node must answer. Assumed: on a local network, both answer within
+a second."""
 BUFFER = 1 << 20
-"""Bytes that a subscriber reads at once, so that the newest message of a flood is found. Assumed: hundreds of
-messages."""
+"""Largest number of bytes that a subscriber reads at once; of many waiting messages, only the newest is used.
+Assumed: hundreds of messages have fewer bytes."""
 MASTER = "http://localhost:11311"
-"""Address of the master if ROS_MASTER_URI gives none."""
+"""Address of the ROS master if ROS_MASTER_URI is not set."""
 NEEDED = ("rospy", "sensor_msgs.msg", "trajectory_msgs.msg")
-"""Modules of ROS 1; rospy depends on the other messages."""
+"""Python modules of ROS 1 that are needed. All other modules with messages are installed together with
+rospy."""
 NAMES = ("ROS_IP", "ROS_HOSTNAME")
-"""Variables that give this machine's name to others."""
+"""Environment variables with the name under which other machines reach this machine."""
 FLUSH, SENT = 0.2, 0.005
-"""Longest time [s] that closing waits for the last messages to leave their queues, and then to be sent.
-Assumed; shorter may lose the last message, longer delays the end of a program."""
+"""Two times [s] that closing waits: at most FLUSH until the last messages have left their queues, and then
+SENT until they are sent. Assumed: shorter times may lose the last message, longer times delay the end of a
+program."""
 
 
 def _rospy() -> Any:
-    """Returns the module after all other modules are found. Raises MissingExtraError."""
+    """Imports the needed modules of ROS 1 and returns rospy. Raises MissingExtraError if a module is
+    missing."""
     if find_spec("rospy") is None:
         for place in PLACES:
             if Path(place, "rospy").is_dir():
@@ -73,10 +76,14 @@ def _rospy() -> Any:
 
 
 class Ros1Node(RosNode):
-    """A user of this process's node: rospy has one node per process, which ends with the process."""
+    """Access to the ROS 1 node of this process. rospy has one node per process, which ends with the
+    process."""
 
     def __init__(self, name: str) -> None:
-        """Joins the node. Raises DriverError without a master, MissingExtraError without rospy."""
+        """Starts the process's node if there is none yet.
+
+        Raises DriverError if no ROS master answers, MissingExtraError if rospy is not installed.
+        """
         super().__init__()
         _stay_here()
         self._rospy = _rospy()
@@ -101,8 +108,11 @@ class Ros1Node(RosNode):
         self._topics: list[Any] = []
 
     def _serve_in_threads(self) -> None:
-        """Uses one thread for each connection, since a silent client would block rospy's single thread for
-        all."""
+        """Makes rospy accept each connection in a thread of its own.
+
+        Needed since rospy has a single thread for new connections, which one silent client would block for
+        all.
+        """
         server = import_module("rospy.impl.tcpros_base").init_tcpros_server()  # returns the existing server
         server.start_server()
         tcp = server.tcp_ros_server
@@ -141,8 +151,10 @@ class Ros1Node(RosNode):
         return tuple(sorted(type_.replace("/", "/msg/", 1) for type_ in found))
 
     def _publications(self, node: str) -> Sequence[tuple[str, str]]:
-        """Returns topics and types as the node itself reports them: the master still lists a node that was
-        killed."""
+        """Returns the topics that a node publishes, with their types, as the node itself reports them.
+
+        The master's list is not used, since it also has nodes that were killed.
+        """
         uri = ""
         with suppress(Exception):
             uri = self._master.lookupNode(node)
@@ -159,8 +171,8 @@ class Ros1Node(RosNode):
         self._master = None  # closes its connection
 
     def _flush(self) -> None:
-        """Waits until rospy's threads have sent all published messages, since closing would lose the last
-        ones."""
+        """Waits until rospy's threads have sent all published messages, which closing would otherwise
+        lose."""
         publishers = [topic for topic in self._topics if isinstance(topic, self._rospy.Publisher)]
         queued = [connection for publisher in publishers for connection in publisher.impl.connections]
         until = time.monotonic() + FLUSH
@@ -171,14 +183,17 @@ class Ros1Node(RosNode):
 
 
 def _stay_here() -> None:
-    """Makes rospy listen on the loopback interface, by a host name that only this machine resolves. It is not
-    used with a remote master, ROS_IP or ROS_HOSTNAME."""
+    """Makes rospy listen on the loopback interface only, unless a setting requires the network.
+
+    Such settings are a remote master in ROS_MASTER_URI, ROS_IP and ROS_HOSTNAME.
+    """
     if _is_here() and not any(map(os.environ.get, NAMES)):
         os.environ["ROS_HOSTNAME"] = "localhost"
 
 
 def _is_here() -> bool:
-    """Returns True if no setting requires the network."""
+    """Returns True if the ROS master and this machine's name in ROS are on this machine, so not on the
+    network."""
     asked = urlsplit(os.environ.get("ROS_MASTER_URI") or MASTER).hostname, *map(os.environ.get, NAMES)
     return all(numeric(host) == "127.0.0.1" for host in asked if host)
 
@@ -200,18 +215,20 @@ class Ros1Driver(RosDriver):
         _rospy()
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = False, wait: float = WAIT) -> None:
-        """Connects; `address` is the robot's namespace. Raises DriverError when no joints arrive within
-        `wait` [s]."""
+        """Connects to the robot in the namespace `address`.
+
+        Raises DriverError if no joints arrive within `wait` [s].
+        """
         namespace = namespace_of(address)
         node = Ros1Node(f"tci_{token(robot.name)}_behaviour")
         super().__init__(robot, node, middleware="ros1", namespace=namespace, arm=arm, wait=wait)
 
 
 class Ros1Server(RosServer):
-    """Serves a robot in ROS 1."""
+    """A server of a robot in ROS 1."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """Serves in the namespace `address`. Raises DriverError without a master."""
+        """Serves the robot in the namespace `address`. Raises DriverError if no ROS master answers."""
         namespace = namespace_of(address)
         node = Ros1Node(f"tci_{token(driver.robot.name)}")
         super().__init__(driver, address, node, middleware="ros1", namespace=namespace)
@@ -223,8 +240,11 @@ class Ros1Server(RosServer):
 
 @cache
 def _type(kind: MessageType) -> Any:
-    """Returns the class of a message: the installed one, so that both sides agree on its checksum, or TCI's
-    own."""
+    """Returns the Python class of a message.
+
+    The installed class is used where possible, so that both sides of a topic have one checksum. Messages of
+    the package tci_msgs need no installation: their classes are generated.
+    """
     package, _, name = kind.name.split("/")
     if package != "tci_msgs":
         return _installed(f"{package}/{name}")
@@ -238,7 +258,7 @@ def _type(kind: MessageType) -> Any:
 
 @cache
 def _installed(type_: str) -> Any:
-    """Returns a class of an installed package."""
+    """Returns the class of a message type from an installed package."""
     package, _, name = type_.partition("/")
     if package == "builtin_interfaces":
         return getattr(import_module("genpy"), name)

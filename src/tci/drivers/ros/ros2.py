@@ -1,7 +1,7 @@
-"""`ros2[:NAMESPACE]`: robots in ROS 2, through the machine's own rclpy, or without ROS through cyclonedds.
+"""`ros2[:NAMESPACE]`: robots in ROS 2, through rclpy if ROS 2 is installed, else through cyclonedds.
 
-In ROS 2 every node that discovers a robot may command it. Therefore nodes find each other on this machine
-only, unless ROS_AUTOMATIC_DISCOVERY_RANGE is set otherwise.
+In ROS 2, every node that discovers a robot can command this robot. Therefore TCI's nodes and other nodes find
+each other only on this machine. To reach other machines, set ROS_AUTOMATIC_DISCOVERY_RANGE.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from tci.robot.description import Robot
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 RANGES = ("LOCALHOST", "SUBNET", "OFF", "SYSTEM_DEFAULT")
 HERE = ("LOCALHOST", "OFF")
-"""Ranges that are limited to this machine."""
+"""Discovery ranges that are limited to this machine."""
 
 _Node: Callable[..., RosNode]
 if find_spec("rclpy") is not None:
@@ -37,7 +37,10 @@ else:
 
 
 def discovery_range() -> str:
-    """Returns the range of discovery of nodes. ROS itself uses SUBNET if none is set. Raises DriverError."""
+    """Returns the range in which nodes discover each other; LOCALHOST if no range is set.
+
+    ROS itself uses SUBNET if no range is set. Raises DriverError for an invalid range.
+    """
     found = os.environ.get(RANGE) or RANGES[0]
     if found not in RANGES:
         raise DriverError(f"{RANGE} is {found!r}; valid: {', '.join(RANGES)}")
@@ -45,9 +48,9 @@ def discovery_range() -> str:
 
 
 def open_node(name: str, namespace: str) -> RosNode:
-    """Opens a node of rclpy if it is installed, else of cyclonedds.
+    """Opens a node of rclpy if rclpy is installed, else a node of cyclonedds.
 
-    Raises DriverError for invalid settings of the environment.
+    Raises DriverError if an environment variable has an invalid value.
     """
     reach = discovery_range()
     with on_loopback() if reach in HERE else nullcontext():
@@ -58,8 +61,10 @@ class Ros2Driver(RosDriver):
     """A driver of a robot in ROS 2."""
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = False, wait: float = WAIT) -> None:
-        """Connects; `address` is the robot's namespace. Raises DriverError when no joints arrive within
-        `wait` [s]."""
+        """Connects to the robot in the namespace `address`.
+
+        Raises DriverError if no joints arrive within `wait` [s].
+        """
         namespace = namespace_of(address)
         node = open_node(f"tci_{token(robot.name)}_behaviour", namespace)
         super().__init__(robot, node, middleware="ros2", namespace=namespace, arm=arm, wait=wait)
@@ -70,10 +75,10 @@ class Ros2Driver(RosDriver):
 
 
 class Ros2Server(RosServer):
-    """Serves a robot in ROS 2."""
+    """A server of a robot in ROS 2."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """Serves in the namespace `address`. Raises DriverError when ROS refuses."""
+        """Serves the robot in the namespace `address`. Raises DriverError if the node can't be opened."""
         namespace = namespace_of(address)
         node = open_node(f"tci_{token(driver.robot.name)}", namespace)
         super().__init__(driver, address, node, middleware="ros2", namespace=namespace)

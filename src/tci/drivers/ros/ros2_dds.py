@@ -1,8 +1,8 @@
-"""A ROS 2 node on cyclonedds, for machines without ROS: graph, type hashes and QoS as in rmw.
+"""A ROS 2 node on cyclonedds, for machines without ROS 2. Other nodes see it like a node of ROS 2.
 
-Messages are not received by a Python thread: Cyclone keeps the newest messages until the loop polls.
-ROS_DOMAIN_ID, ROS_AUTOMATIC_DISCOVERY_RANGE, ROS_STATIC_PEERS and CYCLONEDDS_URI have the same effect as in
-ROS.
+No Python thread receives messages. Cyclone keeps the newest messages until the loop polls.
+These environment variables have their usual effect in ROS 2: ROS_DOMAIN_ID, ROS_AUTOMATIC_DISCOVERY_RANGE,
+ROS_STATIC_PEERS and CYCLONEDDS_URI.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ from tci.errors import DriverError
 from tci.rosmsg.cdr import HEADER, MessageType, decode, encode, item_of
 
 RELIABLE = Policy.Reliability.Reliable(duration(milliseconds=0))
-"""Repeats lost messages, but never waits for a slow reader."""
+"""Policy that repeats lost messages, but never waits for a slow reader."""
 FRESH = Policy.Lifespan(duration(seconds=LIFESPAN))
-"""Deletes old messages. Otherwise messages that a dead reader did not acknowledge would be kept and sent to
-later readers."""
+"""Policy that deletes old messages. Without it, messages that a dead reader did not acknowledge would be kept
+and sent to later readers."""
 GRAPH = MessageType(
     "rmw_dds_common/msg/ParticipantEntitiesInfo",
     (("rmw_dds_common/Gid", "gid"), ("rmw_dds_common/NodeEntitiesInfo[]", "nodes")),
@@ -55,7 +55,7 @@ GRAPH = MessageType(
     ),
     headed=False,
 )
-"""Assignment of a participant's topics to nodes; `ros2 node list` reads it."""
+"""Message that assigns the topics of a DDS participant to ROS nodes. `ros2 node list` needs this message."""
 # cyclonedds 11 announces `uint8` as TK_UINT8: programs on Cyclone 0.10, that of ROS 2, then crash.
 SIMPLE = {
     "bool": bool, "uint8": types.byte, "uint16": types.uint16, "int32": types.int32, "uint32": types.uint32,
@@ -66,11 +66,13 @@ _HEADER = ("std_msgs/Header", (("builtin_interfaces/Time", "stamp"), HEADER[2]))
 
 
 class DdsNode(RosNode):
-    """A node of ROS 2, as other nodes see it."""
+    """A node on cyclonedds that other nodes see as a node of ROS 2."""
 
     def __init__(self, name: str, namespace: str = "", *, reach: str = "LOCALHOST") -> None:
-        """Opens the node; `reach` is the range of discovery. Raises DriverError for settings of the
-        environment that are invalid or that Cyclone refuses."""
+        """Opens the node; `reach` is the range of discovery.
+
+        Raises DriverError if an environment variable has a value that is invalid or that Cyclone refuses.
+        """
         super().__init__()
         self._id = _domain_id()
         _open_domain(self._id, reach)
@@ -155,7 +157,7 @@ class DdsNode(RosNode):
 
 
 class _Publisher:
-    """Sends on one topic until its node is closed."""
+    """A publisher of one topic. Raises DriverError if its node is closed."""
 
     def __init__(self, writer: DataWriter[Any], kind: MessageType) -> None:
         self._kind, self._cls = kind, _idl(kind)
@@ -180,7 +182,7 @@ def _qos(policies: Sequence[Any], kind: MessageType) -> Qos:
 
 @cache
 def type_hash(kind: MessageType) -> str:
-    """Returns the RIHS01 hash by which ROS 2 distinguishes versions of a type (REP 2011)."""
+    """Returns the RIHS01 hash by which ROS 2 distinguishes versions of a message type (REP 2011)."""
     store = get_typestore(Stores.ROS2_KILTED)
     if kind.name not in store.fielddefs:
         store.register(get_types_from_msg(kind.definition, kind.name))
@@ -189,7 +191,7 @@ def type_hash(kind: MessageType) -> str:
 
 @cache
 def _idl(kind: MessageType) -> type[IdlStruct]:
-    """Returns the type for DDS; it carries the bytes of `tci.rosmsg.cdr`."""
+    """Returns the DDS type of a message. Its samples contain the bytes that `tci.rosmsg.cdr` encodes."""
     needs = dict(kind.needs)
     if kind.headed:
         needs |= dict((_TIME, _HEADER))
@@ -228,8 +230,10 @@ def _open_domain(number: int, reach: str) -> None:
 
 
 def _static_peers() -> list[str]:
-    """Returns the peers as numeric addresses, since Cyclone ends the process for an address that it can't
-    parse."""
+    """Returns the peers in ROS_STATIC_PEERS as numeric addresses.
+
+    Names are resolved here because Cyclone ends the process if it can't parse an address.
+    """
     found = []
     for peer in filter(None, os.environ.get("ROS_STATIC_PEERS", "").split(";")):
         host, colon, port = peer.partition(":")
@@ -247,9 +251,10 @@ def _static_peers() -> list[str]:
 
 
 def _settings(reach: str) -> str:
-    """Returns Cyclone's settings for discovery as in ROS.
+    """Returns the settings with which Cyclone discovers nodes in the range `reach`, as ROS 2 does.
 
-    Fast DDS (vendor 1.15) and Cyclone disagree on type information; the type hash identifies types instead.
+    Type information from Fast DDS (vendor 1.15) is ignored because Cyclone interprets it in another way.
+    Types are identified by their hash instead.
     """
     peers = _static_peers()
     text = "<Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>"

@@ -1,4 +1,4 @@
-"""A ROS 2 node on the machine's own rclpy, with the middleware (rmw) that is configured there."""
+"""A ROS 2 node on the rclpy of the installed ROS 2, with the middleware (rmw) that this ROS 2 is set to."""
 
 from __future__ import annotations
 
@@ -20,15 +20,18 @@ from tci.errors import DriverError
 from tci.rosmsg.cdr import MessageType, decode, encode
 
 BEFORE_RANGES = ("foxy", "galactic", "humble")
-"""Distributions that support only ROS_LOCALHOST_ONLY."""
+"""Distributions of ROS 2 without ROS_AUTOMATIC_DISCOVERY_RANGE; they have only ROS_LOCALHOST_ONLY."""
 
 
 class RclpyNode(RosNode):
-    """A node of rclpy in a context of its own. A separate thread passes on what arrives."""
+    """A node of rclpy in a context of its own. A separate thread passes received messages to the
+    callbacks."""
 
     def __init__(self, name: str, namespace: str = "", *, reach: str = "LOCALHOST") -> None:
-        """Opens the node; `reach` is the range of discovery. Raises DriverError for settings of the
-        environment that rclpy refuses."""
+        """Opens the node; `reach` is the range of discovery.
+
+        Raises DriverError if rclpy refuses the value of an environment variable.
+        """
         super().__init__()
         self._context = rclpy.context.Context()
         try:
@@ -94,7 +97,10 @@ class RclpyNode(RosNode):
 
 @contextmanager
 def _ranging(reach: str) -> Iterator[None]:
-    """Sets the environment variable of the range of discovery, which rclpy reads only when it starts."""
+    """Sets the environment variable for the range of discovery inside the block.
+
+    rclpy reads the variable only when rclpy starts.
+    """
     names = {"ROS_AUTOMATIC_DISCOVERY_RANGE": reach}
     if reach == "LOCALHOST" and os.environ.get("ROS_DISTRO") in BEFORE_RANGES:
         names["ROS_LOCALHOST_ONLY"] = "1"
@@ -111,8 +117,10 @@ def _ranging(reach: str) -> Iterator[None]:
 
 
 def _type(kind: MessageType) -> Callable[[], Any]:
-    """Returns a function that loads the generated class of a message; it raises DriverError if the package is
-    missing."""
+    """Returns a function that loads the class of a message from the installed ROS package.
+
+    The function raises DriverError if the package is missing.
+    """
     package, _, name = kind.name.split("/")
     try:
         found: Callable[[], Any] = getattr(import_module(f"{package}.msg"), name)

@@ -25,24 +25,24 @@ from tci.rosmsg.cdr import MessageType
 PORT = 9090
 """Default port of the server."""
 TIMEOUT = 5.0
-"""Time [s] that a server has to answer. Assumed: on a local network it answers within a second."""
+"""Time [s] within which a server must answer. Assumed: on a local network, servers answer within a second."""
 RETRY = 5.0
-"""Longest time [s] between two attempts to reconnect. Assumed: roslibpy's own value is an hour."""
+"""Longest time [s] between two attempts to reconnect. Assumed: roslibpy's default of an hour is too long."""
 MOST_WAITING = 1 << 20
-"""Bytes that may wait for a slow server before it gets no more. Assumed: bounds memory, and the delay of what
-is sent."""
+"""Largest number of bytes that may wait for a slow server. While more bytes wait, new messages are dropped.
+Assumed: this number bounds the memory, and the delay of messages."""
 ADDRESS = re.compile(
     r"(?P<host>[A-Za-z0-9_.-]*|\[[0-9a-fA-F:]+\])(:(?P<port>[0-9]{1,5}))?(?P<namespace>/.*)?"
 )
 TIMES = {"secs": "sec", "nsecs": "nanosec"}
-"""Field names of times in ROS 1 and, as values, in ROS 2."""
+"""Field names of a time: the keys are the names in ROS 1, the values the names in ROS 2."""
 
 
 class RosbridgeNode(RosNode):
-    """A client of a rosbridge server. roslibpy's thread passes on what arrives."""
+    """A client of a rosbridge server. roslibpy's thread passes received messages to the callbacks."""
 
     def __init__(self, host: str, port: int) -> None:
-        """Connects. Raises DriverError when nothing answers at `host` and `port`."""
+        """Connects. Raises DriverError if no rosbridge server with rosapi answers at `host` and `port`."""
         super().__init__()
         self._where = f"ws://{host}:{port}"
         self._ros = roslibpy.Ros(host, port, transport="asyncio")
@@ -75,8 +75,10 @@ class RosbridgeNode(RosNode):
         return send
 
     def _send_message(self, said: Mapping[str, Any]) -> None:
-        """Sends a message in roslibpy's thread, which also opens and closes connections. Nothing is stored
-        for later: old commands are never sent."""
+        """Sends a message; call only in roslibpy's thread, which also opens and closes connections.
+
+        If there is no connection, the message is dropped. So old commands are never sent later.
+        """
         connection = self._ros.factory._proto
         if connection is not None and connection.transport.get_write_buffer_size() < MOST_WAITING:
             connection.sendMessage(json.dumps(said).encode())
@@ -118,7 +120,7 @@ class RosbridgeNode(RosNode):
             gone.wait(TIMEOUT)
 
     def _ask(self, name: str, type_: str, request: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Returns an answer of rosapi. Raises DriverError if there is none."""
+        """Returns the answer of a service of rosapi. Raises DriverError if rosapi does not answer."""
         service = roslibpy.Service(self._ros, f"/rosapi/{name}", f"rosapi/{type_}")
         try:
             answer: Mapping[str, Any] = service.call(roslibpy.ServiceRequest(request), timeout=TIMEOUT)
@@ -133,24 +135,24 @@ class RosbridgeDriver(RosDriver):
     """A driver of a robot behind a rosbridge server."""
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = False, wait: float = WAIT) -> None:
-        """Connects. Raises DriverError when no joints arrive within `wait` [s]."""
+        """Connects to the robot. Raises DriverError if no joints arrive within `wait` [s]."""
         host, port, namespace = parse(address)
         node = RosbridgeNode(host, port)
         super().__init__(robot, node, middleware="rosbridge", namespace=namespace, arm=arm, wait=wait)
 
 
 class RosbridgeServer(RosServer):
-    """Serves a robot in the ROS behind a rosbridge server."""
+    """A server that makes a robot available in the ROS system behind a rosbridge server."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """Connects. Raises DriverError when nothing answers at `address`."""
+        """Connects. Raises DriverError if no rosbridge server with rosapi answers at `address`."""
         host, port, namespace = parse(address)
         node = RosbridgeNode(host, port)
         super().__init__(driver, address, node, middleware="rosbridge", namespace=namespace)
 
 
 def parse(address: str) -> tuple[str, int, str]:
-    """Returns host, port and namespace. Raises DriverError for an invalid address."""
+    """Returns host, port and namespace of an address. Raises DriverError for an invalid address."""
     found = ADDRESS.fullmatch(address)
     if found is None or int(found["port"] or PORT) > 65535:
         raise DriverError(
@@ -160,12 +162,12 @@ def parse(address: str) -> tuple[str, int, str]:
 
 
 def _short(kind: MessageType) -> str:
-    """Returns `package/Name`, which servers of both kinds of ROS accept."""
+    """Returns the type's name as `package/Name`, which rosbridge accepts in ROS 1 and in ROS 2."""
     return kind.name.replace("/msg/", "/")
 
 
 def _new(type_: str, fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns a JSON object; bytes are encoded in base64."""
+    """Returns the fields of a message as a JSON object, with bytes encoded in base64."""
     return {
         name: base64.b64encode(value).decode() if isinstance(value, bytes) else value
         for name, value in fields.items()

@@ -1,6 +1,6 @@
-"""A robot served in ROS: with the topics of ros2_control, and to other TCI processes (`remote`).
+"""Server of a robot in ROS: topics of ros2_control for any ROS node, and `remote` for other TCI processes.
 
-Its topics are listed in docs/ros.md; their names come from `Names`.
+docs/ros.md lists the topics of the server. `Names` defines the names of the topics.
 """
 
 from __future__ import annotations
@@ -37,17 +37,17 @@ from tci.robot.kinematics import KinematicChain
 from tci.skin.surfaces import build_surface
 
 MOST_ORDERS = 64
-"""Largest number of messages with orders kept between two periods. Assumed: several commanders send one in
-each period."""
+"""Largest number of messages with orders that are kept between two periods. Assumed: a few commanders each
+send one message per period."""
 
 
 class RosServer(RemoteServer):
-    """Serves a robot through a node of any ROS; it closes the node with itself."""
+    """Serves a robot through a node of any kind of ROS. Closing the server also closes the node."""
 
     def __init__(
         self, driver: Driver, address: str, node: RosNode, *, middleware: str, namespace: str
     ) -> None:
-        """Offers the topics. Raises UnknownNameError when the robot has no binding to `middleware`."""
+        """Offers the topics. Raises UnknownNameError if the robot has no binding to `middleware`."""
         self._node = node
         try:
             super().__init__(driver, address, middleware=middleware)
@@ -131,12 +131,12 @@ class RosServer(RemoteServer):
         self._controllers.start(part, lambda *_: Once(values_order(part, servos, fields["data"])))
 
     def _epoch(self, stamp: float) -> float:
-        """Converts a time on the driver's clock to ROS time: seconds since 1970."""
+        """Converts a time [s] on the driver's clock to ROS time, the seconds since 1970."""
         return time.time() + stamp - self.driver.clock.now()
 
 
 class PatchTopics:
-    """The topics of one patch."""
+    """The topics on which the skin frames of one patch are published."""
 
     def __init__(
         self,
@@ -150,14 +150,14 @@ class PatchTopics:
         patch = robot.skin[number]
         self._robot, self._number = robot, number
         self.every = Every(period)
-        """Limits the published frames to the rate of the binding."""
+        """Limits the number of published frames per second to the rate in the robot's binding."""
         self._cloud = PatchCloud(patch, build_surface(robot, patch, kinematics))
         self._points = node.advertise(names.points(patch.name), CLOUD)
         self._frames = node.advertise(names.frames(patch.name), BYTES)
         self._raw = node.advertise(names.skin(patch.name), SKIN) if node.supports(SKIN) else None
 
     def publish(self, message: SessionFrame, stamp: float) -> None:
-        """Publishes a frame, measured at `stamp` [s] since 1970."""
+        """Publishes a skin frame that was measured at `stamp` [s], seconds since 1970."""
         frame = message.frame
         self._frames((NO_LAYOUT, np.frombuffer(frame_bytes(self._robot, message), dtype=np.uint8)))
         self._points(self._cloud.values(frame, stamp))

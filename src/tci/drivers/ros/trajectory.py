@@ -1,4 +1,4 @@
-"""A trajectory that was received through ROS."""
+"""Execution of a trajectory that was received through ROS."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from tci.frames import Array
 from tci.messages import PlatformCommand
 
 MOST_POINTS = 10_000
-"""Largest number of points of one trajectory. Assumed: bounds memory; at 100 Hz they last 100 s."""
+"""Largest number of points of one trajectory. Assumed: this number bounds the memory; at 100 points per
+second, this number lasts 100 s."""
 
 
 class Trajectory:
@@ -23,11 +24,15 @@ class Trajectory:
     def __init__(
         self, part: str, servos: Mapping[str, int], fields: Mapping[str, Any], position: Array, now: float
     ) -> None:
-        """Starts at `position` (n_servos,) [rad] at `now` [s]; `servos` are those of the part by name.
+        """Starts a trajectory at the time `now` [s] from the robot's `position` (n_servos,) [rad].
 
-        A trajectory without points stops the joints that it names, or all.
+        `servos` are the indices of all servos of the part by joint name, `fields` the received message. If
+        the message has no points, it stops the joints that it names; if it names no joints, it stops all
+        joints of the part.
 
-        Raises CommandError for a joint of another part, a value that is no number, times that do not rise.
+        Raises CommandError if a joint does not belong to the part or is named twice, or if there are too many
+        points. Also raises CommandError if a position is missing or not finite, or if the times do not
+        increase.
         """
         names, points = fields["joint_names"], fields["points"]
         self._of = f"trajectory for {part}"
@@ -54,7 +59,7 @@ class Trajectory:
         self._done = False
 
     def order(self, now: float) -> PlatformCommand | None:
-        """Returns the set-points of its joints at `now` [s]; None when it is over."""
+        """Returns the set-points of the trajectory's joints at `now` [s], or None after its end."""
         if self._done:
             return None
         passed = now - self._start

@@ -1,4 +1,4 @@
-"""Messages as nested objects, for the kinds of ROS that do not transport CDR."""
+"""Messages as nested objects, for ROS 1 and rosbridge, which do not transport messages as CDR bytes."""
 
 from __future__ import annotations
 
@@ -16,10 +16,12 @@ Fields = Sequence[tuple[str, str]]
 
 
 class Trees:
-    """Conversion between values in flat order and nested objects of one kind.
+    """Conversion of messages between a flat list of values and nested objects of one library.
 
-    `new(type, fields)` makes an object of a type (`package/Name`, "" for the message itself) from its fields,
-    `get(object, name)` returns one field; `time` are the names of seconds and nanoseconds.
+    - `new(type, fields)` makes an object from its fields; `type` is `package/Name`, or "" for the message
+      itself.
+    - `get(object, name)` returns one field of an object.
+    - `time` has the library's names of the fields for seconds and nanoseconds.
     """
 
     def __init__(
@@ -31,7 +33,7 @@ class Trees:
         self._new, self._get, self._time = new, get, time
 
     def grow(self, kind: MessageType, values: Sequence[Any]) -> Any:
-        """Returns the object of a message with `values` in the order of `kind.flat`."""
+        """Returns the object of a message; `values` are in the order of `kind.flat`."""
         fields: dict[str, Any] = {}
         if kind.headed:
             sec, nanosec, frame = values[:3]
@@ -41,9 +43,9 @@ class Trees:
         return self._new("", fields | self._grow(kind, kind.fields, values))
 
     def flatten(self, kind: MessageType, found: Any) -> dict[str, Any]:
-        """Returns the fields of a message by name, as `tci.rosmsg.cdr.decode` does.
+        """Returns the fields of a message by name, in the form that `tci.rosmsg.cdr.decode` returns.
 
-        Raises FrameError for a value that is no number.
+        Raises FrameError if an array of numbers contains a value that is no number.
         """
         flat: dict[str, Any] = {}
         if kind.headed:
@@ -99,7 +101,7 @@ class Trees:
 
 
 def _plain(item: str, value: Any) -> Any:
-    """Returns a sequence in the form that ROS accepts: bytes, or a list."""
+    """Returns a sequence in a form that ROS accepts: bytes for uint8, a list for all other types."""
     if item == "uint8":
         return np.asarray(value, dtype=np.uint8).tobytes()
     return np.asarray(value).tolist() if item in NUMBERS else list(value)

@@ -1,1 +1,1 @@
-"""Unitree's robots over their own DDS topics."""
+"""Driver and server for Unitree's robots over the robots' own DDS topics."""

@@ -11,40 +11,40 @@ from tci.errors import DriverError
 
 VALID = "valid: INTERFACE[/DOMAIN], such as eth0 or lo/1, then ?control=all, ?force=yes or ?simulation=yes"
 CHOICES = {"control": ("arms", "all"), "force": ("no", "yes"), "simulation": ("no", "yes")}
-"""Options and their values, the usual one first."""
+"""Options of an address and their valid values. The first value is the default."""
 
 
 @dataclass(frozen=True, slots=True)
 class UnitreeAddress:
-    """One robot's network."""
+    """The network on which a robot is reached, and options of the connection."""
 
     interface: str
-    """Name of the network interface with the robot's cable."""
+    """Name of the network interface that the robot's cable is connected to."""
     domain: int = 0
-    """DDS domain; the robot's is 0."""
+    """DDS domain; a real robot has domain 0."""
     whole: bool = False
-    """True to command all motors over rt/lowcmd, without the robot's own controller, which keeps its
-    balance."""
+    """True to command all motors over rt/lowcmd. The robot's own controller is then off, and the robot does
+    not keep its balance by itself."""
     force: bool = False
-    """True to use an interface that others may reach."""
+    """True to use an interface that other machines may reach."""
     simulation: bool = False
-    """True to accept states without checksum and variant, as the vendor's simulation in Python sends
-    them."""
+    """True to accept states without checksum and without the robot's variant (`mode_machine`). The vendor's
+    Python simulation sends such states."""
 
     def __str__(self) -> str:
         return f"{self.interface}/{self.domain}"
 
     @property
     def topic(self) -> str:
-        """Topic of the commands."""
+        """DDS topic of the commands to the motors."""
         return "rt/lowcmd" if self.whole else "rt/arm_sdk"
 
 
 def parse_unitree(address: str, *, usual: str = "") -> UnitreeAddress:
-    """Returns the parts of an address, `usual` if it is empty, after a check of its interface.
+    """Parses an address and checks the network interface; an empty address means `usual`.
 
-    Raises DriverError for an address of another form, and for an interface that is missing or that others
-    may reach.
+    Raises DriverError if the address has another form, if the interface does not exist, or if other machines
+    may reach the interface.
     """
     place, _, options = (address or usual).partition("?")
     found = re.fullmatch(r"([A-Za-z0-9_.:@-]{1,15})(?:/(\d{1,3}))?", place)

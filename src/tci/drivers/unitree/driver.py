@@ -1,11 +1,15 @@
 """`unitree:INTERFACE[/DOMAIN]`: a Unitree G1 over its own DDS topics.
 
-Topics: `rt/lowstate` (from the robot, 500 Hz) has angles, speeds and torques of all motors, and pelvis;
-`rt/arm_sdk` (from the driver) targets and gains of waist and arms, and their weight; `rt/lowcmd`, with
-`?control=all`, targets and gains of all motors.
+DDS topics:
 
-This DDS has no passwords, so the interface must be named, and an interface that others may reach is refused.
-A separate process sends the commands and releases the motors even if this process is killed (`keeper`).
+- `rt/lowstate` (from the robot, 500 Hz): angles, speeds and torques of all motors, and the pelvis's IMU.
+- `rt/arm_sdk` (from the driver): targets and gains of waist and arms, and the weight of the targets against
+  those of the robot's own controller.
+- `rt/lowcmd` (from the driver, with `?control=all`): targets and gains of all motors.
+
+This DDS has no passwords. Therefore the network interface must be named, and an interface that other machines
+may reach is refused. A separate process (`keeper`) sends the commands. If the driver's process is killed, the
+keeper still hands the motors back.
 """
 
 from __future__ import annotations
@@ -43,26 +47,29 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 WAIT = 5.0
-"""Time [s] that a driver waits for the first state when it opens. Assumed: discovery takes a second."""
+"""Time [s] that a driver waits for the first state when it opens. Assumed: DDS discovery takes a second."""
 LEAST_FORCE = 1.0
-"""Specific force [m/s2] of the pelvis below which its accelerometer counts as absent. Assumed: simulations
-send zeros, and a robot does not fall freely."""
+"""Acceleration [m/s2] measured by the pelvis's accelerometer, below which the accelerometer counts as absent.
+Assumed: simulations send zeros, and a real robot is never in free fall."""
 
 
 class UnitreeDriver(Driver):
-    """Driver of a G1. It is armed only on request, and takes waist and arms slowly."""
+    """Driver of a G1, armed only on request. An armed driver takes control of the motors slowly, without a
+    jerk."""
 
     def __init__(
         self, robot: Robot, address: str = "", *, arm: bool = False, skin: bool = True, wait: float = WAIT
     ) -> None:
-        """Connects to the robot at the cable of an interface, such as `eth0`.
+        """Connects to the robot over the network interface in `address`, such as `eth0`.
 
-        An armed driver takes the motors in their present posture within a second. With `?control=all` it
-        first switches off the robot's own controller, which keeps the balance.
+        An armed driver takes control of waist and arms in their present posture within a second. With
+        `?control=all` it takes all motors, and first switches off the robot's own controller, which keeps the
+        balance. With `skin=False` the hands' press sensors are not read, so that other drivers can read the
+        skin.
 
-        Raises DriverError for an interface that others may reach, when no state arrives within `wait` [s],
-        and when the robot is not ready: an error of a motor, another program that commands it, L2+B. Without
-        `skin` the hands' press sensors are not read, so that other drivers can read the skin.
+        Raises DriverError if other machines may reach the interface, if no state arrives within `wait` [s],
+        or if an armed driver finds the robot not ready. Examples are a motor that reports an error, another
+        program that commands the robot, and the buttons L2+B on the remote.
         """
         self.where = parse_unitree(address)
         if skin:
@@ -172,7 +179,8 @@ class UnitreeDriver(Driver):
         self._node.close()
 
     def _hear(self) -> None:
-        """Reads the latest states. Joints count as read once all hands with fingers have sent theirs."""
+        """Reads the latest states of body and hands. Joints are updated only when all hands with fingers have
+        sent a state."""
         now = self.clock.now()
         for hand in self._hands:
             hand.poll(now)
@@ -203,7 +211,8 @@ class UnitreeDriver(Driver):
         return JointReading(stamp, sequence, position, velocity, torque, gravity=gravity)
 
     def _wait(self, seconds: float) -> None:
-        """Waits for the first state. Raises DriverError."""
+        """Waits for the first state of all joints. Raises DriverError if none arrives within `seconds`
+        [s]."""
         end = time.monotonic() + seconds
         while self._joints is None:
             self._hear()
@@ -216,7 +225,7 @@ class UnitreeDriver(Driver):
             time.sleep(0.002)
 
     def _unreached(self) -> dict[int, str]:
-        """Returns the reason for each servo that commands on this topic do not move."""
+        """Returns the servos that commands can't move, by index, each with the reason why."""
         variant = int(self._health.state["mode_machine"])
         gone = absent(variant, simulation=self.where.simulation)
         count = VARIANTS.get(variant, (MOTORS, ()))[0]
@@ -231,7 +240,7 @@ class UnitreeDriver(Driver):
         return found
 
     def _arm(self) -> None:
-        """Takes the motors. Raises DriverError with the reason if the robot is not ready."""
+        """Takes control of the motors. Raises DriverError with the reason if the robot is not ready."""
         faults = [self._health.lasting, *(hand.fault for hand in self._hands)]
         if why := next(filter(None, faults), ""):
             raise DriverError(f"the robot can't be armed: {why}")
@@ -246,7 +255,8 @@ class UnitreeDriver(Driver):
         self._wait(WAIT)
 
     def _follow(self, status: Status) -> None:
-        """Holds or stops the gate according to the state of the handover of the motors."""
+        """Stops the gate after a lasting fault; makes the gate hold while the motors are not under TCI's
+        control."""
         before, self._phase = self._phase, status.phase
         if status.lasting:
             self.gate.stop(Reason(Code.ROBOT_REFUSES, f"the motors are handed back: {status.reason}"))
@@ -262,10 +272,10 @@ class UnitreeDriver(Driver):
 
 
 def slots_of(robot: Robot) -> NDArray[np.intp]:
-    """Returns the slot (n_servos,) of each servo's motor, by its name or by the address in the binding; -1
-    for one of a finger.
+    """Returns the slot (n_servos,) of each servo's motor in the robot's messages; -1 for a finger's motor.
 
-    Raises DriverError for a servo without a motor, and for a motor with two servos.
+    The slot is found by the servo's address in the binding or, without an address, by the servo's name.
+    Raises DriverError if a servo has no motor, or if two servos share a motor.
     """
     binding = robot.binding("unitree")
     owners: dict[str, str] = {}

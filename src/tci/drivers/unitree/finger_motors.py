@@ -1,7 +1,7 @@
 """Commands to the motors of one Dex3 hand.
 
-Each command tells the motors to stop by themselves one second after the last command. So, unlike for the
-arms, no second process is needed.
+Each command requests that the motors stop by themselves one second after the last command. So fingers stop if
+this process is killed, and need no second process, unlike the arms.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from tci.gate.safe_command import SafeCommand
 from tci.messages import Mode
 
 FOLLOWS, TIMEOUT = 1 << 4, 1 << 7
-"""Bits of a motor's mode in addition to its number: it follows commands, and it stops one second after the
-last command."""
+"""Bits of a motor's mode. FOLLOWS: the motor follows commands. TIMEOUT: the motor stops one second after the
+last command. The other bits are the motor's number."""
 RATE = 100.0
-"""Commands per second [Hz], as the vendor's programs for hands send them."""
+"""Rate [Hz] of commands to a hand, equal to the rate of the vendor's programs."""
 LAST = 5
-"""Number of times that the command to stop is sent. Assumed: four may be lost."""
+"""Number of times that the command to stop is sent. Assumed: at most four commands are lost."""
 
 
 class FingerMotors:
     """The motors of one hand, which keep their latest targets until `release`."""
 
     def __init__(self, node: UnitreeNode, hand: Hand) -> None:
-        """Raises DriverError if another program commands this hand."""
+        """Opens the topic of commands. Raises DriverError if another program commands this hand."""
         self.hand = hand
         topic = f"rt/dex3/{hand.side}/cmd"
         if node.other_writers(topic):
@@ -48,7 +48,8 @@ class FingerMotors:
         self._due = Every(1.0 / RATE)
 
     def obey(self, safe: SafeCommand) -> None:
-        """Takes the targets of a command for this hand's motors; the others keep theirs."""
+        """Takes the targets of a command for this hand's motors. Motors without a command keep their
+        targets."""
         hand = self.hand
         place = dict(zip(hand.servos.tolist(), hand.motors.tolist(), strict=True))
         for row, shares in enumerate((safe.stiffness, safe.damping)):
@@ -70,8 +71,11 @@ class FingerMotors:
     def _follow(
         self, motors: NDArray[np.intp], q: Array, dq: Array, tau: Array, stiff: NDArray[np.bool_]
     ) -> None:
-        """Sets angles, speeds and torques (k,) of some motors, which are `stiff` or only under a torque. At
-        the first call, the other motors keep their present angles."""
+        """Sets target angles, speeds and torques (k,) of some motors.
+
+        A motor that is not `stiff` follows only its torque. At the first call, the motors that are not among
+        `motors` keep their present angles.
+        """
         command = self._command
         if self._released:
             return
@@ -85,12 +89,12 @@ class FingerMotors:
         command["kp"][motors], command["kd"][motors] = kp, kd
 
     def repeat(self, now: float) -> None:
-        """Sends the latest targets, if there are any, when the next command is due at `now` [s]."""
+        """Sends the latest targets, if there are any, and if a command is due at the time `now` [s]."""
         if self._led and self._due.due(now):
             self._write(encode_hand_command(self._command))
 
     def release(self) -> None:
-        """Switches the motors off, for good."""
+        """Switches the motors off. Later commands have no effect."""
         self._released = True
         if self._led:
             self._led = False

@@ -1,8 +1,10 @@
-"""Handover of a robot's motors: from its own controller to TCI and back, without a step.
+"""Handover of a robot's motors from the robot's own controller to TCI and back, without a step in position.
 
-Over rt/arm_sdk the robot mixes set-points by a weight: it rises from 0 at the measured posture, and falls
-while the targets stay. Over rt/lowcmd no other controller takes the motors back: the stiffness rises at the
-beginning, and at the end the motors are damped.
+- Over rt/arm_sdk, the robot mixes TCI's targets with those of its own controller by a weight. While TCI takes
+  the motors, the weight rises from 0, and the targets stay at the measured posture. While TCI hands the
+  motors back, the weight falls, and the targets stay.
+- Over rt/lowcmd, no other controller takes the motors back. At the beginning the stiffness rises, and at the
+  end the motors are damped for a short time.
 """
 
 from __future__ import annotations
@@ -16,56 +18,65 @@ from tci.drivers.unitree.motors import MOTORS
 from tci.frames import Array
 
 TAKE = 1.0
-"""Time [s] in which weight or stiffness rises. Assumed: the shortest that the vendor's examples use."""
+"""Time [s] in which weight or stiffness rises to its full value. Assumed: this is the shortest time in the
+vendor's examples."""
 GIVE = 2.0
-"""Time [s] in which the weight falls. Assumed: arms of 4 kg then sink without a swing."""
+"""Time [s] in which the weight falls to zero. Assumed: in this time, arms of 4 kg sink without swinging."""
 DAMPED = 0.2
-"""Time [s] of damping at the end of rt/lowcmd. Assumed: joints come to rest in this time."""
+"""Time [s] for which the motors are damped at the end of control over rt/lowcmd. Assumed: joints come to rest
+in this time."""
 DAMPING = 2.0
-"""Gain [N m s/rad] of this damping. Assumed: twice that of the vendor's examples for arms."""
+"""Gain [N m s/rad] of the damping at the end of control over rt/lowcmd. Assumed: this is twice the gain of
+the vendor's examples for arms."""
 QUIET = 0.1
-"""Time [s] without new targets after which velocities and torques end. Assumed: equal to the largest age of a
-state."""
+"""Time [s] without new targets after which target velocities and torques are set to zero. Assumed: this
+equals the largest age of a usable state."""
 LONGEST = 0.02
-"""Largest time [s] by which one step advances, so that a process that did not run for a while causes no jump.
-Assumed: five periods."""
+"""Largest time [s] by which one step advances the handover. Without this bound, the weight would jump after a
+pause of the process. Assumed: five periods."""
 LEFT = 0.1
-"""Increase [rad] of a motor's distance from its target, while no states arrived, from which the motor counts
-as having left the target. Assumed: the motion in 0.2 s of the handover if the controller's own posture is 1
-rad away."""
+"""If no states arrived for a while, and a motor's distance from its target has increased by more than this
+angle [rad], then the motor counts as having left its target. Assumed: in 0.2 s of the handover, a motor moves
+by this angle if the posture of the robot's own controller is 1 rad away."""
 ROWS = 5
 Q, DQ, TAU, KP, KD = range(ROWS)
 """Rows of targets (5, 29): angle, velocity, torque and gains of each motor."""
 
 
 class Phase(IntEnum):
-    """Owner of the motors."""
+    """Phase of the handover: shows if the robot's own controller or TCI moves the motors."""
 
     WAITING = 0
-    """The robot's own controller has the motors; nothing is sent."""
+    """The robot's own controller moves the motors. TCI sends nothing."""
     TAKING = 1
-    """The weight rises; targets stay at the posture of its beginning."""
+    """TCI takes the motors: the weight rises, and the targets stay at the posture at the beginning of this
+    phase."""
     LEADING = 2
-    """TCI has the motors; they follow targets."""
+    """TCI moves the motors, which follow TCI's targets."""
     GIVING = 3
-    """The weight falls; targets stay."""
+    """TCI hands the motors back: the weight falls, and the targets stay."""
 
 
 class Handover:
-    """Weight and targets of the motors. Time comes from the caller."""
+    """Weight and targets of the motors during the handover. The caller gives the time to each method."""
 
     def __init__(self, gains: Array, *, whole: bool) -> None:
-        """Takes the gains (2, 29) of full stiffness and damping; `whole` for rt/lowcmd."""
+        """Takes the gains (2, 29) of full stiffness and damping; `whole` is True for control over
+        rt/lowcmd."""
         self.phase = Phase.WAITING
         self.weight = 0.0
-        """Weight (0..1) of TCI's targets; over rt/lowcmd, fraction of the stiffness."""
+        """Weight (0..1) of TCI's targets over rt/arm_sdk; over rt/lowcmd, the fraction of the full
+        stiffness."""
         self._gains, self._whole = gains, whole
         self._goal = np.zeros((ROWS, MOTORS))
         self._now = self._told = 0.0
         self._pushed = np.zeros(MOTORS, dtype=bool)
 
     def take(self, posture: Array, now: float) -> None:
-        """Begins with the motors at `posture` (29,) [rad] at `now` [s], if the robot has them itself."""
+        """Begins to take the motors at `posture` (29,) [rad] at the time `now` [s].
+
+        Does nothing if TCI has the motors already.
+        """
         if self.phase is Phase.WAITING:
             self.phase, self.weight = Phase.TAKING, 0.0
             self._goal[Q], self._goal[DQ:KP], self._goal[KP:] = posture, 0.0, self._gains
@@ -73,16 +84,20 @@ class Handover:
             self._now = self._told = now
 
     def resume(self, goal: Array, weight: float, now: float) -> None:
-        """Begins to hand back motors that another process held: targets (5, 29) and their `weight`."""
+        """Begins to hand back motors that another process held.
+
+        `goal` (5, 29) and `weight` are the last targets and the weight of that process.
+        """
         self.phase, self.weight = Phase.LEADING, weight
         self._goal[:] = goal
         self._now = self._told = now
         self.give()
 
     def follow(self, chosen: NDArray[np.bool_], targets: Array, posture: Array, now: float) -> None:
-        """Takes targets (5, 29) of the `chosen` motors (29,); the others stay.
+        """Takes new targets (5, 29) for the `chosen` motors (29,). The targets of other motors stay.
 
-        A motor under a torque that is no longer chosen keeps its angle in `posture` (29,) [rad].
+        If a motor followed a torque and is no longer chosen, its new target is its angle in `posture` (29,)
+        [rad].
         """
         if self.phase is not Phase.LEADING:
             return
@@ -95,7 +110,7 @@ class Handover:
         self._told = now
 
     def give(self) -> None:
-        """Begins to hand the motors back, from the present weight; targets stay."""
+        """Begins to hand the motors back: the weight falls from its present value, and the targets stay."""
         if self.phase in (Phase.TAKING, Phase.LEADING):
             self.phase = Phase.GIVING
             if self._whole:
@@ -115,7 +130,7 @@ class Handover:
         goal[left] = posture[left]
 
     def step(self, now: float) -> Array:
-        """Returns the targets (5, 29) to send at `now` [s]."""
+        """Advances the handover to the time `now` [s] and returns the targets (5, 29) to send."""
         elapsed = min(max(now - self._now, 0.0), LONGEST)
         self._now = now
         if self.phase is Phase.TAKING:

@@ -1,8 +1,9 @@
-"""Dex3 hands: their press sensors as patches of skin, their motors as servos.
+"""Dex3 hands: press sensors become skin patches, and motors become servos.
 
-The binding of the description assigns sensors of a hand to a patch: `<address of="PATCH" to="left:0-1"/>`, or
-`to="left"` for all sensors of the left hand. A patch's channels are the 12 values of each sensor, one sensor
-after the other. Servos have the names of the motors, or the address `left:MOTOR`.
+The binding in the robot's description assigns press sensors of a hand to a patch: `<address of="PATCH"
+to="left:0-1"/>`, or `to="left"` for all sensors of the left hand. The channels of a patch are the 12 values
+of its first sensor, then those of the next sensor, and so on. A servo belongs to the motor with the servo's
+name, or to the motor in its address `left:MOTOR`.
 """
 
 from __future__ import annotations
@@ -26,18 +27,21 @@ from tci.messages import SkinFrame
 from tci.robot.description import Patch, Robot
 
 NO_VALUE = 30_000.0
-"""Reading of a place without a sensor (the vendor's)."""
+"""Value that the hand sends for a place without a sensor; defined by the vendor."""
 
 
 def patches_of(robot: Robot) -> tuple[Patch, ...]:
-    """Returns the patches that the binding assigns to a hand, and those that are felt through joints. A G1
-    sends no other patches."""
+    """Returns the patches of which a G1 can send data.
+
+    These are the patches that the binding assigns to a hand, and the patches with touches detected by joint
+    torques.
+    """
     named = {address.of for address in robot.binding("unitree").addresses}
     return tuple(patch for patch in robot.patches if patch.through_joints or patch.name in named)
 
 
 def pads_of(robot: Robot, side: str) -> dict[str, slice]:
-    """Returns the press sensors of each patch on one hand. Raises DriverError for another address."""
+    """Returns the press sensors of each patch on one hand. Raises DriverError for an invalid address."""
     binding, found = robot.binding("unitree"), {}
     for patch in patches_of(robot):
         if patch.through_joints:
@@ -55,7 +59,7 @@ def pads_of(robot: Robot, side: str) -> dict[str, slice]:
 
 
 def fingers_of(robot: Robot, side: str) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Returns the servos (k,) of one hand's fingers, and the motor (k,) of each."""
+    """Returns the indices (k,) of the servos of one hand's fingers, and the numbers (k,) of their motors."""
     found = [
         (servo.index, motor[1])
         for servo in robot.servos
@@ -66,36 +70,40 @@ def fingers_of(robot: Robot, side: str) -> tuple[NDArray[np.intp], NDArray[np.in
 
 
 class Hand:
-    """State of one hand."""
+    """Reader of one hand's state: finger motors and press sensors."""
 
     def __init__(self, robot: Robot, side: str, node: UnitreeNode, *, skin: bool = True) -> None:
-        """Opens a reader if the robot has fingers or, with `skin`, patches there. Raises DriverError for a
-        wrong address."""
+        """Opens a reader if the robot has fingers or, with `skin`, patches on this hand.
+
+        Raises DriverError if an address in the binding is invalid.
+        """
         self.side = side
         self.servos, self.motors = fingers_of(robot, side)
-        """Servos (k,) of the fingers, and the motor (k,) of each."""
+        """Indices (k,) of the servos of the fingers, and numbers (k,) of their motors."""
         pads = pads_of(robot, side) if skin else {}
         self._pads = {patch: pads[patch.name] for patch in robot.patches if patch.name in pads}
         self._topic = f"rt/dex3/{side}/state"
         self.there = bool(len(self.servos) or self._pads)
-        """True if the description has this hand."""
+        """True if the robot's description has fingers or patches on this hand."""
         self._states = node.reader(self._topic, messages.HAND_STATE) if self.there else None
         self._source = SourceClock()
         self._lost: NDArray[np.uint32] | None = None
         self.frames: tuple[SkinFrame, ...] = ()
-        """Latest frame of each patch; empty before the first."""
+        """Latest frame of each patch; empty before the first state."""
         self.state: Any = None
-        """Latest records (m,) of MOTOR_STATE; None before the first."""
+        """Latest records (m,) of MOTOR_STATE; None before the first state."""
         self.stamp = -np.inf
         """Time [s] of the latest state."""
         self.fault = ""
-        """Reason for which the fingers must not move, until a person connects again; an empty text for
-        none."""
+        """Reason for which the fingers must not move until a person connects again; empty if there is no
+        reason."""
         self._count = 0
 
     def poll(self, now: float) -> None:
-        """Reads the latest state, at `now` [s]. Raises DriverError for a hand with another number of sensors
-        or too few motors."""
+        """Reads the latest state of the hand; `now` [s] is the present time.
+
+        Raises DriverError if the number of press sensors is wrong or there are too few motors.
+        """
         for sample in latest(self._states) if self._states is not None else ():
             try:
                 motors, pads, errors = decode_hand(sample.raw)
@@ -122,7 +130,7 @@ class Hand:
         )
 
     def fill(self, position: Array, velocity: Array, torque: Array) -> None:
-        """Sets angles, speeds and torques (n_servos,) of the fingers."""
+        """Writes the fingers' angles [rad], speeds [rad/s] and torques [N m] into the arrays (n_servos,)."""
         for name, values in (("q", position), ("dq", velocity), ("tau_est", torque)):
             values[self.servos] = self.state[name][self.motors]
 
@@ -141,7 +149,11 @@ class Hand:
         return tuple(made)
 
     def _values(self, pads: Any) -> NDArray[np.float32]:
-        """Returns the readings (p, 12); NaN without a value, and of sensors that have just lost data."""
+        """Returns the values (p, 12) of the press sensors.
+
+        A value is NaN if its place has no sensor, or if the sensor reports that data was lost since the last
+        state.
+        """
         values: NDArray[np.float32] = pads["pressure"].copy()
         values[values == NO_VALUE] = math.nan
         lost = pads["lost"].copy()

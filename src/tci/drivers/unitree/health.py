@@ -1,4 +1,4 @@
-"""Conditions under which a robot may be commanded, checked on its states."""
+"""Conditions under which a robot may be commanded. They are checked in each state that the robot sends."""
 
 from __future__ import annotations
 
@@ -12,40 +12,43 @@ from tci.errors import DriverError
 from tci.frames import Array
 
 STALE = 0.1
-"""Age [s] of the last good state from which no new target is sent. The vendor's own limit is 1 s; assumed
-shorter: at 500 Hz fifty states are then missing."""
+"""Age [s] of the last good state above which no new target is sent. The vendor's own limit is 1 s. Assumed: a
+shorter limit is safer; after this time, fifty states at 500 Hz are missing."""
 TILT = 1.0
-"""Largest tilt [rad] of the pelvis (the vendor's)."""
+"""Largest tilt [rad] of the pelvis; the vendor's limit."""
 SPEED = 10.0
-"""Largest speed [rad/s] of a joint (the vendor's)."""
+"""Largest speed [rad/s] of a joint; the vendor's limit."""
 TURN = 6.0
-"""Largest speed [rad/s] of the pelvis about an axis (the vendor's)."""
+"""Largest angular speed [rad/s] of the pelvis about each axis; the vendor's limit."""
 CASING, WINDING = 85, 120
-"""Largest temperatures [C] of a motor (the vendor's). Assumed: those of fingers bear as much."""
+"""Largest temperatures [C] of a motor's casing and winding; the vendor's limits. Assumed: the motors of
+fingers have equal limits."""
 L2, B = 1 << 5, 1 << 9
-"""Bits of the remote's buttons, bytes 2 and 3 of its data."""
+"""Bits of the buttons L2 and B in bytes 2 and 3 of the remote's data."""
 
 
 class Health:
-    """Checks the states of one robot. A fault of the robot remains until a person connects again."""
+    """Checks the states of one robot. After a fault of the robot, a person must connect again."""
 
     def __init__(self, *, simulation: bool = False) -> None:
-        """Accepts states without checksum if they come from the vendor's `simulation`."""
+        """Prepares the checks. With `simulation`, states without checksum are also accepted."""
         self._simulation = simulation
         self.state: Any = None
-        """Latest good state; None before the first."""
+        """Latest good state; None before the first good state."""
         self.posture: Array = np.zeros(MOTORS)
         """Latest angles (29,) [rad] of all motors; 0 for motors that this robot lacks."""
         self.wrong = 0
         """Number of states with a wrong checksum."""
         self.lasting = ""
-        """Reason of a lasting fault; empty without one."""
+        """Reason of a fault after which a person must connect again; empty if there is no fault."""
         self._heard = -np.inf
         self._there, self._names = np.arange(MOTORS), NAMES
 
     def see(self, state: Any, right: bool, now: float) -> bool:
-        """Stores a state that arrived at `now` [s], with the result of its checksum. Returns True if the
-        state can be used."""
+        """Checks and stores a state that arrived at `now` [s]; returns True if the state can be used.
+
+        `right` is True if the state's checksum is right.
+        """
         if not right and not (self._simulation and state["crc"] == 0):
             self.wrong += 1
             return False
@@ -70,8 +73,11 @@ class Health:
         return now - self._heard
 
     def passing(self, now: float) -> str:
-        """Returns the reason why no command may be sent at `now` [s], which may end by itself; an empty text
-        for none."""
+        """Returns the reason why no command may be sent at `now` [s]; empty if there is no reason.
+
+        The reason is that no good state has arrived recently. When good states arrive again, there is no
+        reason.
+        """
         if self.state is None:
             wrong = f" ({self.wrong} with a wrong checksum)" if self.wrong else ""
             return f"no usable state from the robot{wrong}"
@@ -98,7 +104,11 @@ class Health:
 
 
 def motor_fault(motors: Any, names: Sequence[str]) -> str:
-    """Returns the fault of the first of some motors (k,), records of MOTOR_STATE, by its name; or nothing."""
+    """Returns the fault of the first motor (k,) that has one, with the motor's name; empty if there is no
+    fault.
+
+    `motors` are records of MOTOR_STATE.
+    """
     if np.any(bad := motors["motorstate"] != 0):
         return _named(names, bad, "reports the error", motors["motorstate"])
     if not np.all(good := np.isfinite(motors["q"]) & np.isfinite(motors["dq"])):

@@ -1,6 +1,6 @@
-"""The driver's side of the connection to the process that holds a robot's motors (`keeper`).
+"""Connection from the driver to the process that holds a robot's motors, the keeper (`keeper.py`).
 
-If that process is killed, this process hands the motors back instead.
+If the keeper is killed, the driver's process hands the motors back in place of the keeper.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from tci.errors import DriverError
 from tci.frames import Array
 
 WAIT = 10.0
-"""Time [s] that taking the motors may last beyond its ramp. Assumed: a busy machine starts a process in a few
-seconds."""
+"""Time [s] that taking or handing back the motors may last in addition to the change of the weight. Assumed:
+a busy machine starts a process within a few seconds."""
 LONGEST = 1024
-"""Longest status [bytes]."""
+"""Largest length [bytes] of a status message."""
 
 
 class Status(NamedTuple):
-    """State of the motors' handover."""
+    """State of the handover of the motors, as the keeper reports it."""
 
     phase: Phase
     lasting: bool
-    """True for a fault after which only a person connects again."""
+    """True after a fault that does not end by itself: a person must connect again."""
     weight: float
     reason: str
 
@@ -50,10 +50,10 @@ class HeldMotors:
     """Starts the keeper and communicates with it. The keeper continues if this process ends."""
 
     def __init__(self, where: UnitreeAddress, period: float, node: UnitreeNode, health: Health) -> None:
-        """Starts the process, which does not take the motors yet. Raises DriverError on systems without the
-        required sockets.
+        """Starts the keeper, which does not take the motors yet.
 
-        `node` and `health` are the driver's, for the case that the process is killed.
+        `node` and `health` belong to the driver; they are used if the keeper is killed. Raises DriverError if
+        the operating system lacks the required sockets.
         """
         if not hasattr(socket, "SOCK_SEQPACKET") or not hasattr(socket, "AF_UNIX"):
             raise DriverError("a Unitree robot can be moved from Linux only; valid: connect with arm=False")
@@ -100,12 +100,13 @@ class HeldMotors:
             return self.status
 
     def take(self) -> None:
-        """Asks for the motors: their weight then rises at the posture in which they are."""
+        """Requests that the keeper takes the motors. The weight then rises at the present posture."""
         self._told[:] = False
         self._send(TAKE)
 
     def wait(self) -> None:
-        """Waits until the motors follow. Raises DriverError with the reason why they do not."""
+        """Waits until the motors follow targets. Raises DriverError with the reason if they do not follow in
+        time."""
         end = time.monotonic() + TAKE_TIME + WAIT
         while self.poll().phase is not Phase.LEADING:
             if self.status.lasting or time.monotonic() > end:
@@ -115,13 +116,13 @@ class HeldMotors:
             time.sleep(0.01)
 
     def follow(self, chosen: NDArray[np.bool_], targets: Array) -> None:
-        """Sends targets (5, 29) of the `chosen` motors (29,)."""
+        """Sends targets (5, 29) for the `chosen` motors (29,) to the keeper."""
         self._told = (self._told & (self._goal[KP] > 0.0)) | chosen
         self._goal[:, chosen] = targets[:, chosen]
         self._send(FOLLOWS.pack(FOLLOW, *chosen.tolist(), *targets.ravel().tolist()))
 
     def close(self) -> None:
-        """Hands the motors back and waits for it."""
+        """Hands the motors back and waits until this is done."""
         self._send(GIVE)
         with suppress(subprocess.TimeoutExpired):  # it hands them back as soon as the machine lets it
             self._process.wait(GIVE_TIME + WAIT)
@@ -133,12 +134,12 @@ class HeldMotors:
             self._socket.close()
 
     def _watch(self) -> None:
-        """Detects the end of the process, in a thread that does not depend on the behaviour."""
+        """Waits for the end of the keeper, in a thread that does not depend on the behaviour."""
         self._process.wait()
         self.poll()
 
     def _succeed(self) -> None:
-        """Hands the motors back, in a thread, if the process ended while it held them."""
+        """Hands the motors back, in a thread, if the keeper ended while it held the motors."""
         with suppress(subprocess.TimeoutExpired):
             if self._process.wait(1.0) == 0 or self.status.phase is Phase.WAITING:
                 words = self.status.reason or "the process that holds the motors has ended"

@@ -1,9 +1,8 @@
-"""Process that holds a robot's motors for a behaviour, and hands them back at every end of the behaviour's
-process.
+"""The keeper: a process that holds a robot's motors for a behaviour, and always hands them back at the end.
 
-The driver starts this process and sends it set-points. The process sends them to the robot, and checks the
-robot's states itself. If the behaviour's process is killed, the socket closes, and this process hands the
-motors back slowly (`handover`).
+The driver starts the keeper and sends set-points to it over a socket. The keeper sends the set-points to the
+robot and also checks the robot's states. If the behaviour's process ends or is killed, the socket closes, and
+the keeper hands the motors back slowly (`handover`).
 """
 
 from __future__ import annotations
@@ -32,29 +31,31 @@ from tci.errors import DriverError, FrameError, TciError
 from tci.frames import Array
 
 TAKE, GIVE, FOLLOW = b"T", b"G", b"F"
-"""First byte of the driver's messages."""
+"""First byte of each message from the driver to the keeper."""
 FOLLOWS = struct.Struct(f"<c{MOTORS}?{ROWS * MOTORS}d")
 STATUS = struct.Struct("<B?d")
-"""Phase, whether a fault lasts, and weight; then the reason as text."""
+"""A status message: phase, True if a fault lasts, and weight. The reason follows as text."""
 DISCOVERY = 0.5
-"""Time [s] after the first state in which it searches for other writers. Assumed: participants answer a new
-one immediately."""
+"""Time [s] after the first state in which the keeper searches for other programs that write commands, before
+it takes the motors. Assumed: DDS participants answer a new participant immediately."""
 SILENT = 1.0
-"""Time [s] without targets after which a driver that has sent targets before counts as failed. Assumed: far
-longer than pauses of a loop."""
+"""Time [s] without targets after which the behaviour counts as failed, and the motors are handed back.
+Assumed: a pause of a loop is far shorter."""
 LOOK = 0.1
-"""Time [s] between two searches for other writers. Assumed: a person needs longer to start another
-program."""
+"""Time [s] between two searches for other programs that write commands. Assumed: a person needs more time to
+start a program."""
 GRACE = 0.1
-"""Time [s] after the first state before which commands of others do not count: the robot's own controller
-may have sent one before it was switched off. Assumed: a discovery's jitter."""
+"""Time [s] after the first state in which commands of other programs are ignored, since the robot's own
+controller may have sent a last command before it was switched off. Assumed: DDS discovery jitters by less
+than this time."""
 LAST = 5
-"""Number of times that the last command, of weight zero, is sent. Assumed: four may be lost."""
+"""Number of times that the last command, with weight zero, is sent. Assumed: at most four commands are
+lost."""
 
 
 @dataclass(frozen=True, slots=True)
 class Orders:
-    """Settings of the process, from its command line."""
+    """Settings of the keeper, from its command line."""
 
     interface: str
     domain: int
@@ -66,7 +67,8 @@ class Orders:
 
 
 class Keeper:
-    """The robot's motors, between the driver's socket and the robot."""
+    """Passes targets from the driver's socket to the robot's motors, while the conditions for this are
+    met."""
 
     def __init__(self, orders: Orders, node: UnitreeNode, driver: socket.socket) -> None:
         self._topic, self._whole = orders.topic, orders.whole
@@ -79,7 +81,7 @@ class Keeper:
         self._command: Any = np.zeros((), COMMAND)
         self._commanded = commanded(whole=orders.whole)
         self.leaving = False
-        """True once the process is to end."""
+        """True if the keeper must hand the motors back and end."""
         self._wanted = False
         self._followed: float | None = None
         self._first: float | None = None
@@ -88,17 +90,17 @@ class Keeper:
         self._told = b""
 
     def succeed(self, state: Any, goal: Array, weight: float, now: float) -> None:
-        """Begins to hand back the motors of another keeper that was killed: its targets (5, 29) and their
-        weight.
+        """Begins to hand back the motors of another keeper that was killed.
 
-        `state` is the robot's latest one.
+        `goal` (5, 29) and `weight` are the last targets and the weight of that keeper; `state` is the robot's
+        latest state.
         """
         self._address(state)
         self.leaving = True
         self.handover.resume(goal, weight, now)
 
     def step(self, now: float) -> bool:
-        """Does the work of one period at `now` [s]; returns False at the end."""
+        """Does the work of one period at the time `now` [s]; returns False if the keeper must end."""
         self._hear(now)
         self._read(now)
         self._judge(now)
@@ -116,7 +118,7 @@ class Keeper:
         return True
 
     def _hear(self, now: float) -> None:
-        """Reads the robot's states."""
+        """Reads and checks the robot's latest states."""
         for sample in latest(self._states):
             try:
                 state, right = decode_state(sample.raw)
@@ -132,7 +134,8 @@ class Keeper:
                 self.handover.give_unseen(before, self.health.posture)
 
     def _read(self, now: float) -> None:
-        """Reads the driver's messages; only its latest targets count."""
+        """Reads the driver's messages. If several messages have targets, only the latest one has an
+        effect."""
         targets = b""
         while True:
             try:
@@ -162,7 +165,10 @@ class Keeper:
         self.leaving, self._reason = True, why
 
     def _judge(self, now: float) -> None:
-        """Hands the motors back for a reason."""
+        """Begins to hand the motors back if there is a reason.
+
+        Reasons are a fault, old states, a silent behaviour, or another program that commands the robot.
+        """
         if now - self._looked > LOOK:
             self._looked = now
             # Its command counts even from the robot: the SDK in C++ is robot and program in one.
@@ -183,7 +189,7 @@ class Keeper:
             self._reason = ""
 
     def _take(self, now: float) -> None:
-        """Takes the motors if the driver has requested this and no condition forbids it."""
+        """Begins to take the motors if the driver has requested this and no condition forbids it."""
         if not self._wanted or self.health.lasting or self.health.passing(now):
             return
         if self._first is None or now - self._first < DISCOVERY:
@@ -192,13 +198,13 @@ class Keeper:
         self.handover.take(self.health.posture, now)
 
     def _address(self, state: Any) -> None:
-        """Makes commands fit the robot that sent `state`."""
+        """Sets the fields of commands that depend on the variant of the robot that sent `state`."""
         gone = absent(int(state["mode_machine"]), simulation=True)
         self._commanded = np.setdiff1d(self._commanded, gone)
         self._command["mode_pr"], self._command["mode_machine"] = state["mode_pr"], state["mode_machine"]
 
     def _send(self, targets: Any) -> None:
-        """Sends targets (5, 29) to the motors that are commanded; the others stay disabled."""
+        """Sends targets (5, 29) to the commanded motors. Other motors stay disabled."""
         motor, these = self._command["motor"], self._commanded
         motor["mode"][these] = 1
         for name, row in (("q", Q), ("dq", DQ), ("tau", TAU), ("kp", KP), ("kd", KD)):
@@ -209,7 +215,7 @@ class Keeper:
             self._write(encode_command(self._command))
 
     def _report(self) -> None:
-        """Reports changes to the driver."""
+        """Sends a status message to the driver if the status has changed."""
         handover = self.handover
         status = STATUS.pack(handover.phase, bool(self.health.lasting), handover.weight)
         status += self._reason.encode()[:400]
@@ -224,7 +230,7 @@ class Keeper:
 
 
 def keep(keeper: Keeper, driver: socket.socket, period: float) -> None:
-    """Executes a step once per `period` [s], and immediately when targets arrive, until the motors are handed
+    """Executes a step once per `period` [s], and at once when a message arrives, until the motors are handed
     back."""
     poll = select.poll()
     poll.register(driver, select.POLLIN)
@@ -238,7 +244,7 @@ def keep(keeper: Keeper, driver: socket.socket, period: float) -> None:
 
 
 def main() -> None:
-    """Runs the process; its argument are `Orders` as JSON."""
+    """Runs the keeper. Its command line has one argument: `Orders` as JSON."""
     orders = Orders(**json.loads(sys.argv[1]))
     driver = socket.socket(fileno=orders.socket)
     driver.setblocking(False)

@@ -1,7 +1,7 @@
-"""Unitree's types for DDS. Their samples carry the bytes of `wire`.
+"""Unitree's message types for DDS. `wire` encodes and decodes the bytes of their samples.
 
-Fields of the vendor's `uint8` are octets here: Cyclone 0.10, which runs in the robot, gives that type for
-both, and does not connect to a topic with the newer TK_UINT8 of cyclonedds 11.
+Fields that the vendor declares as `uint8` are octets here. cyclonedds 11 would announce `uint8` with the
+newer type TK_UINT8. Cyclone 0.10, which runs in the robot, does not connect to a topic with TK_UINT8.
 """
 
 from __future__ import annotations

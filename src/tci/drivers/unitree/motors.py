@@ -1,4 +1,5 @@
-"""Motors of a G1: slots in its messages, gains, and those that its variants lack."""
+"""Motors of a G1: their slots in the robot's messages, their gains, and the slots that are empty in some
+variants."""
 
 from __future__ import annotations
 
@@ -23,15 +24,15 @@ NAMES = (
     *(f"waist_{axis}_joint" for axis in ("yaw", "roll", "pitch")),
     *(f"{side}_{joint}_joint" for side in ("left", "right") for joint in _ARM),
 )
-"""Usual name of the joint of each motor, by its slot."""
+"""Usual joint name of each motor, in the order of the slots."""
 MOTORS = len(NAMES)
 SIDES = ("left", "right")
 FINGER_MOTORS = tuple(f"{finger}_{joint}" for finger, joints in (("thumb", 3), ("middle", 2), ("index", 2))
                       for joint in range(joints))  # fmt: skip
-"""Motors of a Dex3, by number: the vendor's order for both hands. Others have the index finger before the
-middle one on the right hand, so the first minutes with a robot ask a person."""
+"""Motors of a Dex3, in the vendor's order for both hands. Other sources have the index finger before the
+middle finger on the right hand. So `tci check --hardware` moves each motor and asks which finger moved."""
 FINGER_GAINS = np.array([1.5, 0.1])
-"""Gains (2,) [N m/rad], [N m s/rad] of full stiffness and damping of fingers: the vendor's example."""
+"""Gains (2,) [N m/rad], [N m s/rad] of full stiffness and damping of fingers, from the vendor's example."""
 UPPER = range(12, MOTORS)
 """Slots of waist and arms, which rt/arm_sdk moves."""
 VARIANTS: dict[int, tuple[int, tuple[int, ...]]] = {
@@ -39,19 +40,23 @@ VARIANTS: dict[int, tuple[int, tuple[int, ...]]] = {
     5: (29, ()),
     6: (27, (13, 14)),
 }
-"""Number of motors, and slots without one, by `mode_machine`."""
+"""Number of motors, and slots without a motor, for each value of `mode_machine` (variant of the robot)."""
 ALL_GAINS = np.array([
     [60, 60, 60, 100, 40, 40] * 2 + [60, 40, 40] + [40] * 14,
     [1, 1, 1, 2, 1, 1] * 2 + [1] * 17,
 ], dtype=float)  # fmt: skip
-"""Gains (2, 29) [N m/rad], [N m s/rad] of full stiffness and damping over rt/lowcmd: the vendor's example."""
+"""Gains (2, 29) [N m/rad], [N m s/rad] of full stiffness and damping over rt/lowcmd, from the vendor's
+example."""
 ARM_GAINS = np.repeat(np.array([[60.0], [1.5]]), MOTORS, axis=1)
-"""Gains (2, 29) of full stiffness and damping over rt/arm_sdk: the vendor's example."""
+"""Gains (2, 29) [N m/rad], [N m s/rad] of full stiffness and damping over rt/arm_sdk, from the vendor's
+example."""
 
 
 def hand_motor(robot: Robot, servo: str) -> tuple[str, int] | None:
-    """Returns hand and number of a servo's motor, by its name or by the address in the binding; None for one
-    that is no finger's."""
+    """Returns hand and motor number of a finger's servo; None if the servo is not of a finger.
+
+    The motor is found by the servo's address in the binding or, without an address, by the servo's name.
+    """
     found = re.fullmatch(r"(left|right)_hand_(\w+)_joint", servo)
     usual = f"{found[1]}:{FINGER_MOTORS.index(found[2])}" if found and found[2] in FINGER_MOTORS else ""
     to = re.fullmatch(r"(left|right):([0-6])", robot.binding("unitree").address(servo, usual))
@@ -59,17 +64,18 @@ def hand_motor(robot: Robot, servo: str) -> tuple[str, int] | None:
 
 
 def gains(*, whole: bool) -> Array:
-    """Returns the gains (2, 29) of full stiffness and damping."""
+    """Returns the gains (2, 29) of full stiffness and damping; `whole` is True for control over rt/lowcmd."""
     return ALL_GAINS if whole else ARM_GAINS
 
 
 def commanded(*, whole: bool) -> NDArray[np.intp]:
-    """Returns the slots that receive commands: all motors, or those of waist and arms."""
+    """Returns the slots that receive commands: with `whole` all slots, otherwise those of waist and arms."""
     return np.arange(0 if whole else UPPER.start, MOTORS)
 
 
 def absent(mode_machine: int, *, simulation: bool = False) -> tuple[int, ...]:
-    """Returns the slots without a motor. Raises DriverError for a robot that is no G1 known here."""
+    """Returns the slots without a motor. Raises DriverError if `mode_machine` is no known variant of the
+    G1."""
     if simulation and mode_machine == 0:
         return ()
     if mode_machine not in VARIANTS:

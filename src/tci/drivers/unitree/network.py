@@ -1,4 +1,4 @@
-"""Network interfaces on which a robot without passwords may be reached."""
+"""Checks of the network interface to a robot, since the robot's DDS has no passwords."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from tci.errors import DriverError
 
 CLASSES = Path("/sys/class/net")
-"""Linux's list of interfaces."""
+"""Linux's folder with an entry for each network interface."""
 ROUTES = Path("/proc/net/route")
 """Linux's table of routes."""
 SIOCGIFADDR = 0x8915
@@ -20,7 +20,8 @@ SIOCGIFADDR = 0x8915
 def check_interface(
     name: str, *, force: bool = False, classes: Path = CLASSES, routes: Path = ROUTES
 ) -> None:
-    """Raises DriverError for an interface that does not exist, or, unless `force`, that others may reach."""
+    """Raises DriverError if an interface does not exist or, unless `force`, if other machines may reach
+    it."""
     if not (classes / name).exists():
         there = sorted(path.name for path in classes.glob("*"))
         raise DriverError(f"there is no network interface {name}; valid: {', '.join(there) or 'none here'}")
@@ -33,7 +34,8 @@ def check_interface(
 
 
 def exposure(name: str, *, classes: Path = CLASSES, routes: Path = ROUTES) -> str:
-    """Returns how others may reach an interface; empty for loopback and for a private cable."""
+    """Returns the reason why other machines may reach an interface; empty for loopback and for a private
+    cable."""
     if (classes / name / "wireless").exists() or (classes / name / "phy80211").exists():
         return "is a wireless network"
     if routes.exists():
@@ -48,7 +50,7 @@ def exposure(name: str, *, classes: Path = CLASSES, routes: Path = ROUTES) -> st
 
 
 def address_of(name: str) -> IPv4Address | None:
-    """Returns the IPv4 address of an interface; None without one."""
+    """Returns the IPv4 address of an interface, or None if the interface has no address."""
     from fcntl import ioctl  # Linux and macOS have it
 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -60,6 +62,6 @@ def address_of(name: str) -> IPv4Address | None:
 
 
 def is_loopback(name: str) -> bool:
-    """Returns True for the interface of this machine alone."""
+    """Returns True for the loopback interface, which only this machine reaches."""
     address = address_of(name)
     return address is not None and address.is_loopback

@@ -1,6 +1,6 @@
 """One participant in a Unitree robot's DDS domain.
 
-No Python thread receives: Cyclone keeps the newest messages until they are read.
+No Python thread receives messages. Cyclone keeps the newest messages until they are read.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from tci.drivers.unitree.network import is_loopback
 from tci.errors import DriverError
 
 RELIABLE = Policy.Reliability.Reliable(duration(milliseconds=0))
-"""Repeats lost messages, but never waits for a slow reader."""
+"""Policy that repeats lost messages, but never waits for a slow reader."""
 MOST = 16
-"""Messages that are kept until they are read, where more than the newest counts. Assumed: a robot gets few
-calls per second, and sends 8 states in a period of 60 Hz."""
+"""Number of messages of a topic that are kept until they are read, if more than the newest message is needed.
+Assumed: a robot gets a few calls per second, and sends 8 states in a period of 60 Hz."""
 
 
 class Out:
@@ -37,7 +37,7 @@ class Out:
         self._sample: Any = kind.__new__(kind)
 
     def __call__(self, data: bytes) -> None:
-        """Sends one message; a slow reader misses it. Raises DriverError."""
+        """Sends one message, which a slow reader misses. Raises DriverError if the message can't be sent."""
         self._sample.raw = data
         try:
             self._writer.write(self._sample)
@@ -47,10 +47,10 @@ class Out:
 
 
 class UnitreeNode:
-    """One participant; it talks with the network of one interface."""
+    """One DDS participant, which sends and receives only on one network interface."""
 
     def __init__(self, interface: str, domain: int) -> None:
-        """Joins a domain. Raises DriverError."""
+        """Joins the DDS domain on an interface. Raises DriverError if the domain can't be opened."""
         self._domain = domain
         with on_interface(interface):
             open_domain(domain, _settings(interface), f"Unitree on {interface}")
@@ -59,11 +59,12 @@ class UnitreeNode:
         self._writers: dict[Any, tuple[str, Any]] = {}
 
     def out(self, topic: str, kind: type[IdlStruct]) -> Out:
-        """Returns a writer of bytes."""
+        """Returns a function that sends bytes as a message of `topic`."""
         return Out(self.writer(topic, kind), kind)
 
     def writer(self, topic: str, kind: type[IdlStruct], keep: int = 1) -> DataWriter[Any]:
-        """Returns a writer of samples, of which the last `keep` are repeated if they are lost."""
+        """Returns a writer of samples. If a sample is lost, it is repeated while it is among the last
+        `keep`."""
         qos = Qos(RELIABLE, Policy.History.KeepLast(keep))
         return DataWriter(self._there(), Topic(self._there(), topic, kind), qos=qos)
 
@@ -76,15 +77,20 @@ class UnitreeNode:
         reliable: bool = False,
         foreign: bool = False,
     ) -> DataReader[Any]:
-        """Returns a reader of the newest `keep` messages, none of which may be lost if it is `reliable`; of
-        others than this participant if it is `foreign`."""
+        """Returns a reader of a topic, which keeps the newest `keep` messages.
+
+        With `reliable`, lost messages are repeated. With `foreign`, messages of this participant are not
+        received.
+        """
         kept: list[Any] = [Policy.IgnoreLocal.Participant] if foreign else []
         kept += [RELIABLE if reliable else Policy.Reliability.BestEffort, Policy.History.KeepLast(keep)]
         return DataReader(self._there(), Topic(self._there(), topic, kind), qos=Qos(*kept))
 
     def other_writers(self, topic: str) -> int:
-        """Returns the number of programs besides this one that may write a topic; the robot's own, which
-        writes rt/lowstate too, does not count."""
+        """Returns the number of other programs that may write a topic.
+
+        This program does not count, nor do the robot's own programs, which also write rt/lowstate.
+        """
         for sample in self._publications.take(1000):
             if sample.sample_info.valid_data:
                 self._writers[sample.key] = sample.topic_name, sample.participant_key
@@ -111,12 +117,13 @@ class UnitreeNode:
 
 
 def latest(reader: DataReader[Any], most: int = MOST) -> list[Any]:
-    """Returns the samples that arrived since the last call, oldest first."""
+    """Returns the samples that have arrived since the last call, oldest first, but at most `most`."""
     return [sample for sample in reader.take(most) if isinstance(sample, IdlStruct)]
 
 
 def _settings(interface: str) -> str:
-    """Returns Cyclone's settings: this interface only, on loopback without multicast, which it lacks."""
+    """Returns Cyclone's settings for one interface. On loopback, multicast is off, since loopback has no
+    multicast."""
     here = is_loopback(interface)
     network = (
         f'<NetworkInterface name="{interface}"{" multicast=" + chr(34) + "false" + chr(34) if here else ""}/>'

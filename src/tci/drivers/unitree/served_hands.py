@@ -1,4 +1,5 @@
-"""Dex3 hands of a served robot: states and press sensors from its readings, orders from commands."""
+"""Dex3 hands of a served robot: states and press sensors are sent, and commands become orders for the
+gate."""
 
 from __future__ import annotations
 
@@ -20,11 +21,13 @@ from tci.robot.description import Robot
 
 
 class ServedHand:
-    """One hand."""
+    """One Dex3 hand of a served robot."""
 
     def __init__(self, robot: Robot, side: str, node: UnitreeNode) -> None:
-        """Opens its topics if the robot has fingers or patches there. Raises DriverError for a wrong
-        address."""
+        """Opens the hand's topics if the robot has fingers or patches on this hand.
+
+        Raises DriverError if an address in the binding is invalid.
+        """
         self._robot = robot
         self._servos, self._motors = fingers_of(robot, side)
         pads, patches = pads_of(robot, side), {patch.name: patch for patch in robot.patches}
@@ -33,7 +36,7 @@ class ServedHand:
             for name, place in pads.items()
         }
         self.there = bool(len(self._servos) or self._pads)
-        """True if the robot has this hand."""
+        """True if the robot has fingers or patches on this hand."""
         if not self.there:
             return
         self._commands = node.reader(f"rt/dex3/{side}/cmd", messages.HAND_COMMAND)
@@ -44,8 +47,8 @@ class ServedHand:
         self._press: Any = np.zeros(count, PRESS)
 
     def orders(self) -> tuple[list[Order], int]:
-        """Returns an order for the fingers of the latest command, and the number of commands that can't be
-        used."""
+        """Returns an order for the fingers from the latest command, and the number of commands that are
+        invalid."""
         found: list[Order] = []
         wrong = 0
         for sample in latest(self._commands):
@@ -64,7 +67,7 @@ class ServedHand:
         return found, wrong
 
     def publish(self, joints: JointReading, skin: tuple[SkinFrame, ...]) -> None:
-        """Sends a state."""
+        """Sends a state of the hand's motors and press sensors."""
         state, servos = self._state, self._servos
         state["q"][self._motors], state["dq"][self._motors] = joints.position[servos], joints.velocity[servos]
         if joints.torque is not None:

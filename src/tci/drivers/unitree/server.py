@@ -1,7 +1,8 @@
-"""Serves a simulated G1 on the topics of a real one, to the vendor's SDKs and to the driver.
+"""Serves a simulated G1 on the topics of a real G1, for the vendor's SDKs and for TCI's driver.
 
-The simulated controller of this robot keeps the posture in which it gets the motors back; that of a real
-robot moves the arms to its own posture. Commands pass the gate of this process.
+The served robot has a simulated controller in place of a real robot's own controller. After a client has
+handed the motors back, the simulated controller keeps the motors' posture. The controller of a real robot
+moves the arms to another posture. Commands pass the gate of this process.
 """
 
 from __future__ import annotations
@@ -31,32 +32,38 @@ from tci.messages import JointReading, Order, Perception, Reading
 from tci.reasons import Code, Reason
 
 RATE = 500.0
-"""States per second [Hz], as a robot sends them."""
+"""Rate [Hz] of states, equal to the rate of a real robot."""
 VARIANT = 5
-"""`mode_machine` of a G1 with 29 motors."""
+"""Value of `mode_machine` (variant) of a G1 with 29 motors."""
 WARM, SUPPLY = 30, 50.0
-"""Temperature [C] and voltage [V] that motors report. Assumed: a robot at rest."""
+"""Temperature [C] and voltage [V] that the served motors report. Assumed: a robot at rest has these
+values."""
 AHEAD = 0.01
-"""Time [s] by which set-points are extrapolated with their speed. Otherwise each set-point would be a motion
-from rest to rest, and the robot would begin 12 ms late. Assumed: a stop then overshoots by less than 2
-mrad."""
+"""Time [s] by which set-points are extrapolated with their speed. Without this, each set-point would be a
+motion from rest to rest, and the robot would begin to move 12 ms late. Assumed: with this time, a stop
+overshoots by less than 2 mrad."""
 ELSEWHERE = 2e-3
-"""Distance [rad] of a set-point from the robot's own set-point from which it counts as a command. Assumed:
-programs send measured angles, with noise and sag, for joints that they do not move."""
+"""A received set-point counts as a command if it differs by more than this angle [rad] from the set-point of
+the simulated controller. Assumed: for joints that they do not move, programs send measured angles, with noise
+and sag."""
 
 
 class UnitreeServer(Server):
-    """Serves a robot as a Unitree G1."""
+    """Server that presents a robot as a Unitree G1."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """Opens the topics at INTERFACE[/DOMAIN], by default on this machine only. Raises DriverError."""
+        """Opens the topics at the address INTERFACE[/DOMAIN]; by default only programs on this machine reach
+        them.
+
+        Raises DriverError.
+        """
         super().__init__(driver, address)
         self._where = parse_unitree(address, usual="lo")
         slots = slots_of(driver.robot)
         self._body = np.flatnonzero(slots >= 0)
         self._slots = slots[self._body]
         self.rejected: Counter[str] = Counter()
-        """Number of commands that were not used, by reason."""
+        """Number of received commands that were not used, for each reason."""
         self._state: Any = np.zeros((), STATE)
         self._state["mode_machine"], self._state["quaternion"][0] = VARIANT, 1.0
         self._state["accelerometer"][2] = 9.81
@@ -122,7 +129,7 @@ class UnitreeServer(Server):
             hand.publish(joints, reading.skin)
 
     def _show(self, joints: JointReading) -> None:
-        """Sends a state of the joints."""
+        """Sends a state with the measured values of the joints."""
         motors = self._state["motor"]
         body, slots = self._body, self._slots
         motors["q"][slots], motors["dq"][slots] = joints.position[body], joints.velocity[body]
@@ -138,7 +145,7 @@ class UnitreeServer(Server):
         self._node.close()
 
     def _command(self, data: bytes) -> Any:
-        """Returns a command that is meant for this robot, or None."""
+        """Returns the command in a message if the command is valid for this robot, or None."""
         try:
             command, right = decode_command(data)
         except FrameError:
@@ -155,7 +162,10 @@ class UnitreeServer(Server):
         return None
 
     def _order(self, motors: Any, *, arms: bool) -> Order | None:
-        """Returns the set-points of all enabled motors, mixed with those of the robot's own controller."""
+        """Returns an order with the set-points of all enabled motors, or None if no motor must move.
+
+        The set-points are mixed by weight with those of the simulated controller.
+        """
         weight = float(np.clip(motors["q"][WEIGHT], 0.0, 1.0)) if arms else 1.0
         slots = commanded(whole=not arms)
         enabled = slots[(motors["mode"][slots] == 1) & (motors["kp"][slots] > 0.0)]

@@ -1,4 +1,4 @@
-"""Set-points of motors from the gate's commands."""
+"""Conversion of the gate's commands to targets of motors."""
 
 from __future__ import annotations
 
@@ -13,16 +13,19 @@ from tci.messages import Mode
 
 
 class SetPoints:
-    """Converts commands for servos to targets of motors. Holds the shares of stiffness and damping."""
+    """Converts commands for servos to targets of motors; stores the stiffness and damping that were set
+    last."""
 
     def __init__(self, slots: NDArray[np.intp], *, whole: bool) -> None:
-        """Takes the slot (n_servos,) of each servo's motor, -1 for fingers; `whole` for the gains of
-        rt/lowcmd."""
+        """Takes the slot (n_servos,) of each servo's motor, -1 for fingers.
+
+        With `whole`, the gains are those for rt/lowcmd, otherwise those for rt/arm_sdk.
+        """
         self._slots, self._gains = slots, gains(whole=whole)
         self._share = np.ones((2, MOTORS))
 
     def of(self, safe: SafeCommand) -> tuple[NDArray[np.bool_], Array]:
-        """Returns the motors under command (29,), and targets (5, 29)."""
+        """Returns a mask (29,) of the motors under command, and the targets (5, 29) of these motors."""
         own = self._slots[safe.servos] >= 0
         slots = self._slots[safe.servos[own]]
         for row, shares in enumerate((safe.stiffness, safe.damping)):
@@ -40,7 +43,7 @@ class SetPoints:
         return chosen, targets
 
     def here(self, posture: Array) -> tuple[NDArray[np.bool_], Array]:
-        """Returns all motors, and targets (5, 29) that hold a `posture` (29,) [rad]."""
+        """Returns a mask (29,) of all motors, and targets (5, 29) that hold the `posture` (29,) [rad]."""
         targets = np.zeros((ROWS, MOTORS))
         targets[Q], targets[KP:] = posture, self._gains
         return np.ones(MOTORS, dtype=bool), targets

@@ -1,4 +1,4 @@
-"""The robot's service `motion_switcher`, which switches its own controller on and off: client and server."""
+"""Client and server of `motion_switcher`, the service that switches the robot's own controller on and off."""
 
 from __future__ import annotations
 
@@ -12,20 +12,21 @@ from tci.drivers.unitree.node import MOST, UnitreeNode, latest
 from tci.errors import DriverError
 
 CHECK, SELECT, RELEASE = 1001, 1002, 1003
-"""Numbers of the calls."""
+"""Numbers by which the service identifies its calls."""
 UNKNOWN, BAD = 3203, 3204
-"""Codes of answers to calls that the server does not have, and that it can't read."""
+"""Error codes in answers. UNKNOWN: the server does not have this call. BAD: the call's parameter is
+invalid."""
 PATIENCE = 3.0
-"""Time [s] that one answer is waited for. Assumed: services answer within milliseconds once connected."""
+"""Longest time [s] to wait for an answer. Assumed: a connected service answers within milliseconds."""
 TRIES = 5
-"""Number of release calls after which another program is assumed to keep the controller on. Assumed: usually
-one call is enough."""
+"""Largest number of release calls. If the controller is still on, another program probably keeps it on.
+Assumed: usually one call is enough."""
 NAME = "ai"
-"""Name of the controller that walks and balances."""
+"""Name of the robot's own controller, which walks and balances."""
 
 
 class Switcher:
-    """Client of the service."""
+    """Client of the service `motion_switcher`."""
 
     def __init__(self, node: UnitreeNode) -> None:
         self._responses = node.reader(
@@ -34,7 +35,7 @@ class Switcher:
         self._requests = node.writer("rt/api/motion_switcher/request", messages.REQUEST)
 
     def check(self) -> str:
-        """Returns the name of the controller that runs; empty without one. Raises DriverError."""
+        """Returns the name of the controller that runs; empty if no controller runs. Raises DriverError."""
         data = self._call(CHECK, {})
         try:
             return str(json.loads(data)["name"])
@@ -42,8 +43,10 @@ class Switcher:
             raise DriverError(f"motion_switcher: {data[:80]!r} as an answer; valid: a name") from error
 
     def release(self) -> None:
-        """Switches the robot's own controller off, so that the legs no longer carry the robot. Raises
-        DriverError."""
+        """Switches the robot's own controller off. The legs then no longer carry the robot.
+
+        Raises DriverError if the controller stays on or the service does not answer.
+        """
         for _ in range(TRIES):
             if not (name := self.check()):
                 return
@@ -51,7 +54,10 @@ class Switcher:
         raise DriverError(f"motion_switcher: the robot's controller {name} stays on after {TRIES} releases")
 
     def _call(self, api: int, parameter: dict[str, str]) -> str:
-        """Returns the data of an answer; repeats the call until the service is connected."""
+        """Sends a call and returns the data of the answer. Repeats the call until an answer arrives.
+
+        Raises DriverError if the call fails or no answer arrives in time.
+        """
         end, repeat = time.monotonic() + PATIENCE, 0.0
         numbers = set()
         while (now := time.monotonic()) < end:
@@ -76,11 +82,11 @@ class Switcher:
 
 
 class SwitcherServer:
-    """The service, for a served robot."""
+    """Server of the service `motion_switcher` for a served robot."""
 
     def __init__(self, node: UnitreeNode) -> None:
         self.name = NAME
-        """Name of the controller that runs; empty without one."""
+        """Name of the controller that runs; empty if no controller runs."""
         self._requests = node.reader(
             "rt/api/motion_switcher/request", messages.REQUEST, keep=MOST, reliable=True
         )

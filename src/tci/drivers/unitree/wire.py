@@ -1,8 +1,8 @@
-"""Unitree's messages as bytes: records of numpy, and the checksum.
+"""Unitree's messages as bytes: encoding, decoding and the checksum.
 
-Unitree's checksum is computed over the C struct, including padding that the transmitted bytes (CDR) lack in
-part. So messages are records with the layout of the C structs, and `encode_*` removes the padding that is not
-transmitted.
+Unitree computes the checksum over a C struct. Some padding bytes of the struct are missing in the transmitted
+bytes (CDR). So messages are NumPy records with the layout of the C structs; `encode_*` functions remove the
+padding that is not transmitted.
 """
 
 from __future__ import annotations
@@ -16,15 +16,17 @@ from numpy.typing import NDArray
 from tci.errors import FrameError
 
 HEAD = b"\0\1\0\0"
-"""First bytes of each message: CDR, little-endian."""
+"""First bytes of each message. They mean: CDR, little-endian."""
 SLOTS = 35
-"""Number of motors in a message; a G1 has up to 29."""
+"""Number of slots for motors in a message. A G1 uses at most 29 slots."""
 WEIGHT = 29
-"""Slot whose `q` is the weight (0..1) of rt/arm_sdk against the robot's own controller."""
+"""Slot with the weight of rt/arm_sdk in its field `q`: 0 for the robot's own controller, 1 for the
+commands."""
 TAXELS = 12
-"""Number of values of one press sensor."""
+"""Number of values that one press sensor measures."""
 MOST_ITEMS = 64
-"""Largest number of motors or press sensors of a hand. Assumed: bounds memory; a Dex3 has 7 and 9."""
+"""Largest number of motors or press sensors of a hand. Assumed: this number bounds the memory; a Dex3 has 7
+motors and 9 press sensors."""
 
 
 def _record(size: int, **fields: tuple[Any, int]) -> np.dtype[np.void]:
@@ -40,7 +42,8 @@ COMMAND = _record(
     1004, mode_pr=("u1", 0), mode_machine=("u1", 1), motor=((MOTOR_COMMAND, SLOTS), 4),
     reserve=(("<u4", 4), 984), crc=("<u4", 1000),
 )  # fmt: skip
-"""LowCmd_ of rt/lowcmd and rt/arm_sdk. A motor's torque is tau + kp (q - q_now) + kd (dq - dq_now)."""
+"""LowCmd_, the message of rt/lowcmd and rt/arm_sdk. A motor's torque is tau + kp (q - q_now) + kd (dq -
+dq_now)."""
 MOTOR_STATE = _record(
     56, mode=("u1", 0), q=("<f4", 4), dq=("<f4", 8), ddq=("<f4", 12), tau_est=("<f4", 16),
     temperature=(("<i2", 2), 20), vol=("<f4", 24), sensor=(("<u4", 2), 28), motorstate=("<u4", 36),
@@ -52,45 +55,45 @@ STATE = _record(
     rpy=(("<f4", 3), 56), temperature=("<i2", 68), motor=((MOTOR_STATE, SLOTS), 72),
     remote=(("u1", 40), 2032), reserve=(("<u4", 4), 2072), crc=("<u4", 2088),
 )  # fmt: skip
-"""LowState_ of rt/lowstate."""
+"""LowState_, the message of rt/lowstate."""
 PRESS = _record(
     104, pressure=(("<f4", TAXELS), 0), temperature=(("<f4", TAXELS), 48), lost=("<u4", 96),
     reserve=("<u4", 100),
 )  # fmt: skip
-"""PressSensorState_ of a hand."""
+"""PressSensorState_, the state of one press sensor in a hand's message."""
 _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
 def checksum(data: bytes) -> int:
-    """Returns Unitree's checksum of whole 32-bit words: CRC-32/MPEG-2 of each word's bytes in reverse order.
+    """Returns Unitree's checksum of 32-bit words: CRC-32/MPEG-2 with the bytes of each word in reverse order.
 
-    `zlib` computes the mirrored polynomial, hence the mirrored bits.
+    `zlib` computes the CRC with the mirrored polynomial. Therefore the bits are mirrored before and after.
     """
     mirrored = np.frombuffer(data, "<u4").byteswap().tobytes().translate(_REVERSED)
     return int(f"{zlib.crc32(mirrored) ^ 0xFFFFFFFF:032b}"[::-1], 2)
 
 
 def encode_command(command: NDArray[np.void]) -> bytes:
-    """Returns the bytes of a record of COMMAND, with the checksum."""
+    """Returns a record of COMMAND as the bytes of a message, with the checksum."""
     data = command.tobytes()
     return b"".join((HEAD, data[:2], data[4:6], data[8:1000], checksum(data[:1000]).to_bytes(4, "little")))
 
 
 def encode_state(state: NDArray[np.void]) -> bytes:
-    """Returns the bytes of a record of STATE, with the checksum."""
+    """Returns a record of STATE as the bytes of a message, with the checksum."""
     data = state.tobytes()
     ends = checksum(data[:2088]).to_bytes(4, "little")
     return b"".join((HEAD, data[:70], data[72:74], data[76:2088], ends))
 
 
 def decode_command(data: bytes) -> tuple[Any, bool]:
-    """Returns a record of COMMAND, and True if its checksum is right. Raises FrameError."""
+    """Returns the record of COMMAND in a message, and True if its checksum is right. Raises FrameError."""
     body = _body(data, COMMAND, "a command")
     return _judged(b"".join((body[:2], b"\0\0", body[2:4], b"\0\0", body[4:])), COMMAND)
 
 
 def decode_state(data: bytes) -> tuple[Any, bool]:
-    """Returns a record of STATE, and True if its checksum is right. Raises FrameError."""
+    """Returns the record of STATE in a message, and True if its checksum is right. Raises FrameError."""
     body = _body(data, STATE, "a state")
     return _judged(b"".join((body[:70], b"\0\0", body[70:72], b"\0\0", body[72:])), STATE)
 
@@ -116,11 +119,11 @@ class HandState(NamedTuple):
     pads: NDArray[np.void]
     """Records (p,) of PRESS."""
     errors: NDArray[np.uint32]
-    """Errors (2,) that the hand reports; 0 for none."""
+    """Error codes (2,) that the hand reports; 0 means no error."""
 
 
 def decode_hand(data: bytes) -> HandState:
-    """Returns motors and press sensors of a hand; the message tells how many there are. Raises FrameError."""
+    """Returns the state of a hand. Raises FrameError if the message is invalid."""
     motors, at = _items(data, 4, MOTOR_STATE, "motors")
     pads, at = _items(data, at, PRESS, "press sensors")
     if len(data) < at + HAND_REST:
@@ -140,20 +143,22 @@ def _items(data: bytes, at: int, kind: np.dtype[np.void], what: str) -> tuple[ND
 
 
 def encode_hand(motors: NDArray[np.void], pads: NDArray[np.void]) -> bytes:
-    """Returns the bytes of a hand's state: records of MOTOR_STATE and PRESS, all else zero."""
+    """Returns the state of a hand as the bytes of a message. All fields after motors and press sensors are
+    zero."""
     parts = (HEAD, *(len(items).to_bytes(4, "little") + items.tobytes() for items in (motors, pads)))
     return b"".join((*parts, bytes(HAND_REST)))
 
 
 def encode_hand_command(motors: NDArray[np.void]) -> bytes:
-    """Returns the bytes of a hand's command: records of MOTOR_COMMAND."""
+    """Returns a command to a hand as the bytes of a message, from records of MOTOR_COMMAND."""
     return b"".join((HEAD, len(motors).to_bytes(4, "little"), motors.tobytes(), bytes(16)))
 
 
 def decode_hand_command(data: bytes) -> NDArray[np.void]:
-    """Returns the records (m,) of MOTOR_COMMAND of a hand's command. Raises FrameError."""
+    """Returns the records (m,) of MOTOR_COMMAND in a command to a hand. Raises FrameError."""
     return _items(data, 4, MOTOR_COMMAND, "motors")[0]
 
 
 HAND_REST = 56 + 16 + 16
-"""Bytes behind the press sensors: IMUState_ (54, padded), voltages and currents, errors and a reserve."""
+"""Number of bytes after the press sensors: IMUState_ (54, padded to 56), voltages and currents (16), errors
+and reserve (16)."""

@@ -1,9 +1,11 @@
-"""Driver of robots on YARP, and server of any robot as a robot on YARP. The protocol itself is the package
-`yarpwire`.
+"""Driver for robots on YARP, and server that presents any robot as a robot on YARP.
 
-driver, board_driver, diagnose   `yarp`: reads and commands control boards, and reads skin ports
-server, served_board, board_modes, call_arguments, order_book, skin_events   `tci serve --via yarp`: boards,
-skin ports and contacts of any robot
-facts                            the run-time query: DH tables, limits, skin
-address                          parses the address, the text after `yarp:` on the command line
+The package `yarpwire` implements YARP's protocol. The modules here are:
+
+- Driver `yarp`, which reads and commands control boards and reads skin ports: `driver`, `board_driver`,
+  `diagnose`.
+- Server `tci serve --via yarp`, with boards, skin ports and contacts of any robot: `server`, `served_board`,
+  `board_modes`, `call_arguments`, `order_book`, `skin_events`.
+- Query of a robot's facts, such as DH tables, limits and skin: `facts`.
+- Parser of the address, the text after `yarp:` on the command line: `address`.
 """

@@ -22,31 +22,33 @@ class YarpAddress:
     """Address of the name server, and options of the protocol."""
 
     server: tuple[str, int] | None = None
-    """Host and port of the name server; None for the one of yarp.conf."""
+    """Host and port of the name server; None for the name server in YARP's file yarp.conf."""
     bindings: bool = False
-    """True if YARP's own bindings carry the messages."""
+    """True to send and receive messages through YARP's own Python bindings."""
     dialect: Dialect | None = None
-    """Dialect of the protocol; None lets a driver find it out, and a server use that of YARP 3."""
+    """Dialect of the protocol: YARP 3 or YARP 4. With None, a driver detects the dialect, and a server uses
+    YARP 3."""
     robot: str = ""
     """First part of the port names, such as `icubSim`; empty for the name of the robot's description."""
     carrier: str = FAST_TCP.name
     """Name of the carrier by which skin and joint states are received."""
     skin: str = ""
-    """`comp` for drift-compensated skin values, empty for raw ones."""
+    """`comp` to read drift-compensated skin values, empty to read raw skin values."""
     without: tuple[str, ...] = ()
-    """Names of the patches that are not read. In the address they are separated by `+`."""
+    """Names of the patches that are not read. In the address, the names are separated by `+`."""
 
     def patches(self, robot: Robot) -> tuple[Patch, ...]:
-        """Returns the patches that are read. Raises UnknownNameError if the robot lacks one of `without`."""
+        """Returns the patches that are read. Raises UnknownNameError if the robot lacks a patch in
+        `without`."""
         left_out = {robot.patch(name).name for name in self.without}
         return tuple(patch for patch in robot.skin if patch.name not in left_out)
 
     @raises_driver_errors
     def network(self) -> Network:
-        """Returns the network that carries the messages.
+        """Returns the network for the messages.
 
-        Raises DriverError when there is no name server, or the bindings support only the other dialect;
-        MissingExtraError when the bindings are not installed.
+        Raises DriverError if no name server is found, or if the bindings do not support the chosen dialect.
+        Raises MissingExtraError if the bindings are requested and not installed.
         """
         network = Bindings(self.server) if self.bindings else Wire(self.server)
         if network.dialect not in (None, self.dialect or network.dialect):
@@ -56,7 +58,7 @@ class YarpAddress:
 
 @raises_driver_errors
 def parse(text: str) -> YarpAddress:
-    """Parses an address. Raises DriverError that lists the valid options."""
+    """Parses an address. Raises DriverError if the address is invalid; the error lists the valid options."""
     server = None
     found: dict[str, object] = {}
     for number, word in enumerate(part.strip() for part in text.split(",") if part.strip()):
@@ -95,14 +97,18 @@ def _valid() -> str:
 
 
 def patch_port(robot: Robot, prefix: str, patch: str) -> str:
-    """Returns the name of the port with a patch's raw values: that of the robot's binding to YARP if it gives
-    one, else `/PREFIX/skin/PATCH`."""
+    """Returns the name of the port with a patch's raw values.
+
+    This is the name in the robot's binding to YARP or, without a name there, `/PREFIX/skin/PATCH`.
+    """
     return f"/{prefix}/{robot.binding('yarp').address(patch, f'skin/{wire_name(patch)}')}"
 
 
 def board_ports(robot: Robot, prefix: str) -> dict[str, str]:
-    """Returns the first part of the port names of each robot part's control board: that of the robot's
-    binding to YARP if it gives one, else `/PREFIX/PART`."""
+    """Returns for each robot part the beginning of the port names of its control board.
+
+    This is the name in the robot's binding to YARP or, without a name there, `/PREFIX/PART`.
+    """
     binding = robot.binding("yarp")
     parts = dict.fromkeys(servo.robot_part for servo in robot.servos)
     return {part: f"/{prefix}/{binding.address(part, wire_name(part))}" for part in parts}

@@ -13,32 +13,34 @@ from yarpwire.board import Board
 
 @dataclass(frozen=True, slots=True)
 class Axes:
-    """The axes of one board, and the servos that they move."""
+    """The axes of one control board, and the servos that these axes move."""
 
     names: tuple[str, ...]
-    """The board's own names of its axes, in its order."""
+    """Names of the board's axes, as the board reports them, in the order of the axes."""
     servos: tuple[Servo, ...]
-    """Servos that the board has."""
+    """Servos for which the board has an axis."""
     numbers: tuple[int, ...]
-    """The board's axis of each of `servos`."""
+    """Number of the board's axis for each servo in `servos`."""
     absent: tuple[Servo, ...]
-    """Servos that the board lacks. None of them moves a link of the robot's model."""
+    """Servos for which the board has no axis. No servo among them moves a link of the robot's model."""
 
 
 def names_of(board: Board) -> tuple[str, ...]:
-    """Returns a board's own names of its axes, in its order. Raises YarpError."""
+    """Returns the names of a board's axes, as the board reports them, in the order of the axes. Raises
+    YarpError."""
     return tuple(board.name(axis) for axis in range(board.axes()))
 
 
 @raises_driver_errors
 def find_axes(board: Board, servos: Sequence[Servo]) -> Axes:
-    """Asks a board for its axes and assigns them to `servos`: by name if the board has all names, else by
-    number.
+    """Reads a board's axes and assigns them to `servos`: by name if the board has all names, else by number.
 
-    A board may lack servos that move nothing in the robot's model, such as the fingers and eyes of the iCub
-    in Gazebo: if it has fewer axes than servos and knows some of their names, such a servo is not assigned by
-    its number alone, since the axis may be a tool. Raises DriverError when the board does not answer, lacks
-    another servo, or has other numbers.
+    A board may lack servos that move nothing in the robot's model. Examples are the fingers and eyes of the
+    iCub in Gazebo. Such servos are not assigned by number if the board has fewer axes than there are servos
+    and has the names of some servos: the axis with that number may be a tool.
+
+    Raises DriverError if the board does not answer, if it lacks a servo that moves a link, or if its axis
+    numbers differ from those in the description.
     """
     names = names_of(board)
     known = {name: axis for axis, name in enumerate(names)}

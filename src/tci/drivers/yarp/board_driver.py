@@ -39,8 +39,8 @@ MOVING: Mapping[int, Mode] = {
     POSITION: Mode.POSITION, DIRECT: Mode.POSITION, MIXED: Mode.POSITION,
     VELOCITY: Mode.VELOCITY, VELOCITY_DIRECT: Mode.VELOCITY, TORQUE: Mode.TORQUE,
 }  # fmt: skip
-"""Control modes in which a joint follows commands. In any other (idle, fault, calibrating) its servo is
-off."""
+"""Control modes in which a joint follows commands, with TCI's mode for each. In all other modes (idle, fault,
+calibrating) the servo is off."""
 WORDS = {Mode.POSITION: DIRECT, Mode.IMPEDANCE: DIRECT, Mode.VELOCITY: VELOCITY, Mode.TORQUE: TORQUE}
 STREAMS = {
     Mode.POSITION: Stream.POSITION, Mode.IMPEDANCE: Stream.POSITION,
@@ -48,17 +48,17 @@ STREAMS = {
 }  # fmt: skip
 
 AHEAD = 0.02
-"""Time [s] ahead of its reference for which a servo's position is sent, on the path that the gate has
-planned. Assumed: four periods of 5 ms; a board may let a servo come to rest at a set-point that it
-reaches."""
+"""Time [s] by which a sent position is ahead of the servo's reference on the path that the gate has planned.
+Needed since a board may let a servo come to rest at a set-point that the servo reaches. Assumed: four periods
+of 5 ms."""
 SWITCHING = 0.0005
-"""Longest time [s] to wait for the answer to a change of mode. If it arrives in time, the set-points are sent
-again: a board may ignore those that arrive before it has switched. Assumed: a tenth of a period of 5 ms."""
+"""Longest time [s] to wait for the answer to a change of mode. If the answer arrives in time, set-points are
+sent again, since a board ignores set-points before it has switched. Assumed: a tenth of a period of 5 ms."""
 
 
 class BoardDriver:
-    """The joints of one robot part on a control board. Methods raise DriverError when the board refuses or
-    can't be reached."""
+    """The joints of one robot part on a control board. Methods raise DriverError if the board refuses a call
+    or can't be reached."""
 
     @raises_driver_errors
     def __init__(
@@ -71,10 +71,10 @@ class BoardDriver:
         carrier: str,
         dialect: Dialect | None,
     ) -> None:
-        """Connects, and finds the board's axis of each of `servos`.
+        """Connects, and finds the board's axis for each servo in `servos`.
 
-        `prefix` is the first part of the board's port names (`/icub/left_arm`), `own` that of the ports
-        opened here. Raises DriverError for a board that can't be reached or whose axes don't fit the servos.
+        The board's port names begin with `prefix` (`/icub/left_arm`), the ports of this driver with `own`.
+        Raises DriverError if the board can't be reached, or if its axes do not fit the servos.
         """
         self.prefix = prefix
         self._network, self._own = network, own
@@ -111,8 +111,8 @@ class BoardDriver:
             self._output.close()
 
     def state(self, at: float | None = None) -> tuple[BoardState, float]:
-        """Returns the latest state, or the state nearest to time `at` [s], and its time [s]. Angles are in
-        degrees, in the order of the board's axes. Raises DriverError before the first state."""
+        """Returns the latest state, or the state nearest to the time `at` [s], and the state's time [s].
+        Angles are in degrees, in the order of the board's axes. Raises DriverError before the first state."""
         found = None
         if self.feed is not None:
             found = self.feed.latest if at is None else self.feed.at(at)
@@ -122,16 +122,16 @@ class BoardDriver:
 
     @property
     def switches(self) -> bool:
-        """True while the board has not answered to a change of modes."""
+        """True while the board has not answered a request for a change of modes."""
         return bool(self._switching)
 
     def number(self) -> int:
-        """Returns the sequence number of the latest state; 0 before the first."""
+        """Returns the sequence number of the latest state; 0 before the first state."""
         latest = self.feed.latest if self.feed is not None else None
         return latest.sequence if latest is not None else 0
 
     def modes(self, state: BoardState) -> list[tuple[Mode | None, bool]]:
-        """Returns the control mode of each servo in a state, and True if the servo is on."""
+        """Returns for each servo its control mode in `state`, and True if the servo is on."""
         found: list[tuple[Mode | None, bool]] = []
         for axis in self.axes.numbers:
             mode = MOVING.get(state.modes[axis] if state.modes is not None else POSITION)
@@ -146,15 +146,15 @@ class BoardDriver:
 
     @raises_driver_errors
     def limits(self) -> list[AxisLimits]:
-        """Returns the board's range [deg] of each servo."""
+        """Returns the range of angles [deg] that the board reports for each servo."""
         return [self.board.limits(axis) for axis in self.axes.numbers]
 
     @raises_driver_errors
     def send(self, safe: SafeCommand, ahead: Array) -> None:
-        """Switches modes as the gate did, then sends set-points to the board's servos in a command.
+        """Switches the board's servos to the modes in a command, then sends their set-points.
 
-        `ahead` (k,) [rad] are the positions of the command's servos AHEAD later. If the board refuses a mode,
-        a later call raises DriverError: the answer may take a period.
+        `ahead` (k,) [rad] are the positions of the command's servos, AHEAD [s] later. If the board refuses a
+        mode, only a later call raises DriverError, since the answer may take a period.
         """
         self._settle()
         mine = self._mine
@@ -176,8 +176,8 @@ class BoardDriver:
 
     @raises_driver_errors
     def send_torques_only(self, safe: SafeCommand) -> None:
-        """Sends only the torques of servos in torque mode, to a board whose state no longer arrives, because
-        it would keep the last torques. The gate ends torques that are not based on recent data."""
+        """Sends only the torques of servos in torque mode. Needed if states no longer arrive from the board:
+        it would keep the last torques, but the gate ends torques that are not based on recent data."""
         mine = self._mine
         loose = [
             (place, servo)
@@ -188,21 +188,21 @@ class BoardDriver:
 
     @raises_driver_errors
     def halt(self) -> None:
-        """Calls the board's own stop in position mode: its joints stay where they are. Raises DriverError."""
+        """Stops the board's joints in position mode, so that they keep their angles. Raises DriverError."""
         self.board.set_modes(list(self.axes.numbers), POSITION)
         self.board.stop()
         self._direct.clear()
 
     def forget(self) -> None:
-        """Forgets the joints in direct mode, and closes the connection for calls: the board was restarted."""
+        """Forgets the joints in direct mode, and closes the connection for calls. Needed after a restart."""
         self._direct.clear()
         self.board.close()
 
     @raises_driver_errors
     def reconnect(self) -> None:
-        """Connects again to state, calls and commands.
+        """Connects again to the board's ports for state, calls and commands.
 
-        Raises DriverError, also for a board that came back with other axes: commands would move wrong joints.
+        Raises DriverError, also if the board now has other axes, since commands would move wrong joints.
         """
         assert self.feed is not None
         fresh = find_board(self._network, self.prefix, f"{self._own}/rpc:o", self.board.dialect)
@@ -225,15 +225,15 @@ class BoardDriver:
 
     @raises_driver_errors
     def renew_commands(self) -> None:
-        """Connects again if the board has closed the connection for commands, as boards that authenticate do
-        after 2 s without one. Raises DriverError."""
+        """Connects again if the board has closed the connection for commands. Boards with authentication
+        close it after 2 s without a command. Raises DriverError."""
         output = self._output  # read once: the loop's thread may set it to None
         if output is None or output.is_over():
             self._connect_commands()
 
     def _must_switch(self, servo: int, mode: Mode, reported: Mode | None, on: bool) -> bool:
-        """Returns True if the gate changed the mode, or if a joint in position mode must be switched to
-        position-direct. A mode that another program set is not changed."""
+        """Returns True if the gate has changed the mode, or if a joint in position mode must be switched to
+        position-direct. If another program has set the mode, returns False."""
         if mode is not self._requested[servo]:
             return True
         return (
@@ -244,7 +244,7 @@ class BoardDriver:
         return reported is mode or servo in self._direct or mode in (Mode.VELOCITY, Mode.TORQUE)
 
     def _switch(self, wanted: dict[int, Mode], mine: dict[int, int]) -> bool:
-        """Requests other modes, unless a request is still open. Returns True if it sent one."""
+        """Requests the `wanted` modes, unless an earlier request is open. Returns True if it has sent one."""
         if not wanted or self._switching:
             return False
         for servo, mode in wanted.items():
@@ -263,7 +263,7 @@ class BoardDriver:
         return True
 
     def _settle(self, patience: float = 0.0) -> bool:
-        """Returns True if all changes of modes are answered. Raises YarpError when the board refused one."""
+        """Returns True if all changes of modes are answered. Raises YarpError if the board refused one."""
         try:
             answered = self.board.settle(patience)
             if answered:
@@ -277,7 +277,7 @@ class BoardDriver:
             raise
 
     def _set_shares(self, safe: SafeCommand, mine: dict[int, int]) -> None:
-        """Sets stiffness and damping as fractions of those that the board had at first."""
+        """Sets stiffness and damping as fractions of the values that the board had at first."""
         shares = [(0, safe.stiffness), (1, safe.damping)]
         for servo in {servo for _, values in shares for servo in values if servo in mine}:
             if Mode.IMPEDANCE not in next(s.modes for s in self.axes.servos if s.index == servo):
@@ -294,8 +294,8 @@ class BoardDriver:
     def _stream_all(
         self, safe: SafeCommand, ahead: Array, chosen: Sequence[tuple[int, int]], mine: dict[int, int]
     ) -> None:
-        """Sends the set-points of servos, each in its mode; `chosen` has place in the command and index of
-        each."""
+        """Sends the set-points of the `chosen` servos by the stream for each servo's mode. `chosen` has for
+        each servo the place in the command and the index."""
         for stream, values in (
             (Stream.POSITION, np.rad2deg(ahead)),
             (Stream.VELOCITY, np.rad2deg(safe.velocity)),

@@ -1,7 +1,7 @@
 """Control modes of YARP, and the corresponding TCI modes of a served joint.
 
-A joint keeps the mode that a client has set. In YARP the interaction (stiff or compliant) is a separate
-setting; in TCI it is part of the mode.
+A joint keeps the mode that a client has set. In YARP, the interaction mode (stiff or compliant) is a separate
+setting; in TCI, the interaction is part of the mode.
 """
 
 from __future__ import annotations
@@ -30,16 +30,17 @@ MODES = {
     POSITION: Mode.POSITION, DIRECT: Mode.POSITION, MIXED: Mode.POSITION, IDLE: Mode.POSITION,
     FORCE_IDLE: Mode.POSITION, VELOCITY: Mode.VELOCITY, VELOCITY_DIRECT: Mode.VELOCITY, TORQUE: Mode.TORQUE,
 }  # fmt: skip
-"""Control modes that a client may ask for, and TCI's mode of each. An idle joint rests and follows no
-command."""
+"""Control modes of YARP that a client may request, with TCI's mode for each. An idle joint rests and follows
+no commands."""
 MOVING = (POSITION, MIXED)
-"""Control modes that take moves."""
+"""Control modes in which a joint accepts moves to a target angle."""
 USUAL = {Mode.VELOCITY: VELOCITY, Mode.TORQUE: TORQUE}
-"""Control mode to show for each of TCI's modes that no client has asked for; else POSITION."""
+"""YARP's control mode that is shown for a mode of TCI which no client has set. Modes of TCI that are missing
+here are shown as POSITION."""
 STREAMING = {
     Stream.POSITION: (DIRECT,), Stream.VELOCITY: (VELOCITY, VELOCITY_DIRECT), Stream.TORQUE: (TORQUE,),
 }  # fmt: skip
-"""Control modes that take each kind of set-points."""
+"""Control modes in which a joint accepts each kind of streamed set-points."""
 
 JointMode = tuple[Vocab, bool]
 """Control mode of a joint, and True if it is compliant."""
@@ -54,7 +55,7 @@ class BoardModes:
         self._set: list[JointMode] = [(POSITION, False)] * len(servos)
 
     def word(self, joint: int) -> Vocab:
-        """Returns the control mode of a joint."""
+        """Returns YARP's control mode of a joint."""
         return self._set[joint][0]
 
     def gate_mode(self, joint: int) -> Mode:
@@ -62,23 +63,24 @@ class BoardModes:
         return _gate_mode(*self._set[joint])
 
     def available(self, joint: int) -> list[Vocab]:
-        """Returns the control modes that a joint may be switched to."""
+        """Returns YARP's control modes to which a joint may be switched."""
         return [word for word, mode in MODES.items() if mode in self._servos[joint].modes]
 
     def catch_up(self, joint: int, mode: Mode) -> None:
-        """Adopts a mode that another program has set at the gate."""
+        """Adopts the `mode` that a joint has at the gate, if another program has changed it there."""
         if self.gate_mode(joint) is not mode:
             self._set[joint] = USUAL.get(mode, POSITION), mode is Mode.IMPEDANCE
 
     def shown(self, joint: int, mode: Mode) -> tuple[Vocab, Vocab]:
-        """Returns the control and interaction mode to show for a joint that is in `mode` at the gate."""
+        """Returns the control and interaction mode that clients read for a joint that is in `mode` at the
+        gate."""
         word, soft = self.word(joint), mode is Mode.IMPEDANCE
         if _gate_mode(word, soft) is not mode:
             word = USUAL.get(mode, POSITION)
         return word, COMPLIANT if soft else STIFF
 
     def need(self, joints: Iterable[int], words: Sequence[Vocab]) -> None:
-        """Raises CallError unless all joints are in one of these control modes."""
+        """Raises CallError if a joint is in a control mode that is not among `words`."""
         for joint in joints:
             if self.word(joint) not in words:
                 raise CallError(
@@ -86,25 +88,29 @@ class BoardModes:
                 )
 
     def with_words(self, joints: Sequence[int], words: Sequence[Vocab]) -> list[JointMode]:
-        """Returns the modes of joints (k,) in these control modes. Raises CallError for one that a joint does
-        not have."""
+        """Returns the modes that joints (k,) have after a switch to the control modes `words`.
+
+        Raises CallError if a joint does not have the mode.
+        """
         wanted = [IDLE if word == FORCE_IDLE else word for word in words]
         return self._checked(joints, [(w, self._set[j][1]) for j, w in zip(joints, wanted, strict=True)])
 
     def with_interactions(self, joints: Sequence[int], words: Sequence[Vocab]) -> list[JointMode]:
-        """Returns the modes of joints (k,) that are made stiff or compliant. Raises CallError for a joint
-        that can't yield."""
+        """Returns the modes that joints (k,) have after they are made stiff or compliant.
+
+        Raises CallError if a joint can't be made compliant.
+        """
         soft = [word == COMPLIANT for word in words]
         for joint in (joint for joint, yields in zip(joints, soft, strict=True) if yields):
             self._check(joint, Mode.IMPEDANCE)
         return self._checked(joints, [(self.word(j), s) for j, s in zip(joints, soft, strict=True)])
 
     def changing(self, joints: Sequence[int], wanted: Sequence[JointMode]) -> list[int]:
-        """Returns the joints that are in another mode than the wanted one (k,)."""
+        """Returns the joints with a mode that differs from the `wanted` mode (k,)."""
         return [joint for joint, one in zip(joints, wanted, strict=True) if self._set[joint] != one]
 
     def put(self, joints: Sequence[int], wanted: Sequence[JointMode]) -> list[JointMode]:
-        """Sets the modes (k,) of joints, and returns those from before."""
+        """Sets the modes (k,) of joints, and returns their previous modes."""
         before = [self._set[joint] for joint in joints]
         for joint, one in zip(joints, wanted, strict=True):
             self._set[joint] = one
@@ -123,6 +129,6 @@ class BoardModes:
 
 
 def _gate_mode(word: Vocab, soft: bool) -> Mode:
-    """Returns TCI's mode of a joint in a control mode, stiff or `soft`."""
+    """Returns TCI's mode for YARP's control mode `word`; `soft` is True for a compliant joint."""
     mode = MODES[word]
     return Mode.IMPEDANCE if mode is Mode.POSITION and soft else mode

@@ -14,7 +14,8 @@ from yarpwire.values import Vocab
 
 
 def joint_numbers(numbers: Sequence[Any], count: int, part: str) -> list[int]:
-    """Returns the joints of a call. Raises CallError unless each is one of `count` and named once."""
+    """Returns the joint numbers in a call. Raises CallError if a number is not in 0..`count`-1 or is
+    repeated."""
     chosen = [int(n) for n in _listed(numbers) if isinstance(n, int) and 0 <= n < count]
     if not chosen or not len(numbers) == len(chosen) == len(set(chosen)):
         raise CallError(f"joints {str(numbers)[:60]} of {part}; valid: 0 to {count - 1}, each once")
@@ -22,8 +23,10 @@ def joint_numbers(numbers: Sequence[Any], count: int, part: str) -> list[int]:
 
 
 def finite(numbers: Sequence[Any], count: int) -> Array:
-    """Returns the numbers (count,) of a call. Raises CallError for another count, and for what is no finite
-    number."""
+    """Returns the numbers (count,) in a call.
+
+    Raises CallError if the count differs, or if a value is not a finite number.
+    """
     values = [float(number) for number in _listed(numbers) if isinstance(number, int | float)]
     if not len(values) == len(_listed(numbers)) == count or not np.all(np.isfinite(values)):
         raise CallError(f"{str(numbers)[:60]} in place of numbers; valid: {count} finite numbers")
@@ -31,8 +34,10 @@ def finite(numbers: Sequence[Any], count: int) -> Array:
 
 
 def modes(words: Sequence[Any], count: int, part: str, valid: Collection[Vocab]) -> list[Vocab]:
-    """Returns the modes (count,) of a call, letters or their numbers. Raises CallError for one that is not
-    `valid`."""
+    """Returns the modes (count,) in a call, which may be given as letters or as their numbers.
+
+    Raises CallError if the count differs, or if a mode is not `valid`.
+    """
     with suppress(WireError):
         found = [Vocab(word) for word in _listed(words)]
         if len(found) == count and all(word in valid for word in found):
@@ -44,5 +49,5 @@ def modes(words: Sequence[Any], count: int, part: str, valid: Collection[Vocab])
 
 
 def _listed(items: object) -> Sequence[Any]:
-    """Returns `items` if it is a list, else an empty one."""
+    """Returns `items` if it is a list, else an empty list."""
     return items if isinstance(items, list | tuple) else ()

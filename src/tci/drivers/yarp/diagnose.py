@@ -26,13 +26,15 @@ from yarpwire.feed import Feed
 from yarpwire.network import Network
 
 NEAR = 0.5
-"""Difference [deg] up to which limits count as equal. Assumed: robots' configuration files round limits to a
-degree."""
+"""Largest difference [deg] between two joint limits that count as equal. Assumed: robots' configuration files
+round limits to a degree."""
 
 
 def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
-    """Checks step by step what can be reached: library, name server, boards, skin. Never raises a TciError; a
-    step that fails is a finding."""
+    """Checks step by step if library, name server, control boards and skin ports can be reached.
+
+    A step that fails becomes a finding. Never raises a TciError.
+    """
     try:
         options = addresses.parse(address)
         patches = options.patches(robot)
@@ -84,7 +86,7 @@ def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
 
 
 def _absent(part: str, axes: Axes) -> list[Finding]:
-    """Returns a finding about the servos that a board lacks."""
+    """Returns a finding about the servos for which a board has no axis; an empty list if there are none."""
     if not axes.absent:
         return []
     what = f"the board has no axis of {', '.join(servo.name for servo in axes.absent)}"
@@ -106,9 +108,11 @@ def _no_server(error: Exception) -> Finding:
 def examine(
     dialect: Dialect, boards: Mapping[str, BoardDriver], skin: Mapping[str, Feed[Any]]
 ) -> tuple[Finding, ...]:
-    """Returns findings about a connected robot: its dialect, joints and limits that differ from the
-    description, lost and invalid messages, offsets of clocks. Raises DriverError when a board does not
-    answer."""
+    """Returns findings about a connected robot.
+
+    The findings are about the dialect, joints and limits that differ from the description, lost and invalid
+    messages, and offsets of clocks. Raises DriverError if a board does not answer.
+    """
     found = [Finding(Level.OK, "dialect", f"YARP {dialect.name}", figures={"dialect": dialect.name})]
     for part, board in boards.items():
         found += _examine_board(part, board)

@@ -1,4 +1,4 @@
-"""`yarp`: driver of a robot on YARP, such as iCub: its control boards and the ports of its skin."""
+"""`yarp`: driver of a robot on YARP, such as iCub. Uses the robot's control boards and skin ports."""
 
 from __future__ import annotations
 
@@ -41,31 +41,32 @@ from yarpwire.network import Network
 
 FIRST = 3.0
 """Longest time [s] to wait for the first message of every port when the driver opens. Assumed: ports send at
-least 20 messages a second, and a connection takes less than a second."""
+least 20 messages per second, and connecting takes less than a second."""
 AWAY = 0.3
-"""Time [s] without a message after which a port is connected again. Assumed: longer than gaps in the data of
-a busy network."""
+"""Time [s] without a message after which the driver connects to a port again. Assumed: gaps in the data on a
+busy network are shorter."""
 LOOK = 0.25
-"""Time [s] between two checks for silent ports. Assumed: close to `AWAY`, so that a silent port is connected
-again within about twice that time."""
+"""Time [s] between two checks for silent ports. Assumed: close to `AWAY`, so that the driver connects to a
+silent port again after at most about twice `AWAY`."""
 REGISTER_AGAIN = 1.0
-"""Time [s] between two checks that the name server still has the driver's ports, which a restart makes it
-forget. Assumed: data flows without the name server, so a second is soon enough."""
+"""Time [s] between two checks that the driver's ports are still registered. A name server that restarts
+forgets the ports. Assumed: a second is soon enough, since data between ports does not need the name
+server."""
 PATIENCE = 0.9
-"""Fraction of a period within which a reading waits for skin frames that are due. Assumed: the rest is for
-the computation."""
+"""Largest fraction of a period for which a reading waits for skin frames that are due. Assumed: the rest of
+the period is enough for the computation."""
 REFUSED = 3.0
-"""Time [s] for which a board may refuse a change of mode, or not answer one, before `write` raises an error.
-Assumed: a board that starts or holds accepts modes again within it."""
+"""Time [s] for which a board may refuse or not answer a change of mode, before `write` raises an error.
+Assumed: a board that starts or holds accepts modes again within this time."""
 EVENTS = "/skinManager/skin_events:o"
 _numbers = itertools.count()
 
 
 class YarpDriver(Driver):
-    """A driver of a robot on YARP. It is armed only on request.
+    """A driver of a robot on YARP. The driver is armed only on request.
 
-    It reconnects by itself after a restart of the name server, a board or the robot. Until then the joint
-    data is old, and the gate holds.
+    After a restart of the name server, a board or the robot, the driver connects again by itself. Until then
+    the joint data is old, and the gate holds.
     """
 
     @raises_driver_errors
@@ -74,10 +75,12 @@ class YarpDriver(Driver):
     ) -> None:
         """Connects to every board and every patch. docs/yarp.md describes the `address`.
 
-        Without `joints` or `skin` only the other one is read. Skin ports do not show their dialect, so
-        without joints the address must name it. Raises DriverError when a port does not exist, sends nothing,
-        or sends values that do not fit the description; MissingExtraError when the address asks for YARP's
-        own bindings and they are not installed.
+        With `joints=False` only the skin is read, with `skin=False` only the joints. Skin ports do not show
+        the robot's dialect, so with `joints=False` the address must contain the dialect.
+
+        Raises DriverError if a port does not exist, sends nothing, or sends values that do not fit the
+        description. Raises MissingExtraError if the address requests YARP's own bindings and they are not
+        installed.
         """
         options = addresses.parse(address)
         clock = MonotonicClock()
@@ -124,15 +127,17 @@ class YarpDriver(Driver):
 
     @property
     def dialect(self) -> Dialect:
-        """Dialect of the robot."""
+        """Dialect of the robot's protocol: YARP 3 or YARP 4."""
         if self._dialect is not None:
             return self._dialect
         return next(iter(self.boards.values())).board.dialect
 
     @raises_driver_errors
     def skin_events(self) -> tuple[SkinEvent, ...]:
-        """Returns the latest contacts that the robot's own skinManager published. Raises DriverError when it
-        is not running."""
+        """Returns the latest contacts that the robot's own skinManager has published.
+
+        Raises DriverError if skinManager is not running.
+        """
         if self._events is None:
             try:
                 self._events = Feed(
@@ -168,8 +173,8 @@ class YarpDriver(Driver):
         return Reading(joints=self._joints, skin=tuple(self._frames()))
 
     def _joints_at(self, stamp: float) -> JointReading:
-        """Returns a reading of all boards at about time `stamp` [s]: of each board, the state nearest to
-        it."""
+        """Returns a reading of all boards; of each board, the state nearest to the time `stamp` [s] is
+        used."""
         count = len(self.robot.servos)
         position, velocity, torque = np.full((3, count), np.nan)
         modes: list[Mode | None] = [None] * count
@@ -222,9 +227,11 @@ class YarpDriver(Driver):
         self._tolerate_refusals(now)
 
     def _tolerate_refusals(self, now: float) -> None:
-        """Holds the gate while a board refuses, at `now` [s]. A board that holds or starts refuses for a
-        short time; it gets the request again in each period. Raises DriverError if it refuses for longer than
-        REFUSED."""
+        """Makes the gate hold while a board refuses a change of mode; `now` [s] is the present time.
+
+        A board that holds or starts refuses for a short time. Such a board gets the request again in each
+        period. Raises DriverError if a board refuses for longer than REFUSED.
+        """
         for since, error in self._refused.values():
             if now - since > REFUSED:
                 raise DriverError(
@@ -253,7 +260,7 @@ class YarpDriver(Driver):
             dialect = self.boards[part].board.dialect
 
     def _leave_out_absent_servos(self) -> None:
-        """Makes the gate refuse commands to servos that no board has."""
+        """Makes the gate refuse commands to servos for which no board has an axis."""
         absent = {
             servo.index: f"{board.board.prefix} has no axis for it"
             for board in self.boards.values()
@@ -281,8 +288,11 @@ class YarpDriver(Driver):
         )
 
     def _watch(self) -> None:
-        """Runs until the driver closes: connects silent ports again, and registers the driver's ports at a
-        name server that restarted."""
+        """Keeps the connections until the driver closes.
+
+        Connects to silent ports again, and registers the driver's ports again if the name server has
+        restarted.
+        """
         due = time.monotonic() + REGISTER_AGAIN
         while not self._closed.wait(LOOK):
             now = time.monotonic()

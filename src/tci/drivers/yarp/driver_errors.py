@@ -1,4 +1,5 @@
-"""Conversion of yarpwire's errors to TCI's: every YarpError leaves this folder as a DriverError."""
+"""Conversion of the errors of yarpwire to TCI's errors, so that callers get DriverError instead of
+YarpError."""
 
 from __future__ import annotations
 
@@ -14,7 +15,8 @@ Result = TypeVar("Result")
 
 
 def raises_driver_errors(call: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Wraps a function so that a YarpError becomes a DriverError with its text."""
+    """Wraps a function so that it raises DriverError with the text of the YarpError, in place of the
+    YarpError."""
 
     @wraps(call)
     def translated(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:

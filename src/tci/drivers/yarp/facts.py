@@ -1,7 +1,7 @@
-"""The run-time query on YARP: a port for calls that answers with a robot's DH tables, limits and skin.
+"""Query of a robot's facts on YARP: a port that answers calls with DH tables, limits and skin of the robot.
 
-A person types the calls (`echo 'dh left_arm' | yarp rpc /icub/facts/rpc:i`); a program asks for everything as
-JSON, which `read_robot_facts` does. Lengths in m, angles in rad.
+A person can type the calls (`echo 'dh left_arm' | yarp rpc /icub/facts/rpc:i`). A program reads all facts at
+once as JSON with `read_robot_facts`. Lengths are in [m], angles in [rad].
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from yarpwire.dialect import V3
 from yarpwire.values import Vocab
 
 PATIENCE = 30.0
-"""Longest time [s] to wait for the answer. Assumed: a first query fits cones to all skin."""
+"""Longest time [s] to wait for the answer. Assumed: this is enough for the first query, for which the robot's
+process fits cones to all skin."""
 USAGE = {
     "help": "list of the calls",
     "json": "everything as JSON, in the format tci.robot/1",
@@ -35,7 +36,7 @@ FAIL, NAN = Vocab("fail"), float("nan")
 
 
 class FactsService:
-    """Answers calls about one robot. Connections call it, each in a thread of its own."""
+    """Answers calls about one robot. Each connection calls `answer` in a thread of its own."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
@@ -46,7 +47,7 @@ class FactsService:
         return query(self._robot)
 
     def answer(self, items: Sequence[Any]) -> list[Any]:
-        """Returns the data that a call asks for, or `[fail]` and what would be valid."""
+        """Returns the data that a call requests, or `[fail]` and a text with the valid calls."""
         words = [item.word if isinstance(item, Vocab) else str(item) for item in items]
         kinds: dict[str, Callable[..., list[Any]]] = {
             "help": lambda: [Vocab("many"), *(f"{call}: {what}" for call, what in USAGE.items())],
@@ -94,10 +95,10 @@ class FactsService:
 
 @raises_driver_errors
 def read_robot_facts(robot: str, address: str = "") -> RobotFacts:
-    """Asks a served robot for all its facts. docs/yarp.md describes the `address`.
+    """Reads all facts of a served robot. docs/yarp.md describes the `address`.
 
-    Raises DriverError when the robot is not served or does not answer, DescriptionError for an answer that is
-    not valid.
+    Raises DriverError if the robot is not served or does not answer, DescriptionError if the answer is
+    invalid.
     """
     options = addresses.parse(address)
     network = options.network()
@@ -114,5 +115,5 @@ def read_robot_facts(robot: str, address: str = "") -> RobotFacts:
 
 
 def facts_port(prefix: str) -> str:
-    """Returns the name of the port that answers the query."""
+    """Returns the name of the port that answers queries of the robot's facts."""
     return f"/{prefix}/facts/rpc:i"

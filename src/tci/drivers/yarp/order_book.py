@@ -1,4 +1,4 @@
-"""Orders that wait for the next period of the serving loop, and their results."""
+"""Orders that wait for the next period of the server's loop, and the results of orders."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from tci.messages import Order
 from tci.reasons import Code, Reason
 
 MOST_ORDERS = 256
-"""Largest number of orders that wait for the next period; beyond it the oldest are dropped. Assumed: bounds
-memory; a client sends a few orders per period and board."""
+"""Largest number of orders that wait for the next period. If there are more, the oldest orders are dropped.
+Assumed: this number bounds the memory; a client sends a few orders per period and board."""
 SETTLE = 1.0
-"""Longest time [s] that a call waits for the results of its orders. Assumed: a loop answers within a few
+"""Longest time [s] that a call waits for the results of its orders. Assumed: the loop answers within a few
 periods, and YARP's own clients wait longer."""
 
 
 class OrderBook:
-    """Orders on their way from connections to the loop, and the results on their way back.
+    """Passes orders from the threads of connections to the loop, and the results of the orders back.
 
-    Each connection has a thread of its own, which calls `put` and, for calls that are answered, `begin` and
-    `settle`. The loop calls `take`, `refuse` and `judge`.
+    Each connection has a thread of its own, which calls `put`. If a client waits for an answer, the thread
+    also calls `begin` before and `settle` after. The loop calls `take`, `refuse` and `judge`.
     """
 
     def __init__(self) -> None:
@@ -34,7 +34,7 @@ class OrderBook:
         self._mine = threading.local()
 
     def put(self, order: Order, undo: Callable[[], object] | None = None) -> None:
-        """Adds an order. `undo` is called if it is refused, to restore the state from before the command."""
+        """Adds an order. If the order is refused, `undo` is called to restore the state before the order."""
         with self._changed:
             self._waiting.append(order)
             if undo is not None:
@@ -46,15 +46,17 @@ class OrderBook:
             self._mine.orders.append(order)
 
     def take(self) -> list[Order]:
-        """Returns the orders since the last call, oldest first."""
+        """Returns the orders that were added since the last call, oldest first."""
         with self._changed:
             waiting, self._waiting = self._waiting, []
             self._given += waiting
         return waiting
 
     def refuse(self, order: Order, reason: Reason) -> bool:
-        """Records that an order was refused before it reached the gate. Returns True if the order was taken
-        from this book."""
+        """Records that an order was refused before it reached the gate.
+
+        Returns True if the order was taken from this book.
+        """
         with self._changed:
             mine = any(order is given for given in self._given)
             if mine:
@@ -62,8 +64,10 @@ class OrderBook:
         return mine
 
     def judge(self, passed: Sequence[Order], reasons: Sequence[Reason]) -> None:
-        """Records which of the orders taken before the gate accepted (`passed`), and its `reasons` for
-        refusing the others."""
+        """Records the gate's decision on the orders that were taken last.
+
+        `passed` are the orders that the gate accepted, `reasons` the reasons why it refused the rest.
+        """
         if not self._given:
             return
         with self._changed:
@@ -77,7 +81,7 @@ class OrderBook:
             self._changed.notify_all()
 
     def is_busy(self) -> bool:
-        """Returns True while orders wait for their result."""
+        """Returns True while an order waits for its result."""
         return bool(self._waiting or self._given)
 
     def _pending(self) -> list[Order]:
@@ -85,16 +89,18 @@ class OrderBook:
 
     @property
     def is_awaited(self) -> bool:
-        """True if this thread has begun a call that waits for its results."""
+        """True if the calling thread has called `begin` and not yet `settle`."""
         return getattr(self._mine, "orders", None) is not None
 
     def begin(self) -> None:
-        """Makes `settle` wait for the orders that this thread puts from now on."""
+        """Makes `settle` wait for all orders that the calling thread adds after this call."""
         self._mine.orders = []
 
     def settle(self) -> None:
-        """Waits until this thread's orders have a result. Raises CommandError for a refused one, and after
-        SETTLE."""
+        """Waits until the orders of the calling thread have a result.
+
+        Raises CommandError if an order is refused, or if an order has no result after SETTLE [s].
+        """
         mine, self._mine.orders = self._mine.orders, None
         until = time.monotonic() + SETTLE
         with self._changed:
@@ -109,7 +115,7 @@ class OrderBook:
 
 
 def _joined(reasons: Collection[Reason]) -> Reason:
-    """Returns the reasons as one, with the code of the first."""
+    """Returns one reason with the texts of all reasons, and with the code of the first."""
     if not reasons:
         return Reason(Code.OTHER, "the gate did not accept it")
     return Reason(next(iter(reasons)).code, "; ".join(reason.text for reason in reasons))

@@ -1,6 +1,6 @@
 """One robot part served as a control board: answers calls, and converts commands to orders.
 
-Both dialects use it. Values of YARP are in degrees, those of TCI in radians.
+YARP 3 and YARP 4 both use this module. Angles of YARP are in degrees, those of TCI in radians.
 """
 
 from __future__ import annotations
@@ -30,40 +30,43 @@ from yarpwire.state import BoardState
 from yarpwire.values import Vocab
 
 FULL_STIFFNESS = 1.0
-"""Stiffness [N m/deg] that stands for the full stiffness of a servo. Assumed: TCI sets fractions of it, and
-YARP wants a value with a unit."""
+"""Stiffness [N m/deg] on YARP that corresponds to the full stiffness of a servo. Assumed: any value will do;
+TCI sets only fractions of the full stiffness, but YARP needs a value with a unit."""
 FULL_DAMPING = 0.1
-"""Damping [N m s/deg] that stands for the full damping of a servo. Assumed, as FULL_STIFFNESS."""
+"""Damping [N m s/deg] on YARP that corresponds to the full damping of a servo. Assumed as for
+FULL_STIFFNESS."""
 SPEED = 10.0
-"""Speed [deg/s] of a joint's moves until a client sets another, as on iCub."""
+"""Speed [deg/s] of a joint's moves until a client sets another speed; equal to iCub's."""
 ACCELERATION = 50.0
-"""Acceleration [deg/s2] that clients read until they set another. Assumed; it has no effect, since the gate
-uses the limits of the description."""
+"""Acceleration [deg/s2] that clients read until they set another acceleration. Assumed: any value will do,
+since the gate uses the limits in the description."""
 OVERTAKES = 0.005
-"""Longest time [s] that streamed values wait for the change to their mode, which arrives on another
-connection and may come later. Assumed: half of a board's period on iCub."""
+"""Longest time [s] that streamed set-points wait for the change to their mode. The change arrives on another
+connection, and possibly later. Assumed: this is half of a board's period on iCub."""
 ARRIVED = 1e-4
-"""Distance [rad] from its target at which a joint's reference has arrived. Assumed: less than an encoder
-resolves."""
+"""Largest distance [rad] between a joint's target and reference at which the joint counts as arrived.
+Assumed: an encoder does not resolve this distance."""
 AT_REST = float(np.deg2rad(1.0))
-"""Speed [rad/s] below which a joint rests and may change its mode. Assumed: below the gate's own bound, which
-judges another estimate of the speed."""
+"""Speed [rad/s] below which a joint counts as resting and may change its mode. Assumed: smaller than the
+gate's bound, since the gate uses another estimate of the speed."""
 COMES_TO_REST = 1.5
-"""Longest time [s] that a change of mode waits for moving joints to stop. Assumed: longer than the arms of
-iCub and NAO need from full speed; shorter than clients wait for an answer."""
+"""Longest time [s] that a change of mode waits for moving joints to stop. Assumed: the arms of iCub and NAO
+stop from full speed in less time, and clients wait longer for an answer."""
 COMMANDS = {Stream.POSITION: Mode.POSITION, Stream.VELOCITY: Mode.VELOCITY, Stream.TORQUE: Mode.TORQUE}
 
 
 class ServedBoard(BoardService):
-    """A robot part as a control board. The loop calls `follow` and `update`, connections call the other
-    methods."""
+    """A robot part served as a control board.
+
+    The loop calls `follow` and `update`. The threads of connections call all other methods.
+    """
 
     def __init__(self, part: str, servos: Sequence[Servo]) -> None:
         self.part = part
         self.servos = tuple(servos)
         self.count = len(self.servos)
         self.speeds = np.full(self.count, SPEED)
-        """Speed (n_joints,) [deg/s] of moves."""
+        """Speed (n_joints,) [deg/s] of moves to a target angle."""
         self.accelerations = np.full(self.count, ACCELERATION)
         """Acceleration (n_joints,) [deg/s2] that clients have set; it has no effect."""
         self._set_points = {stream: np.zeros(self.count) for stream in Stream}
@@ -72,7 +75,7 @@ class ServedBoard(BoardService):
         self._range = np.array([_range(servo) for servo in self.servos])
         self._impedance = np.tile([FULL_STIFFNESS, FULL_DAMPING], (self.count, 1))
         self.book = OrderBook()
-        """Orders that wait for the loop."""
+        """Orders that wait for the loop, and their results."""
         self._modes = BoardModes(self.servos)
         self._stepped = threading.Condition()
         self._moves: NDArray[np.bool_] = np.zeros(self.count, dtype=bool)
@@ -80,17 +83,19 @@ class ServedBoard(BoardService):
         self.state = BoardState(np.zeros(self.count))
         """Latest state of the joints."""
         self.stamp = 0.0
-        """Time [s] since 1970 at which the state was stored."""
+        """Time [s] at which the latest state was stored, seconds since 1970."""
         self.armed = True
-        """True if the board accepts commands; otherwise it refuses each with CallError."""
+        """True if the board accepts commands. If False, each command raises CallError."""
 
     @property
     def set_points(self) -> Mapping[Stream, Array]:
         return self._set_points
 
     def follow(self, targets: Array, references: Array, speeds: Array) -> None:
-        """Stores the gate's targets and references [rad], and the speeds of these [rad/s], each (n_servos,),
-        of this period."""
+        """Stores the gate's targets [rad], references [rad] and reference speeds [rad/s] in this period.
+
+        Each array has the shape (n_servos,).
+        """
         mine = self._index
         with self._stepped:
             self._set_points[Stream.POSITION] = np.rad2deg(targets[mine])
@@ -101,8 +106,7 @@ class ServedBoard(BoardService):
             self._stepped.notify_all()
 
     def update(self, joints: JointReading, modes: Sequence[Mode]) -> None:
-        """Stores the joints of this period, and the gate's control mode (n_servos,) of every servo of the
-        robot."""
+        """Stores the joints in this period, and the mode (n_servos,) of every servo at the gate."""
         if not self.book.is_busy():
             for number, servo in enumerate(self._index.tolist()):
                 self._modes.catch_up(number, modes[servo])
@@ -232,22 +236,25 @@ class ServedBoard(BoardService):
     def _asked(
         self, joints: Sequence[int] | None, words: Sequence[Any], valid: Collection[Vocab]
     ) -> tuple[list[int], list[Vocab]]:
-        """Returns the joints that obey, and the mode of each."""
+        """Returns the joints of a call that can be moved, and the requested mode of each."""
         chosen = self.joints(joints)
         found = call_arguments.modes(words, len(chosen), self.part, valid)
         obeying = self._obeying(chosen)
         return obeying, [found[chosen.index(number)] for number in obeying]
 
     def _obeying(self, chosen: list[int]) -> list[int]:
-        """Returns the joints of a call. A call for the whole board leaves out joints that can't be moved;
-        they keep their angle."""
+        """Returns the joints that a call moves.
+
+        In a call for the whole board, joints that can't be moved are left out; they keep their angles.
+        """
         return self._movable if len(chosen) == self.count and self._movable else chosen
 
     def _aim(self, chosen: Sequence[int], values: Array, speeds: Array) -> None:
-        """Sends joints (k,) to angles [deg], or to the nearest ones within their range, at speeds [rad/s].
+        """Orders joints (k,) to move to angles [deg] at speeds [rad/s]; angles are limited to the joints'
+        ranges.
 
-        A joint whose speed is below the least speed of the gate does not move: programs choose speeds with
-        which all joints arrive together, and the speed of a joint that is already at its target is 0.
+        A joint does not move if its speed is below the smallest speed that the gate accepts. Programs choose
+        speeds so that all joints arrive together; a joint that is already at its target then has the speed 0.
         """
         angles = np.deg2rad(np.clip(values, *self._range[list(chosen)].T)) if len(chosen) else values
         obeying = {*self._obeying(list(chosen))}
@@ -261,8 +268,10 @@ class ServedBoard(BoardService):
                 self._order([chosen[place] for place in mine], mode, angles[mine], speeds[mine])
 
     def _switch(self, joints: Sequence[int], wanted: Sequence[JointMode]) -> None:
-        """Orders new modes for joints, which the gate changes at rest. If it refuses one, the joint's
-        previous mode is restored."""
+        """Orders new modes for joints; the gate changes a mode only while the joint is at rest.
+
+        If the gate refuses a mode, the joint's previous mode is restored.
+        """
         changing = self._modes.changing(joints, wanted)
         interrupted = self._rest(changing) if self.book.is_awaited and self._is_moving(changing) else {}
         before = self._modes.put(joints, wanted)
@@ -280,8 +289,10 @@ class ServedBoard(BoardService):
         self._aim(others, np.array([*interrupted.values()]), np.deg2rad(self.speeds[others]))
 
     def _rest(self, joints: Sequence[int]) -> dict[int, float]:
-        """Brings joints to rest, and with them all others that move to a target: the joints of a board arrive
-        together. Returns the targets [deg] of these others, whose moves go on after the change of mode."""
+        """Brings `joints` to rest before a change of mode, and also all other joints that move to a target.
+
+        Returns the targets [deg] of these other joints; after the change of mode, their moves continue.
+        """
         others = {
             number: float(self.set_points[Stream.POSITION][number])
             for number in np.flatnonzero(self._moves).tolist()
@@ -307,7 +318,7 @@ class ServedBoard(BoardService):
 
 
 def _is_movable(servo: Servo) -> bool:
-    """Returns True if the description has all limits that are required to move a servo."""
+    """Returns True if the robot's description has all limits that are required to move a servo."""
     try:
         check_limits(servo)
     except CommandError:
@@ -316,6 +327,6 @@ def _is_movable(servo: Servo) -> bool:
 
 
 def _range(servo: Servo) -> tuple[float, float]:
-    """Returns the lowest and highest angle [deg] of a servo; infinite ones if they are not known."""
+    """Returns the lowest and highest angle [deg] of a servo; -inf and inf if they are unknown."""
     lower, upper = servo.limits.lower, servo.limits.upper
     return np.rad2deg(-np.inf if lower is None else lower), np.rad2deg(np.inf if upper is None else upper)

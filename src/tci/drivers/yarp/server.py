@@ -1,7 +1,7 @@
 """`tci serve ROBOT --via yarp`: server of any robot as YARP control boards and skin ports.
 
-YARP's own tools and iCub's software can then read and move it. Each robot part is a board, `/ROBOT/PART/...`;
-each patch is a port, `/ROBOT/skin/PATCH`.
+YARP's own tools and iCub's software can then read and move the robot. Each robot part is a control board with
+the ports `/ROBOT/PART/...`. Each skin patch has the port `/ROBOT/skin/PATCH`.
 """
 
 from __future__ import annotations
@@ -43,27 +43,28 @@ from yarpwire.state import encode_state
 from yarpwire.streams import obey
 
 PERIOD = 0.01
-"""Time [s] between two published states of a board, as on iCub."""
+"""Time [s] between two published states of a board; equal to iCub's."""
 APART = 0.003
-"""Time [s] after a skin frame in which states are sent only if they can't wait any longer. Assumed: a client
-computes its answer to a touch in that time, and reading states would delay it."""
+"""Time [s] after a skin frame in which states are sent only if they can't wait any longer. Assumed: in this
+time a client computes its answer to a touch, and reading states would delay the answer."""
 DEFAULT = ("127.0.0.1", 10000)
 """Host and port at which the server's own name server listens if no address is given."""
 REGISTER_AGAIN = 1.0
-"""Time [s] between two checks that the name server still has the ports, which a restart makes it forget.
-Assumed: data flows without the name server, so a second is soon enough."""
+"""Time [s] between two checks that the server's ports are still registered. A name server that restarts
+forgets the ports. Assumed: a second is soon enough, since data between ports does not need the name
+server."""
 
 
 class YarpServer(Server):
-    """Serves the robot of a driver on YARP. It accepts commands only if the driver is armed."""
+    """Serves the robot of a driver on YARP. The server accepts commands only if the driver is armed."""
 
     @raises_driver_errors
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """Opens all ports, at a name server of its own if none is found. docs/yarp.md describes the
-        `address`.
+        """Opens all ports; starts its own name server if no name server is found.
 
-        Raises DriverError for a port that is in use and for a name server that does not answer;
-        MissingExtraError when the address asks for YARP's own bindings and they are not installed.
+        docs/yarp.md describes the `address`. Raises DriverError if a port is in use or the name server does
+        not answer. Raises MissingExtraError if the address requests YARP's own bindings and they are not
+        installed.
         """
         super().__init__(driver, address)
         options = addresses.parse(address)
@@ -77,7 +78,7 @@ class YarpServer(Server):
         for board in self.boards.values():
             board.update(joints, driver.gate.modes)
         self.last_error = ""
-        """Reason for which the latest refused command was refused."""
+        """Reason why the last refused command was refused."""
         self.refused = 0
         """Number of refused commands."""
         self._ports: dict[str, NamedPort] = {}
@@ -167,10 +168,11 @@ class YarpServer(Server):
             self._own.close()
 
     def _name_server(self, options: YarpAddress) -> tuple[NameServer | None, Network]:
-        """Returns the network, and the name server if it is started here.
+        """Returns the name server if this process has started it, else None; and the network.
 
-        The name server is that of the address or of yarp.conf, else a new one. The network is not searched
-        for others: one that answers would list every port and make it listen on the network.
+        The name server in the address or in yarp.conf is used; if none answers, a new name server is started.
+        The network is not searched for other name servers, since a foreign name server would register every
+        port, and the ports would listen on the network.
         """
         if options.server is None and not config_file(namespace()).is_file():
             options = replace(options, server=DEFAULT)
@@ -190,7 +192,7 @@ class YarpServer(Server):
 
     @raises_driver_errors
     def open_board(self, part: str) -> None:
-        """Opens the ports of one robot part's control board. Raises DriverError for a port that is in use."""
+        """Opens the ports of one robot part's control board. Raises DriverError if a port is in use."""
         board = self.boards[part]
         calls = "nws/rpc:i" if self.dialect is V4 else "rpc:i"
         answer = answer_v4 if self.dialect is V4 else answer_v3
@@ -210,14 +212,16 @@ class YarpServer(Server):
 
     @raises_driver_errors
     def close_board(self, part: str) -> None:
-        """Closes the ports of one control board until `open_board`, like a board that restarts. Rehearsals of
-        faults use it."""
+        """Closes the ports of one control board until `open_board` is called.
+
+        Needed for tests with a board that restarts.
+        """
         for name in list(self._ports):
             if name.startswith(f"{self._where[part]}/"):
                 self._ports.pop(name).close()
 
     def _open_facts(self) -> None:
-        """Opens the port of the run-time query."""
+        """Opens the port that answers queries of the robot's facts."""
         facts = FactsService(self.driver.robot)
 
         def call(delivery: Delivery) -> Answer:
@@ -241,8 +245,10 @@ class YarpServer(Server):
         self.last_error = reason.text
 
     def _keep_registered(self) -> None:
-        """Runs until the server closes: registers its ports again at a name server that restarted. Data
-        between ports flows without it."""
+        """Registers the server's ports again if the name server has restarted; runs until the server closes.
+
+        In the meantime data still flows, since data between ports does not need the name server.
+        """
         while not self._closed.wait(REGISTER_AGAIN):
             with contextlib.suppress(YarpError):
                 known = {contact.name for contact in self.network.list()}

@@ -1,7 +1,7 @@
-"""Contacts as iCub's skinManager publishes them.
+"""Contacts in the format in which iCub's skinManager publishes them.
 
-Each contact is a list, in the frame of its link: `((id body link skin) (CoP) (F) (M) (centre) (normal)
-(taxels ..) pressure)`.
+Each contact is a list, with vectors in the frame of the contact's link:
+`((id body link skin) (CoP) (F) (M) (centre) (normal) (taxels ..) pressure)`.
 """
 
 from __future__ import annotations
@@ -17,12 +17,14 @@ from tci.messages import Contact
 from yarpwire.errors import WireError
 
 NEWTON = 0.05
-"""Force [N] per taxel and unit of pressure, in skinManager's own formula."""
+"""Force [N] per taxel and unit of pressure, from skinManager's formula."""
 BODY_PARTS = {"torso": 1, "head": 2, "left_arm": 3, "right_arm": 4, "left_leg": 5, "right_leg": 6}
 SEGMENTS = {"hand": (6, 1), "forearm": (4, 2), "upper_arm": (2, 3)}
-"""Numbers of the link and of the left skin part of a segment. Right skin parts have numbers three higher."""
+"""Numbers of the link and of the left skin part for each segment. The number of a right skin part is higher
+by three."""
 MOST = 1000
-"""Largest number of contacts in one event. Assumed: bounds memory; an iCub has a few at a time."""
+"""Largest number of contacts in one event. Assumed: this number bounds the memory; an iCub has only a few
+contacts at a time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,13 +37,15 @@ class SkinEvent:
     link: int
     """Number of the link within its body part."""
     skin_part: int
-    """Number of the skin part: 1 to 3 left hand, forearm and upper arm; 4 to 6 the right ones; 7 chest."""
+    """Number of the skin part: 1 left hand, 2 left forearm, 3 left upper arm; 4 to 6 in this order on the
+    right side; 7 chest."""
     cop: Array
     """Centre of pressure (3,) [m] in the frame of the link."""
     force: Array
-    """Force (3,) [N] in the frame of the link, by skinManager's formula."""
+    """Force (3,) [N] in the frame of the link, computed with skinManager's formula."""
     normal: Array
-    """Mean normal (3,) in the frame of the link, weighted by pressure; its length may differ from 1."""
+    """Mean normal (3,) in the frame of the link, weighted by pressure. The vector's length may differ from
+    1."""
     taxels: tuple[int, ...]
     """Numbers of the taxels within the skin part."""
     pressure: float
@@ -49,7 +53,8 @@ class SkinEvent:
 
 
 def encode_events(contacts: Sequence[Contact]) -> list[Any]:
-    """Returns the Bottle of contacts, without those on parts for which skinManager has no number."""
+    """Returns contacts as a Bottle of YARP. Leaves out contacts on parts for which skinManager has no
+    number."""
     return [_encode(number, contact) for number, contact in enumerate(contacts) if contact.part in BODY_PARTS]
 
 
@@ -65,7 +70,7 @@ def _encode(number: int, contact: Contact) -> list[Any]:
 
 
 def decode_events(items: Sequence[Any]) -> tuple[SkinEvent, ...]:
-    """Returns the contacts in a Bottle of skinManager. Raises WireError for an invalid one."""
+    """Returns the contacts in a Bottle from skinManager. Raises WireError if the Bottle is invalid."""
     if len(items) > MOST:
         raise WireError(f"{len(items)} contacts at once; valid: up to {MOST}")
     return tuple(_decode(item) for item in items)

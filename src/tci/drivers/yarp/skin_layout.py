@@ -1,7 +1,7 @@
-"""Order of a patch's channels in the values of its port.
+"""Order of a patch's channels among the values of the patch's port.
 
-A port may have more values than the patch has channels: iCub's upper arm has 35 modules of ten taxels in a
-port of 768 values, of which each twelve are one module.
+A port may have more values than the patch has channels. For example, the skin of iCub's upper arm has 35
+modules of ten taxels each. Its port has 768 values, in which each module has twelve places.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from yarpwire.errors import WireError
 from yarpwire.network import Network
 
 MODULE, PADS = 12, (6, 10)
-"""Number of values of a module of skin, and the places of its thermal pads among them."""
+"""Number of values of a skin module, and the places of the module's thermal pads among these values."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,13 +29,14 @@ class SkinLayout:
     count: int
     """Number of values of the port."""
     places: NDArray[np.intp] | None = None
-    """Value (channels,) of each channel; None if all are in order."""
+    """Index (channels,) of each channel's value among the values of the port; None if the two orders are
+    equal."""
 
     @classmethod
     def of(cls, robot: Robot, patch: Patch) -> SkinLayout:
-        """Returns the layout by the robot's binding to YARP.
+        """Returns the layout of a patch from the robot's binding to YARP.
 
-        Raises DriverError if its modules do not hold the patch's channels.
+        Raises DriverError if the modules in the binding have another number of taxels than the patch.
         """
         address = robot.binding("yarp").entry(patch.name)
         if address is None or address.channels is None:
@@ -47,7 +48,8 @@ class SkinLayout:
         return cls(address.channels, np.array(places, dtype=np.intp))
 
     def to_port(self, values: Array, rest: float) -> Array:
-        """Returns the values of the port; those of no taxel are at `rest`."""
+        """Returns the values of the port for the `values` of a patch. Values that belong to no taxel are
+        `rest`."""
         if self.places is None:
             return values
         wide = np.full(self.count, rest)
@@ -55,17 +57,20 @@ class SkinLayout:
         return wide
 
     def from_port(self, values: Array, source: str) -> Array:
-        """Returns the values of the patch's channels. Raises WireError, which names `source`, for another
-        number of values."""
+        """Returns the values of the patch's channels from the `values` of the port.
+
+        Raises WireError with the text `source` if the number of values is wrong.
+        """
         if len(values) != self.count:
             raise WireError(f"{source} sends {len(values)} values; valid: {self.count} by the description")
         return values if self.places is None else values[self.places]
 
 
 def check_order(layout: SkinLayout, patch: Patch, prefix: str, network: Network) -> None:
-    """Raises DriverError if the order of a patch's taxels is not that of the robot at `prefix`.
+    """Raises DriverError if the order of a patch's taxels on the robot at `prefix` is unknown.
 
-    The places of modules that a binding lists are assumed, so they are right only on a robot that TCI serves.
+    If a binding lists modules of skin, the order of the modules is an assumption, which is certain only on a
+    robot that TCI serves. On all other robots, the order counts as unknown.
     """
     if layout.places is not None and not network.lives(facts_port(prefix)):
         raise DriverError(

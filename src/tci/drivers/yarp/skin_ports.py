@@ -1,7 +1,9 @@
-"""Skin over YARP: the ports of a patch on a served robot, and the reader of those of any robot.
+"""Skin over YARP: the ports of a patch on a served robot, and a reader of the skin ports of any robot.
 
-A patch is a Vector at `/ROBOT/skin/PATCH`, compensated at `..._comp`. In YARP 4 it is also a device with one
-`ISkinPatches` sensor, at `/ROBOT/skin/PATCH/measures:o` and `.../rpc:o`.
+- `/ROBOT/skin/PATCH` sends the raw values of a patch as a Vector.
+- `/ROBOT/skin/PATCH_comp` sends the drift-compensated values.
+- `/ROBOT/skin/PATCH/measures:o` and `.../rpc:o` exist only in YARP 4: there a patch is also a device with one
+  `ISkinPatches` sensor.
 """
 
 from __future__ import annotations
@@ -39,7 +41,7 @@ class SkinPorts:
     """The ports of one patch of a served robot."""
 
     def __init__(self, robot: Robot, patch: Patch, prefix: str, dialect: Dialect, open_port: Open) -> None:
-        """Opens all ports by `open_port`, whose errors it raises."""
+        """Opens all ports with the function `open_port`. Raises the errors of this function."""
         name = patch_port(robot, prefix, patch.name)
         self._layout, self._sensor = SkinLayout.of(robot, patch), patch.sensor
         self._raw, self._compensated = open_port(name, None), open_port(f"{name}_comp", None)
@@ -54,7 +56,7 @@ class SkinPorts:
             open_port(f"{name}{METADATA}", call)
 
     def publish(self, frame: SkinFrame, stamp: Stamp) -> None:
-        """Sends a frame to all that listen."""
+        """Sends a skin frame on all ports that have a connection."""
         sensor = self._sensor
         values = self._layout.to_port(np.asarray(frame.values, dtype=float), sensor.rest)
         if self._raw.outputs:
@@ -70,10 +72,13 @@ def read_skin(
     robot: Robot, patch: Patch, prefix: str, network: Network, dialect: Dialect,
     *, own: str, carrier: str, compensated: bool,
 ) -> Feed[NDArray[np.float64]]:  # fmt: skip
-    """Returns the frames of one patch of the robot at `prefix`: by YARP 4's measures if it sends them.
+    """Returns a Feed that receives the frames of one patch of the robot at `prefix`.
 
-    Several sensors of one device are the patch in their order. Assumed: iCub's devices did so before YARP 4.
-    Raises DriverError if the order of its values is not known, and the errors of Feed.
+    If the robot has YARP 4's port `measures:o` for the patch, this port is read. If the device has several
+    sensors, their values form the patch, one sensor after the other. Assumed: iCub's devices had this order
+    before YARP 4.
+
+    Raises DriverError if the order of the patch's values is unknown, and the errors of Feed.
     """
     name, layout, sensor = patch_port(robot, prefix, patch.name), SkinLayout.of(robot, patch), patch.sensor
     check_order(layout, patch, prefix, network)
@@ -99,7 +104,7 @@ def read_skin(
 
 
 def skin_port(name: str, dialect: Dialect | None, network: Network, *, compensated: bool) -> str:
-    """Returns the name of the port to read of a patch whose Vector is at `name`."""
+    """Returns the name of the port from which to read a patch; `name` is the patch's port with raw values."""
     if compensated:
         return f"{name}_comp"
     measures = f"{name}{MEASURES}"

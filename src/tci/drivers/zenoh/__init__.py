@@ -1,1 +1,1 @@
-"""Robots that are served and commanded over Zenoh."""
+"""Driver and server for robots over the middleware Zenoh."""

@@ -30,7 +30,8 @@ from tci.messages import SkinFrame
 from tci.robot.description import Robot, wire_name
 
 PER_POLL = 16
-"""Messages read per call; the latest are kept. Assumed: bounds the time that a flood of messages costs."""
+"""Largest number of messages that one call reads; of more messages, only the latest are kept. Assumed: this
+number bounds the time of a call when very many messages arrive."""
 QOS: dict[str, Any] = {
     "congestion_control": zenoh.CongestionControl.DROP,  # the loop never waits; orders are repeated
     "priority": zenoh.Priority.REAL_TIME,
@@ -39,14 +40,15 @@ QOS: dict[str, Any] = {
 
 
 class ZenohDriver(RemoteDriver):
-    """A robot that another process serves through Zenoh."""
+    """Driver of a robot that another process serves through Zenoh."""
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = False) -> None:
-        """Connects. Raises DriverError when nothing answers at `address` for a robot of this description."""
+        """Connects to the robot's process. Raises DriverError if no process at `address` serves this
+        robot."""
         self._address = parse_address(address, robot.name)
         super().__init__(robot, middleware="zenoh", place=str(self._address), arm=arm)
         self.session = open_session(self._address, "connect")
-        """The session; it can be queried for `tci/NAME/facts`."""
+        """Session of Zenoh, with which the robot's facts at `tci/NAME/facts` can be queried."""
         key = f"tci/{self._address.robot}"
         self._why = ""
         patches = max(1, len(robot.skin))
@@ -107,7 +109,7 @@ class ZenohServer(RemoteServer):
     """Serves a robot through Zenoh."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """Listens. Raises DriverError when `address` can't be used."""
+        """Listens at `address`. Raises DriverError if the address can't be used."""
         super().__init__(driver, address, middleware="zenoh")
         self._where = parse_address(address, driver.robot.name)
         self._key = f"tci/{self._where.robot}"
@@ -117,7 +119,7 @@ class ZenohServer(RemoteServer):
         """The session."""
         self._monitors = [ConnectionMonitor(port) for port in listening() - before]
         self.rejected = 0
-        """Number of messages that were no orders for this robot."""
+        """Number of received messages that were no valid orders for this robot."""
         self._orders = self.session.declare_subscriber(
             f"{self._key}/orders/*", zenoh.handlers.RingChannel(PER_POLL)
         )
@@ -155,13 +157,13 @@ class ZenohServer(RemoteServer):
 
 
 def _alive(session: zenoh.Session) -> list[str]:
-    """Returns the names of all robots that are served there."""
+    """Returns the names of all robots that the session can reach."""
     found = session.liveliness().get("tci/*/alive", timeout=1.0)
     return sorted(str(reply.ok.key_expr).split("/")[1] for reply in found if reply.ok is not None)
 
 
 def _look(session: zenoh.Session, robot: Robot, name: str) -> Iterator[Finding]:
-    """Checks that a robot of that name is served, and that its description is this one."""
+    """Checks if a robot `name` is served, and if its process uses this description of the robot."""
     names = _alive(session)
     if name not in names:
         said = f"{name} is not served; robots served there: {', '.join(names) or 'none'}"
@@ -185,7 +187,7 @@ def _look(session: zenoh.Session, robot: Robot, name: str) -> Iterator[Finding]:
 
 
 def _received(subscriber: zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]) -> Iterator[bytes]:
-    """Yields the payloads that arrived, oldest first; a bounded number."""
+    """Yields the payloads of the messages that have arrived, oldest first, but at most PER_POLL."""
     for _ in range(PER_POLL):
         sample = subscriber.try_recv()
         if sample is None:

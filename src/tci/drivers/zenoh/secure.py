@@ -1,8 +1,8 @@
-"""Zenoh with keys, passwords and access rights: configuration files of a router, its robots and their users.
+"""Zenoh with certificates, passwords and access rights: configuration files for router, robots and users.
 
-Every client proves its identity by a certificate of TCI's own authority (mutual TLS) and by a password, and
-the router gives each client access only to its own keys. The files are in Zenoh's own format; Zenoh's manual
-explains it.
+Every client proves its identity by a password and by a certificate (mutual TLS). A certificate authority made
+here signs the certificates. The router gives each client access only to the keys that the client needs.
+Zenoh's manual explains the format of the files.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from tci.drivers.zenoh.session import LEASE
 from tci.errors import DriverError
 
 DAYS = 825
-"""Lifetime [days] of certificates. Assumed: also the longest that browsers accept."""
+"""Lifetime [days] of certificates. Assumed: this is the longest lifetime that browsers accept."""
 SEEN = ("state", "skin/*", "facts")
-"""Keys of a robot that all its users may read."""
+"""Keys of a robot that every user of this robot may read."""
 
 
 def write_files(
@@ -36,9 +36,13 @@ def write_files(
 ) -> list[Path]:
     """Writes certificates, passwords and configuration files to `folder`, which must not exist yet.
 
-    `endpoint` is the router's address, `tls/HOST:PORT`; `robots` are their names on the network; `commanders`
-    and `watchers` give for each user the robots to command, or only to watch. Returns `router.json5` and one
-    file for each robot and user, which needs, next to it, only `ca.pem` and its own `.pem` files. Raises
+    - `endpoint`: address of the router, `tls/HOST:PORT`.
+    - `robots`: names of the robots on the network.
+    - `commanders`: for each user, the robots that the user may command.
+    - `watchers`: for each user, the robots that the user may only watch.
+
+    Returns the paths of `router.json5` and of one configuration file for each robot and user. To use such a
+    file on another machine, copy it with `ca.pem` and the `.pem` files of that robot or user. Raises
     DriverError.
     """
     found = re.fullmatch(r"tls/\[?([^\s/\]]+)\]?:(\d+)", endpoint)
@@ -91,7 +95,10 @@ def write_files(
 
 
 def _common(folder: Path, name: str, password: str) -> dict[str, Any]:
-    """Returns the settings that all share: the own identity, the trusted authority, and no announcements."""
+    """Returns the settings that every configuration file has.
+
+    They contain the identity `name`, the trusted certificate authority, and no announcements on the network.
+    """
     at = folder.absolute()
     certificate, key = str(at / f"{name}.pem"), str(at / f"{name}-key.pem")
     return {
@@ -117,7 +124,7 @@ def _common(folder: Path, name: str, password: str) -> dict[str, Any]:
 def _access(
     robots: Sequence[str], commanders: Mapping[str, Sequence[str]], watchers: Mapping[str, Sequence[str]]
 ) -> dict[str, Any]:
-    """Returns the rules of access at the router; anything not listed is denied."""
+    """Returns the router's rules of access. The router denies everything that no rule allows."""
     rules: list[dict[str, Any]] = []
 
     def rule(name: str, flow: str, messages: Sequence[str], keys: Sequence[str]) -> None:

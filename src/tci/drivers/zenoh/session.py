@@ -1,4 +1,4 @@
-"""Addresses of Zenoh, and the sessions opened for them."""
+"""Parsing of addresses for Zenoh, and opening of sessions at these addresses."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from tci.errors import DriverError
 from yarpwire.connection_limit import PATIENCE
 
 ENDPOINT = "tcp/127.0.0.1:7447"
-"""Default endpoint at which a robot is served: this machine only."""
+"""Default endpoint at which a robot is served. Only programs on this machine reach this endpoint."""
 VALID = "valid: [NAME@]PROTOCOL/HOST:PORT, as in tcp/10.0.0.5:7447, or [NAME@]FILE.json5"
 PENDING = 10_000
-"""Unauthenticated connections that Zenoh lets wait before it refuses more: larger than `ConnectionMonitor`
-allows."""
+"""Number of unauthenticated connections above which Zenoh refuses further connections. The number is larger
+than `ConnectionMonitor` allows, so that the rules of `ConnectionMonitor` apply."""
 LEASE = 2000
-"""Time [ms] without data after which a connection counts as broken and is opened again. Assumed: longer than
-short network failures."""
+"""Time [ms] without data after which a connection counts as broken and is opened again. Assumed: short
+network failures last less time."""
 
 
 def parse_address(text: str, robot: str) -> RemoteAddress:
-    """Parses an address; `robot` is the name if it gives none. Raises DriverError."""
+    """Parses an address; `robot` is the robot's name if the address has no name. Raises DriverError."""
     address = parse_remote("zenoh", text, robot, ENDPOINT)
     if not is_file(address) and not re.fullmatch(r"[a-z][a-z0-9_]*/[^\s/]\S*", address.where):
         raise DriverError(f"zenoh: address {address.where!r}; {VALID}")
@@ -32,15 +32,14 @@ def parse_address(text: str, robot: str) -> RemoteAddress:
 
 
 def is_file(address: RemoteAddress) -> bool:
-    """Returns True if an address is a configuration file of Zenoh, which then contains all settings."""
+    """Returns True if an address is a configuration file of Zenoh. The file then contains all settings."""
     return address.where.endswith((".json5", ".json"))
 
 
 def open_session(address: RemoteAddress, does: Literal["listen", "connect"]) -> zenoh.Session:
-    """Opens a session of Zenoh. Without a file it connects only to the endpoint.
+    """Opens a session of Zenoh. If the address is no configuration file, the session uses only the endpoint.
 
-    Raises DriverError for a file or an endpoint that can't be used, a port that is in use, and when nothing
-    answers.
+    Raises DriverError if the file or endpoint can't be used, if the port is in use, or if nothing answers.
     """
     zenoh.init_log_from_env_or("off")
     try:
@@ -54,7 +53,7 @@ def open_session(address: RemoteAddress, does: Literal["listen", "connect"]) -> 
 
 
 def close_session(session: zenoh.Session) -> None:
-    """Closes what `open_session` returned. A second call does nothing."""
+    """Closes a session that `open_session` returned. A second call does nothing."""
     if not session.is_closed():
         session.close()  # type: ignore[no-untyped-call] # Zenoh's own stub
 
@@ -74,5 +73,5 @@ def _settings(endpoint: str, does: Literal["listen", "connect"]) -> dict[str, ob
 
 
 def _brief(error: zenoh.ZError) -> str:
-    """Returns the text of the error, without places in Zenoh's own source."""
+    """Returns the text of an error, without file names and line numbers of Zenoh's source code."""
     return re.sub(r"\s+at /\S+\.rs:\d+\.?", "", str(error)).strip().rstrip(".")

@@ -1,9 +1,9 @@
 """Lower bounds on the distances of pairs of links, computed without measuring distances.
 
-There are two bounds. The first is the distance measured at another posture, minus the largest change that the
-joints can cause (`Solids.levers`). The second is the distance between the projections of two convex shapes
-onto a line (separating axis, Ericson 2004, 5.2.1); the axis of the last measurement is a good choice for many
-later postures.
+There are two bounds. The first bound is the distance measured at an earlier posture, minus the largest change
+that the joints can have caused since then (`Solids.levers`). The second bound is the distance between the
+projections of two convex shapes onto a line (separating axis, Ericson 2004, 5.2.1). The direction found in
+the last measurement is a good choice of this line for many later postures.
 """
 
 from __future__ import annotations
@@ -17,23 +17,31 @@ from tci.frames import Array
 from tci.skin.kernels.arrays import Indices
 
 SOLIDS = returns(reads(2), reads(2), reads(2), reads(2), reads(2, int32), reads(2))
-"""Type of joints, shapes, points, poses, pairs, levers: see `Solids`."""
+"""Types of the arrays of joints, shapes, points, poses, pairs and levers: see `Solids`."""
 KNOWN = returns(
     writes(2), writes(1), writes(2), writes(1, int32), writes(1), writes(1), writes(1), writes(2), writes(1)
 )  # fmt: skip
-"""Types of the memory of p pairs and of the loops' work space.
+"""Types of the arrays that store results for p pairs, and of the work space of the loops.
 
-Angles (j, p) [rad] at which each distance was found; that distance (p,) [m], or a lower bound; the axis (p,
-3) from the first shape to the second, zeros for none; pairs (p,) that are still to be checked; the excess
-(p,) [m] of each over the margin at the present point of a path; its least distance (p,) [m] allowed; its
-largest change (p,) [m] from one point to the next; frames (j, 12); angles (j,) [rad].
+In this order:
+
+- angles (j, p) [rad] at which each distance was found
+- this distance (p,) [m], or a lower bound on it
+- axis (p, 3) from the first shape to the second shape; zeros if unknown
+- indices of the pairs (p,) that are still to be checked
+- excess (p,) [m] of the distance of each pair over the margin at the present point of a path
+- least allowed distance (p,) [m] of each pair
+- largest change (p,) [m] of this distance from one point to the next
+- frames (j, 12)
+- angles (j,) [rad]
 """
 Arrays = tuple[Array, ...]
 
 
 @inlined
 def place(joints: Array, angles: Array, frames: Array) -> None:
-    """Writes position and rotation matrix (j, 12) of each joint's frame at `angles` (j,) [rad]."""
+    """Writes the position [m] and the rotation matrix of each joint's frame at `angles` (j,) [rad] into
+    `frames` (j, 12)."""
     for j in range(len(joints)):
         up = int(joints[j, 0])
         x, y, z = joints[j, 4], joints[j, 5], joints[j, 6]
@@ -56,7 +64,7 @@ def place(joints: Array, angles: Array, frames: Array) -> None:
 
 @inlined
 def _shadow(shapes: Array, points: Array, frames: Array, shape: int, x: float, y: float, z: float) -> float:
-    """Returns the extent [m] of a shape along a unit vector of the world frame."""
+    """Returns the largest coordinate [m] of a shape along the unit vector (x, y, z) of the world frame."""
     j = int(shapes[shape, 0])
     start = 0.0
     if j >= 0:
@@ -79,7 +87,7 @@ def _shadow(shapes: Array, points: Array, frames: Array, shape: int, x: float, y
 
 @inlined
 def _centre(shapes: Array, frames: Array, shape: int) -> tuple[float, float, float]:
-    """Returns the centre [m] of the sphere around a shape."""
+    """Returns the centre [m] of the bounding sphere of a shape."""
     j = int(shapes[shape, 0])
     x, y, z = shapes[shape, 3], shapes[shape, 4], shapes[shape, 5]
     if j < 0:
@@ -93,8 +101,8 @@ def _centre(shapes: Array, frames: Array, shape: int) -> tuple[float, float, flo
 
 @inlined
 def at_least(shapes: Array, points: Array, frames: Array, pairs: Indices, axis: Array, p: int) -> float:
-    """Returns a lower bound [m] on the distance of a pair: between its bounding spheres, or between its
-    projections."""
+    """Returns a lower bound [m] on the distance of pair `p`: the larger of the distance of its bounding
+    spheres and the distance of its projections."""
     one, other = pairs[p, 0], pairs[p, 1]
     ax, ay, az = _centre(shapes, frames, one)
     bx, by, bz = _centre(shapes, frames, other)
@@ -113,7 +121,8 @@ def to_joints(servos: NDArray[np.intp], zero: Array, box: Array, ends: Array) ->
     """Writes the least and largest angles `ends` (2, j) [rad] of the model's joints for servos within `box`
     (2, n_servos) [rad].
 
-    `servos` (j,) move the joints, and are at `zero` (j,) when the joints are at 0.
+    `servos` (j,) are the indices of the servos that move the joints. The servos are at `zero` (j,) [rad] when
+    the joints are at 0.
     """
     for j in range(len(servos)):
         for k in range(2):
@@ -125,11 +134,11 @@ def come_near(
     solids: Arrays, known: Arrays, servos: NDArray[np.intp], zero: Array, box: Array, ends: Array,
     margin: float,
 ) -> int:  # fmt: skip
-    """Counts the pairs whose distance may fall to `margin` [m] while the servos are within the angles of
-    `box` (2, n_servos) [rad].
+    """Returns the number of pairs that may come as close as `margin` [m] while the servos are within the
+    angles of `box` (2, n_servos) [rad].
 
     Writes the indices of these pairs into `known`, and updates the bounds in `known` for the middle of the
-    box. Writes the joint angles at both ends of the box into `ends` (2, j), see `to_joints`.
+    box. Writes the joint angles at both ends of the box into `ends` (2, j), as `to_joints` does.
     """
     joints, shapes, points, _, pairs, levers = solids
     posture, distance, axis, left, bound, _, _, frames, middle = known
@@ -172,12 +181,12 @@ def follow(
     solids: Arrays, known: Arrays, count: int, path: Array, levers: Array, stride: float, margin: float,
     at: Indices, asked: Indices,
 ) -> int:  # fmt: skip
-    """Follows `path` (k, j) [rad] to the first point at which distances of pairs must be measured. Returns
-    the number of these pairs, 0 at the end of the path.
+    """Follows `path` (k, j) [rad] to the first point at which distances of pairs must be measured.
 
-    Checks only the first `count` pairs listed in `known`, at points no farther apart than `stride` [m]
-    according to `levers` (j,) [m/rad]. Writes the section of the path and the point in it into `at`, the
-    pairs into `asked`, and the angles and frames at this point into `known`.
+    Returns the number of these pairs; 0 at the end of the path. Checks only the first `count` pairs listed in
+    `known`, at points that are no farther apart than `stride` [m] according to `levers` (j,) [m/rad]. Writes
+    the section of the path and the point in this section into `at`, the pairs into `asked`, and the angles
+    and frames at this point into `known`.
     """
     joints, shapes, points, _, pairs, own = solids
     posture, distance, axis, left, slack, least, step, frames, angles = known
@@ -240,7 +249,8 @@ def follow(
 def stand(
     solids: Arrays, angles: Array, frames: Array, positions: Array, rotations: Array, geoms: Indices
 ) -> None:
-    """Writes the `positions` (n, 3) [m] and `rotations` (n, 9) of MuJoCo's geoms at `angles` (j,) [rad]."""
+    """Writes `positions` (n, 3) [m] and `rotations` (n, 9) of the geoms of the MuJoCo model at `angles` (j,)
+    [rad]."""
     joints, shapes, _, poses, _, _ = solids
     place(joints, angles, frames)
     for g in range(len(geoms)):

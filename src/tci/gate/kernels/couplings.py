@@ -1,4 +1,5 @@
-"""Couplings, linear inequalities between servos that move together, for `tci.gate.bounds`."""
+"""Couplings: linear inequalities between the angles of servos that move together. Used by
+`tci.gate.bounds`."""
 
 from __future__ import annotations
 
@@ -10,10 +11,11 @@ from tci.compiled import compiled, inlined, views, writes
 from tci.frames import Array
 
 MARGIN = 1e-6
-"""Distance [rad] that points keep inside limits and couplings. Assumed: above ruckig's rounding errors."""
+"""Distance [rad] that targets keep from limits and from bounds of couplings. Assumed: above ruckig's rounding
+errors."""
 SWEEPS = 50
-"""Largest number of sweeps in the search for a nearest point, which bounds its time. Assumed: later sweeps
-change little."""
+"""Largest number of sweeps over all couplings in the search for a nearest point. It bounds the time of the
+search. Assumed: later sweeps change little."""
 
 
 @inlined
@@ -21,12 +23,12 @@ def project(
     lower: Array, upper: Array, target: Array, coupling: Array, lows: Array, highs: Array,
     free: NDArray[np.bool_], point: Array,
 ) -> None:  # fmt: skip
-    """Writes the `point` (n,) [rad] near `target` (n,) that is inside `lower` and `upper` (n,), and in bounds
-    `lows` <= `coupling` @ point <= `highs` (m,).
+    """Writes a `point` (n,) [rad] near `target` (n,) [rad] that is inside `lower` and `upper` (n,) [rad], and
+    for which `lows` <= `coupling` @ point <= `highs` (m,).
 
-    The point keeps a margin from all bounds; between two bounds that are too close for this, it is in the
-    middle. Only servos that are `free` (n,) differ from `target`. Projects onto each violated half-space in
-    turn (Bregman 1965), and onto the limits.
+    The point keeps a margin from all bounds. If two bounds are too close together for this margin, the point
+    is in the middle between them. The point differs from `target` only for servos that are `free` (n,). The
+    method projects onto each violated half-space in turn (Bregman 1965), and onto the limits.
     """
     for i in range(len(target)):
         point[i] = target[i]
@@ -74,8 +76,8 @@ def find_nearest(
 
 @compiled(boolean(views(2), views(2), views(1), views(1)))
 def box_keeps(span: Array, coupling: Array, lows: Array, highs: Array) -> bool:
-    """Returns True if all points between the angles of `span` (2, n) [rad] are in bounds: `lows` <=
-    `coupling` @ point <= `highs` (m,)."""
+    """Returns True if `lows` <= `coupling` @ point <= `highs` (m,) for all points between the angles of
+    `span` (2, n) [rad]."""
     for m in range(len(lows)):
         least = most = 0.0
         for i in range(span.shape[1]):
@@ -89,10 +91,10 @@ def box_keeps(span: Array, coupling: Array, lows: Array, highs: Array) -> bool:
 
 @compiled(void(views(2), views(1), views(1), views(1), writes(1), writes(1)))
 def shift(outside: Array, measured: Array, lows: Array, highs: Array, lower: Array, upper: Array) -> None:
-    """Writes the bounds `lower` and `upper` (m,): `lows` and `highs` (m,) minus the contribution of the
-    servos outside the group.
+    """Writes the bounds `lower` and `upper` (m,) of the couplings: `lows` and `highs` (m,) minus the
+    contribution of servos outside the group.
 
-    These are at `measured` (n_servos,) [rad] and have the coefficients `outside` (m, n_servos).
+    These servos are at `measured` (n_servos,) [rad] and have the coefficients `outside` (m, n_servos).
     """
     for m in range(len(lows)):
         taken = 0.0

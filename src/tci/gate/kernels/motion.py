@@ -1,4 +1,4 @@
-"""Checks in one compiled loop that servos follow their references, for `tci.gate.joint_monitor`."""
+"""Check, in one compiled loop, that servos follow their references; used by `tci.gate.joint_monitor`."""
 
 from __future__ import annotations
 
@@ -8,27 +8,41 @@ from tci.compiled import compiled, inlined, reads, returns, views, writes
 from tci.frames import Array
 
 FOLLOWS, LATE, OPPOSED, FROZEN, DISAGREES, DEAF, JUMPED = range(7)
-"""Results: no fault; a servo far from its reference, moving against it, or frozen; an angle that contradicts
-its velocity; an angle that stays constant although the torque changes; an angle that jumps."""
+"""Results of the check, in this order:
+
+- no fault
+- a servo is far from its reference
+- a servo moves against its reference
+- an angle stays constant while the reference moves
+- an angle contradicts the measured velocity
+- an angle stays constant although the torque changes
+- an angle jumps
+"""
 FOLLOWING_ERROR, LAG, PATIENCE, OPPOSING, LEAST_SPEED, LONGEST_REPEAT, TRAVEL, FORGETS, PUSH, STEP = range(10)
 """Indices of the settings."""
 ANGLE, SPEED, ANGLE_BEFORE, SPEED_BEFORE = range(4)
-"""Rows of two successive readings (4, n_servos): angles [rad] and velocities [rad/s] now, and before."""
+"""Rows of two successive readings (4, n_servos): angles [rad] and velocities [rad/s] of this reading, then of
+the reading before."""
 FOLLOWED, LOOSE = range(2)
-"""Rows of the kinds of modes (2, k): those judged by a reference, and torque mode."""
+"""Rows of the kinds of modes (2, k): modes that are compared with a reference, and torque mode."""
 LATE_SINCE, OPPOSED_SINCE, REPEATS_SINCE, ORIGIN = range(4)
-"""Rows of the memory (4, n_servos): time [s] since which a condition has held without interruption, or
-infinity; the reference [rad] when the angle began to repeat."""
+"""Rows of the memory (4, n_servos). The first three: time [s] since when a condition is true without
+interruption, or infinity. The last: reference [rad] at the time when the angle began to repeat."""
 DRIFT, WEAKEST, STRONGEST, PUSHED_SINCE = range(4)
-"""Rows of the memory of velocities (4, n_servos): deviation [rad] of the integrated velocity from the angle;
-least and largest torque [N m] since both repeat, and time [s] since which these differ."""
+"""Rows of the memory of velocities (4, n_servos):
+
+- deviation [rad] of the integrated velocity from the angle
+- least torque [N m] since angle and velocity repeat
+- largest torque [N m] since angle and velocity repeat
+- time [s] since when these two torques differ enough to move the joint
+"""
 TORQUE_LIMIT, ACCELERATION, FASTEST = range(3)
-"""Rows of the joints' limits (3, n_servos): torque [N m], acceleration [rad/s2], speed [rad/s]."""
+"""Rows of the limits (3, n_servos) of the joints: torque [N m], acceleration [rad/s2] and speed [rad/s]."""
 SELDOM = 0.025
-"""Longest time [s] between readings over which velocities are integrated. Assumed: in a longer time a
-velocity may change unnoticed."""
+"""Longest time [s] between two readings for which velocities are integrated. Assumed: in a longer time a
+velocity may change without being measured."""
 MONITOR = returns(reads(2), reads(1), writes(2), writes(2), writes(2), writes(1))
-"""Type of a monitor's data: limits and settings; readings, memory, memory of velocities; worst."""
+"""Types of a monitor's arrays: limits, settings, readings, memory, memory of velocities, and worst servo."""
 
 
 @compiled(boolean(views(1)))
@@ -42,9 +56,10 @@ def all_finite(values: Array) -> bool:
 
 @inlined
 def _jump(readings: Array, limits: Array, step: float, elapsed: float, worst: Array) -> bool:
-    """Returns True if an angle changed by more than its speed limit allows plus a `step` [rad].
+    """Returns True if an angle changed by more than its speed limit allows in `elapsed` [s], plus a `step`
+    [rad].
 
-    Writes the index of the worst servo and its change [rad] into `worst` (2,).
+    Writes the index of the servo with the largest excess and the change [rad] of its angle into `worst` (2,).
     """
     most = 0.0
     for i in range(readings.shape[1]):
@@ -68,11 +83,12 @@ def judge_motion(
     memory: Array,
     worst: Array,
 ) -> int:
-    """Returns the fault in the motion of `servos` (k,) whose mode follows a reference.
+    """Returns the fault in the motion of those `servos` (k,) that must follow a reference in their mode.
 
-    The readings are `elapsed` [s] apart; `position` [rad] and `velocity` [rad/s] (k,) are their reference.
-    Updates the memory, and writes into `worst` (2,) the index of the worst servo, and its error or its
-    reference's motion [rad].
+    The latest two readings are `elapsed` [s] apart. `position` [rad] and `velocity` [rad/s] (k,) are the
+    reference of the servos. Updates the memory. Writes two values into `worst` (2,): the index k of the servo
+    with the worst fault, and an angle [rad], which is the distance from the reference, or, for a frozen
+    encoder, the motion of the reference.
     """
     longest = -1.0
     for k in range(len(servos)):
@@ -124,10 +140,10 @@ def judge_velocity(
 ) -> int:
     """Returns the fault in the angles of `servos` (k,), found by comparison with velocities and torques.
 
-    The readings are `elapsed` [s] apart; a velocity that is NaN is ignored. Angles that follow a reference
-    are not judged by velocities. `torque` (k,) [N m] was sent to those in torque mode. Updates the memory,
-    and writes into `worst` (2,) the index of the worst servo and the motion [rad] that its angle does not
-    show.
+    The latest two readings are `elapsed` [s] apart. A velocity that is NaN is ignored. Servos in modes that
+    follow a reference are not checked here. `torque` (k,) [N m] was sent to the servos in torque mode.
+    Updates the memory. Writes two values into `worst` (2,): the index k of the servo with the worst fault,
+    and the motion [rad] that is missing in its measured angle.
     """
     keeps = max(1.0 - elapsed / settings[FORGETS], 0.0)
     found, worst[1] = FOLLOWS, 0.0
@@ -179,11 +195,11 @@ def judge_reading(
     monitor: tuple[Array, ...], servos: Array, kinds: Array, position: Array, velocity: Array, torque: Array,
     angles: Array, speeds: Array, now: float, elapsed: float,
 ) -> int:  # fmt: skip
-    """Judges a reading of all `angles` [rad] and `speeds` [rad/s] (n_servos,), made at time `now` [s].
+    """Checks a reading of all `angles` [rad] and `speeds` [rad/s] (n_servos,), made at time `now` [s].
 
-    Returns the first fault found by `_jump`, `judge_velocity` and `judge_motion`. A reading that is not
-    `elapsed` [s] after the one before is only stored. `servos` (k,) have the references `position` [rad],
-    `velocity` [rad/s] and `torque` [N m] (k,).
+    Returns the first fault found by `_jump`, `judge_velocity` and `judge_motion`. `elapsed` [s] is the time
+    since the reading before; if it is not above 0, the reading is only stored. The references of `servos`
+    (k,) are `position` [rad], `velocity` [rad/s] and `torque` [N m] (k,).
     """
     limits, settings, readings, memory, drifts, worst = monitor
     for i in range(len(angles)):

@@ -1,7 +1,7 @@
-"""A robot's solid links as flat arrays for the compiled loops.
+"""The solid links of a robot as flat arrays, which the compiled loops need.
 
-All coordinates are in frames at the joints, which are parallel to the world frame while every joint is at
-zero.
+All coordinates are in frames at the joints. While every joint is at zero, these frames are parallel to the
+world frame.
 """
 
 from __future__ import annotations
@@ -23,29 +23,37 @@ class Solids:
     """Joints, shapes, and the pairs of shapes that could hit each other."""
 
     servos: NDArray[np.intp]
-    """Servo (j,) of each joint; a joint comes after those that carry it."""
+    """Index (j,) of the servo that moves each joint. A joint comes after the joints that carry it."""
     zero: Array
-    """Angle (j,) [rad] of each servo at which its joint is at zero."""
+    """Angle (j,) [rad] of each servo at which the joint of the model is at zero."""
     joints: Array
-    """Parent joint or -1, position relative to it [m], and axis (j, 7) of each joint."""
+    """For each joint (j, 7): index of its parent joint, or -1; position [m] relative to the parent joint; and
+    axis."""
     shapes: Array
-    """For each shape (g, 16): its joint or -1, index of its first point and of its last point + 1, centre and
-    radius [m] of its bounding sphere, and a matrix E [m]. A shape is the convex hull of its points, each
-    extended by the ellipsoid E u, |u| <= 1."""
+    """Shapes (g, 16). A shape is the convex hull of its points, each extended by the ellipsoid E u, |u| <= 1.
+    The columns of a shape:
+
+    - index of the joint that carries the shape, or -1
+    - index of its first point, and of its last point + 1
+    - centre (3,) and radius [m] of its bounding sphere
+    - matrix E (3, 3) [m]
+    """
     points: Array
     """Points (v, 3) [m] of all shapes."""
     poses: Array
-    """Position [m] and rotation matrix (g, 12) of each shape's MuJoCo geom, in the joint's frame."""
+    """For each shape (g, 12): position [m] and rotation matrix of its MuJoCo geom, in the frame of the joint
+    that carries the shape."""
     geoms: Indices
-    """MuJoCo's number (g,) of each geom."""
+    """Index (g,) of each shape's geom in the MuJoCo model."""
     pairs: Indices
-    """First and second shape (p, 2) of each pair of the Clearance."""
+    """First and second shape (p, 2) of each pair that the Clearance checks."""
     levers: Array
-    """Largest change (j, p) [m/rad] of the distance of each pair per radian of each joint."""
+    """For each joint and pair (j, p): largest change [m/rad] of the distance of the pair per radian of the
+    joint."""
 
     @staticmethod
     def of(clearance: Clearance) -> Solids:
-        """Returns the solids of a clearance. Raises TciError for a joint that does not turn."""
+        """Returns the solids of the robot of a Clearance. Raises TciError if a joint is not a hinge."""
         model, data = clearance.model, mujoco.MjData(clearance.model)
         mujoco.mj_kinematics(model, data)
         for joint in np.flatnonzero(model.jnt_type != mujoco.mjtJoint.mjJNT_HINGE).tolist():
@@ -83,7 +91,7 @@ class Solids:
 
 
 def _carrier(model: mujoco.MjModel, body: int, before: int) -> int:
-    """Returns the last joint `before` another that moves a body; -1 for none."""
+    """Returns the last joint that moves a body and has an index below `before`; -1 if there is none."""
     while body:
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
         own = [joint for joint in range(first, first + count) if joint < before]
@@ -94,7 +102,8 @@ def _carrier(model: mujoco.MjModel, body: int, before: int) -> int:
 
 
 def _shape(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:
-    """Returns points (n, 3) [m] and matrix E (3, 3) [m] of a geom, in its own frame."""
+    """Returns the points (n, 3) [m] and the matrix E (3, 3) [m] of a geom, in the frame of the geom. See
+    `Solids.shapes`."""
     x, y, z = model.geom_size[geom].tolist()
     ends = np.array([[0.0, 0.0, -y], [0.0, 0.0, y]])
     kind = mujoco.mjtGeom(int(model.geom_type[geom]))
@@ -129,8 +138,8 @@ def _hull(model: mujoco.MjModel, mesh: int) -> Array:
 
 
 def _levers(joints: Array, shapes: Array, points: Array, pairs: NDArray[np.intp]) -> Array:
-    """Returns `Solids.levers`: for a joint that carries one of the two shapes, that shape's largest distance
-    from its axis."""
+    """Returns `Solids.levers`. For a joint that carries one of the two shapes of a pair, the value is the
+    largest distance of this shape from the joint's axis."""
     reach = np.zeros((len(joints), len(shapes)))
     carried = np.zeros(reach.shape, dtype=bool)
     for index, shape in enumerate(shapes):

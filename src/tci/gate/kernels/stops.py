@@ -1,4 +1,4 @@
-"""Compiled loops that plan, check and evaluate jerk-limited stops of servos."""
+"""Compiled loops that plan, check and evaluate the jerk-limited stops of servos."""
 
 from __future__ import annotations
 
@@ -16,14 +16,20 @@ LOWER, UPPER, ACCELERATION, JERK = range(4)
     LEAST, MOST, HERE, END, ANGLE, SPEED, PULL, FIRST_JERK, LAST_JERK, RAMP, PLATEAU, RELEASE,
     STOP_ROWS,
 ) = range(13)  # fmt: skip
-"""Rows of a stop (12, n): least and largest angles [rad] on the way; angles one step before it and at its
-end; angles, velocities and accelerations at its start; its jerk while the acceleration ramps up and while it
-is released; how long [s] it ramps up, stays, and is released."""
+"""Rows of a stop (12, n):
+
+- least and largest angle [rad] during the stop
+- angle [rad] one step before the stop, and at its end
+- angle [rad], velocity [rad/s] and acceleration [rad/s2] at its start
+- jerk [rad/s3] while the acceleration rises, and while it returns to zero
+- times [s] for which the acceleration rises, stays constant, and returns to zero
+"""
 
 
 @inlined
 def _plan(stop: Array, i: int, most: float, jerk: float) -> None:
-    """Plans the time-optimal stop of one servo from its start: ramp up, stay, release."""
+    """Plans the time-optimal stop of servo `i` from its start: the acceleration rises, stays constant, and
+    returns to zero."""
     v, a = stop[SPEED, i], stop[PULL, i]
     final = v + a * abs(a) / (2.0 * jerk)  # velocity if the acceleration were released at once
     peak = a
@@ -43,7 +49,8 @@ def _plan(stop: Array, i: int, most: float, jerk: float) -> None:
 
 @inlined
 def _follow(stop: Array, i: int, time: float) -> tuple[float, float, float]:
-    """Returns angle, velocity and acceleration of a servo `time` [s] after its stop began."""
+    """Returns angle [rad], velocity [rad/s] and acceleration [rad/s2] of servo `i` at `time` [s] after its
+    stop began."""
     q, v, a = stop[ANGLE, i], stop[SPEED, i], stop[PULL, i]
     for jerk, lasts in (
         (stop[FIRST_JERK, i], stop[RAMP, i]),
@@ -66,12 +73,16 @@ def _follow(stop: Array, i: int, time: float) -> tuple[float, float, float]:
 def plan_stop(
     state: Array, here: Array, limits: Array, coupling: Array, lows: Array, highs: Array, stop: Array
 ) -> tuple[bool, bool, bool, float]:
-    """Plans the `stop` (12, n) from a `state` (3, n): angles [rad], velocities and accelerations.
+    """Plans the `stop` (12, n) from a `state` (3, n): angles [rad], velocities [rad/s] and accelerations
+    [rad/s2].
 
-    Returns three truth values and the duration of the stop [s]. The first is True if the stop stays inside
-    the `limits` (4, n), or no farther outside than `here` (n,) [rad], and does not leave the limits again
-    once it is inside. The second is True if the box around the stop is in bounds, `lows` <= `coupling` @
-    point <= `highs` (m,). The third is True if the state itself is outside the limits.
+    Returns three truth values and the duration [s] of the stop:
+
+    - The first is True if the stop stays inside the `limits` (4, n), or no farther outside than `here` (n,)
+      [rad]. A stop that has come inside the limits must not leave them again.
+    - The second is True if `lows` <= `coupling` @ point <= `highs` (m,) for all points between the least and
+      largest angles of the stop.
+    - The third is True if `state` itself is outside the limits.
     """
     inside, outside, duration = True, False, 0.0
     for i in range(len(here)):
@@ -106,8 +117,8 @@ def plan_stop(
 
 @compiled(void(reads(2), reads(1), writes(3)))
 def follow_stop(stop: Array, times: Array, states: Array) -> None:
-    """Writes the `states` (k, 3, n) of a `stop` (12, n), angles [rad], velocities and accelerations, at
-    `times` (k,) [s] after it began."""
+    """Writes the `states` (k, 3, n) of a `stop` (12, n) at `times` (k,) [s] after it began: angles [rad],
+    velocities [rad/s] and accelerations [rad/s2]."""
     for k in range(len(times)):
         for i in range(stop.shape[1]):
             if times[k] < stop[RAMP, i] + stop[PLATEAU, i] + stop[RELEASE, i]:
@@ -118,10 +129,11 @@ def follow_stop(stop: Array, times: Array, states: Array) -> None:
 
 @compiled(void(views(1, int64), views(1), views(1), reads(2), writes(2)))
 def take_room(index: NDArray[np.intp], measured: Array, reference: Array, span: Array, box: Array) -> None:
-    """Writes the least and largest angles of servos `index` (n,) into `box` (2, n_servos).
+    """Writes the least and largest angles [rad] that servos `index` (n,) may have during their stop into
+    `box` (2, n_servos).
 
-    The references of the servos stay in `span` (2, n). The measured angles may deviate from it by the present
-    deviation, `measured` (n_servos,) minus `reference` (n,). All are in [rad].
+    The references of the servos stay between the angles of `span` (2, n) [rad]. The measured angles may be
+    farther out by the present deviation: `measured` (n_servos,) [rad] minus `reference` (n,) [rad].
     """
     for i in range(len(index)):
         servo = index[i]

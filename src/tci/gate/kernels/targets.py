@@ -1,4 +1,4 @@
-"""Targets of a command to servos that move together."""
+"""Computation of targets for a command to servos that move together."""
 
 from __future__ import annotations
 
@@ -11,15 +11,18 @@ from tci.frames import Array
 from tci.gate.kernels.couplings import project
 
 LOWER, UPPER, FASTEST = range(3)
-"""Rows of the limits of a joint group: angles [rad], and speed [rad/s]."""
+"""Rows of the limits of a joint group: lower and upper angles [rad], and speeds [rad/s]."""
 TARGET, SPEED, WANTED = range(3)
-"""Rows of a joint group's aims; the last is work space."""
+"""Rows of the targets of a joint group: targets [rad], speeds [rad/s], and work space."""
 
 
 @compiled(boolean(reads(1, int64), reads(1), reads(1), int64, float64))
 def is_acceptable(servos: NDArray[np.intp], values: Array, speeds: Array, count: int, slowest: float) -> bool:
-    """Returns True if `servos` (k,), out of `count`, are valid and occur once, `values` (k,) are finite and
-    `speeds` (k,) at least `slowest`."""
+    """Returns True if a command is valid.
+
+    `servos` (k,) must be below `count` and occur once. `values` (k,) must be finite, and `speeds` (k,)
+    [rad/s] at least `slowest`.
+    """
     for k in range(len(servos)):
         if not (0 <= servos[k] < count and np.isfinite(values[k]) and speeds[k] >= slowest):
             return False
@@ -31,10 +34,10 @@ def is_acceptable(servos: NDArray[np.intp], values: Array, speeds: Array, count:
 
 @compiled(boolean(reads(1, int64), reads(1), reads(1), reads(1), float64))
 def is_far_off(servos: NDArray[np.intp], values: Array, lower: Array, upper: Array, far: float) -> bool:
-    """Returns True if an angle of `values` (k,) [rad] of `servos` (k,) is so large that it may be in degrees.
+    """Returns True if `values` (k,) [rad] of `servos` (k,) are so large that they may be in degrees.
 
-    This is true for an angle that is outside `lower` .. `upper` (n_servos,) [rad] and beyond a full turn, and
-    for two angles or more that are all outside by more than `far` [rad].
+    There are two cases: one angle is outside `lower` .. `upper` (n_servos,) [rad] and larger than a full
+    turn; or there are two angles or more, and each is outside its limits by more than `far` [rad].
     """
     near = len(servos) < 2
     for k in range(len(servos)):
@@ -55,12 +58,14 @@ def take_targets(
     index: NDArray[np.intp], servos: NDArray[np.intp], values: Array, speeds: Array, limits: Array,
     coupling: Array, ends: Array, free: NDArray[np.bool_], aims: Array, sent: Array,
 ) -> float:  # fmt: skip
-    """Sets the targets of the servos `index` (n,) of a joint group from the `values` (k,) of a command.
+    """Sets the targets of the servos `index` (n,) of a joint group from the `values` (k,) [rad] of a command
+    to `servos` (k,).
 
-    Returns the largest distance [rad] of a servo's target from its value. Writes into `aims` (3, n) targets
-    [rad] inside `limits` and couplings, and the `speeds` (k,), at most the fastest of the `limits` (3, n);
-    and into `sent` (k,) the targets of those of `servos` (k,) that are in the group. For `coupling` (m, n)
-    and its `ends` (2, m) see `Bounds`; `free` (n,) and the last row of `aims` are work space.
+    Returns the largest distance [rad] of a target from its requested value. Writes into `aims` (3, n) the
+    targets [rad], which are inside `limits` and couplings, and the `speeds` (k,) [rad/s], clipped to the
+    speeds in `limits` (3, n). Writes into `sent` (k,) [rad] the targets of the servos that are in the group.
+    `coupling` (m, n) and its bounds `ends` (2, m) are described in `Bounds`. `free` (n,) and the last row of
+    `aims` are work space.
     """
     for i in range(len(index)):
         free[i] = False
@@ -85,11 +90,12 @@ def straight_limits(
     here: Array, target: Array, speed: Array, acceleration: Array, jerk: Array,
     still: float, least: float, limits: Array,
 ) -> None:  # fmt: skip
-    """Writes the largest `limits` (3, n) within `speed`, `acceleration`, `jerk` (n,) that are proportional to
-    the distances from `here` to `target` (n,): with these, all servos move in a straight line.
+    """Writes the `limits` (3, n) with which all servos move in a straight line from `here` to `target` (n,)
+    [rad].
 
-    A longest distance below `still` counts as `still`, and a distance below the fraction `least` of the
-    longest as that fraction.
+    The limits are proportional to the distances of the servos, and as large as `speed`, `acceleration` and
+    `jerk` (n,) allow. If the longest distance is below `still` [rad], it is replaced by `still`. A distance
+    that is below the fraction `least` of the longest distance is replaced by this fraction.
     """
     longest = still
     for i in range(len(here)):

@@ -1,4 +1,4 @@
-"""Torques of servos whose position is not controlled, in one compiled loop, for `tci.gate.torque`."""
+"""Torques of servos in torque mode, in one compiled loop that `tci.gate.torque` calls."""
 
 from __future__ import annotations
 
@@ -10,30 +10,40 @@ from tci.compiled import compiled, reads, views, writes
 from tci.frames import Array
 
 LOWER, UPPER, VELOCITY, CREEP, ACCELERATION, APPROACH, TORQUE = range(7)
-"""Rows of the limits (7, k) of the servos in torque mode. They include the speed [rad/s] at which a servo
-outside its limits returns, and the deceleration [rad/s2] that is assumed to be available before a limit."""
+"""Rows of the limits (7, k) of the servos in torque mode. CREEP is the speed [rad/s] at which a servo outside
+its limits returns. APPROACH is the deceleration [rad/s2] that is assumed to be available before a limit."""
 POSITION, SPEED, SLOPE, SINCE_SPEED, SINCE_SLOPE = range(5)
-"""Rows of the measurements (5, n_servos): angles [rad]; velocities [rad/s]; mean speeds [rad/s] from angles,
-NaN if unknown; impulses [N m s] of the torques given since each of the two was measured."""
+"""Rows of the measurements (5, n_servos): angles [rad]; velocities [rad/s]; mean speeds [rad/s] computed from
+angles, NaN if unknown; impulses [N m s] of the torques that were sent since the velocity, and since the mean
+speed, was measured."""
 WANTED, RISEN, GIVEN, CALM, BEFORE = range(5)
-"""Rows of the memory (5, n_servos): torques [N m] that are commanded, that have risen so far, and that were
-given; fraction of the braking torque, and speed [rad/s] at which it was chosen."""
+"""Rows of the memory (5, n_servos):
+
+- commanded torque [N m]
+- torque [N m] that has risen towards the commanded torque so far
+- torque [N m] that is sent
+- fraction of the braking torque that is used
+- speed [rad/s] at which this fraction was chosen
+"""
 MARGIN = 1e-6
-"""Speed [rad/s] that replaces smaller ones as a divisor, for braking in a narrow band."""
+"""Least divisor [rad/s] in the computation of braking torques: smaller speeds are replaced by this one."""
 RISE = 0.02
-"""Time [s] in which a torque may rise from zero to its limit. Assumed: a step would jerk the joint."""
+"""Time [s] in which a torque may rise from zero to its limit. Assumed: a sudden change of torque would jerk
+the joint."""
 BAND = 0.1
-"""Excess over the allowed speed, as a fraction of this speed, from which the full braking torque acts.
-Assumed: with a smaller value the torque chatters, with a larger one a joint exceeds its limit by more."""
+"""Full braking torque acts if the speed exceeds the allowed speed by this fraction of the allowed speed.
+Assumed: with a smaller value, the torque chatters; with a larger value, a joint exceeds its limit by more."""
 SETTLE = 2.0
-"""Speeds that could be removed within this many times the delay are braked in proportion. Assumed: with its
-full torque a servo at rest at a limit would tremble with the noise of its velocity."""
+"""Factor of the delay of the data. If the acceleration limit allows a servo to lose its speed within the
+product, the servo is braked by a torque proportional to the speed. Assumed: with full torque, a servo at rest
+at a limit would tremble because of the noise of its velocity."""
 CALMER, BOLDER, LEAST = 0.5, 1.5, 1.0 / 64.0
-"""Factors of the braking torque: after it has reversed a joint, and after it has not; and the least one.
-Assumed: with its full torque, a joint that is much lighter than its limits imply would oscillate."""
+"""Factors of the braking torque: after it has reversed a joint, after it has not reversed a joint, and the
+least fraction. Assumed: with full braking torque, a joint that is much lighter than its limits imply would
+oscillate."""
 FADE = float(np.deg2rad(2.0))
-"""Distance [rad] before a limit over which a torque towards the limit decreases to zero. Assumed: with a
-shorter distance joints are pushed into their limits, a longer one uses more of their range."""
+"""Distance [rad] from a limit below which a torque towards the limit decreases to zero. Assumed: with a
+shorter distance, joints are pushed into their limits; with a longer distance, more of their range is lost."""
 
 
 @compiled(
@@ -49,10 +59,12 @@ def limit_torques(
     period: float,
     memory: Array,
 ) -> None:
-    """Writes the present torques of `servos` (k,) into the memory, limited by the `trust` (k,) in their data.
+    """Writes the torques of `servos` (k,) that are sent now into `memory`. The torques are limited by the
+    `trust` (k,) in their data.
 
-    Other arrays have a column for each servo of the robot: `measured` (5, n_servos), which is `late` [s] old
-    when the next torque is computed. `halts` is True to brake any motion.
+    `measured` (5, n_servos) and `memory` (5, n_servos) have a column for each servo of the robot. The
+    measurements are `late` [s] old when the next torque is computed. If `halts` is True, any motion is
+    braked.
     """
     for k in range(len(servos)):
         i = servos[k]

@@ -1,7 +1,7 @@
 """Frozen types that describe a robot, in SI units and radians. `tci.robot.xml` reads them from a file.
 
-The names follow the paper's Listing 2: a *servo* is a joint of the robot (DS in eq. 1), a *generic servo* one
-joint of a generic part (GS), `scale` is gamma and `offset` sigma.
+The names follow Listing 2 of the paper. A *servo* is a joint of the robot (DS in eq. 1). A *generic servo* is
+a joint of a generic part (GS). `scale` is gamma and `offset` is sigma.
 """
 
 from tci.robot.description.base import Description, Vector

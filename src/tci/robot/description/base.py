@@ -1,4 +1,4 @@
-"""Base class of all types of a description."""
+"""Base class of all types that describe a robot."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ Vector = tuple[float, float, float]
 
 
 class Description(BaseModel):
-    """Base of all types of a description: frozen, no unknown fields, finite numbers only."""
+    """Base class of all types that describe a robot. Objects are frozen, and unknown fields and numbers that
+    are not finite are refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
@@ -23,7 +24,8 @@ class Description(BaseModel):
         return hash(self._values())
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Returns a copy with the fields of `update` changed; its cached arrays are computed anew."""
+        """Returns a copy with the changed fields of `update`. Arrays that the object had cached are computed
+        again."""
         copy = super().model_copy(update=update, deep=deep)
         for name in set(copy.__dict__) - set(type(self).model_fields):
             del copy.__dict__[name]

@@ -1,4 +1,4 @@
-"""Bindings: rate, staleness limit and addresses of the robot in one middleware."""
+"""Bindings: the command rate, the age limit of joint data and the addresses of a robot in one middleware."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ from tci.robot.description.base import Description
 
 
 class Address(Description):
-    """Address of a patch, part or servo in a middleware."""
+    """Address of a patch, a robot part or a servo in a middleware."""
 
     of: str
     """Name of a patch, of a robot part or of a servo."""
     to: str
     """Port, topic, key or name in the middleware."""
     channels: int | None = None
-    """Number of values that a patch has there, if it is more than its channels (YARP)."""
+    """Number of values in the middleware's message for a patch, if it is more than the patch's channels
+    (YARP)."""
     modules: tuple[int, ...] = ()
-    """Modules among these values that contain the patch's channels, in order. A module has twelve values, of
-    which ten are taxels."""
+    """Numbers of the modules of the message that contain the patch's channels, in order. A module has twelve
+    values; ten of them are taxels."""
 
 
 class Binding(Description):
@@ -28,21 +29,21 @@ class Binding(Description):
     middleware: str
     """Name of the driver: `sim`, `yarp`, `naoqi`, ..."""
     rate: float
-    """Commands per second [Hz]."""
+    """Number of commands per second [Hz]."""
     stale_after: float
-    """Age [s] above which joint data no longer counts and the gate holds."""
+    """Age [s] of joint data above which the gate stops the robot until newer data arrives."""
     addresses: tuple[Address, ...] = ()
-    """Addresses that differ from the middleware's usual names."""
+    """Addresses that differ from the names that the middleware usually uses."""
 
     def address(self, of: str, usual: str) -> str:
-        """Returns the address of the patch, robot part or servo named `of`, or `usual` if the description has
-        none."""
+        """Returns the address of the patch, robot part or servo named `of`. If the description has no address
+        for it, returns `usual`."""
         entry = self.entry(of)
         return usual if entry is None else entry.to
 
     def entry(self, of: str) -> Address | None:
-        """Returns the address element for the patch, robot part or servo named `of`; None if there is
-        none."""
+        """Returns the address element for the patch, robot part or servo named `of`; None if the description
+        has none."""
         return next((address for address in self.addresses if address.of == of), None)
 
 
@@ -59,14 +60,15 @@ USUAL: Mapping[str, Binding] = {
         ("player", 100.0, 0.08),
     )
 }
-"""Default bindings, for each middleware that can carry any robot. Assumed: rates that the middleware can
-sustain, and staleness limits of a few messages (docs/tables/middleware.md)."""
+"""Default bindings of the middlewares that can carry any robot. Assumed: rates that the middleware can
+sustain, and age limits of a few message periods (docs/tables/middleware.md)."""
 
 
 def wire_name(name: str, *, dash: bool = True) -> str:
-    """Returns a name of a description as a part of an address: letters, digits, `_` and, if allowed, `-`.
+    """Returns a name of a description in a form for addresses: only letters, digits, `_` and, if `dash` is
+    True, `-`.
 
-    Every other character becomes `_`. A name that would begin with a digit gets a `_` before it.
+    All other characters are replaced by `_`. If the result would begin with a digit, a `_` is put before it.
     """
     found = re.sub(r"[^A-Za-z0-9_-]" if dash else r"[^A-Za-z0-9_]", "_", name)
     return f"_{found}" if found[0].isdigit() else found

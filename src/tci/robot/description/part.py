@@ -10,113 +10,118 @@ from tci.frames import Array, read_only, rotation_rpy
 from tci.robot.description.base import Description, Vector
 
 Kind = Literal["arm", "head", "torso", "leg", "hand", "fingers", "other"]
-"""Kinds of generic parts: those of one kind have the same generic joints."""
+"""Kinds of generic parts. Parts of one kind have the same generic joints."""
 
 
 class Term(Description):
-    """Contribution of one servo to a coupled generic joint."""
+    """Contribution of one servo to the angle of a coupled generic joint."""
 
     servo: int
     """Index into `Robot.servos`."""
     factor: float
-    """d generic / d servo."""
+    """Derivative d generic / d servo."""
 
 
 class GenericServo(Description):
-    """One joint of a generic part: GS = scale * DS + offset (eq. 1), or by another transform."""
+    """One joint of a generic part: GS = scale * DS + offset (eq. 1), or another transform."""
 
     id: int
     """Index in the generic part, from 0."""
     name: str
-    """Generic name: `shoulder_pitch`, or `joint0` where the file gives none."""
+    """Generic name of the joint, such as `shoulder_pitch`; `joint0` and so on if the file gives no name."""
     servo: int | None
-    """Index into `Robot.servos`; None when the robot lacks this joint."""
+    """Index into `Robot.servos`; None if the robot lacks this joint."""
     scale: float = 1.0
     """Transform factor gamma."""
     offset: float = 0.0
     """Transform displacement sigma [rad]."""
     transform: Literal["linear", "table", "coupled", "synergy", "retarget"] = "linear"
-    """Rule that relates generic angles and the robot's angles: see `tci.robot.transforms`."""
+    """Kind of transform between generic angles and the robot's angles: see `tci.robot.transforms`."""
     table: tuple[tuple[float, float], ...] = ()
-    """Pairs (servo angle, generic angle) [rad] of a table, in rising order of the servo angle."""
+    """Pairs (servo angle, generic angle) [rad] of the transform `table`, in rising order of the servo
+    angle."""
     terms: tuple[Term, ...] = ()
-    """Servos whose linear combination is the angle of a coupled or synergic joint, including its own
-    servo."""
+    """Servos and factors of a coupled or synergic joint: the joint's angle is a linear combination of the
+    angles of these servos. The joint's own servo must be among these servos."""
     fixed: float = 0.0
-    """Constant generic angle [rad] that is read for a joint that the robot lacks."""
+    """Constant generic angle [rad] that is reported if the robot lacks this joint."""
     stiffness: float = 1.0
-    """Fraction 0..1 of full stiffness that `home` sets."""
+    """Stiffness that the command `home` sets, as a fraction 0..1 of full stiffness."""
     damping: float = 0.0
-    """Fraction 0..1 of full damping that `home` sets."""
+    """Damping that the command `home` sets, as a fraction 0..1 of full damping."""
     speed: float | None = None
-    """Speed [rad/s] of the generic joint, unless the gate's limit is lower. For a retargeted shoulder, the
+    """Speed [rad/s] of the generic joint, if the gate's limit is not lower. For a retargeted shoulder, the
     speed of the servo itself."""
     initial: float = 0.0
     """Initial generic angle [rad]."""
 
     @property
     def moved(self) -> tuple[int, ...]:
-        """Indices into `Robot.servos` of the servos on which its angle depends; empty if the robot lacks this
-        joint."""
+        """Indices into `Robot.servos` of the servos on which the generic angle depends; empty if the robot
+        lacks this joint."""
         if self.terms:
             return tuple(term.servo for term in self.terms)
         return () if self.servo is None else (self.servo,)
 
     @property
     def sense(self) -> float:
-        """Sign of the transform: above 0 if the generic angle increases with its servo's angle, below 0 if it
-        decreases."""
+        """Sign of the transform: above 0 if the generic angle increases with the angle of its servo, below 0
+        if it decreases."""
         if self.terms:
             return next((term.factor for term in self.terms if term.servo == self.servo), 0.0)
         return self.table[-1][1] - self.table[0][1] if self.table else self.scale
 
 
 class Segment(Description):
-    """A piece of a limb that carries skin: its proximal point and its length."""
+    """A part of a limb that carries skin, given by its proximal point and its length."""
 
     name: str
     """`upper_arm` or `forearm`."""
     link: str
-    """Link of the kinematic model in whose frame `origin` is given."""
+    """Link of the kinematic model. `origin` is given in the frame of this link."""
     origin: Vector = (0.0, 0.0, 0.0)
-    """Proximal end (3,) [m] of the segment's axis in `link`; u = 0 here."""
+    """Proximal end (3,) [m] of the segment's axis, in the frame of `link`. Here the limb coordinate u is
+    0."""
     length: float
-    """Length [m] of the segment; u = 1 at its distal end."""
+    """Length [m] of the segment. At its distal end, the limb coordinate u is 1."""
 
 
 class CartesianActuator(Description):
-    """A point of a part whose position can be commanded (§3.1: a transformation in Cartesian space)."""
+    """A point of a generic part with a position that can be commanded (§3.1: a transformation in Cartesian
+    space)."""
 
     name: str
     """Name that a `CartesianCommand` gives as its `point`: `hand`, `elbow`, ..."""
     link: str | None = None
-    """Link of the kinematic model that carries the point; an arm's actuator may give a `segment` instead."""
+    """Link of the kinematic model that carries the point. An actuator of an arm may give a `segment`
+    instead."""
     xyz: Vector = (0.0, 0.0, 0.0)
-    """The point [m] in `link`."""
+    """Position (3,) [m] of the point in the frame of `link`."""
     segment: str | None = None
-    """Segment of the arm on whose axis the point lies."""
+    """Segment of the arm that has the point on its axis."""
     u: float = 1.0
-    """Place on that axis: 0 at the proximal end, 1 at the distal one."""
+    """Place of the point on the segment's axis: 0 at the proximal end, 1 at the distal end."""
     frame: Literal["shoulder", "torso"] = "shoulder"
-    """Frame of targets. `shoulder`: from the shoulder's centre, in the arm's mount frame, in arm lengths
-    (upper arm plus forearm), so that equal numbers mean equal reach on every robot. `torso`: the torso frame,
-    in m."""
+    """Frame of targets. `shoulder`: position relative to the centre of the shoulder, in the arm's mount
+    frame, in arm lengths (upper arm plus forearm). With this frame, one target means one fraction of the
+    reach on every robot. `torso`: position in the torso frame, in m."""
     speed: float | None = None
-    """Largest speed [m/s] of the point; None: only the joints' speed limits apply."""
+    """Largest speed [m/s] of the point. None: only the speed limits of the joints apply."""
     tolerance: float = 1e-3
-    """Distance [m] within which a target counts as reached. Assumed: servos are hardly more accurate."""
+    """Distance [m] from a target at which it counts as reached. Assumed: servos are hardly more accurate than
+    this."""
 
 
 USUAL_ACTUATORS = (
     CartesianActuator(name="hand", segment="forearm", u=1.0),
     CartesianActuator(name="elbow", segment="forearm", u=0.0),
 )
-"""Default Cartesian actuators of each arm with both segments. Actuators of the description with these names
-replace them."""
+"""Default Cartesian actuators of each arm that has both segments. An actuator in the description with one of
+these names replaces the default."""
 
 
 class GenericPart(Description):
-    """A part of the generic humanoid (eq. 2)."""
+    """A part of the generic humanoid, such as an arm or the head (eq. 2)."""
 
     name: str
     """`left_arm`, `head`, ..."""
@@ -125,14 +130,15 @@ class GenericPart(Description):
     servos: tuple[GenericServo, ...]
     """Joints of the part, by generic id."""
     mount: Vector = (0.0, 0.0, 0.0)
-    """Roll, pitch, yaw [rad] of the mount frame in the torso frame: `R_TM`."""
+    """Roll, pitch and yaw [rad] of the mount frame in the torso frame. `R_TM` is the matrix of this
+    rotation."""
     segments: tuple[Segment, ...] = ()
     cartesian: tuple[CartesianActuator, ...] = ()
-    """Points whose position Cartesian commands can set."""
+    """Points of this part to which Cartesian commands can give a position."""
 
     @cached_property
     def R_TM(self) -> Array:
-        """Rotation (3, 3) of the mount frame M seen from the torso T."""
+        """Rotation (3, 3) of the mount frame M in the torso frame T."""
         return read_only(rotation_rpy(*self.mount))
 
     @cached_property
@@ -141,7 +147,7 @@ class GenericPart(Description):
         return read_only([servo.initial for servo in self.servos])
 
     def segment(self, name: str) -> Segment:
-        """Returns the segment of that name. Raises UnknownNameError."""
+        """Returns the segment with this name. Raises UnknownNameError if the part has no such segment."""
         for segment in self.segments:
             if segment.name == name:
                 return segment

@@ -1,4 +1,4 @@
-"""The robot as a whole, and its kinematic model."""
+"""The description of a whole robot, and of its kinematic model."""
 
 from __future__ import annotations
 
@@ -17,72 +17,73 @@ from tci.robot.description.servo import Coupling, Servo
 
 
 class Attachment(Description):
-    """A model that is fixed to a link of the robot's model."""
+    """An additional model that is fixed to a link of the robot's model."""
 
     path: str
-    """Path of the file (MJCF); absolute after loading."""
+    """Path of the MJCF file of the additional model. After loading, the path is absolute."""
     link: str
-    """Link of the robot's model to which it is fixed."""
+    """Link of the robot's model to which the additional model is fixed."""
     prefix: str
-    """Prefix that is added to each name of that file."""
+    """Prefix that is put before each name of the additional model."""
     xyz: Vector = (0.0, 0.0, 0.0)
-    """Origin [m] of its frame in that link."""
+    """Origin [m] of the additional model's frame, in the frame of the link."""
     rpy: Vector = (0.0, 0.0, 0.0)
-    """Orientation [rad] of its frame in that link."""
+    """Orientation [rad] of the additional model's frame, in the frame of the link."""
 
 
 class Model(Description):
-    """The file of the kinematic model, and the torso frame in it."""
+    """The file of the kinematic model, and the torso frame in this model."""
 
     format: Literal["urdf", "mjcf"]
     path: str
-    """Path of the file; absolute after loading."""
+    """Path of the file. After loading, the path is absolute."""
     package: str | None = None
-    """Installed Python package that contains the file (the extra that installs it has the robot's name)."""
+    """Installed Python package that contains the file. The extra that installs this package has the robot's
+    name."""
     meshes: str | None = None
-    """Folder, absolute after loading, in which meshes are searched that are not at the path in the model;
-    "none" leaves all meshes out."""
+    """Folder of meshes, for meshes that are not at the path in the model. After loading, the path is
+    absolute. "none": the model is read without its meshes."""
     torso_link: str
     """Link to which the torso frame is fixed."""
     torso_rpy: Vector = (0.0, 0.0, 0.0)
-    """Orientation [rad] of the torso frame (x forward, y left, z up) in that link."""
+    """Orientation [rad] of the torso frame (x forward, y left, z up), in the frame of the torso link."""
     torso_xyz: Vector = (0.0, 0.0, 0.0)
-    """Origin [m] of the torso frame in that link."""
+    """Origin [m] of the torso frame, in the frame of the torso link."""
     attachments: tuple[Attachment, ...] = ()
-    """Additional models, such as hands, for links that the robot's model lacks."""
+    """Additional models, such as hands, that contain links which the robot's model lacks."""
 
     @cached_property
     def T_LT(self) -> Array:
-        """Pose (4, 4) of the torso frame T seen from its link L."""
+        """Pose (4, 4) of the torso frame T in the frame of its link L."""
         return read_only(transform(rotation_rpy(*self.torso_rpy), np.array(self.torso_xyz)))
 
 
 class Robot(Description):
-    """Description of a robot. A robot can be a dictionary key: its hash is fast, and equality compares all
-    fields."""
+    """Description of a robot. A robot can be used as a dictionary key: its hash is fast, and two robots are
+    equal if all fields are equal."""
 
     name: str
     title: str = ""
     source: str
     """Path of the file from which the description was read."""
     digest: str
-    """SHA-256 of that file, recorded in every log."""
+    """SHA-256 of the description's files, recorded in every log."""
     model: Model | None = None
     servos: tuple[Servo, ...]
-    """All servos, in the order of every JointReading."""
+    """All servos of the robot, in the order of every JointReading."""
     couplings: tuple[Coupling, ...] = ()
     parts: tuple[GenericPart, ...]
     patches: tuple[Patch, ...] = ()
     bindings: tuple[Binding, ...] = ()
-    """Bindings in the file; `binding` also returns default bindings."""
+    """Bindings that the file contains. The method `binding` also returns default bindings."""
 
     def __hash__(self) -> int:
         return hash((self.name, self.digest))
 
     @cached_property
     def coupling_rows(self) -> tuple[Array, Array, Array]:
-        """All couplings as arrays: lower <= rows @ position <= upper, with shapes (m, n_servos), (m,), (m,)
-        [rad]."""
+        """All couplings as three arrays: rows (m, n_servos), lower (m,) [rad] and upper (m,) [rad]. The
+        condition of the couplings is lower <= rows @ position <= upper."""
         rows = np.zeros((len(self.couplings), len(self.servos)))
         for row, coupling in zip(rows, self.couplings, strict=True):
             row[list(coupling.servos)] = coupling.coefficients
@@ -91,45 +92,48 @@ class Robot(Description):
 
     @cached_property
     def all_bindings(self) -> tuple[Binding, ...]:
-        """Bindings to every middleware that can carry this robot: the file's own, then the usual ones."""
+        """Bindings to every middleware that can carry this robot: first the bindings in the file, then the
+        default bindings."""
         own = {binding.middleware for binding in self.bindings}
         return *self.bindings, *(usual for name, usual in USUAL.items() if name not in own)
 
     def with_stale_after(self, seconds: float) -> Robot:
-        """Returns this robot with another staleness limit [s] in each of its bindings."""
+        """Returns this robot with another age limit [s] of joint data in each of its bindings."""
         patient = [one.model_copy(update={"stale_after": seconds}) for one in self.all_bindings]
         return self.model_copy(update={"bindings": tuple(patient)})
 
     @cached_property
     def skin(self) -> tuple[Patch, ...]:
-        """Patches with taxels, which send frames; the others are felt through joints."""
+        """Patches with taxels, which send frames. Touches on all other patches are detected from the torques
+        of joints."""
         return tuple(patch for patch in self.patches if not patch.through_joints)
 
     def part(self, name: str) -> GenericPart:
-        """Returns the generic part of that name. Raises UnknownNameError."""
+        """Returns the generic part with this name. Raises UnknownNameError if the robot has no such part."""
         for part in self.parts:
             if part.name == name:
                 return part
         raise UnknownNameError("generic part", name, [part.name for part in self.parts])
 
     def patch(self, name: str) -> Patch:
-        """Returns the skin patch of that name. Raises UnknownNameError."""
+        """Returns the skin patch with this name. Raises UnknownNameError if the robot has no such patch."""
         for patch in self.patches:
             if patch.name == name:
                 return patch
         raise UnknownNameError("skin patch", name, [patch.name for patch in self.patches])
 
     def limb_segment(self, patch: Patch) -> Segment | None:
-        """Returns the limb segment of a patch; None for a patch without limb coordinates."""
+        """Returns the limb segment that carries a patch; None if the patch has no limb coordinates."""
         part = self.part(patch.part)
         if part.kind != "arm" or part.side is None or not patch.segment:
             return None
         return part.segment(patch.segment)
 
     def binding(self, middleware: str) -> Binding:
-        """Returns the binding to that middleware: the file's own, else the usual one.
+        """Returns the binding to a middleware: the binding in the file, or else the default binding.
 
-        Raises UnknownNameError for a middleware that carries only robots with a binding of their own.
+        Raises UnknownNameError if there is no binding. Some middlewares have no default binding, because they
+        carry only certain robots.
         """
         for binding in self.all_bindings:
             if binding.middleware == middleware:
@@ -138,7 +142,8 @@ class Robot(Description):
         raise UnknownNameError(f"binding of {self.name}", middleware, valid)
 
     def servos_of(self, robot_part: str) -> tuple[Servo, ...]:
-        """Returns the servos of one of the robot's own parts, by id. Raises UnknownNameError."""
+        """Returns the servos of one of the robot's own parts, sorted by id. Raises UnknownNameError if there
+        is no such part."""
         found = tuple(servo for servo in self.servos if servo.robot_part == robot_part)
         if not found:
             names = dict.fromkeys(servo.robot_part for servo in self.servos)

@@ -1,4 +1,4 @@
-"""Joints of the robot by its own names and numbers (DS in eq. 1), their limits and couplings."""
+"""Joints of the robot with its own names and numbers (DS in eq. 1), their limits and couplings."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from tci.robot.description.base import Description
 
 
 class Limits(Description):
-    """Limits of a servo. None: unknown, so the gate refuses commands that need the limit."""
+    """Limits of a servo. If a limit is None, it is unknown: the gate refuses commands that need it."""
 
     lower: float | None = None
     """Smallest angle [rad]."""
@@ -22,43 +22,45 @@ class Limits(Description):
     torque: float | None = None
     """Largest torque [N m]."""
     assumed: tuple[str, ...] = ()
-    """Names of the fields above whose value is assumed, because it is not published."""
+    """Names of the limits above with assumed values, because the true values are not published."""
 
 
 class Mimic(Description):
-    """A joint of the model that follows a servo, as in URDF."""
+    """A joint of the model that follows a servo, like a mimic joint in URDF."""
 
     joint: str
     """Name of the joint in the kinematic model."""
     multiplier: float = 1.0
-    """Change of its angle per change of the servo's angle."""
+    """Change of the joint's angle per change of the servo's angle."""
     offset: float = 0.0
-    """Its angle [rad] while the servo is at 0."""
+    """Angle [rad] of the joint while the servo is at 0."""
 
 
 class Servo(Description):
-    """A joint of the robot, by the robot's own names and numbers."""
+    """A joint of the robot, with the robot's own names and numbers."""
 
     index: int
-    """Index in `Robot.servos`, and in every JointReading."""
+    """Index of the servo in `Robot.servos`, and in every JointReading."""
     robot_part: str
-    """The robot's own part, such as a control board of YARP or a chain of NAOqi: `LArm`, `left_arm`."""
+    """The robot's own part that contains the servo, such as a control board of YARP or a chain of NAOqi:
+    `LArm`, `left_arm`."""
     id: int
-    """The robot's own number of the servo in that part (`destination_servo_id`)."""
+    """The robot's own number of the servo in its robot part (`destination_servo_id`)."""
     name: str
-    """The robot's own name of the joint."""
+    """The robot's own name of the servo."""
     joint: str | None = None
-    """Name of the joint in the kinematic model; None if the model lacks it."""
+    """Name of the joint in the kinematic model; None if the model does not contain the joint."""
     mimics: tuple[Mimic, ...] = ()
-    """Joints of the model that follow it, in addition to its own joint or instead of it."""
+    """Joints of the model that follow the servo, in addition to its own joint or instead of its own joint."""
     limits: Limits = Limits()
     """Limits of its motion."""
     modes: tuple[Mode, ...] = (Mode.POSITION,)
-    """Control modes that it can be switched to; the first is the initial one."""
+    """Control modes to which the servo can be switched. The first mode is the initial mode."""
 
     @property
     def joints(self) -> tuple[Mimic, ...]:
-        """Returns all joints of the model that it moves; the angle of the first one is the servo's angle."""
+        """Returns all joints of the model that the servo moves. The angle of the first joint is the angle of
+        the servo."""
         return self.mimics if self.joint is None else (Mimic(joint=self.joint), *self.mimics)
 
 

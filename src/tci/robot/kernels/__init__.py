@@ -1,1 +1,1 @@
-"""Compiled loops of kinematics and limbs."""
+"""Compiled loops for the kinematics of links and limbs."""

@@ -1,4 +1,4 @@
-"""Pose of a limb segment's frame S, for compiled loops."""
+"""Pose of the frame S of a limb segment, for compiled loops."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ Row = tuple[float, float, float, float]
 
 
 def limb_numbers(part: GenericPart, segment: Segment) -> Array:
-    """Returns a segment as numbers (15,): R_TM (9), origin in its link (3), length [m], side, index in
-    SEGMENTS."""
+    """Returns a segment as one array (15,), which compiled loops need. It contains R_TM (9 numbers), the
+    origin in the segment's link (3), the length [m], the side (+1 or -1), and the index in SEGMENTS."""
     assert part.side is not None  # as `Robot.limb_segment` says
     place = [segment.length, side_sign(part.side), SEGMENTS.index(segment.name)]
     return np.concatenate([part.R_TM.ravel(), segment.origin, place])
@@ -23,9 +23,11 @@ def limb_numbers(part: GenericPart, segment: Segment) -> Array:
 
 @inlined
 def limb_pose(T_TL: Array, T_TG: Array, limb: Array, posture: Array) -> tuple[Row, Row, Row]:
-    """Returns the rows of T_SL (3, 4), a link at `T_TL` (4, 4) in the frame S of `segment_pose`.
+    """Returns the rows of T_SL (3, 4), the pose of a link at `T_TL` (4, 4) in the segment's frame S. See
+    `segment_pose`.
 
-    `T_TG` (4, 4) is the pose of the segment's own link, `limb` (15,) its numbers, `posture` (4,) [rad].
+    `T_TG` (4, 4) is the pose of the link that carries the segment. `limb` (15,) is the result of
+    `limb_numbers`. `posture` (4,) [rad] are the first four generic angles of the arm.
     """
     side = limb[13]
     # R_MS of `segment_rotation`, axial=False, as products of rotations about y, x, z and y.
@@ -49,7 +51,7 @@ def _turned(x: Vector, y: Vector, c: float, s: float) -> tuple[Vector, Vector]:
 
 @inlined
 def _origin(T_TL: Array, T_TG: Array, limb: Array, k: int) -> float:
-    """Returns component k of the vector from the segment's origin to the link's."""
+    """Returns component `k` of the vector from the origin of the segment to the origin of the link."""
     p = T_TL[k, 3] - T_TG[k, 3]
     for axis in range(3):
         p -= T_TG[k, axis] * limb[9 + axis]
@@ -58,7 +60,7 @@ def _origin(T_TL: Array, T_TG: Array, limb: Array, k: int) -> float:
 
 @inlined
 def _row(T_TL: Array, limb: Array, axis: Vector, p: Vector) -> Row:
-    """Returns the row of T_SL for an axis of S, given in M."""
+    """Returns the row of T_SL for an axis of S. The axis is given in the mount frame M."""
     a = limb[0] * axis[0] + limb[1] * axis[1] + limb[2] * axis[2]
     b = limb[3] * axis[0] + limb[4] * axis[1] + limb[5] * axis[2]
     c = limb[6] * axis[0] + limb[7] * axis[1] + limb[8] * axis[2]

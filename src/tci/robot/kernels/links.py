@@ -10,16 +10,16 @@ from tci.compiled import compiled, inlined, reads, views, writes
 from tci.frames import Array
 
 BEFORE, SERVO, SLIDES = range(3)
-"""Columns of `steps`, see `tci.robot.kinematics`."""
+"""Columns of `steps`, which are explained in `tci.robot.kinematics`."""
 STEP, SIGN = range(2)
-"""Columns of a path: a step, and the sign of its servo in a Jacobian: 1, -1 or 0."""
+"""Columns of a path: index of the step, and the sign of its servo in a Jacobian (1, -1 or 0)."""
 
 
 @inlined
 def take_steps(
     position: Array, path: NDArray[np.int64], steps: NDArray[np.int64], sums: Array, work: Array
 ) -> None:
-    """Writes the pose after each step of a path into `work` (s, 3, 4), in the world frame."""
+    """Writes the pose in the world frame after each step of a path into `work` (s, 3, 4)."""
     for k in range(len(path)):
         s = path[k, STEP]
         before, servo = steps[s, BEFORE], steps[s, SERVO]
@@ -54,10 +54,11 @@ def link_poses(
     work: Array,
     poses: Array,
 ) -> None:
-    """Writes `T_TL` (l, 4, 4) of the links after the steps `ends` (l,), in the frame after step `torso`.
+    """Writes `T_TL` (l, 4, 4) of the links at the ends of the steps `ends` (l,). They are in the frame at the
+    end of the step `torso`.
 
-    `position` is (n_servos,) [rad]; `path` (k, 2) lists all required steps, parents first. For `steps` (s, 3)
-    and `sums` (s, 3, 3, 4) see `tci.robot.kinematics`; `work` (s, 3, 4) is work space.
+    `position` is (n_servos,) [rad]. `path` (k, 2) lists all required steps, parents first. `steps` (s, 3) and
+    `sums` (s, 3, 3, 4) are explained in `tci.robot.kinematics`. `work` (s, 3, 4) is work space.
     """
     take_steps(position, path, steps, sums, work)
     T_WT = work[torso]
@@ -90,10 +91,11 @@ def pose_and_jacobian(
     pose: Array,
     jacobian: Array,
 ) -> None:
-    """Writes `T_TP` (4, 4) of a `point` (3,) [m] of the link after step `ends[0]`, in the torso frame, which
-    is after step `ends[1]`. Adds the point's Jacobian (6, n_servos) relative to the torso to the output.
+    """Writes the pose of a point of a link, and adds the Jacobian of the point to `jacobian`.
 
-    `axes` (s, 2, 3) contains the axis of each step's joint and a point on the axis [m], in the frame before
+    The `point` (3,) [m] belongs to the link at the end of the step `ends[0]`. Its pose `T_TP` (4, 4) is given
+    in the torso frame, at the end of the step `ends[1]`. The Jacobian (6, n_servos) is relative to the torso.
+    `axes` (s, 2, 3) contains the axis of each step's joint and a point [m] on this axis, in the frame before
     the step. The other arguments are those of `link_poses`.
     """
     take_steps(position, path, steps, sums, work)
@@ -160,12 +162,13 @@ def retreats(
     first: Array,
     out: Array,
 ) -> None:
-    """Writes displacements [m] of points of links: (0, k, c) along their initial inward normals, (1, k, c)
-    across, in the world frame.
+    """Writes displacements [m] of points of links in the world frame into `out`: (0, k, c) along the initial
+    inward normals of the points, (1, k, c) perpendicular to these normals.
 
-    `way` (k + 1, n_servos) [rad] starts at the initial posture; `path`, `steps`, `sums` and `work` are as in
-    `link_poses`. Each point (c, 3) [m] with its outward normal (c, 3) belongs to the link `after` (c,) a
-    step; `first` (c, 3, 2) is work space for both.
+    `way` (k + 1, n_servos) [rad] contains the postures, and starts at the initial posture. `path`, `steps`,
+    `sums` and `work` are those of `link_poses`. Each of the `points` (c, 3) [m], with its outward normal (c,
+    3), belongs to the link at the end of the step `after` (c,). `first` (c, 3, 2) is work space for the
+    initial points and normals.
     """
     for k in range(len(way)):
         take_steps(way[k], path, steps, sums, work)

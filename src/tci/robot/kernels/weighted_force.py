@@ -1,4 +1,4 @@
-"""The weighted force of a contact (eq. 7), compiled."""
+"""The weighted force of a contact (eq. 7), in a compiled loop."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tci.robot.limb import RHO
 
 @inlined
 def limb_point(theta: float) -> tuple[float, float]:
-    """Returns y and z of a point of the generic limb, see `generic_limb_point`."""
+    """Returns y and z of a point of the generic limb; see `generic_limb_point`."""
     return RHO * np.sin(theta), RHO * np.cos(theta)
 
 
@@ -20,7 +20,7 @@ def limb_point(theta: float) -> tuple[float, float]:
 def mean_force(
     u: float, theta: float, taxel_u: Array, taxel_theta: Array, forces: Array, radius: float
 ) -> float:
-    """Returns F-bar [N] of eq. 7, see `tci.skin.contacts.weighted_force`."""
+    """Returns the weighted force F-bar [N] of eq. 7; see `tci.skin.contacts.weighted_force`."""
     total, weights = 0.0, 0.0
     y, z = limb_point(theta)
     for i in range(len(forces)):

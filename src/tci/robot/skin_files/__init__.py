@@ -1,2 +1,2 @@
-"""Readers of files with the positions of taxels. All of them return one type, `SkinLayout`
+"""Readers of files with the positions of taxels. All of them return the type `SkinLayout`
 (docs/skin-files.md)."""

@@ -1,4 +1,5 @@
-"""Measured properties of a robot's skin (rest, noise, response), in a file next to its description."""
+"""Measured properties of a robot's skin (rest, noise, response), in a file next to the robot's
+description."""
 
 from __future__ import annotations
 
@@ -17,17 +18,18 @@ class PatchCalibration(Description):
     rest: tuple[float, ...]
     """Raw value of each taxel without contact."""
     noise: tuple[float, ...]
-    """Standard deviation [counts] of each taxel at rest."""
+    """Standard deviation [counts] of each taxel at rest, without contact."""
     response: tuple[tuple[float, float], ...] = ()
-    """Points (counts away from rest, pressure [Pa]) rising from 0, 0; empty: the description's response."""
+    """Points (counts away from rest, pressure [Pa]) of the response, rising from (0, 0). If empty, the
+    response in the description is used."""
     gain: tuple[float, ...] = ()
-    """Factor of each taxel's pressure; empty: 1 for all."""
+    """Factor by which the pressure of each taxel is multiplied. If empty, all factors are 1."""
     report: dict[str, float | str]
-    """Quality of the calibration: loads, largest relative error, ..."""
+    """Quality of the calibration: the loads used, the largest relative error, and other results."""
 
     def check(self, taxels: int) -> None:
-        """Raises TciError for another number of taxels, a response that does not rise from 0, 0, or a gain
-        that is not above 0."""
+        """Raises TciError in three cases: the number of taxels differs from `taxels`, the response does not
+        rise from (0, 0), or a gain is not above 0."""
         if not len(self.rest) == len(self.noise) == taxels:
             raise TciError(f"a calibration of {len(self.rest)} taxels; valid: {taxels}, as in the patch")
         pairs = list(zip(self.response, self.response[1:], strict=False))
@@ -50,5 +52,5 @@ class SkinCalibration(Description):
 
 
 def calibration_path(description: Path) -> Path:
-    """Returns the path of a robot's calibration: next to its description."""
+    """Returns the path of the file with a robot's calibration, which is next to its description."""
     return description.with_suffix(SUFFIX)

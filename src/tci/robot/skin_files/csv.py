@@ -5,7 +5,8 @@ channel, x [mm], y [mm], z [mm], nx, ny, nz, module, kind, area [mm2]
 0,       12.0,   -3.5,   40.0,   1,  0,  0,  0,      taxel, 30
 ```
 
-Only x, y and z must be there, with their unit. Commas, semicolons or tabs separate; `#` begins a comment.
+Only the columns x, y and z are required, with their unit. Columns are separated by commas, semicolons or
+tabs. `#` begins a comment.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ _COUNT = re.compile(r"[0-9]{1,6}")
 
 @dataclass(frozen=True)
 class _Row:
-    """One line of the table, in metres."""
+    """One line of the table, with lengths in metres."""
 
     line: int
     channel: int
@@ -52,8 +53,9 @@ class _Row:
 def read_skin_csv(path: str | Path) -> SkinLayout:
     """Reads a table of taxels.
 
-    Channels are numbered by the column `channel`, or else by the rows; numbers that do not occur are absent
-    channels. A row without a normal gets an estimated one, a row without an area that of its hexagon. Raises
+    The column `channel` gives the channel number of each row. Without this column, rows are numbered in
+    order. Numbers that do not occur are absent channels. If a row has no normal, the normal is estimated. If
+    it has no area, the area is that of a hexagon computed from the distance to the nearest taxel. Raises
     DescriptionError with all faults, each with its line.
     """
     source = str(path)
@@ -85,7 +87,7 @@ def _all() -> str:
 
 
 def _header(cells: list[str], line: int, faults: Faults) -> dict[str, tuple[int, float]]:
-    """Returns the index and the factor to SI units of each column."""
+    """Returns, for each column, its index and the factor that converts its values to SI units."""
     columns: dict[str, tuple[int, float]] = {}
     for place, cell in enumerate(cells):
         found = _HEAD.fullmatch(cell.strip())

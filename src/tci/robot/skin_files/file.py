@@ -2,8 +2,8 @@
 
 A file has the keywords `name`, `spatial_sampling` and `taxel2Repr`, and then one row `x y z nx ny nz` [m] for
 each channel of the skin's port, in the order of the port. Tabs, spaces, blank lines and comments (`%`) may
-occur anywhere. The files of icub-main, robots-configuration and pyCub differ; docs/skin-files.md describes
-how each is read.
+occur anywhere. The files of icub-main, robots-configuration and pyCub differ; docs/skin-files.md explains the
+differences.
 """
 
 from __future__ import annotations
@@ -19,19 +19,24 @@ from tci.robot.skin_files.text import PER_MODULE, check_count, parse_lines, read
 from tci.robot.xml.document import Faults
 
 MODULE_PITCH = 6.534e-3
-"""Distance [m] of neighbouring taxels on a triangular module, from pyCub's positions of iCub's skin."""
+"""Distance [m] between neighbouring taxels on a triangular module, computed from pyCub's taxel positions of
+iCub's skin."""
 PADS_OF_MODULE = (6, 10)
-"""Indices within a module of the thermal pads, which are not taxels."""
+"""Indices of the thermal pads within a module. Thermal pads are not taxels."""
 PLACEHOLDER = (1.0, 0.0, 0.0)
-"""Normal in CAD exports that means that no normal was measured."""
+"""Normal that CAD exports write if no normal was measured."""
 
 
 def read_skin_file(path: str | Path) -> SkinLayout:
     """Reads a skin calibration file.
 
-    Raises DescriptionError with all faults, each with its line: values that are not numbers, not finite or
-    not in metres; rows without six (or three) numbers; missing rows; unknown keywords; and a file that is not
-    text or too large.
+    Raises DescriptionError with all faults, each with its line. These are the faults:
+
+    - values that are not numbers, not finite or not in metres
+    - rows that have neither six nor three numbers
+    - missing rows
+    - unknown keywords
+    - a file that is not text, or that is too large
     """
     source = str(path)
     faults = Faults(source)
@@ -68,10 +73,10 @@ def read_skin_file(path: str | Path) -> SkinLayout:
 
 
 def _pads(valid: NDArray[np.bool_], listed: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Returns the channels (n,) that are thermal pads.
+    """Returns an array (n,) that is True for channels that are thermal pads.
 
-    Newer files mark pads by -2. Older files have -1 for a row with a position, or no list at all; the pads
-    are then the two usual indices of each module with a position.
+    Newer files mark pads by -2. Older files mark them by -1 in a row that has a position, or have no list of
+    marks. If no pads are marked, the pads are the two usual indices of each module with a position.
     """
     pads = np.zeros(len(valid), dtype=bool)
     pads[: len(listed)] = (listed == -2) | ((listed == -1) & valid[: len(listed)])

@@ -1,7 +1,7 @@
 """The skin layout that every reader returns: the position of each channel of a patch and its properties.
 
-A patch has modules and a module has taxels. The rows here are the channels of a raw frame, so thermal pads,
-channels without a position and taxels all keep their number.
+A patch has modules and a module has taxels. The rows of a layout are the channels of a raw frame. So taxels,
+thermal pads and channels without a position all keep their channel numbers.
 """
 
 from __future__ import annotations
@@ -22,38 +22,44 @@ from tci.robot.skin_files.normals import DISAGREE, disagreement, estimate_normal
 class SkinLayout:
     """One patch of skin: n channels, in the frame of the file that was read.
 
-    The file does not name that frame. `moved` transforms the layout into the frame of a link.
+    Skin files do not say to which link their frame belongs. `moved` transforms the layout into the frame of a
+    link.
     """
 
     source: str
     """Path of the file that was read."""
     name: str
-    """Name of the skin in the file, for example `l_forearm`; empty if there is none."""
+    """Name of the skin in the file, such as `l_forearm`; empty if the file contains no name."""
     positions: Array
     """Positions (n, 3) [m]; zero if unknown."""
     normals: Array
-    """Outward unit normals (n, 3); zero without a position, or if none could be estimated."""
+    """Outward unit normals (n, 3); zero for a channel without a position, or if no normal could be
+    estimated."""
     estimated: NDArray[np.bool_]
-    """True for normals (n,) that were estimated, since the file lacks them, has a placeholder, or wrong
-    ones."""
+    """True for channels (n,) with an estimated normal. A normal is estimated if it is missing in the file, is
+    a placeholder, or is wrong."""
     areas: Array
-    """Area (n,) [m2] that each channel represents; zero without a position."""
+    """Area (n,) [m2] of skin that each channel measures; zero for a channel without a position."""
     valid: NDArray[np.bool_]
-    """True for channels (n,) that have a position. Thermal pads may be among them."""
+    """True for channels (n,) that have a position. Some of these channels may be thermal pads."""
     pads: NDArray[np.bool_]
     """True for channels (n,) that are thermal pads, which measure no pressure."""
     modules: NDArray[np.intp]
-    """Module (n,) of each channel; -1 for a channel that has no position and is not a pad."""
+    """Index (n,) of the module of each channel; -1 for a channel that has no position and is not a pad."""
     representative: NDArray[np.intp]
-    """Channel (n,) that represents each channel if a skin is read per triangle; -1 absent, -2 pad."""
+    """Index (n,) of the channel that represents each channel if a skin is read per triangle; -1 for an absent
+    channel, -2 for a pad."""
     listed_normals: Array
-    """Normals (n, 3) as in the file, not always of unit length: skinManager uses them unchanged."""
+    """Normals (n, 3) as written in the file. They may have any length. iCub's skinManager uses them
+    unchanged."""
     tangents: Array | None = None
-    """Unit x axes (n, 3) of three-axis taxels, perpendicular to the normals; None if the file has none."""
+    """Unit x axes (n, 3) of three-axis taxels, perpendicular to the normals; None if the file contains no x
+    axes."""
     sampling: Literal["taxel", "triangle"] = "taxel"
-    """Meaning of a position: that of one taxel, or one for all taxels with the same representative."""
+    """Meaning of a position. `taxel`: the position of one taxel. `triangle`: one position for all taxels with
+    one representative."""
     note: str = ""
-    """Contradiction in the file, and how it was resolved; empty for none."""
+    """Contradiction in the file, and the solution that the reader chose; empty if there is none."""
 
     @property
     def channels(self) -> int:
@@ -62,11 +68,12 @@ class SkinLayout:
 
     @property
     def taxels(self) -> NDArray[np.intp]:
-        """Channels that are taxels with a position: the valid ones without the pads."""
+        """Channels that are taxels with a position: all `valid` channels except pads."""
         return np.flatnonzero(self.valid & ~self.pads)
 
     def moved(self, T_LF: Array) -> SkinLayout:
-        """Returns this skin in the frame of the link L, from the pose `T_LF` (4, 4) of the file's frame F."""
+        """Returns this skin in the frame of the link L. `T_LF` (4, 4) is the pose of the file's frame F in
+        L."""
         rotation = T_LF[:3, :3]
         return replace(
             self,
@@ -94,11 +101,12 @@ def make_layout(
 ) -> SkinLayout:
     """Makes a layout from the data of a reader: n `positions` (n, 3) [m] and `normals` (n, 3) of any length.
 
-    Normals are scaled to unit length. Normals marked by `estimated` (n,), and those of zero length, are
-    estimated from neighbouring taxels. If the normals do not fit the positions, all are estimated, and `note`
-    reports this. A missing area is that of a hexagon computed from the distance to the nearest neighbour
-    (assumed: taxels on a triangular lattice). Without `modules` all channels are one module; without
-    `representative` each taxel represents itself. `tangents` (n, 3) are x axes of any length.
+    The layout contains normals of unit length. Normals marked by `estimated` (n,), and normals of zero
+    length, are estimated from neighbouring taxels. If the normals do not fit the positions, all normals are
+    estimated, and `note` reports this. If `areas` is None, each area is that of a hexagon computed from the
+    distance to the nearest neighbour (assumed: taxels are on a triangular lattice). If `modules` is None, all
+    channels are one module. If `representative` is None, each taxel represents itself. `tangents` (n, 3) are
+    the x axes of three-axis taxels; they may have any length.
     """
     n = len(positions)
     pads = np.zeros(n, dtype=bool) if pads is None else pads
@@ -146,8 +154,8 @@ def make_layout(
 
 
 def _across(tangents: Array, normals: Array) -> Array:
-    """Projects the directions perpendicular to the normals and scales them to unit length; zero if
-    impossible."""
+    """Projects `tangents` (n, 3) onto the planes perpendicular to the normals, and scales them to unit
+    length. The result is zero for a tangent parallel to its normal."""
     along = tangents - np.einsum("ni,ni->n", tangents, normals)[:, None] * normals
     lengths = np.linalg.norm(along, axis=1, keepdims=True)
     result: Array = np.divide(along, lengths, out=np.zeros_like(along), where=lengths > 1e-6)
@@ -155,8 +163,8 @@ def _across(tangents: Array, normals: Array) -> Array:
 
 
 def hexagons(positions: Array, taxels: NDArray[np.bool_]) -> Array:
-    """Returns the area (n,) [m2] of the hexagon around each of `taxels` (n,), from the distance to the
-    nearest other one."""
+    """Returns the area (n,) [m2] of the hexagon around each of `taxels` (n,), computed from the distance to
+    the nearest other taxel."""
     areas = np.zeros(len(positions))
     places = np.unique(positions[taxels], axis=0)
     if len(places) > 1:

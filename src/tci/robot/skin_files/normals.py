@@ -1,8 +1,9 @@
 """Outward normals of a skin, estimated from the positions of its taxels.
 
-Each normal is that of the plane through a taxel's neighbours. The signs of neighbouring normals are made
-consistent along a minimum spanning tree, whose edge weights depend on the angle between normals (Hoppe et al.
-1992, section 3.3). Finally all normals are directed outward, away from the centroid of the taxels.
+Each normal is perpendicular to the plane through a taxel's neighbours. The signs of neighbouring normals are
+made consistent along a minimum spanning tree. The weight of an edge of this tree depends on the angle between
+two normals (Hoppe et al. 1992, section 3.3). Finally all normals are directed outward, away from the centroid
+of the taxels.
 """
 
 from __future__ import annotations
@@ -14,24 +15,29 @@ from scipy.spatial import cKDTree
 from tci.frames import Array
 
 NEIGHBOURS = 10
-"""Number of points to which a plane is fitted, including the taxel itself. Assumed: a module has ten
-taxels."""
+"""Number of points to which a plane is fitted. The taxel itself is one of these points. Assumed: a module has
+ten taxels."""
 
 FLAT = 1e-3
-"""Distance [m] (RMS) from one plane below which a skin counts as flat. Assumed: files may round positions to
-a millimetre."""
+"""RMS distance [m] of the taxels from one plane below which a skin counts as flat. Assumed: files may round
+positions to a millimetre."""
 
 DISAGREE = np.radians(30.0)
-"""Median angle [rad] between listed normals and the planes through their neighbours above which the listed
-ones belong to another skin. Assumed: genuine skins stay below 15 degrees, wrong lists are at 50 and more."""
+"""Median angle [rad] between the normals in the file and the normals of the planes through neighbouring
+taxels. Above this angle, the normals in the file are wrong. Assumed: correct files have below 15 degrees,
+wrong files 50 degrees and more."""
 THIN = 0.35
-"""Largest ratio of a neighbourhood's thickness to its width for which its plane is used. Assumed: if taxels
-are far apart on a limb, their neighbours are all around the limb."""
+"""Largest ratio of thickness to width of a group of neighbouring taxels for which a plane through them is
+used. Assumed: if taxels are far apart on a limb, their neighbours are all around the limb."""
 
 
 def disagreement(positions: Array, normals: Array) -> float:
-    """Returns the median angle [rad] between `normals` (n, 3) and the planes through the neighbours of
-    `positions` (n, 3) [m]; 0 if fewer than `NEIGHBOURS` have a neighbourhood that is nearly flat."""
+    """Returns the median angle [rad] between `normals` (n, 3) and the normals of the planes through
+    neighbouring `positions` (n, 3) [m].
+
+    Only taxels with nearly flat neighbourhoods are used. If fewer than `NEIGHBOURS` taxels have a flat
+    neighbourhood, the result is 0.
+    """
     places, index = np.unique(positions, axis=0, return_index=True)
     if len(places) < NEIGHBOURS:
         return 0.0
@@ -47,10 +53,10 @@ def disagreement(positions: Array, normals: Array) -> float:
 def estimate_normals(positions: Array) -> Array:
     """Returns outward unit normals (n, 3) of taxels at `positions` (n, 3) [m], in the frame of the positions.
 
-    Repeated positions get the same normal. Fewer than three points, or points on one line, define no plane:
-    their normals are zero. A curved skin is turned away from its centroid. The inside of a flat skin is not
-    known from its positions; its normals point away from the origin of its frame, since the origin of a link
-    is inside the link.
+    Taxels at equal positions get equal normals. Fewer than three points, or points on one line, define no
+    plane: their normals are zero. On a curved skin, normals point away from the centroid of the skin. For a
+    flat skin, positions do not show which side is outside. Its normals point away from the origin of the
+    frame, because the origin of a link is inside the link.
     """
     places, index = np.unique(positions, axis=0, return_inverse=True)
     from_middle = places - places.mean(axis=0)

@@ -20,9 +20,9 @@ _BY_NAME: dict[str, Format] = {".csv": "csv", ".urdf": "urdf"}
 def read_layout(path: str | Path, *, form: Format | None = None, sensor: str | None = None) -> SkinLayout:
     """Reads a skin in the frame of its file.
 
-    Without `form`, the suffix .csv or .urdf decides; other files are calibration files. `sensor` is a name in
-    a URDF that has several tactile sensors. Raises DescriptionError with the faults of the file,
-    UnknownNameError for an unknown format.
+    If `form` is None, the suffix of the file name decides: .csv is a table, .urdf is a URDF, and other files
+    are skin calibration files. `sensor` is the name of a tactile sensor; it is needed if a URDF has several.
+    Raises DescriptionError if the file has faults, and UnknownNameError if the format is unknown.
     """
     form = form or _BY_NAME.get(Path(path).suffix.lower(), "icub")
     if form == "icub":

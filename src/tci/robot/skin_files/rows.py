@@ -1,5 +1,5 @@
-"""Files with only rows x y z nx ny nz [m]: row i is channel i, and a row of zeros is a channel without
-taxel."""
+"""Files that contain only rows x y z nx ny nz [m]. Row i is channel i, and a row of zeros is a channel
+without a taxel."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tci.robot.xml.document import Faults
 
 
 def read_skin_rows(path: str | Path) -> SkinLayout:
-    """Reads plain rows; commas or spaces separate, `#` or `%` begin a comment.
+    """Reads a file of plain rows. Numbers are separated by commas or spaces; `#` or `%` begins a comment.
 
     Raises DescriptionError with all faults, each with its line.
     """

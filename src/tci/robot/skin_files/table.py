@@ -1,4 +1,4 @@
-"""Patches whose taxels are in a file of any known format."""
+"""Patches with taxels from a file of any known format."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from tci.robot.skin_files.reader import read_layout
 def read_table(robot: Robot, patch: Patch, table: Table) -> SkinLayout:
     """Returns the skin of a patch, in the frame of the patch's link.
 
-    Warns of normals that do not fit the positions. Raises DescriptionError with the faults of the file, and
-    when its taxels have no normals or no area.
+    Warns if the normals in the file do not fit the positions. Raises DescriptionError if the file has faults,
+    or if its taxels have no normals or no area.
     """
     path = Path(robot.source).parent / table.file
     layout = read_layout(path, form=table.format, sensor=table.sensor)

@@ -1,4 +1,4 @@
-"""Lines of a skin calibration file: its keywords, its rows and its faults."""
+"""Lines of a skin calibration file: its keywords and rows, and the faults found in them."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ MAX_BYTES = 1 << 21
 MAX_ROWS = 16384
 """Largest number of rows that are read. The largest known file has 1344."""
 MAX_DISTANCE = 2.0
-"""Largest distance [m] of a taxel from the origin of its link. Assumed: no link of a humanoid is longer, so
-larger values are not in metres."""
+"""Largest distance [m] of a taxel from the origin of its link. Assumed: no link of a humanoid is longer than
+this, so larger values are not in metres."""
 PER_MODULE = 12
-"""Rows of a triangular module."""
+"""Number of rows in a file for one triangular module."""
 PER_PATCH = 192
-"""Rows of a full patch: 16 modules."""
+"""Number of rows in a file for a full patch: 16 modules."""
 _BINARY = re.compile(rb"[^\t\n\r\x20-\x7e]")
 _SAMPLINGS = ("taxel", "triangle")
 _COLUMNS = ("x", "y", "z", "nx", "ny", "nz")
@@ -29,7 +29,7 @@ _COLUMNS = ("x", "y", "z", "nx", "ny", "nz")
 
 @dataclass
 class SkinText:
-    """Content of a file's lines, before it is checked."""
+    """Content of the lines of a file, before it is checked."""
 
     name: str = ""
     sampling: str = "taxel"
@@ -38,7 +38,7 @@ class SkinText:
 
 
 def read_lines(path: Path) -> list[str]:
-    """Reads the lines of a text file. Raises DescriptionError for other files."""
+    """Returns the lines of a text file. Raises DescriptionError if the file is no text file or too large."""
     try:
         data = read_bytes(path, limit=MAX_BYTES)
     except DescriptionError as error:
@@ -100,7 +100,7 @@ def _representatives(words: list[str], number: int, faults: Faults) -> list[int]
 
 
 def parse_row(words: list[str], number: int, faults: Faults) -> list[float]:
-    """Returns the six numbers of a row; a row of three gets a zero normal."""
+    """Returns the six numbers of a row. If a row has only three numbers, its normal is zero."""
     if len(words) not in (3, 6):
         faults.add(number, f"a row of {len(words)} numbers; valid: six, x y z nx ny nz [m], or three, x y z")
         return [0.0] * 6
@@ -121,7 +121,8 @@ def parse_row(words: list[str], number: int, faults: Faults) -> list[float]:
 
 
 def check_count(text: SkinText, last: int, faults: Faults) -> None:
-    """Checks that no row is missing: ports have whole patches, and the list may give the number of rows."""
+    """Checks that no row is missing. The number of rows must fit whole modules or patches, or the length of
+    the file's list `taxel2Repr`."""
     n = len(text.rows)
     listed = text.representative
     named = max((value for value in listed or () if value >= 0), default=-1)

@@ -7,8 +7,9 @@
 </sensor>
 ```
 
-Instead of an array a list of `<taxel idx= xyz= rpy=>`. A z axis is a normal; rows go along x, columns
-along y. The format is documented at github.com/ubi-agni/tactile_toolbox (urdf_tactile).
+Instead of an array, a sensor may have a list of `<taxel idx= xyz= rpy=>`. The z axis of a taxel is its
+normal. In an array, the row number increases along x, and the column number along y. The format is documented
+at github.com/ubi-agni/tactile_toolbox (urdf_tactile).
 """
 
 from __future__ import annotations
@@ -35,23 +36,24 @@ _NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]{1,3})?")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TactileSensor:
-    """One tactile sensor of a URDF."""
+    """One tactile sensor of a URDF file."""
 
     name: str
     link: str
-    """Parent link of the sensor: the frame of the layout."""
+    """Parent link of the sensor. The layout is given in the frame of this link."""
     data: str
-    """Name of the data vector that its indices refer to (`channel`)."""
+    """Name of the data vector (`channel`) to which the indices of the taxels refer."""
     rate: float | None
-    """Frame rate [Hz]; None if the file gives none."""
+    """Frame rate [Hz]; None if the file does not give a rate."""
     layout: SkinLayout
-    """Taxels of the sensor. An index that no taxel has is an absent channel."""
+    """Taxels of the sensor. If no taxel has a certain index, this index is an absent channel."""
 
 
 def read_tactile_sensors(path: str | Path) -> tuple[TactileSensor, ...]:
-    """Reads all tactile sensors of a URDF; other sensors are ignored.
+    """Reads all tactile sensors of a URDF file, and ignores other sensors.
 
-    Raises DescriptionError with all faults, each with its line, and when there is no such sensor.
+    Raises DescriptionError with all faults, each with its line. Also raises it if the file has no tactile
+    sensor.
     """
     source = str(path)
     try:
@@ -75,9 +77,10 @@ def read_tactile_sensors(path: str | Path) -> tuple[TactileSensor, ...]:
 
 
 def read_skin_urdf(path: str | Path, *, sensor: str | None = None) -> SkinLayout:
-    """Reads the taxels of one tactile sensor of a URDF, in the frame of its parent link.
+    """Reads the taxels of one tactile sensor of a URDF file, in the frame of the sensor's parent link.
 
-    Without a name, the file's only sensor is read. Raises DescriptionError, also for an unknown name.
+    If `sensor` is None, the file must contain only one sensor. Raises DescriptionError if the file has
+    faults, or if it has no sensor with this name.
     """
     sensors = read_tactile_sensors(path)
     names = [one.name for one in sensors]
@@ -129,7 +132,7 @@ def _sensor(element: etree._Element, source: str, links: set[str], faults: Fault
 
 
 def _array(element: etree._Element, faults: Faults) -> tuple[Channels, Array, float] | None:
-    """Returns the indices (n,), poses (n, 4, 4) and area [m2] of a grid of equal taxels."""
+    """Returns the indices (n,), poses (n, 4, 4) and taxel area [m2] of a grid of equal taxels."""
     line = element.sourceline or 0
     counts = [_count(element, key, faults, least=1, most=1024) for key in ("rows", "cols")]
     size = _numbers(element, "size", 2, faults)
@@ -156,7 +159,7 @@ def _array(element: etree._Element, faults: Faults) -> tuple[Channels, Array, fl
 
 
 def _taxels(elements: list[etree._Element], faults: Faults) -> tuple[Channels, Array, None] | None:
-    """Returns the indices (n,) and poses (n, 4, 4) of single taxels."""
+    """Returns the indices (n,) and poses (n, 4, 4) of taxels that are listed one by one."""
     index, poses = [], []
     lines: dict[int, int] = {}
     for element in elements:
@@ -208,5 +211,5 @@ def _local(element: etree._Element) -> str:
 
 
 def _children(element: etree._Element, tag: str) -> list[etree._Element]:
-    """Returns the children of that name in any namespace: some files use one."""
+    """Returns the child elements named `tag` in any XML namespace, because some files use a namespace."""
     return [child for child in element if isinstance(child.tag, str) and _local(child) == tag]

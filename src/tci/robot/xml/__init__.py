@@ -1,4 +1,4 @@
-"""Robot descriptions in XML: the paper's Listing 2 and its extensions (docs/robot-description.md)."""
+"""Robot descriptions in XML: Listing 2 of the paper and its extensions (docs/robot-description.md)."""
 
 from tci.robot.xml.robot import read_robot, schema_path
 

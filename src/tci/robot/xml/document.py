@@ -1,7 +1,7 @@
-"""Safe reading of XML files, and the list of faults found in them.
+"""Safe reading of XML files, and the list of faults found in these files.
 
-A description is data: it has no DTD and no entities, loads nothing from elsewhere, and its size and depth are
-bounded. All faults of a file are collected, so that a user can correct them together.
+A description contains only data. It has no DTD and no entities, and loads nothing from other places. Its size
+and its depth are bounded. All faults of a file are collected, so that a user can correct all of them at once.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from lxml import etree
 from tci.errors import DescriptionError, Fault
 
 MAX_BYTES = 1 << 20
-"""Size [bytes] of the largest description that is read; a real one has some tens of kilobytes."""
+"""Size [bytes] of the largest description that is read. Real descriptions have some tens of kilobytes."""
 MAX_DEPTH = 64
-"""Deepest nesting of elements; the dialect itself needs 6."""
+"""Deepest nesting of elements that is read. Valid descriptions need a depth of only 6."""
 MAX_FAULTS = 500
-"""Largest number of faults that are listed; any further ones are only counted."""
+"""Largest number of faults that are listed. Further faults are only counted."""
 
 _DOCTYPE = re.compile(r"(?>\s|<\?.*?\?>|<!--.*?-->)*+<!DOCTYPE", re.DOTALL)
 _ENCODING = re.compile(r"""<\?xml[^>]*?encoding\s*=\s*["']([^"']*)["']""")
@@ -35,10 +35,10 @@ class Faults:
         self._found: dict[Fault, None] = {}
         self._more = 0
         self.angles = self.implausible = 0
-        """Number of angles that were read, and of those that are implausible in their unit."""
+        """Number of angles that were read, and number of these angles that are implausible in their unit."""
 
     def add(self, line: int, message: str) -> None:
-        """Records a fault on `line` (from 1; 0 if it belongs to no line)."""
+        """Records a fault on `line`. The first line is 1; 0 means that the fault belongs to no line."""
         if len(self._found) >= MAX_FAULTS:
             self._more += 1
         else:
@@ -48,7 +48,7 @@ class Faults:
         return bool(self._found)
 
     def check(self) -> None:
-        """Raises DescriptionError with all faults so far, by line, if there are any."""
+        """Raises DescriptionError with all faults found so far, sorted by line, if there are any."""
         if self._found:
             faults = sorted(self._found, key=lambda fault: fault.line)
             if self._more:
@@ -57,12 +57,13 @@ class Faults:
 
 
 def refuse(source: str, line: int, message: str) -> DescriptionError:
-    """Returns the error for a file that can't be read further because of this fault."""
+    """Returns the error for a file that can't be read further because of one fault."""
     return DescriptionError(source, [Fault(line, message)])
 
 
 def read_bytes(path: Path, *, limit: int = MAX_BYTES) -> bytes:
-    """Returns the bytes of a regular file of at most `limit` bytes. Raises DescriptionError."""
+    """Returns the bytes of a regular file. Raises DescriptionError if the file can't be read or has more than
+    `limit` bytes."""
     try:
         # Without O_NONBLOCK, opening a named pipe would block for ever.
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
@@ -85,8 +86,8 @@ def read_bytes(path: Path, *, limit: int = MAX_BYTES) -> bytes:
 def parse(data: bytes, source: str) -> etree._Element:
     """Returns the root element of an XML document in UTF-8.
 
-    Raises DescriptionError when it is not well-formed, has a DTD, another encoding, or elements nested more
-    than MAX_DEPTH deep.
+    Raises DescriptionError if the document is not well-formed, has a DTD or another encoding, or if its
+    elements are nested deeper than MAX_DEPTH.
     """
     text = _decode(data, source)
     if doctype := _DOCTYPE.match(text):
@@ -133,5 +134,5 @@ def _hint(reason: str) -> str:
 
 
 def shown(text: str) -> str:
-    """Returns `text` in the form for messages: one line, ASCII, shortened."""
+    """Returns `text` as messages show it: on one line, in ASCII, and shortened."""
     return ascii(text if len(text) <= 60 else text[:57] + "...")

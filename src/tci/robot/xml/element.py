@@ -1,4 +1,5 @@
-"""`Element`: the valid content of one XML element. The dialect (`grammar`) consists of these."""
+"""`Element`: the valid content of one XML element. The grammar of descriptions (`grammar`) consists of these
+objects."""
 
 from __future__ import annotations
 
@@ -12,16 +13,17 @@ from tci.robot.xml.values import Value
 
 @dataclass(frozen=True)
 class Element:
-    """Valid content of one element."""
+    """Valid content of one XML element."""
 
     about: str = ""
-    """Meaning, in Markdown. It describes an attribute only if the described type does not."""
+    """Meaning of the element, in Markdown. The docstrings of the described type explain the attributes. An
+    attribute without a docstring is explained here."""
     needs: Mapping[str, Value] = field(default_factory=dict)
     """Required attributes."""
     may: Mapping[str, Value] = field(default_factory=dict)
     """Optional attributes."""
     text: Value | None = None
-    """Value of its text; None if it has no text."""
+    """Value of the element's text; None if the element has no text."""
     must: Mapping[str, Element] = field(default_factory=dict)
     """Children that occur exactly once."""
     once: Mapping[str, Element] = field(default_factory=dict)
@@ -31,34 +33,35 @@ class Element:
     many: Mapping[str, Element] = field(default_factory=dict)
     """Children that occur any number of times."""
     describes: type[Description] | None = None
-    """Type of `tci.robot.description` that the element becomes."""
+    """Type in `tci.robot.description` to which the element is converted."""
     fields: Mapping[str, str | None] = field(default_factory=dict)
-    """Fields of that type by the name of the attribute or child, if the names differ; None: there is no
-    field."""
+    """Fields of the described type, by the name of the attribute or child. Only names that differ are listed;
+    None means that the type has no field for it."""
 
     @property
     def children(self) -> dict[str, Element]:
-        """Returns all possible children."""
+        """All children that the element may have."""
         return {**self.must, **self.once, **self.some, **self.many}
 
     @property
     def values(self) -> dict[str, Value]:
-        """Returns all attributes except `type`."""
+        """All attributes of the element except `type`."""
         return {**self.needs, **self.may}
 
     @property
     def angular(self) -> bool:
-        """Returns True if it contains an angle, so that `type` may set a unit that differs from that of the
-        root."""
+        """True if the element contains an angle. In this case its attribute `type` may give another unit than
+        the root."""
         return any(value.angular for value in [*self.values.values(), self.text] if value is not None)
 
     def field(self, name: str) -> str | None:
-        """Returns the field for an attribute, or for a child with a value; None if there is no field."""
+        """Returns the field for an attribute, or for a child with a value; None if the described type has no
+        field for it."""
         found = self.fields.get(name, name)
         return found if self.describes is not None and found in self.describes.model_fields else None
 
     def default(self, name: str) -> Any:
-        """Returns the default of an attribute, or of a child with a value."""
+        """Returns the default value of an attribute, or of a child with a value."""
         found = self.field(name)
         if self.describes is None or found is None or self.describes.model_fields[found].is_required():
             return None

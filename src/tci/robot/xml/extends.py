@@ -1,8 +1,9 @@
-"""Descriptions that extend another one: the file of a variant contains only additions and changes.
+"""Descriptions that extend another description: the file of a variant contains only additions and changes.
 
-If an element has the tag and the name (id, middleware, ...) of an element in the extended file, its
-attributes and children are added to that element or replace those of that element. With `removed="yes"` that
-element is removed. Other elements are added.
+An element of the variant belongs to an element of the extended file if both have one tag and one name (id,
+middleware, ...). Its attributes and children are then added to the element of the extended file, or replace
+attributes and children of that element. An element with `removed="yes"` removes the element of the extended
+file. Elements that belong to no element of the extended file are added.
 """
 
 from __future__ import annotations
@@ -17,16 +18,17 @@ from tci.robot.xml.grammar import ROOT
 
 ATTRIBUTE, REMOVED = "extends", "removed"
 KEYS = ("id", "destination_servo_id", "name", "middleware", "of", "joint", "frame", "prefix")
-"""Attributes that distinguish elements with one tag."""
+"""Attributes that distinguish elements with equal tags."""
 MOST = 4
-"""Largest number of files that extend each other. Assumed: a robot, its variant, and that of its owner."""
+"""Largest number of files that extend each other. Assumed: a robot, its variant, and the changes of its owner
+need at most this number."""
 
 
 def read_element(file: Path) -> tuple[etree._Element, bytes]:
-    """Returns the root element of a description, merged with the files that it extends, and the bytes of all
-    these files.
+    """Returns the root element of a description, merged with the files that the description extends, and the
+    bytes of all these files.
 
-    Raises DescriptionError for a file that can't be read or is not a description.
+    Raises DescriptionError if a file can't be read or is not a description.
     """
     found = [*_files(file)]
     root = found[-1][0]
@@ -37,7 +39,8 @@ def read_element(file: Path) -> tuple[etree._Element, bytes]:
 
 
 def _files(file: Path) -> Iterator[tuple[etree._Element, bytes, str]]:
-    """Yields root element, bytes and path of a description, of the one that it extends, and so on."""
+    """Yields root element, bytes and path of a description, then of the description that it extends, and so
+    on."""
     for _ in range(MOST):
         data = read_bytes(file)
         element = parse(data, str(file))
@@ -58,8 +61,8 @@ def _files(file: Path) -> Iterator[tuple[etree._Element, bytes, str]]:
 
 
 def _merge(base: etree._Element, other: etree._Element, source: str) -> None:
-    """Adds attributes and children of `other`, which is of the file `source`, to `base`. Raises
-    DescriptionError if it removes an element that does not exist."""
+    """Adds the attributes and children of `other` to `base`. `other` is an element of the file `source`.
+    Raises DescriptionError if `other` removes an element that `base` does not have."""
     base.attrib.update({name: value for name, value in other.attrib.items() if name != ATTRIBUTE})
     if other.text is not None and other.text.strip():
         base.text = other.text
@@ -80,6 +83,6 @@ def _merge(base: etree._Element, other: etree._Element, source: str) -> None:
 
 
 def _key(element: etree._Element) -> tuple[str | None, ...]:
-    """Returns tag and name of an element."""
+    """Returns the tag and the name of an element, by which it is identified."""
     name = next((element.get(key) for key in KEYS if element.get(key) is not None), None)
     return str(element.tag), name

@@ -1,7 +1,7 @@
-"""The XML dialect: its elements, their contents, and the valid values.
+"""The grammar of robot descriptions in XML: the elements, their contents, and the valid values.
 
-Each element names the type of `tci.robot.description` for its content. The names, defaults and texts of its
-attributes are taken from that type, so that reader, writer, schema and reference have one source.
+Each element names a type in `tci.robot.description` for its content. The names, defaults and explanations of
+its attributes are taken from this type. So reader, writer, schema and reference always agree.
 """
 
 from __future__ import annotations
@@ -50,14 +50,14 @@ from tci.robot.xml.values import (
 
 
 def _choice(described: type[Description], field: str) -> Choice:
-    """Returns the choice between the values of a field that is a Literal."""
+    """Returns the choice of valid values for a field that is a Literal."""
     return Choice(get_args(described.model_fields[field].annotation))
 
 
 UNIT = Choice(("deg", "rad"))
 NAME = Name()
 ADDRESS = Name(1000)
-"""A name in another system, or several names with spaces between them."""
+"""A name in another system, or several names separated by spaces."""
 ID = Integer(0, 9999)
 SHARE = Number(0.0, 1.0)
 LENGTH = Number(most=3.0, positive=True, unit="m")
@@ -350,5 +350,5 @@ GENERIC_ROBOT = Element(
 )  # fmt: skip
 
 MAX_MOUNT = math.radians(20.0)
-"""Largest rotation [rad] of a mount. Assumed: a mount is a small correction; other shoulders are
-retargeted."""
+"""Largest rotation [rad] of a mount. Assumed: a mount is only a small correction; if a shoulder differs by
+more, it is retargeted."""

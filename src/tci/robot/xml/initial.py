@@ -1,4 +1,5 @@
-"""Initial postures: the servo angles that the inverse transforms give, and the check against the limits."""
+"""Initial postures: the servo angles that the inverse transforms give, and the check that these angles are
+within limits."""
 
 from __future__ import annotations
 
@@ -16,14 +17,18 @@ from tci.robot.xml.transforms import separable
 from tci.robot.xml.values import in_unit
 
 _SLACK = 1e-9
-"""Rounding error [rad] that conversion between units may add to an angle."""
+"""Rounding error [rad] of an angle that was converted between units."""
 _SOLVED = 1e-6
-"""Largest error [rad] of the angles of a retargeted shoulder, which are computed numerically."""
+"""Largest error [rad] of the angles of a retargeted shoulder. These angles are computed numerically."""
 
 
 def initial_angles(parts: Sequence[GenericPart]) -> dict[int, float]:
-    """Returns the initial angle [rad] of every mapped servo by its index (inverse of the transforms), except
-    those of retargeted shoulders, which need the kinematic model, and of transforms with faults."""
+    """Returns the initial angle [rad] of every mapped servo, by the index of the servo (inverse of the
+    transforms).
+
+    The result contains no servos of retargeted shoulders, which need the kinematic model, and no servos of
+    transforms with faults.
+    """
     return {
         servo: angle
         for part in parts
@@ -39,8 +44,11 @@ def check_initial(
     servos: Servos,
     faults: Faults,
 ) -> None:
-    """Checks that a part's initial posture is within the limits of its servos. `nodes` are its generic servos
-    by id, `positions` the elements that give their initial positions."""
+    """Checks that the initial posture of a part is within the limits of its servos.
+
+    `nodes` are the generic servos of the part, by id. `positions` are the elements that give their initial
+    positions.
+    """
     initial = {joint.id: joint.initial for joint in generic}
     for transform in _transforms(generic):
         ids = transform.ids.tolist()
@@ -67,8 +75,8 @@ def check_initial(
 
 
 def check_retargeted(root: Node, robot: Robot, faults: Faults) -> None:
-    """Checks the initial posture of retargeted shoulders. Called after the model has been read. Raises the
-    errors of their transform."""
+    """Checks the initial posture of retargeted shoulders, after the model has been read. Raises the errors
+    that the transforms of the shoulders raise."""
     retargeted = {
         joint.servo: part.name
         for part in robot.parts
@@ -108,7 +116,7 @@ def _transforms(generic: Sequence[GenericServo]) -> list[Transform]:
 
 
 def _angles(transform: Transform, generic: Sequence[GenericServo]) -> dict[int, float]:
-    """Returns the angles [rad] of a transform's servos by their index."""
+    """Returns the angles [rad] of the servos of a transform, by the index of the servo."""
     initial = {joint.id: joint.initial for joint in generic}
     angles = np.array([initial[id] for id in transform.ids.tolist()])
     found = transform.robot(angles, np.zeros(len(angles)))

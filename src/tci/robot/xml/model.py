@@ -1,4 +1,5 @@
-"""`model`: the path of the kinematic model, and the check of the links and joints that a file names."""
+"""The element `model`: reads the path of the kinematic model, and checks the links and joints that a
+description names."""
 
 from __future__ import annotations
 
@@ -17,30 +18,33 @@ from tci.robot.xml.document import Faults, parse, read_bytes
 from tci.robot.xml.node import Node, nearest
 
 MAX_MODEL_BYTES = 16 << 20
-"""Size [bytes] of the largest model file whose names are checked."""
+"""Size [bytes] of the largest model file in which the names of links and joints are checked."""
 
 _OPAQUE = ("include", "attach", "replicate")
-"""Elements of MJCF that add names from outside the file."""
+"""Elements of MJCF that add names which are not in the file itself. The names of a model with these elements
+are not checked."""
 
 _ONE_AXIS = ("revolute", "continuous", "prismatic", "hinge", "slide")
-"""Types of joints, in URDF and MJCF, that a servo can be."""
+"""Types of joints in URDF and MJCF that a servo can move."""
 
 
 @dataclass(frozen=True)
 class ModelNames:
-    """Names of links and joints that a description may use."""
+    """Names of links and joints that a description may use, because the model contains them."""
 
     links: frozenset[str]
     joints: frozenset[str]
 
     def with_prefixed(self, prefix: str, other: ModelNames) -> ModelNames:
-        """Returns these names and those of an attached model."""
+        """Returns the names of this model, and the names of an attached model with `prefix` before each of
+        them."""
         links, joints = ({prefix + name for name in names} for names in (other.links, other.joints))
         return ModelNames(self.links | links, self.joints | joints)
 
 
 def read_model(root: Node, source: Path, faults: Faults) -> tuple[Model | None, str | None]:
-    """Returns the model of the file `source`, and the package that it needs if that is missing."""
+    """Returns the model that the description `source` names. The second result is the package that contains
+    the model, if this package is not installed; else None."""
     node = root.first("model")
     if node is None or not node.ok:
         return None, None
@@ -78,7 +82,8 @@ def read_model(root: Node, source: Path, faults: Faults) -> tuple[Model | None, 
 
 
 def _meshes(node: Node, source: Path, faults: Faults) -> str | None:
-    """Returns the folder of meshes that `node` names, in the folder of the description `source` or below."""
+    """Returns the folder of meshes that `node` names. The folder must be the folder of the description
+    `source` or a folder below it."""
     meshes: str | None = node.get("meshes")
     if meshes is None or meshes == NO_MESHES:
         return meshes
@@ -91,8 +96,8 @@ def _meshes(node: Node, source: Path, faults: Faults) -> str | None:
 
 
 def beside(node: Node, source: Path, what: str, faults: Faults) -> Path | None:
-    """Returns the file that `node` names, which must be in the folder of the description `source` or below,
-    links followed."""
+    """Returns the file that `node` names. The file must be in the folder of the description `source` or below
+    it, also after symbolic links are resolved."""
     file = node.get("file")
     if file is None:
         return None
@@ -113,9 +118,10 @@ def beside(node: Node, source: Path, what: str, faults: Faults) -> Path | None:
 
 
 def packaged(package: str, file: str) -> Path | None:
-    """Returns a file of an installed package, by the end of its path; None if there is none.
+    """Returns the file of an installed package with a path that ends in `file`; None if there is no such
+    file.
 
-    Raises PackageNotFoundError.
+    Raises PackageNotFoundError if the package is not installed.
     """
     steps = tuple(file.split("/"))
     installed = distribution(package)
@@ -156,7 +162,7 @@ def _attribute(elements: Iterable[etree._Element]) -> list[str]:
 
 
 def _check_names(root: Node, names: ModelNames, faults: Faults) -> None:
-    """Checks that every link, joint and frame that the description names is in the model."""
+    """Checks that the model contains every link, joint and frame that the description names."""
 
     def check(node: Node | None, attribute: str, valid: frozenset[str], what: str) -> None:
         name = None if node is None else node.get(attribute)

@@ -1,4 +1,4 @@
-"""XML elements with converted values. This module checks elements against the grammar."""
+"""XML elements with converted values. This module checks the elements against the grammar."""
 
 from __future__ import annotations
 
@@ -15,40 +15,42 @@ from tci.robot.xml.grammar import UNIT
 from tci.robot.xml.values import ImplausibleError, InvalidValueError, Unit, Value
 
 _XSI = "{http://www.w3.org/2001/XMLSchema-instance}"
-"""Namespace of the attributes by which an editor finds the schema."""
+"""XML namespace of the attributes with which a file names its schema for editors."""
 _SPACE = " \t\r\n"
-"""White space of XML: pretty-printing adds it around the text of an element."""
+"""White space of XML. Programs that format XML add white space around the text of an element."""
 
 
 @dataclass
 class Node:
-    """One element. An invalid value or child is left out and recorded as a fault."""
+    """One element with its values. An invalid value or child is left out and recorded as a fault."""
 
     tag: str
     line: int
     unit: Unit
     values: dict[str, Any] = field(default_factory=dict)
-    """Values of the attributes by name, in SI units and radians."""
+    """Values of the attributes, by the name of the attribute, in SI units and radians."""
     text: Any = None
     """Value of the element's text."""
     fields: dict[str, Any] = field(default_factory=dict)
-    """Values of attributes and of children that are fields of the described type, by field."""
+    """Values of those attributes and children that are fields of the described type, by the name of the
+    field."""
     children: dict[str, list[Node]] = field(default_factory=dict)
     misspelt: bool = False
-    """True if an attribute or a child here is unknown, so that one that is missing may be that one."""
+    """True if the element has an unknown attribute or child. If an attribute or child is missing, its name
+    may then be misspelt."""
     ok: bool = True
     """True if this element and all its descendants satisfy the grammar."""
 
     def all(self, tag: str) -> list[Node]:
-        """Returns its children of that name, in the order of the file."""
+        """Returns the children with the name `tag`, in the order of the file."""
         return self.children.get(tag, [])
 
     def first(self, tag: str) -> Node | None:
-        """Returns its only child of that name."""
+        """Returns the only child with the name `tag`; None if there is none."""
         return next(iter(self.all(tag)), None)
 
     def value(self, tag: str, default: Any = None) -> Any:
-        """Returns the text value of its only child of that name."""
+        """Returns the text value of the only child with the name `tag`."""
         child = self.first(tag)
         return default if child is None or child.text is None else child.text
 
@@ -58,7 +60,8 @@ class Node:
 
 
 def read_node(element: etree._Element, grammar: Element, unit: Unit, faults: Faults) -> Node:
-    """Reads `element` and its descendants according to `grammar`; angles without `type` are in `unit`."""
+    """Reads `element` and its descendants according to `grammar`. Angles of elements without `type` are in
+    `unit`."""
     reader = _Reader(element, faults)
     node = Node(str(element.tag), element.sourceline or 0, reader.unit(grammar, unit))
     reader.attributes(node, grammar)
@@ -75,20 +78,20 @@ def read_node(element: etree._Element, grammar: Element, unit: Unit, faults: Fau
 
 
 def listed(names: Iterable[str], *, most: int = 40) -> str:
-    """Returns valid names as messages list them."""
+    """Returns a list of valid names as messages show it."""
     names = list(names)
     more = f", and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more or "(none)"
 
 
 def nearest(name: str, valid: Iterable[str]) -> str:
-    """Returns ` (did you mean ...?); valid: ...`, for a name that does not exist."""
+    """Returns the end of a message about a name that does not exist: ` (did you mean ...?); valid: ...`."""
     valid = list(valid)
     return f"{meant(name, valid)}; valid: {listed(valid)}"
 
 
 class _Reader:
-    """Reads one element, and records if it has a fault."""
+    """Reads one element. Remembers if the element has a fault."""
 
     def __init__(self, element: etree._Element, faults: Faults) -> None:
         self.element = element
@@ -100,7 +103,7 @@ class _Reader:
         self.faults.add(self.element.sourceline or 0 if line is None else line, message)
 
     def value(self, value: Value, text: str, what: str, unit: Unit) -> Any:
-        """Returns the value of `text`, or None after recording a fault."""
+        """Returns the value of `text`. If `text` is invalid, records a fault and returns None."""
         self.faults.angles += value.angular
         try:
             return value.read(text, unit)

@@ -1,4 +1,5 @@
-"""`generic_robot_part`: eqs 1-2 of the paper, with the segments and the mount of a limb."""
+"""Reader of the element `generic_robot_part` (eqs 1-2 of the paper), with the segments and the mount of a
+limb."""
 
 from __future__ import annotations
 
@@ -27,11 +28,11 @@ from tci.robot.xml.transforms import check_coupled, check_retarget, check_synerg
 from tci.robot.xml.values import in_unit
 
 NAMES = {"arm": JOINTS, "fingers": generic_fingers.JOINTS}
-"""Generic joints of those kinds of parts that must have all of them."""
+"""Names of all generic joints, for the kinds of parts that must have all of these joints."""
 PIECES = {"arm": SEGMENTS, "fingers": (*generic_fingers.FINGERS, generic_fingers.PALM)}
-"""Segments that parts of these kinds may have."""
+"""Names of the segments that parts of these kinds may have."""
 _SLACK = 1e-9
-"""Rounding error [rad] that conversion between units may add to an angle."""
+"""Rounding error [rad] of an angle that was converted between units."""
 
 
 def read_parts(root: Node, servos: Servos, faults: Faults) -> tuple[GenericPart, ...]:
@@ -71,7 +72,7 @@ def _part(node: Node, servos: Servos, faults: Faults) -> GenericPart:
 
 
 def _by_id(node: Node, name: str, faults: Faults) -> dict[int, Node]:
-    """Returns the generic servos by id, if the ids are 0, 1, ... without a gap."""
+    """Returns the generic servos by id. The ids must be 0, 1, ... without a gap."""
     nodes = once_only(node.all("generic_servo"), "id", f"generic_servo of {name!r} with", faults)
     count = node.value("generic_servo_number")
     total = len(node.all("generic_servo"))
@@ -90,7 +91,8 @@ def _by_id(node: Node, name: str, faults: Faults) -> dict[int, Node]:
 
 
 def _names(node: Node, name: str, kind: str, nodes: Mapping[int, Node], faults: Faults) -> dict[int, str]:
-    """Returns the name of each generic servo; those of arms and fingers have a fixed order."""
+    """Returns the name of each generic servo. The generic servos of arms and fingers have fixed names in a
+    fixed order."""
     once_only(
         [child for child in nodes.values() if "name" in child.values],
         "name",
@@ -117,8 +119,8 @@ def _names(node: Node, name: str, kind: str, nodes: Mapping[int, Node], faults: 
 
 
 def _initial_positions(node: Node, nodes: Mapping[int, Node], faults: Faults) -> dict[int, Node]:
-    """Returns the `servo` elements of `initial_positions` by generic id, which is their number in the
-    paper."""
+    """Returns the `servo` elements of `initial_positions` by generic id. In the paper, their number is the
+    generic id."""
     group = node.first("initial_positions")
     if group is None:
         return {}
@@ -223,7 +225,8 @@ def _segments(node: Node, kind: str, faults: Faults) -> tuple[Segment, ...]:
 def _actuators(
     node: Node, kind: str, segments: tuple[Segment, ...], faults: Faults
 ) -> tuple[CartesianActuator, ...]:
-    """Returns the Cartesian actuators of a part: those of the file, and the usual ones of an arm."""
+    """Returns the Cartesian actuators of a part: the actuators in the file, and for an arm also the usual
+    actuators."""
     name = node.get("name", "?")
     nodes = once_only(node.all("cartesian_actuator"), "name", f"cartesian_actuator of {name!r} with", faults)
     pieces = [segment.name for segment in segments] if kind == "arm" else []

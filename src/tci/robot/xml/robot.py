@@ -1,4 +1,4 @@
-"""Reader of robot descriptions in XML: the paper's Listing 2 and its extensions
+"""Reader of robot descriptions in XML: Listing 2 of the paper and its extensions
 (docs/robot-description.md)."""
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from tci.robot.xml.servos import Servos, once_only, read_couplings, read_servos
 from tci.robot.xml.skin import read_skin
 
 SHARE = 0.25
-"""Fraction of a file's angles from which implausible ones are the fault of its unit. Assumed: some angles are
-small in any unit."""
+"""If more than this fraction of the angles in a file is implausible, the unit of the file is wrong. Assumed:
+some angles are small in any unit, so they are plausible in a wrong unit too."""
 
 
 def read_robot(path: str | os.PathLike[str]) -> Robot:
-    """Reads the robot that the file at `path` describes, in SI units and radians.
+    """Reads the description of a robot from the file at `path`, and converts it to SI units and radians.
 
-    Raises DescriptionError with all faults of the file, each with its line and the valid values, or if a
-    retargeted shoulder does not fit the kinematic model. Raises MissingExtraError if the file is valid but
-    the model is in a package that is not installed.
+    - Raises DescriptionError with all faults of the file, each with its line and the valid values.
+    - Raises DescriptionError if a retargeted shoulder does not fit the kinematic model.
+    - Raises MissingExtraError if the file is valid, but the model is in a package that is not installed.
     """
     file = Path(path)
     element, data = read_element(file)
@@ -68,9 +68,10 @@ def read_robot(path: str | os.PathLike[str]) -> Robot:
 
 
 def _read_root(element: etree._Element, source: str) -> tuple[Node, Faults]:
-    """Returns the root with the faults of the whole tree; a wrong unit is one fault.
+    """Returns the root and the faults of the whole tree. If the unit is wrong, all implausible angles
+    together are reported as one fault.
 
-    Without a unit the file is refused; its angles are still checked, as if in degrees.
+    If the file gives no unit, it is refused. Its angles are still checked, as if they were in degrees.
     """
     unit = element.get("angle_unit")
     faults, others = Faults(source), Faults(source)
@@ -85,17 +86,17 @@ def _read_root(element: etree._Element, source: str) -> tuple[Node, Faults]:
 
 
 VALUES, TAXELS = 12, 10
-"""Number of values and of taxels of a module of skin."""
+"""Number of values per module of skin, and number of taxels among these values."""
 
 
 def schema_path() -> Path:
-    """Returns the path of the dialect's XSD schema, for editors. `read_robot` checks more than a schema can
-    express."""
+    """Returns the path of the XSD schema of descriptions, for editors. `read_robot` checks more than this
+    schema can express."""
     return Path(__file__).with_name("robot.xsd")
 
 
 def _bindings(root: Node, servos: Servos, patches: Sequence[Patch], faults: Faults) -> tuple[Binding, ...]:
-    """Reads the bindings; what belongs to a patch with faults is not checked."""
+    """Reads the bindings. Addresses of patches with faults are not checked."""
     skin = root.first("skin")
     names = [patch.get("name") for patch in skin.all("patch")] if skin is not None else []
     known = {name for servo in servos.all for name in (servo.name, servo.robot_part)}

@@ -1,6 +1,8 @@
-"""Makes `robot.xsd` for editors, and the table of elements in docs/robot-description.md, from the grammar.
+"""Makes two files from the grammar: `robot.xsd` for editors, and the table of elements in
+docs/robot-description.md.
 
-`python -m tci.robot.xml.schema PATH` writes the schema if the path ends in .xsd, the table if it ends in .md.
+`python -m tci.robot.xml.schema PATH` writes the schema if PATH ends in .xsd, and the table if PATH ends in
+.md.
 """
 
 from __future__ import annotations
@@ -45,7 +47,7 @@ _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 
 
 def schema_text() -> str:
-    """Returns the dialect as an XML schema (XSD 1.0)."""
+    """Returns the grammar of descriptions as an XML schema (XSD 1.0)."""
     types: dict[Value, str] = {}
     root = _element(ROOT, GENERIC_ROBOT, types)
     simple = [_XS.simpleType(_restriction(value), name=name) for value, name in types.items()]
@@ -118,13 +120,13 @@ def _element(tag: str, element: Element, types: dict[Value, str]) -> etree._Elem
 
 
 def _note(text: str) -> list[etree._Element]:
-    """Returns the annotation that editors show: `text` without its Markdown."""
+    """Returns the annotation that editors show for an element: `text` without its Markdown."""
     plain = re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", " ".join(text.split())).replace("`", "")
     return [_XS.annotation(_XS.documentation(plain))] if plain else []
 
 
 def _type(value: Value, types: dict[Value, str]) -> str:
-    """Returns the name of the simple type of a value, and adds the type to `types`."""
+    """Returns the name of the simple type for a value, and adds this type to `types`."""
     kind = type(value).__name__.lower()
     return types.setdefault(value, f"{kind}{len(types)}")
 

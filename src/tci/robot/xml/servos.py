@@ -1,4 +1,4 @@
-"""`robot_part`, `servo` and `coupling`: the robot's own joints."""
+"""Reader of the elements `robot_part`, `servo` and `coupling`: the robot's own joints."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from tci.robot.xml.node import Node, listed, nearest
 from tci.robot.xml.values import in_unit
 
 Key = tuple[str, int]
-"""Robot part and id that identify a servo in a file."""
+"""Robot part and id, which together identify a servo in a file."""
 
 _RADIANS_LIKE = math.radians(2.0 * math.pi)
-"""2 pi degrees, in radians: if all limits given in degrees are smaller, they were written in radians."""
+"""2 pi degrees, in radians. If all limits in a file with degrees are smaller than this, the limits were
+probably written in radians."""
 
 
 class Servos:
@@ -25,12 +26,13 @@ class Servos:
 
     def __init__(self, declared: bool) -> None:
         self.declared = declared
-        """False for a file without `robot_part`: its servos are those that its generic parts mention."""
+        """True if the file declares its servos in elements `robot_part`. If False, its servos are those that
+        its generic parts mention."""
         self.all: list[Servo] = []
         self.line: dict[int, int] = {}
         """Line number of each servo, by its index."""
         self.unknown: set[str] = set()
-        """Robot parts with a servo whose id can't be read."""
+        """Robot parts that have a servo with an unreadable id."""
         self._index: dict[Key, int] = {}
 
     def add(self, line: int, robot_part: str, id: int, **fields: Any) -> None:
@@ -46,9 +48,11 @@ class Servos:
         return tuple(dict.fromkeys(part for part, _ in self._index))
 
     def find(self, robot_part: str, id: int, line: int, faults: Faults) -> Servo | None:
-        """Returns the servo of that part and id; None and a fault on `line` if there is none.
+        """Returns the servo with the number `id` in the robot part. If there is none, returns None and
+        records a fault on `line`.
 
-        It is no fault if it may be a servo whose id can't be read.
+        If the robot part has a servo with an unreadable id, this servo may be the requested servo. In this
+        case, no fault is recorded.
         """
         if (robot_part, id) in self._index:
             return self.all[self._index[robot_part, id]]
@@ -63,12 +67,12 @@ class Servos:
 
 
 NAMELESS = "?"
-"""Name of an element whose name can't be read."""
+"""Name in messages for an element with an unreadable name."""
 
 
 def once_only(nodes: Iterable[Node], key: str, what: str, faults: Faults) -> list[Node]:
-    """Returns the nodes without those that repeat an earlier node's attribute `key`; each of those is a
-    fault."""
+    """Returns `nodes` without those that have the attribute `key` of an earlier node. Each node that is left
+    out is a fault."""
     first: dict[Any, Node] = {}
     kept = []
     for node in nodes:
@@ -82,7 +86,7 @@ def once_only(nodes: Iterable[Node], key: str, what: str, faults: Faults) -> lis
 
 
 def read_servos(root: Node, faults: Faults) -> Servos:
-    """Reads all servos of a file. The servos of one robot part are in the order of their ids."""
+    """Reads all servos of a file. The servos of one robot part are sorted by id."""
     servos = Servos(declared=bool(root.all("robot_part")))
     if not servos.declared:
         _mentioned(root, servos)
@@ -113,7 +117,8 @@ def read_servos(root: Node, faults: Faults) -> Servos:
 def read_couplings(
     root: Node, servos: Servos, initial: Mapping[int, float], faults: Faults
 ) -> tuple[Coupling, ...]:
-    """Reads the couplings of a file. `initial` is the initial angle [rad] of servos by index, if known."""
+    """Reads the couplings of a file. `initial` contains the initial angles [rad] of servos by index, if they
+    are known."""
     couplings = []
     for node in once_only(root.all("coupling"), "name", "coupling with", faults):
         name = node.get("name", "?")
@@ -135,8 +140,8 @@ def read_couplings(
 
 
 def _mentioned(root: Node, servos: Servos) -> None:
-    """Adds servos without limits, for a file like Listing 2: the servos to which its generic parts are
-    mapped."""
+    """Adds the servos to which the generic parts are mapped, without limits. Used for files without
+    `robot_part`, as in Listing 2."""
     mentioned: dict[Key, int] = {}
     for part in root.all("generic_robot_part"):
         for node in part.all("generic_servo"):
@@ -163,7 +168,7 @@ def _limits(node: Node, faults: Faults) -> Limits:
 
 
 def check_range(node: Node, what: str, faults: Faults) -> bool:
-    """Returns True if the node's angles min and max are in order. They are never swapped."""
+    """Returns True if the angle min of the node is below the angle max. They are never swapped."""
     lower, upper = node.get("min"), node.get("max")
     if lower < upper:
         return True
@@ -173,8 +178,8 @@ def check_range(node: Node, what: str, faults: Faults) -> bool:
 
 
 def _check_unit(root: Node, servos: Servos, faults: Faults) -> None:
-    """Reports limits in radians in a file with angle_unit="deg", with which a robot could move only by a few
-    degrees."""
+    """Reports limits in a file with angle_unit="deg" that are probably in radians. With these limits, a robot
+    could move only by a few degrees."""
     ranges = [
         (node.first("position"), servos.line) for part in root.all("robot_part") for node in part.all("servo")
     ]
@@ -220,8 +225,10 @@ def _check_coupling(
 def check_initial_sum(
     node: Node, coupling: Coupling, initial: Mapping[int, float], slack: float, faults: Faults
 ) -> None:
-    """Checks that a coupling holds in the `initial` posture [rad], by servo, with a tolerance of `slack`
-    [rad]."""
+    """Checks that a coupling is satisfied in the initial posture.
+
+    `initial` contains the initial angles [rad] by servo index. The tolerance of the check is `slack` [rad].
+    """
     total = sum(c * initial[index] for index, c in zip(coupling.servos, coupling.coefficients, strict=True))
     if not coupling.lower - slack <= total <= coupling.upper + slack:
         faults.add(

@@ -1,4 +1,5 @@
-"""`skin`: patches, their sensors, and the three ways to give the positions of taxels (eqs 3-4)."""
+"""Reader of the element `skin`: patches, their sensors, and the ways to give the positions of taxels (eqs
+3-4)."""
 
 from __future__ import annotations
 
@@ -55,7 +56,8 @@ def _sensor(patch: Node, faults: Faults) -> Sensor | None:
 
 
 def _only_one(patch: Node, ways: Iterable[str], what: str, faults: Faults) -> Node | None:
-    """Returns the only child of a patch that is one of `ways`."""
+    """Returns the only child of a patch with a tag in `ways`. Records a fault if there is none, or more than
+    one."""
     found = [tag for tag in ways if patch.all(tag)]
     if len(found) == 1:
         return patch.all(found[0])[0]
@@ -89,7 +91,8 @@ def _axes(sensor: Node, faults: Faults) -> Literal[1, 3]:
 
 
 def _response(sensor: Node, faults: Faults) -> tuple[tuple[float, float], ...]:
-    """Returns the points of a response curve: counts away from rest, and pressure [Pa]."""
+    """Returns the points of a response curve. Each point has two values: counts away from rest, and pressure
+    [Pa]."""
     node = sensor.first("response")
     if node is None:
         return ()
@@ -102,7 +105,8 @@ def _response(sensor: Node, faults: Faults) -> tuple[tuple[float, float], ...]:
 
 
 def _places(patch: Node) -> int | None:
-    """Returns the number of channels of the skin: values of a frame divided by the axes of the sensor."""
+    """Returns the number of channels of the skin: the number of values in a frame, divided by the axes of the
+    sensor."""
     channels, sensor = patch.get("channels"), patch.first("sensor")
     axes = 1 if sensor is None else sensor.get("axes", 1)
     return None if channels is None or axes is None else channels // axes

@@ -1,4 +1,5 @@
-"""Transforms of generic servos other than linear: tables, couplings, retargeted shoulders."""
+"""Reader and checks of transforms of generic servos that are not linear: tables, couplings, retargeted
+shoulders."""
 
 from __future__ import annotations
 
@@ -12,18 +13,18 @@ from tci.robot.xml.node import Node, listed
 from tci.robot.xml.servos import Servos
 
 STEEPEST = 1e3
-"""Largest slope between neighbouring points of a table; the least slope is its inverse. Assumed: the bounds
-of gamma (`values.Factor`)."""
+"""Largest slope between neighbouring points of a table. The least slope is 1 / STEEPEST. Assumed: the bounds
+of gamma (`values.Factor`) also apply to tables."""
 WORST = 1e4
-"""Largest condition number of a coupling's matrix. Assumed: rounding errors then stay far below the sensors'
-resolution."""
+"""Largest condition number of the matrix of a coupling. Assumed: with this number, rounding errors stay far
+below the resolution of the sensors."""
 SHOULDER = (0, 1, 2)
 """Generic ids of the arm joints that are retargeted together."""
 
 
 def read_table(node: Node, kind: str, faults: Faults) -> tuple[tuple[float, float], ...]:
-    """Reads pairs (robot's angle, generic angle) [rad] of a generic servo, in the order of the robot's
-    angle."""
+    """Reads the table of a generic servo: pairs (robot's angle, generic angle) [rad], in rising order of the
+    robot's angle."""
     table = node.first("transform_table")
     if kind != "table":
         if table is not None:
@@ -55,7 +56,8 @@ def read_table(node: Node, kind: str, faults: Faults) -> tuple[tuple[float, floa
 
 
 def read_terms(part: Node, node: Node, kind: str, servos: Servos, faults: Faults) -> tuple[Term, ...]:
-    """Reads the servos whose linear combination is a coupled or synergic generic servo."""
+    """Reads the servos that move a coupled or synergic generic servo, with the factors of their linear
+    combination."""
     children = node.all("coupled_term")
     if kind not in ("coupled", "synergy"):
         if children:
@@ -82,8 +84,8 @@ def read_terms(part: Node, node: Node, kind: str, servos: Servos, faults: Faults
 
 
 def check_coupled(node: Node, generic: Sequence[GenericServo], faults: Faults) -> None:
-    """Checks that a part's coupled joints combine their own servos only, and that their matrix is
-    invertible."""
+    """Checks that the coupled joints of a part combine only the servos of these joints, and that their matrix
+    is invertible."""
     coupled = [joint for joint in generic if joint.transform == "coupled" and joint.servo is not None]
     own = [joint.servo for joint in coupled]
     for joint in coupled:
@@ -100,8 +102,8 @@ def check_coupled(node: Node, generic: Sequence[GenericServo], faults: Faults) -
 
 
 def check_synergy(node: Node, generic: Sequence[GenericServo], faults: Faults) -> None:
-    """Checks that each joint of a synergy is moved by its own servo, and that its servos have no other
-    joints in this part."""
+    """Checks that each joint of a synergy is moved by its own servo. Also checks that no other joint of the
+    part uses the servos of the synergy."""
     synergic = [joint for joint in generic if joint.transform == "synergy" and joint.servo is not None]
     moved = {term.servo for joint in synergic for term in joint.terms}
     for joint in synergic:
@@ -117,8 +119,8 @@ def check_synergy(node: Node, generic: Sequence[GenericServo], faults: Faults) -
 
 
 def separable(coupled: Sequence[GenericServo]) -> bool:
-    """Returns True if a part's coupled joints, at least one, combine their own servos only and their matrix
-    is invertible."""
+    """Returns True if the coupled joints of a part (at least one) combine only the servos of these joints,
+    and if their matrix is invertible."""
     own = [joint.servo for joint in coupled]
     if any(term.servo not in own for joint in coupled for term in joint.terms):
         return False
@@ -130,7 +132,8 @@ def separable(coupled: Sequence[GenericServo]) -> bool:
 
 
 def check_retarget(node: Node, kind: str, generic: Sequence[GenericServo], faults: Faults) -> None:
-    """Checks that retargeting is used for the whole shoulder of an arm whose geometry is known."""
+    """Checks that retargeting is used only for all three shoulder joints together, in an arm that has an
+    elbow and both segments."""
     ids = tuple(joint.id for joint in generic if joint.transform == "retarget")
     if not ids:
         return

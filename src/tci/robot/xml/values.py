@@ -1,7 +1,7 @@
-"""Kinds of values in a description, each with a text that states the valid values.
+"""Kinds of values in a description. Each kind has a text that lists the valid values.
 
-Numbers are plain ASCII decimals. Other forms that `float` accepts (nan, inf, 1_0, other digits, surrounding
-spaces) are refused, since they are mostly mistakes.
+Numbers are plain ASCII decimals. Python's `float` accepts more forms (nan, inf, 1_0, other digits, spaces
+around a number). These forms are refused, because they are usually mistakes.
 """
 
 from __future__ import annotations
@@ -18,11 +18,12 @@ from tci.robot.description import Vector
 Unit = Literal["deg", "rad"]
 
 MAX_ANGLE = 4.0 * math.pi
-"""Largest angle [rad]. Assumed: no joint turns further than two turns, so a larger angle is in the wrong
-unit."""
+"""Largest valid angle [rad]. Assumed: no joint turns further than two turns, so a larger angle is in the
+wrong unit."""
 
 PLACES = 6
-"""Number of decimals of a written number: 1 um, a millionth of a degree."""
+"""Number of decimals of a number that is written. The last decimal is 1 um for lengths, and a millionth of a
+degree for angles."""
 NUMBER = r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?"
 """Pattern of a plain ASCII decimal."""
 _NUMBER = re.compile(NUMBER)
@@ -30,46 +31,49 @@ _INTEGER = re.compile(r"[0-9]{1,9}")
 
 
 class InvalidValueError(ValueError):
-    """Error with the valid values; the reader catches it and adds the place and the value."""
+    """Error that contains the valid values. The reader catches this error and adds the place and the wrong
+    value."""
 
 
 class ImplausibleError(InvalidValueError):
-    """An angle that no robot has: in the wrong unit."""
+    """An angle that no robot has, so that it is probably in the wrong unit."""
 
 
 def to_rad(value: float, unit: Unit) -> float:
-    """Returns `value` [unit] in radians."""
+    """Returns `value`, which is in `unit`, in radians."""
     return math.radians(value) if unit == "deg" else value
 
 
 def in_unit(angle: float, unit: Unit) -> str:
-    """Returns an angle [rad] as text in the file's unit: `15 deg`."""
+    """Returns an angle [rad] as text in the unit of the file, such as `15 deg`."""
     return f"{round(math.degrees(angle), 6) if unit == 'deg' else round(angle, 9):.9g} {unit}"
 
 
 class Value(ABC):
-    """The form of one attribute, or of the text of one element."""
+    """The form of one attribute value, or of the text of one element."""
 
     angular = False
     """True if the value depends on the angle unit."""
 
     @abstractmethod
     def read(self, text: str, unit: Unit) -> object:
-        """Returns the value in SI units and radians. Raises InvalidValueError."""
+        """Returns the value of `text` in SI units and radians. Raises InvalidValueError if `text` is not
+        valid."""
 
     def write(self, value: Any) -> str:
-        """Returns the text of a value, with angles in degrees: the inverse of `read`."""
+        """Returns the text of a value. Angles are written in degrees. This is the inverse of `read`."""
         return str(value)
 
     @property
     def says(self) -> str:
-        """Description of valid values, short and in Markdown; empty if the name suffices."""
+        """Short description of the valid values, in Markdown; empty if the name of the attribute is
+        sufficient."""
         return ""
 
 
 @dataclass(frozen=True)
 class Name(Value):
-    """A name: printable, no spaces at its ends."""
+    """A name of printable characters, without spaces at its ends."""
 
     longest: int = 100
 
@@ -113,7 +117,7 @@ class Flag(Value):
 
 @dataclass(frozen=True)
 class Choices(Value):
-    """One or more of several keywords, each once, separated by spaces."""
+    """One or more keywords, separated by spaces. Each keyword may occur only once."""
 
     valid: tuple[str, ...]
 
@@ -138,7 +142,7 @@ class Integer(Value):
     least: int = 0
     most: int = 1_000_000
     word: str | None = None
-    """Keyword that is valid instead of a number; the value is then this keyword."""
+    """Keyword that is valid instead of a number. In this case, the value is the keyword."""
 
     def read(self, text: str, unit: Unit) -> int | str:
         if text == self.word:
@@ -180,9 +184,9 @@ class Number(Value):
     least: float = -1e12
     most: float = 1e12
     positive: bool = False
-    """True if it must be above 0."""
+    """True if the number must be above 0."""
     unit: str = ""
-    """Unit for the message."""
+    """Unit of the number, as messages show it."""
 
     def read(self, text: str, unit: Unit) -> float:
         value = decimal(text)
@@ -209,7 +213,8 @@ class Number(Value):
 
 @dataclass(frozen=True)
 class Factor(Value):
-    """A transform factor, gamma of eq. 1: of either sign, with a bounded absolute value."""
+    """A transform factor (gamma in eq. 1). Its sign may be positive or negative; its absolute value is
+    bounded."""
 
     least: float = 1e-3
     most: float = 1e3
@@ -234,9 +239,10 @@ class Angle(Value):
 
     positive: bool = False
     most: float = MAX_ANGLE
-    """Largest plausible absolute value [rad...]. Assumed: a larger one is in the wrong unit."""
+    """Largest plausible absolute value [rad, rad/s, rad/s2 or rad/s3]. Assumed: a larger value is in the
+    wrong unit."""
     per: str = ""
-    """Derivative in the message: `/s`, `/s2`, `/s3`."""
+    """Unit of time of a derivative, as messages show it: `/s`, `/s2`, `/s3`."""
 
     angular = True
 
@@ -265,7 +271,7 @@ class Three(Value):
 
     @property
     def angular(self) -> bool:  # type: ignore[override] # that of its values
-        """True if its values depend on the angle unit."""
+        """True if the three values depend on the angle unit."""
         return self.of.angular
 
     def read(self, text: str, unit: Unit) -> Vector:
@@ -286,7 +292,7 @@ class Three(Value):
 
 @dataclass(frozen=True)
 class RelativePath(Value):
-    """A path below a folder, with forward slashes. It can't lead out of that folder."""
+    """A path below a folder, with forward slashes. The path can't lead out of this folder."""
 
     def read(self, text: str, unit: Unit) -> str:
         steps = text.split("/")
@@ -299,7 +305,8 @@ class RelativePath(Value):
 
 
 def decimal(text: str) -> float:
-    """Returns a finite number, written as an ASCII decimal. Raises InvalidValueError."""
+    """Returns the finite number that `text` contains as an ASCII decimal. Raises InvalidValueError for all
+    other texts."""
     value = float(text) if len(text) <= 60 and _NUMBER.fullmatch(text) else math.nan
     if not math.isfinite(value):
         raise InvalidValueError("a finite decimal number such as -12.5 or 1e-3")

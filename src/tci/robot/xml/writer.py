@@ -1,4 +1,5 @@
-"""A robot's description as XML text, in degrees: the inverse of `read_robot`."""
+"""Writer of a robot's description as XML text, with angles in degrees. This is the inverse of
+`read_robot`."""
 
 from __future__ import annotations
 
@@ -24,11 +25,14 @@ from tci.robot.xml.grammar import GENERIC_ROBOT, LIMITS, ROOT
 def write_robot(
     robot: Robot, *, file: str, extra: str | None = None, meshes: str | None = None, comment: str = ""
 ) -> str:
-    """Returns the text of a description. `file` is the path of the model relative to the description, or the
-    end of its path in a package that `extra` installs; `meshes` is a folder beside the description, or
-    "none".
+    """Returns the text of a description.
 
-    Raises TciError for elements that it can't write: couplings, tables, and skin other than cones.
+    `file` is the path of the model relative to the description. If a package that `extra` installs contains
+    the model, `file` is the end of the model's path in this package. `meshes` is a folder beside the
+    description, or "none".
+
+    Raises TciError if the robot has couplings, tables, or skin other than cones: this function can't write
+    them.
     """
     if robot.couplings:
         raise TciError("couplings are not written; add them by hand")
@@ -59,20 +63,20 @@ def write_robot(
 
 
 class _Written:
-    """One element that is being written, with its grammar."""
+    """One element that is being written, with its part of the grammar."""
 
     def __init__(self, node: etree._Element, grammar: Element) -> None:
         self.node = node
         self.grammar = grammar
 
     def add(self, tag: str, described: object = None, **given: Any) -> _Written:
-        """Appends a child: see `fill`."""
+        """Appends a child element with the values that `fill` writes."""
         child = _Written(etree.SubElement(self.node, tag), self.grammar.children[tag])
         child.fill(described, **given)
         return child
 
     def fill(self, described: object = None, **given: Any) -> None:
-        """Writes all values of `described` that differ from their defaults, and the values in `given`."""
+        """Writes the values in `given`, and all values of `described` that differ from their defaults."""
         grammar = self.grammar
         held = {tag: child.text for tag, child in grammar.children.items() if child.text is not None}
         for name, value in (grammar.values | held).items():

@@ -18,77 +18,85 @@ Single = NDArray[np.float32]
 TAXEL, CHANNEL, BLOCK, CELL, NODE = range(5)
 """Columns of `LayoutArrays.begin`."""
 LOWEST, HIGHEST, REST, SIGN, FULL = range(5)
-"""Columns of `LayoutArrays.sensor`: range, rest value and polarity of raw values, largest deviation
-[counts]."""
+"""Columns of `LayoutArrays.sensor`: the range (two columns), rest value and polarity of raw values, and the
+largest deviation [counts]."""
 FIRST, END, STRAIGHT = range(3)
 """Columns of `LayoutArrays.span`."""
 AREA = 6
-"""Column of `LayoutArrays.taxel` after position and normal."""
+"""Column of `LayoutArrays.taxel` with the area, after the columns of position and normal."""
 LINK, LIMB_LINK, POSTURE = range(3)
 """Columns of `LayoutArrays.on`."""
 BLOCK_SIZE = 64
-"""Taxels per block. If the raw values of a block equal those of the previous frame, the frame is only counted
-for this block."""
+"""Taxels per block. If the raw values of a block equal those of the previous frame, the block is not computed
+again: only the number of such frames is counted."""
 
 
 class LayoutArrays(NamedTuple):
     """Constant properties of all taxels (n,) of a robot, in the order of patches (p,)."""
 
     begin: Places
-    """First taxel, channel, block, cell and node (p + 1, 5) of each patch."""
+    """First taxel, channel, block, cell and node (p + 1, 5) of each patch, as indices into the arrays of the
+    whole skin."""
     sensor: Single
-    """Range, rest value, polarity and largest deviation (p, 5) [counts]."""
+    """Lowest and highest value, rest value, polarity and largest deviation (p, 5) [counts] of each patch's
+    sensor."""
     rate: Array
     """Frames per second (p,) [Hz]."""
     channel: Places
     """Index (n,) of each taxel in the buffer of raw values."""
     span: Places
-    """First channel, last + 1, and 1 if the channels are consecutive (b, 3), of each block."""
+    """First channel, last channel + 1, and 1 if the channels are consecutive (b, 3), of each block."""
     gain: Array
-    """Response (n,) [Pa per count]; for a response that `nodes` define, a factor of it."""
+    """Response (n,) [Pa per count] of each taxel. If `nodes` define the response: the factor by which that
+    response is multiplied for this taxel."""
     nodes: Array
     """Deviation [counts] and pressure [Pa] (2, m) at the nodes of piecewise linear responses."""
     taxel: Array
-    """Position [m], normal and area [m2] (n, 7), in the patch's link."""
+    """Position [m], outward normal and area [m2] (n, 7) of each taxel, in the frame of the patch's link."""
     fill: Array
-    """Fill factor (n, w) around each taxel, at each of `fill_factor.WIDTHS`."""
+    """Fill factor (n, w) around each taxel, for each width in `fill_factor.WIDTHS`."""
     graph: Indices
-    """Start of each taxel's neighbours (n + 1 entries), followed by the neighbours."""
+    """Index at which each taxel's neighbours start in this array (n + 1 entries), followed by the neighbours.
+    """
     faces: Indices
     """Corners (f, 3) of each face."""
     box: Array
-    """Least corner (3,) [m] of each patch's grid of cells, cells per metre, number of cells along x, y, z (p,
-    7)."""
+    """Grid of cells (p, 7) of each patch: the corner (3,) [m] with the lowest coordinates, the number of
+    cells per metre, and the number of cells along x, y and z."""
     cells: Indices
-    """Start of each cell's faces (cells + 1 entries), followed by the faces that overlap each cell."""
+    """Index at which each cell's faces start (cells + 1 entries), followed by the faces that overlap each
+    cell."""
     limb: Array
-    """Segment of each patch (p, 15), see `limb_numbers`; zeros for none."""
+    """Limb segment of each patch (p, 15), see `limb_numbers`. Zeros for a patch that is on no limb segment.
+    """
     on: Places
-    """Index (p, 3) of the patch's link, of its segment's link and of its part's posture."""
+    """Indices (p, 3) of the patch's link, of the link of its limb segment, and of its part's row in the
+    posture."""
 
 
 class Estimates(NamedTuple):
     """Properties of each taxel (n,) that are estimated at run time."""
 
     offset: Single
-    """Rest value [counts], relative to the description's."""
+    """Rest value [counts], relative to the rest value in the description."""
     threshold: Single
     """Deviation [counts] above which a taxel is active."""
     muted: NDArray[np.bool_]
     """Taxels whose values are ignored."""
     least: Array
-    """Pressure [Pa] above which a taxel is active; infinite if it is masked."""
+    """Pressure [Pa] above which a taxel is active. It is infinite if the taxel is masked."""
     fluctuating: NDArray[np.bool_]
-    """Taxels so noisy that their values never stay constant for long."""
+    """True for taxels with so much noise that their values never stay constant for long."""
     onset: Array
-    """Pressure [Pa] of two counts, at which a light touch begins; infinite while the noise is unknown."""
+    """Pressure [Pa] of two counts, at which a light touch begins. It is infinite while the taxel's noise is
+    unknown."""
     hidden: Array
-    """Pressure [Pa] below which the edge of a touch is not measured; 0 for sheets and switches, on which a
-    touch has no gradual edge."""
+    """Pressure [Pa] below which the edge of a touch is not measured. It is 0 for sheets and switches, on
+    which a touch has no gradual edge."""
 
 
 class SkinMemory(NamedTuple):
-    """Statistics of the current estimation windows, and the data for computing them."""
+    """Statistics of the current estimation windows, and the data from which they are computed."""
 
     statistics: Single
     """Per taxel (6, n), see `kernels.condition`."""
@@ -97,16 +105,16 @@ class SkinMemory(NamedTuple):
     patches: Array
     """Per patch (p, 9), see `kernels.condition`."""
     smoothed: Array
-    """Filtered pressure (n,) [Pa] of the previous frame; (0,) without smoothing."""
+    """Filtered pressure (n,) [Pa] of the previous frame. The shape is (0,) if pressures are not filtered."""
     room: Single
     """Work space for the raw values of one block."""
     counts: Places
     """Number of active taxels (p,) of each patch."""
     active: Indices
-    """Indices (n,) of active taxels within their patch. Those of a patch begin at the index of its first
-    taxel."""
+    """Indices (n,) of active taxels within their patch. The indices of a patch begin at the index of its
+    first taxel."""
     pressure: Array
-    """Pressures (n,) [Pa] of the active taxels, in the same order."""
+    """Pressures (n,) [Pa] of the active taxels, in the order of `active`."""
 
 
 class ActiveTaxels(NamedTuple):
@@ -119,7 +127,7 @@ class ActiveTaxels(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Least forces [N] on taxels, see `ContactSettings`."""
+    """Least forces [N] on taxels for a contact, see `ContactSettings`."""
 
     floor: float
     light: float
@@ -127,27 +135,30 @@ class Limits(NamedTuple):
 
 
 class Clusters(NamedTuple):
-    """Clusters of neighbouring taxels, patch by patch, in the order of their first taxels."""
+    """Clusters of neighbouring active taxels, patch by patch.
+
+    Clusters on one patch are ordered by their first taxels.
+    """
 
     force: Array
-    """Work space (n,), zero between two frames."""
+    """Work space (n,). All its values are zero between two frames."""
     label: Indices
-    """Work space (n,), zero between two frames."""
+    """Work space (n,). All its values are zero between two frames."""
     queue: Indices
     """Work space (n,)."""
     counts: Places
     """Number of clusters (p,) on each patch."""
     bound: Indices
-    """Start of each cluster's members (n + 1,)."""
+    """Start of each cluster's taxels in `member` (n + 1,)."""
     member: Indices
-    """Members (n,) of all clusters, as indices of taxels within the whole skin, in increasing order within
-    each cluster."""
+    """Taxels (n,) of all clusters, as indices within the whole skin. Within each cluster the indices
+    increase."""
     member_force: Array
-    """Force (n,) [N] on each member."""
+    """Force (n,) [N] on each taxel in `member`."""
 
 
 class ContactArrays(NamedTuple):
-    """The arrays of `Contacts`; shapes and units are given there."""
+    """The arrays of `Contacts`. `Contacts` describes their shapes and units."""
 
     site: Places
     identity: Places
@@ -195,4 +206,4 @@ CONTACTS = record(
     ContactArrays, writes(1, int64), writes(1, int64), _C, _C, _C, _C, _C, _V, _V, _V, _V, _V, _C, _C, _V,
     writes(1, int64), writes(1, int64), _C, _V,
 )  # fmt: skip
-"""Numba types of these tuples; fields without another type are `float64`."""
+"""Numba types of the fields of these tuples. Fields that are not listed are `float64`."""

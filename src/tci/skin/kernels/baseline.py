@@ -12,33 +12,39 @@ from tci.compiled import compiled, inlined, reads, record, writes
 from tci.frames import Array
 
 THRESHOLD, LEAST, FLUCTUATING, SHARE, LIVELY, TYPICAL, DRIFT, FLOOR, OWN, RELEASE, NOISE = range(11)
-"""Indices of the numbers (11,): threshold [standard deviations] and [counts] below which a taxel is quiet,
-fraction of changes of a noisy one, least fraction of quiet taxels; noise of one that never stays constant,
-typical noise so far, largest drift and lowest signal [counts]; weights of this window in the rest value of a
-quiet taxel, of one below its rest value, and in the noise."""
+"""Indices of the numbers (11,) that the kernel gets:
+
+- `THRESHOLD` [standard deviations], `LEAST` [counts]: a taxel is quiet below the larger of these deviations.
+- `FLUCTUATING`: fraction of changed frames from which a taxel counts as noisy.
+- `SHARE`: least fraction of quiet taxels for an estimate of drift.
+- `LIVELY`: noise [counts] from which a healthy taxel never stays constant.
+- `TYPICAL`, `DRIFT`, `FLOOR`: typical noise so far, largest drift and lowest signal [counts].
+- `OWN`, `RELEASE`, `NOISE`: weights of this window in the rest value of a quiet taxel, in the rest value of a
+  taxel below rest, and in the noise."""
 ROOM = 6
 """Rows of the work space (ROOM, n)."""
 BESIDE = 2.0
-"""Mark of a quiet taxel beside a touched one; other quiet taxels have the mark 1."""
+"""Mark of a quiet taxel beside a touched one. Other quiet taxels have the mark 1."""
 NOISE_GAIN = float(np.sqrt(6.0) * np.sqrt(2.0 / np.pi))
-"""Mean absolute second difference of Gaussian noise, in standard deviations of the noise."""
+"""Mean absolute second difference of Gaussian noise with a standard deviation of 1."""
 
 
 class BaselineArrays(NamedTuple):
     """Estimates of the taxels (n,) of one patch."""
 
     offset: Array
-    """Rest value [counts] relative to that in the description, positive with pressure."""
+    """Rest value [counts] relative to the rest value in the description. It increases with pressure."""
     noise: Array
     """Standard deviation [counts] of the noise."""
     threshold: Array
     """Deviation [counts] above which a taxel is active."""
     initialised: NDArray[np.bool_]
-    """Taxels whose noise has been estimated."""
+    """True for taxels with an estimate of their noise."""
     rested: NDArray[np.bool_]
-    """Taxels that have been at rest in a window."""
+    """True for taxels that have been at rest in at least one window."""
     frozen: NDArray[np.bool_]
-    """Taxels that fluctuate at rest and were constant in the latest window. They teach nothing."""
+    """True for taxels that fluctuate at rest but were constant in the latest window. Windows of these taxels
+    are not used for estimates."""
     followed: Array
     """Change [counts] of the rest value in the latest window, beyond the common drift."""
 
@@ -53,10 +59,10 @@ class Window(NamedTuple):
     peak: Array
     """Largest deviation [counts] from the rest value."""
     second_difference: Array
-    """Mean absolute second difference [counts] of the signal. Slow changes, touches among them, hardly affect
-    it."""
+    """Mean absolute second difference [counts] of the signal. Slow changes, for example a touch, hardly
+    affect this value."""
     changes: Array
-    """Fraction of the frames that differ from the previous one."""
+    """Fraction of the frames that differ from the frame before."""
 
 
 @inlined
@@ -88,7 +94,10 @@ def median(values: Array) -> float:
 
 @inlined
 def _typical(estimates: BaselineArrays, room: Array) -> float:
-    """Returns the median noise of the taxels that have been at rest, or of all taxels if none has."""
+    """Returns the median noise of the taxels that have been at rest.
+
+    If no taxel has been at rest, returns the median noise of all taxels.
+    """
     found, any_rested = 0, False
     for i in range(len(room)):
         any_rested = any_rested or estimates.rested[i]
@@ -113,12 +122,12 @@ def update_baseline(
     estimates: BaselineArrays, window: Window, healthy: NDArray[np.bool_],
     neighbours: NDArray[np.int64], numbers: Array, afresh: bool, room: Array,
 ) -> float:  # fmt: skip
-    """Updates the `estimates` by a window of the `healthy` taxels (n,). Returns the patch's typical noise
-    [counts].
+    """Updates the `estimates` from one window of the `healthy` taxels (n,).
 
-    `neighbours` (m, 2) are pairs of taxels. If the rest values are `afresh`, those of quiet taxels become the
-    window's mean. The last change of a taxel before it was constant for a window is taken back, since it may
-    have frozen meanwhile. For `numbers` and `room` see `THRESHOLD` and `ROOM`.
+    Returns the patch's typical noise [counts]. `neighbours` (m, 2) are pairs of neighbouring taxels. With
+    `afresh`, the rest values of quiet taxels become the window's mean. If a taxel was constant for a whole
+    window, the last change of its rest value is undone, since the taxel may have frozen during the window
+    before. `THRESHOLD` describes the entries of `numbers`, and `ROOM` the shape of `room`.
     """
     offset, noise, mean = estimates.offset, estimates.noise, window.mean
     deviation, present, ordered, quiet, touched, taught = room[0], room[1], room[2], room[3], room[4], room[5]

@@ -1,4 +1,7 @@
-"""Conditioning kernel: raw values to active taxels with pressure, and statistics of estimation windows."""
+"""Conditioning kernel: turns raw values into active taxels with pressure.
+
+It also computes the statistics of estimation windows.
+"""
 
 from __future__ import annotations
 
@@ -37,16 +40,27 @@ from tci.skin.kernels.arrays import (
 )
 
 SIGNAL, BEFORE, TOTAL, PEAK, SECOND_DIFFERENCE, CHANGES = range(6)
-"""Rows of `SkinMemory.statistics`: this signal [counts], the one before; and since the window began the sum
-of signals, the largest deviation, the sum of absolute second differences, the number of changes."""
+"""Rows of `SkinMemory.statistics`.
+
+The first two rows are the present signal [counts] and the signal before it. The others are computed since the
+window began: the sum of signals, the largest deviation, the sum of absolute second differences, and the
+number of changes."""
 REPEATS, REPEATED, LIVE, SATURATED = range(4)
-"""Columns of `SkinMemory.blocks`: repeated frames not added yet, 1 if the next equal one may be counted only,
-1 if any taxel is active, number of saturated taxels."""
+"""Columns of `SkinMemory.blocks`:
+
+- `REPEATS`: number of repeated frames that are not yet added to the statistics.
+- `REPEATED`: 1 if the next frame need only be counted when it is equal to this one.
+- `LIVE`: 1 if any taxel is active.
+- `SATURATED`: number of saturated taxels."""
 STAMP, ELAPSED, FRAMES, IN_WINDOW, DIFFERENCES, DROPPED, CONSTANT, DUE, LEAST = range(9)
-"""Columns of `SkinMemory.patches`: time [s] of the latest frame, time [s] since the window began, frames seen
-(counted up to 2), frames and second differences in the window, values dropped so far, repeated whole frames
-not added yet (-1 if the next may not be counted only), length [s] of the window and its least number of
-frames."""
+"""Columns of `SkinMemory.patches`:
+
+- `STAMP`, `ELAPSED`: time [s] of the latest frame, and time [s] since the window began.
+- `FRAMES`: number of frames seen, counted up to 2.
+- `IN_WINDOW`, `DIFFERENCES`: numbers of frames and of second differences in the window.
+- `DROPPED`: number of values dropped so far.
+- `CONSTANT`: number of repeated whole frames that are not yet added. -1: the next frame must be processed.
+- `DUE`, `LEAST`: length [s] of the window, and its least number of frames."""
 ROWS, BLOCK_COLUMNS, PATCH_COLUMNS = 6, 4, 9
 GAP = 1.0
 """Upper bound [s] on the frame interval that is added to the length of an estimation window. Assumed: during
@@ -84,10 +98,10 @@ def _gather(raw: NDArray[Any], layout: LayoutArrays, block: int, begin: int, val
 def _note(
     values: Single, sensor: Single, estimates: Estimates, statistics: Single, begin: int, frames: int
 ) -> tuple[int, int, int]:
-    """Updates the statistics of one block. The loop has no branches, so that the processor handles eight
-    taxels at once.
+    """Updates the statistics of one block.
 
-    Returns the number of values dropped, of saturated taxels, and 1 if any taxel is active.
+    The loop has no branches, so that the processor can compute eight taxels at once. Returns the number of
+    values dropped, the number of saturated taxels, and 1 if any taxel is active.
     """
     end = begin + len(values)
     signals, befores, totals = (
@@ -127,8 +141,10 @@ def _note(
 
 @inlined
 def _response(counts: float, nodes: Array, first: int, end: int) -> float:
-    """Returns the pressure [Pa] by linear interpolation between the nodes from `first` to `end`, and linear
-    extrapolation beyond the last node."""
+    """Returns the pressure [Pa] by linear interpolation between the nodes from `first` to `end`.
+
+    Beyond the last node the pressure is extrapolated linearly.
+    """
     k = first + 1
     while k < end - 1 and counts > nodes[0, k]:
         k += 1
@@ -139,7 +155,7 @@ def _response(counts: float, nodes: Array, first: int, end: int) -> float:
 
 @inlined
 def _pressure(i: int, p: int, layout: LayoutArrays, estimates: Estimates, statistics: Single) -> float:
-    """Returns the pressure [Pa] on taxel `i` of patch `p`; 0 if it is not active."""
+    """Returns the pressure [Pa] on taxel `i` of patch `p`. The result is 0 if the taxel is not active."""
     deviation = statistics[SIGNAL, i] - estimates.offset[i]
     if not deviation > np.float32(0.0) or deviation < estimates.threshold[i] or estimates.muted[i]:
         return 0.0
@@ -154,7 +170,10 @@ def _pressure(i: int, p: int, layout: LayoutArrays, estimates: Estimates, statis
 def _list_active(
     p: int, share: float, layout: LayoutArrays, estimates: Estimates, memory: SkinMemory
 ) -> None:
-    """Lists the active taxels of a patch. With `share` < 1 pressure is low-pass filtered with that weight."""
+    """Lists the active taxels of a patch.
+
+    With `share` < 1 the pressure is low-pass filtered: `share` is the weight of the new frame.
+    """
     begin, stop = layout.begin[p, TAXEL], layout.begin[p + 1, TAXEL]
     smoothing, place = len(memory.smoothed) > 0, begin
     for block in range(layout.begin[p, BLOCK], layout.begin[p + 1, BLOCK]):
@@ -236,11 +255,11 @@ def condition(
 ) -> int:
     """Turns new raw frames of the patches `which` (k,) into active taxels and their pressure [Pa].
 
-    If the raw values of a block of 64 taxels equal those of the previous frame, the frame is only counted.
-    The sums of the block are updated when its values change or the estimation window ends, with an equal
-    result. `raw` (c,) contains all channels, `last` (c,) those of the previous frame, `stamps` (k,) [s] the
-    times of the frames. `latency` [s] is the time constant of smoothing. Returns the number of patches whose
-    window has ended.
+    If the raw values of a block of 64 taxels equal those of the previous frame, the block is not computed
+    again: only the number of such frames is counted. The sums of the block are updated later, when its values
+    change or the estimation window ends. The result is equal. `raw` (c,) contains all channels. `last` (c,)
+    are the raw values of the previous frame. `stamps` (k,) [s] are the times of the frames. `latency` [s] is
+    the time constant of the low-pass filter. Returns the number of patches that have an ended window.
     """
     ended = 0
     for k in range(len(which)):

@@ -1,5 +1,6 @@
 """Contact kernels: find clusters of active taxels, and compute position, normal and force of each cluster
-(eqs 3-4, 6-7)."""
+(eqs 3-4, 6-7).
+"""
 
 from __future__ import annotations
 
@@ -32,20 +33,20 @@ from tci.skin.kernels.arrays import (
 from tci.skin.kernels.nearest import nearest
 
 FORCE, PEAK, AREA_SUM, U, THETA, Y, Z, POINT, NORMAL, SUMMARY = 0, 1, 2, 3, 4, 5, 6, 7, 10, 13
-"""Columns of a summary, and their number."""
+"""Columns of the summary of a contact. `SUMMARY` is their number."""
 NARROW = 0.5
-"""Least width of a touch [distances of neighbouring taxels], since the width can't be measured with few
-taxels. Assumed: widths of touches between 3 and 5 mm are then about right on skins with distances of 6 to 10
-mm."""
+"""Least width of a touch [distances of neighbouring taxels]. A smaller width can't be measured, since few
+taxels respond. Assumed: on skins with distances of 6 to 10 mm between taxels, touches of 3 to 5 mm width then
+get about the right width."""
 LEAST_FILL = 0.15
-"""Least fill factor by which forces are divided. Assumed: on sparser skin the corrected force would be
-unreliable."""
+"""Least fill factor by which forces are divided. A smaller factor is replaced by this value. Assumed: on
+sparser skin the correction of the force would be unreliable."""
 MOST_HIDDEN = 0.5
-"""Largest fraction of a force that is added for the edge of a touch. Assumed: a larger correction would be
-unreliable."""
+"""Largest fraction of a force that is added to correct for the edge of a touch. Assumed: a larger correction
+would be unreliable."""
 _FIRST, _LAST = float(WIDTHS[0]), len(WIDTHS) - 1
 _NONE, _ONE = np.uint64(0), np.uint64(1)
-"""Unsigned indices: numba then omits the check for negative (wrap-around) indices."""
+"""Unsigned indices. With these, numba omits the check for negative (wrap-around) indices."""
 
 
 @inlined
@@ -72,8 +73,10 @@ def _grow(
     seed: int, limits: Limits, number: int, onset: Array, layout: LayoutArrays,
     clusters: Clusters,
 ) -> tuple[int, bool]:  # fmt: skip
-    """Labels all taxels that are connected with a seed. Returns their number, and True if they form a
-    contact."""
+    """Labels all active taxels that are connected with a first taxel.
+
+    Returns the number of these taxels, and True if they form a contact.
+    """
     force, label, queue, graph = clusters.force, clusters.label, clusters.queue, layout.graph
     done, size = _NONE, _ONE
     label[np.uint64(seed)], queue[_NONE], strong = number, seed, False
@@ -94,12 +97,12 @@ def _grow(
 def cluster(
     state: ActiveTaxels, limits: Limits, onset: Array, layout: LayoutArrays, clusters: Clusters
 ) -> tuple[int, int, int]:
-    """Finds clusters of neighbouring active taxels, each with a force of at least `limits.floor` (single
-    linkage).
+    """Finds clusters of neighbouring active taxels (single linkage).
 
-    In each cluster, one taxel must have a force of at least `limits.touch`, or a force of at least
-    `limits.light` and a pressure of at least `onset` (n,) [Pa]. Returns the number of clusters, the number of
-    their taxels, and the number of clusters of a single taxel.
+    On each taxel the force must be at least `limits.floor`. In each cluster, one taxel must have a force of
+    at least `limits.touch`. A force of at least `limits.light` is enough if the taxel's pressure is at least
+    `onset` (n,) [Pa]. Returns the number of clusters, the number of their taxels, and the number of clusters
+    of a single taxel.
     """
     floor = limits.floor
     count, force, queue = 0, clusters.force, clusters.queue
@@ -144,9 +147,9 @@ def cluster(
 def _on_limb(
     T_SL: tuple[Row, Row, Row], x: float, y: float, z: float, length: float, side: float
 ) -> tuple[float, float, float]:
-    """Returns u, y and z on the generic limb of a point of the link (eqs 4, 6); NaN without a limb.
+    """Returns u, y and z on the generic limb for a point of the link (eqs 4, 6).
 
-    See `limb_coordinates` and `generic_limb_point`.
+    They are NaN if the patch is on no limb. See `limb_coordinates` and `generic_limb_point`.
     """
     if length == 0.0:
         return np.nan, np.nan, np.nan
@@ -188,8 +191,10 @@ def _fill(taxels: Indices, forces: Array, layout: LayoutArrays) -> float:
 
 @compiled(float64(reads(1, int32), reads(1), LAYOUT))
 def fill_around(taxels: Indices, forces: Array, layout: LayoutArrays) -> float:
-    """Returns the fill factor around a touch: the fraction of its force that `taxels` (k,) of the whole skin
-    measure."""
+    """Returns the fraction of a touch's force that `taxels` (k,) measure: the fill factor around the touch.
+
+    `taxels` are indices within the whole skin.
+    """
     return _fill(taxels, forces, layout)
 
 
@@ -225,8 +230,10 @@ def _summarise(
 
 @inlined
 def _precedes(one: Array, other: Array) -> bool:
-    """Returns True if a contact is stronger than another, or if it is equally strong and nearer to the
-    beginning of the limb."""
+    """Returns True if a contact is stronger than another contact.
+
+    If both are equally strong, returns True if the first is nearer to the beginning of the limb.
+    """
     for column, sign in ((FORCE, -1.0), (U, 1.0), (THETA, 1.0)):
         a, b = sign * one[column], sign * other[column]
         if a != b:
@@ -244,7 +251,7 @@ def _write(
     layout: LayoutArrays,
     out: ContactArrays,
 ) -> None:
-    """Writes contact `c` of patch `p`, except for its taxels."""
+    """Writes the data of contact `c` of patch `p`, except for its taxels."""
     out.site[c], out.force[c], out.peak[c], out.area[c] = p, row[FORCE], row[PEAK], row[AREA_SUM]
     out.u[c], out.theta[c] = row[U], row[THETA]
     out.limb_point[c, 0], out.limb_point[c, 1], out.limb_point[c, 2] = row[U], row[Y], row[Z]
@@ -264,7 +271,7 @@ def _write_taxels(
     c: int, p: int, found: int, T_SL: tuple[Row, Row, Row], layout: LayoutArrays, clusters: Clusters,
     out: ContactArrays,
 ) -> None:  # fmt: skip
-    """Writes the taxels of contact `c`, whose cluster is number `found`."""
+    """Writes the taxels of contact `c`. `found` is the number of the contact's cluster."""
     to, begin, taxels = out.begin[c], layout.begin[p, TAXEL], layout.taxel
     length, side = layout.limb[p, 12], layout.limb[p, 13]
     for place in range(clusters.bound[found], clusters.bound[found + 1]):
@@ -281,13 +288,14 @@ def describe(
     layout: LayoutArrays, hidden: Array, clusters: Clusters, poses: Array, posture: Array, summary: Array,
     out: ContactArrays,
 ) -> None:  # fmt: skip
-    """Writes the contact of each cluster, the strongest of each patch first (eqs 3-4, 6-7).
+    """Writes the contact of each cluster (eqs 3-4, 6-7). On each patch the strongest contact is first.
 
-    A contact has its force, its centre of pressure on the surface, the normal there, and its place on the
-    generic limb. The force is corrected for the edge of the touch: if the pressure of a round touch is a
-    Gaussian of any width, the fraction `hidden` / peak of its force is at places where the pressure is below
-    `hidden` (n,) [Pa]. `poses` (l, 4, 4) are those of the links in the torso frame, `posture` (parts, 4)
-    [rad] the generic angles of the limbs, `summary` (c, SUMMARY) is work space.
+    A contact consists of its force, its centre of pressure on the surface, the normal at this centre, and its
+    place on the generic limb. The force is corrected for the edge of the touch, where the pressure is below
+    `hidden` (n,) [Pa] and so not measured. If the pressure of a round touch is a Gaussian of any width, this
+    edge carries the fraction `hidden` / peak of the force. `poses` (l, 4, 4) are the poses of the links in
+    the torso frame. `posture` (parts, 4) [rad] are the generic angles of the limbs. `summary` (c, SUMMARY) is
+    work space.
     """
     c, order = 0, out.identity
     out.begin[0] = 0

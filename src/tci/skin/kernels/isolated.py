@@ -22,15 +22,18 @@ from tci.skin.kernels.arrays import (
 )
 
 PLACE, SINCE, FORCE, CHANGED, LEFT, WAITING = range(6)
-"""Columns of `waiting`, and their number: index of a taxel within the whole skin, time [s] at which it became
-active alone, its force [N], number of changes of this force since then, and 1 if the taxel remains from a
-contact."""
+"""Columns of `waiting`, one row per isolated taxel. `WAITING` is their number.
+
+- `PLACE`: index of the taxel within the whole skin.
+- `SINCE`: time [s] at which the taxel became active alone.
+- `FORCE`, `CHANGED`: its force [N], and how often this force has changed since then.
+- `LEFT`: 1 if the taxel remains from a contact."""
 ALIVE = 2
-"""Number of changes of an isolated taxel's force that show that it is healthy. A single change may be caused
-by a new estimate of its rest value."""
+"""Least number of changes of an isolated taxel's force after which the taxel counts as healthy. One change is
+not enough, since a new estimate of the rest value can cause it."""
 SURROUNDED = 2
-"""Least number of trusted neighbours of a taxel on a dense skin. On a sparse skin every touch presses a
-single taxel."""
+"""Least number of trusted neighbours within reach of a taxel on a dense skin. A taxel with fewer neighbours
+is on a sparse skin, where every touch presses a single taxel."""
 
 
 @inlined
@@ -51,8 +54,10 @@ def _has_neighbours(taxel: int, layout: LayoutArrays, least: Array, reach: float
 def _is_beside(
     taxel: int, p: int, state: ActiveTaxels, layout: LayoutArrays, reach: float, floor: float
 ) -> bool:
-    """Returns True if another active taxel of the patch is within twice the reach, so that both may be
-    pressed by one touch across a gap in the skin."""
+    """Returns True if another active taxel of the patch is within twice the reach.
+
+    One touch across a gap in the skin may then press both.
+    """
     taxels = layout.taxel
     x, y, z = taxels[taxel, 0], taxels[taxel, 1], taxels[taxel, 2]
     for k in range(state.begin[p], state.begin[p + 1]):
@@ -66,8 +71,10 @@ def _is_beside(
 
 @inlined
 def _was_touched(taxel: int, before: Places) -> bool:
-    """Returns True if a taxel, given by its index within the whole skin, was part of a contact in the
-    previous frame."""
+    """Returns True if a taxel was part of a contact in the previous frame.
+
+    `taxel` is the taxel's index within the whole skin.
+    """
     touched = False
     for k in range(len(before)):
         touched |= before[k] == taxel
@@ -76,7 +83,10 @@ def _was_touched(taxel: int, before: Places) -> bool:
 
 @inlined
 def _wait_on(place: int, stamp: float, force: float, waiting: Array, now: Array) -> bool:
-    """Writes the waiting state `now` (WAITING,) of an isolated taxel; returns False if it has just begun."""
+    """Writes the waiting state `now` (WAITING,) of an isolated taxel.
+
+    Returns False if the taxel has just become active.
+    """
     now[PLACE], now[SINCE], now[FORCE], now[CHANGED], now[LEFT] = place, stamp, force, 0.0, 0.0
     for w in range(len(waiting)):
         if int(waiting[w, PLACE]) == place:
@@ -115,12 +125,14 @@ def reject_isolated(
 ) -> tuple[int, int, int]:
     """Removes clusters of a single taxel that are not a touch, see `IsolatedSettings`.
 
-    The first row of `rules` (2, p) is the time [s] for which an isolated taxel of each patch must be pressed,
-    0 for none. The second row is the response, before `gain`, from which its value must also have changed.
-    `reach` [m] is that of the settings, `floor` [N] the least force on a taxel of a contact. `before` (k,)
-    are the indices, within the whole skin, of the taxels of all contacts in the previous frame, and `waiting`
-    (w, WAITING) the isolated taxels in that frame. Returns the number of remaining clusters, the number of
-    their taxels, and the number of rows written to `fresh` (m, WAITING), which is the next `waiting`.
+    The first row of `rules` (2, p) is the time [s] for which an isolated taxel of each patch must be pressed.
+    A time of 0 means that no time is required. The second row is the pressure at the end of the sensor's
+    range, before `gain`. A taxel with at least this pressure must also have changed its value. `reach` [m] is
+    the value of `IsolatedSettings.reach`. `floor` [N] is the least force on a taxel of a contact. `before`
+    (k,) are the taxels of all contacts in the previous frame, as indices within the whole skin. `waiting` (w,
+    WAITING) are the isolated taxels in the previous frame. Returns the number of remaining clusters, the
+    number of their taxels, and the number of rows written to `fresh` (m, WAITING). Pass these rows as
+    `waiting` for the next frame.
     """
     waits, kept, filled, c, begin = 0, 0, 0, 0, 0
     bound, member, forces = clusters.bound, clusters.member, clusters.member_force

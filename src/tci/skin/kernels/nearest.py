@@ -12,12 +12,11 @@ from tci.skin.kernels.arrays import CELL, TAXEL, LayoutArrays
 
 @inlined
 def nearest(point: Vector, p: int, layout: LayoutArrays, p_L: Array, n_L: Array) -> None:
-    """Writes the point `p_L` (3,) [m] of the surface of patch `p` nearest to `point` [m], and its normal
-    `n_L` (3,).
+    """Writes the point `p_L` (3,) [m] of the surface of patch `p` that is nearest to `point` [m].
 
-    The result equals that of `Surface.project`; for a surface without faces it is the nearest taxel. Cells
-    around the point are searched in shells of increasing distance, until the best face is nearer than the
-    next shell.
+    `n_L` (3,) is the normal at `p_L`. The result equals the result of `Surface.project`. For a surface
+    without faces, `p_L` is the nearest taxel. Cells around the point are searched in shells of increasing
+    distance, until the nearest face found so far is nearer than the next shell.
     """
     best = np.inf
     box, taxels, faces, cells = layout.box[p], layout.taxel, layout.faces, layout.cells
@@ -65,10 +64,10 @@ def nearest(point: Vector, p: int, layout: LayoutArrays, p_L: Array, n_L: Array)
 def _closer(
     point: Vector, taxels: Array, a: int, b: int, c: int, best: float, p_L: Array, n_L: Array
 ) -> float:
-    """Writes point and normal (not normalised) of face a b c if it is nearer than `best` [m2].
+    """Writes the point and normal of face a b c if this face is nearer than `best` [m2], a squared distance.
 
-    Returns the least squared distance [m2]. Coordinates are separate variables, because array slices would
-    take longer than the arithmetic.
+    The normal is not normalised. Returns the least squared distance [m2] so far. Coordinates are separate
+    variables, because array slices would take longer than the arithmetic.
     """
     ax, ay, az = taxels[a, 0], taxels[a, 1], taxels[a, 2]
     ux, uy, uz = taxels[b, 0] - ax, taxels[b, 1] - ay, taxels[b, 2] - az
@@ -90,11 +89,11 @@ def _closer(
 
 @inlined
 def _corner_weights(uu: float, uv: float, vv: float, wu: float, wv: float) -> tuple[float, float]:
-    """Returns the weights of the second and third corner for the point of a triangle that is nearest to a
-    given point (Ericson 2004, 5.1.5).
+    """Returns the weights of two corners for the point of a triangle nearest to a given point.
 
-    With the edges u and v from the first corner, and w from the first corner to the given point, the
-    arguments are their dot products.
+    The corners are the second and the third. The method is that of Ericson 2004, 5.1.5. The arguments are dot
+    products of three vectors: the edges u and v from the first corner, and w from the first corner to the
+    given point.
     """
     if wu <= 0.0 and wv <= 0.0:
         return 0.0, 0.0

@@ -1,4 +1,7 @@
-"""Tracking kernel: identities of contacts, constant from onset to end."""
+"""Tracking kernel: identities of contacts.
+
+An identity stays constant from the contact's first frame to its last.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +13,8 @@ from tci.frames import Array
 from tci.skin.kernels.arrays import CONTACTS, ContactArrays
 
 PATCH, IDENTITY, BEGAN, SEEN, ORIGIN, PLACE, TRACK = 0, 1, 2, 3, 4, 7, 10
-"""Columns of a track, and their number: patch, identity of the contact, onset [s], time [s] at which it was
-last seen, place at onset (3,) [m], present place (3,) [m]."""
+"""Columns of a track: patch, identity of the contact, onset [s], time [s] of the latest frame with the
+contact, place at onset (3,) [m], present place (3,) [m]. `TRACK` is their number."""
 _FREE = -1
 
 
@@ -34,8 +37,10 @@ def _is_taken(track: int, best: Array, begin: int, end: int) -> bool:
 def _find_nearest(
     c: int, tracks: Array, known: int, reach: float, out: ContactArrays, best: Array, begin: int, end: int
 ) -> None:
-    """Writes `best` of contact `c`: the nearest free track of the contact's patch within `reach` [m], and its
-    distance."""
+    """Finds the free track of the patch that is nearest to contact `c`.
+
+    Writes this track and its distance to `best`. Tracks farther than `reach` [m] are ignored.
+    """
     best[c, 1], best[c, 2] = _FREE, np.inf
     for i in range(known):
         if int(tracks[i, PATCH]) == out.site[c]:
@@ -48,7 +53,10 @@ def _find_nearest(
 def _assign(
     tracks: Array, known: int, reach: float, out: ContactArrays, best: Array, begin: int, end: int
 ) -> None:
-    """Matches the contacts of one patch, from `begin` to `end`, to its tracks, nearest pairs first."""
+    """Matches the contacts of one patch, from `begin` to `end`, to the patch's tracks.
+
+    The nearest pairs are matched first.
+    """
     for c in range(begin, end):
         best[c, 0] = 0.0
     for c in range(begin, end):
@@ -68,8 +76,10 @@ def _assign(
 
 @inlined
 def _first_new(out: ContactArrays, best: Array, begin: int, end: int) -> int:
-    """Returns, among contacts without a track, the one whose first taxel has the lowest index; -1 for
-    none."""
+    """Returns the contact without a track that has the lowest index of its first taxel.
+
+    Returns -1 if all have tracks.
+    """
     first = -1
     for c in range(begin, end):
         if best[c, 0] == 0.0 and (first < 0 or out.taxel[out.begin[c]] < out.taxel[out.begin[first]]):
@@ -90,11 +100,11 @@ def track(
 ) -> tuple[int, int]:
     """Writes identity, onset and displacement of each contact.
 
-    Contacts of a patch are matched with tracks of the patch that were seen within `linger` [s], nearest pairs
-    first, within `reach` [m]. Contacts without a match are new and are numbered from `fresh` on. `old` (t,
-    TRACK) are the previous tracks, `stamps` (p,) [s] the times of the patches' frames. The result is written
-    to `tracks` (t + c, TRACK); `best` (c, 3) is work space. Returns the next free identity and the number of
-    `tracks` in use.
+    Contacts of a patch are matched with tracks of the patch that were seen within the last `linger` [s]. The
+    nearest pairs are matched first, up to a distance of `reach` [m]. Contacts without a match are new and are
+    numbered from `fresh` on. `old` (t, TRACK) are the previous tracks. `stamps` (p,) [s] are the times of the
+    patches' frames. The new tracks are written to `tracks` (t + c, TRACK). `best` (c, 3) is work space.
+    Returns the next free identity and the number of rows in use in `tracks`.
     """
     used, contacts, begin = 0, len(out.site), 0
     for i in range(len(old)):  # tracks of patches without contacts wait for the next one

@@ -20,7 +20,7 @@ class Dropped(Injector):
 
 
 class SkinSilent(Injector):
-    """Loss of the skin's data; only the joints continue."""
+    """Loss of the skin's data, while new joint data still arrives."""
 
     number = 10
     description = "the skin sends nothing new, while the joints go on"
@@ -30,7 +30,7 @@ class SkinSilent(Injector):
 
 
 class OutOfOrder(Injector):
-    """Reordering: every second frame of the skin is an old one."""
+    """Reordering: every second skin frame is replaced by an old frame."""
 
     number = 11
     description = "every second skin frame is an old one"
@@ -58,7 +58,7 @@ class Duplicates(Injector):
 
 
 class Frozen(Injector):
-    """Frozen joints: old angles with fresh stamps."""
+    """Frozen joint data: old angles with new time stamps."""
 
     number = 14
     description = "the joint data stays the same under fresh stamps"

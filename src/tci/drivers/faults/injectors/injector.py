@@ -1,4 +1,5 @@
-"""Base class of fault injectors. Each works on any driver unless its description restricts it."""
+"""Base class of fault injectors. Every injector works on any driver, unless its `description` names a
+restriction."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ class Injector(ABC):
     description: ClassVar[str]
     """Description of the fault, for `tci fault list`."""
     shows_after: ClassVar[float] = 0.0
-    """Longest time [s] until the fault can be detected."""
+    """Longest time [s] from the start of the fault until it can be detected."""
 
     def __init__(self, driver: Driver, first: Reading) -> None:
         """Begins the fault; `first` is the last correct reading."""
@@ -30,15 +31,15 @@ class Injector(ABC):
         return
 
     def read(self, reading: Reading) -> Reading:
-        """Returns the reading that the loop gets instead."""
+        """Returns the reading that the loop gets instead of `reading`."""
         return Reading(self.joints(reading.joints), tuple(map(self.frame, reading.skin)))
 
     def joints(self, joints: JointReading) -> JointReading:
-        """Returns the joints that the loop gets instead."""
+        """Returns the joint data that the loop gets instead of `joints`."""
         return joints
 
     def frame(self, frame: SkinFrame) -> SkinFrame:
-        """Returns the skin frame that the loop gets instead."""
+        """Returns the skin frame that the loop gets instead of `frame`."""
         return frame
 
     def end(self) -> None:

@@ -12,19 +12,20 @@ from tci.messages import JointReading, Mode
 
 
 class _Angles(Injector):
-    """Base of faults that change the reported angles."""
+    """Base class of faults that change the reported angles."""
 
     def joints(self, joints: JointReading) -> JointReading:
         age = joints.stamp - self.first.joints.stamp
         return replace(joints, position=read_only(self.angles(joints.position, age)))
 
     def angles(self, position: Array, age: float) -> Array:
-        """Returns the angles (n,) [rad] to report instead, `age` [s] after the beginning."""
+        """Returns the angles (n,) [rad] that are reported instead of `position`, `age` [s] after the fault
+        began."""
         raise NotImplementedError
 
 
 class WrongDirection(_Angles):
-    """Inverted sign of the measured motion."""
+    """Measured motion with inverted sign, from the start of the fault on."""
 
     number = 19
     description = "all joints move against their commands (the sign of gamma)"
@@ -101,7 +102,7 @@ class ServoOff(Injector):
 
 
 class ModeMismatch(Injector):
-    """A control mode other than the commanded one."""
+    """Servos that report a control mode other than the commanded mode."""
 
     number = 23
     description = "all servos report torque mode; those in torque mode report position"

@@ -16,7 +16,7 @@ THREAD = "rehearsal"
 
 
 class ClockJump(Injector):
-    """A jump of the date by an hour."""
+    """A jump of the date by one hour, in this process only."""
 
     number = 13
     description = "the date of this process jumps by an hour; the monotonic clock does not"
@@ -30,7 +30,7 @@ class ClockJump(Injector):
 
 
 class Overrun(Injector):
-    """One period that takes as long as five."""
+    """One period of the loop that takes as long as five periods."""
 
     number = 41
     description = "one period takes as long as five"

@@ -13,7 +13,7 @@ from tci.messages import SkinFrame
 
 
 class _Taxels(Injector):
-    """Base of faults that change raw values of the first patch."""
+    """Base class of faults that change raw values of the first patch."""
 
     def frame(self, frame: SkinFrame) -> SkinFrame:
         if frame.patch != self.driver.robot.patches[0].name:
@@ -26,8 +26,10 @@ class _Taxels(Injector):
         return replace(frame, values=self.change(values, float(pressed), float(sensor.rest)))
 
     def change(self, values: Array, pressed: float, rest: float) -> NDArray[np.generic]:
-        """Returns the values (channels,) to report instead; `pressed` is the value of the hardest touch,
-        `rest` of none."""
+        """Returns the values (channels,) that are reported instead of `values`.
+
+        `pressed` is the value at the hardest touch, `rest` is the value without touch.
+        """
         raise NotImplementedError
 
 
@@ -56,7 +58,7 @@ class StuckLow(_Taxels):
 
 
 class DeadPatch(_Taxels):
-    """A patch whose taxels all report no touch."""
+    """A patch that reports zero for all taxels."""
 
     number = 3
     description = "the first patch reports zeros"
@@ -67,7 +69,7 @@ class DeadPatch(_Taxels):
 
 
 class NaNTaxel(_Taxels):
-    """A tenth of the taxels with values that are not numbers."""
+    """A patch on which every tenth value is not a number."""
 
     number = 4
     description = "every tenth taxel of the first patch is not a number"
@@ -78,7 +80,7 @@ class NaNTaxel(_Taxels):
 
 
 class Saturated(_Taxels):
-    """A few taxels at the end of their range."""
+    """Twelve channels that report the end of their range."""
 
     number = 5
     description = "twelve neighbouring channels of the first patch are at the end of their range"
@@ -89,7 +91,7 @@ class Saturated(_Taxels):
 
 
 class BaselineStep(_Taxels):
-    """A step of all rest values."""
+    """A sudden shift of all values of the first patch."""
 
     number = 7
     description = "all taxels of the first patch read a fifth of their range more than before"

@@ -4,9 +4,9 @@ DO NOT MODIFY BY HAND!!!!
 """
 
 """
-What TCI sends over LCM: a robot's process one state_t per period and each frame of skin once,
-a behaviour's process one orders_t per period. Joints are in the order of the robot's description.
-docs/lcm.md says on which channels, and what `check` is.
+Messages of TCI over LCM. The robot's process sends one state_t per period and each frame of skin once.
+A behaviour's process sends one orders_t per period. Joints are in the order of the robot's description.
+docs/lcm.md lists the channels and defines `check`.
 """
 
 from io import BytesIO
@@ -27,7 +27,7 @@ class commander_t(object):
     def __init__(self):
         self.client = 0
         """
-        number of the process that commands
+        number of the commanding process, another one after each start
         LCM Type: int64_t
         """
 
@@ -35,19 +35,19 @@ class commander_t(object):
         """ LCM Type: string """
         self.acknowledged = 0
         """
-        number of its last order that was handled
+        number of the commander's last order that was handled
         LCM Type: int64_t
         """
 
         self.refused = 0
         """
-        number of its last order that was refused; 0 for none
+        number of the commander's last order that was refused; 0 if none was
         LCM Type: int64_t
         """
 
         self.code = 0
         """
-        why it was: a number of tci.reasons.Code, 65535 for none, and its text
+        reason of the refusal: a number of tci.reasons.Code (65535: none), and its text
         LCM Type: int32_t
         """
 

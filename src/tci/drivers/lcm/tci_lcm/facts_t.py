@@ -22,7 +22,7 @@ class facts_t(object):
         """ LCM Type: int32_t """
         self.json = b""
         """
-        the run-time query as JSON, packed by zlib
+        the answer to the run-time query as JSON, compressed with zlib
         LCM Type: byte[size]
         """
 

@@ -18,7 +18,7 @@ class order_t(object):
     def __init__(self):
         self.switches = False
         """
-        whether it switches to the mode instead of commanding in it
+        true if the order switches the servos to the mode; false if it commands them in the mode
         LCM Type: boolean
         """
 
@@ -32,7 +32,7 @@ class order_t(object):
         """ LCM Type: double[num_servos] """
         self.speeds = []
         """
-        rad/s asked for beside the limits; inf for none
+        speed limits [rad/s] of this order, beside those of the robot; inf for none
         LCM Type: double[num_servos]
         """
 

@@ -22,19 +22,19 @@ class orders_t(object):
         """ LCM Type: int64_t """
         self.session = 0
         """
-        of the state that it answers
+        session of the state_t that the orders answer
         LCM Type: int64_t
         """
 
         self.seen = 0.0
         """
-        sent of that state
+        time `sent` of the state_t that the orders answer
         LCM Type: double
         """
 
         self.client = 0
         """
-        number of the sender, another one after each start
+        number of the sending process, another one after each start
         LCM Type: int64_t
         """
 
@@ -42,13 +42,13 @@ class orders_t(object):
         """ LCM Type: string """
         self.sequence = 0
         """
-        counts up by one
+        number of the message, which increases by one
         LCM Type: int64_t
         """
 
         self.halt_code = 0
         """
-        why the robot should hold: a number as in commander_t, and its text
+        reason why the robot should hold: a number as in commander_t, and its text
         LCM Type: int32_t
         """
 
@@ -58,7 +58,7 @@ class orders_t(object):
         """ LCM Type: boolean """
         self.first = 0
         """
-        number of the first order; they count up by one from 1
+        number of the first order; the orders are numbered from 1
         LCM Type: int64_t
         """
 
@@ -66,7 +66,7 @@ class orders_t(object):
         """ LCM Type: int32_t """
         self.orders = []
         """
-        all that are not acknowledged yet
+        all orders that are not acknowledged yet
         LCM Type: tci.drivers.lcm.tci_lcm.order_t[num_orders]
         """
 

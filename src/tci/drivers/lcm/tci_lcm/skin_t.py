@@ -20,7 +20,7 @@ class skin_t(object):
         """ LCM Type: int64_t """
         self.session = 0
         """
-        of the states of that process
+        session of the state_t of the same process
         LCM Type: int64_t
         """
 
@@ -28,19 +28,19 @@ class skin_t(object):
         """ LCM Type: string """
         self.stamp = 0.0
         """
-        s
+        time of the frame [s]
         LCM Type: double
         """
 
         self.sequence = 0
         """
-        counts up by one
+        number of the message, which increases by one
         LCM Type: int64_t
         """
 
         self.dtype = ""
         """
-        NumPy's name: |u1, <f4
+        NumPy's name of the data type, such as |u1 or <f4
         LCM Type: string
         """
 
@@ -48,7 +48,7 @@ class skin_t(object):
         """ LCM Type: int32_t """
         self.data = b""
         """
-        raw values, as the robot sent them
+        raw values from the robot
         LCM Type: byte[size]
         """
 

@@ -32,25 +32,25 @@ class state_t(object):
 
         self.sequence = 0
         """
-        counts up by one
+        number of the message, which increases by one
         LCM Type: int64_t
         """
 
         self.sent = 0.0
         """
-        s, on that process's monotonic clock
+        time of sending [s] on the monotonic clock of the robot's process
         LCM Type: double
         """
 
         self.now = 0.0
         """
-        s, the same instant on the clock of the stamps
+        time of sending [s] on the clock of the stamps
         LCM Type: double
         """
 
         self.joints_stamp = 0.0
         """
-        s
+        time of the measurement [s]
         LCM Type: double
         """
 
@@ -60,25 +60,25 @@ class state_t(object):
         """ LCM Type: int32_t """
         self.position = []
         """
-        rad
+        angles [rad]
         LCM Type: double[num_joints]
         """
 
         self.velocity = []
         """
-        rad/s
+        velocities [rad/s]
         LCM Type: double[num_joints]
         """
 
         self.num_effort = 0
         """
-        0 where the robot does not say
+        0 if the robot does not measure efforts
         LCM Type: int32_t
         """
 
         self.effort = []
         """
-        N m
+        torques [N m]
         LCM Type: double[num_effort]
         """
 
@@ -92,13 +92,13 @@ class state_t(object):
         """ LCM Type: boolean[num_powered] """
         self.gate = ""
         """
-        run, hold or stop
+        state of the gate: run, hold or stop
         LCM Type: string
         """
 
         self.code = 0
         """
-        why it holds or has stopped: a number as in commander_t, and its text
+        reason for hold or stop: a number as in commander_t, and its text
         LCM Type: int32_t
         """
 

@@ -14,8 +14,8 @@ from yarpwire.incoming import Delivery
 from yarpwire.network import Network
 
 KEPT = 4
-"""Number of messages that are kept. Assumed: enough to choose messages of several ports that were measured at
-nearly the same time."""
+"""Number of the latest messages that are kept. Assumed: enough to choose messages of several ports that were
+measured at nearly the same time."""
 RESTARTED = 100
 """If the message count decreases by more than this number, the sender counts as restarted. Assumed: never so
 many messages arrive out of order."""

@@ -132,3 +132,13 @@ def test_settings_and_parts_are_checked() -> None:
         TciError, match="soft reaction: the robot has no part 'tail'; valid: left_arm, right_arm"
     ):
         SoftReaction(parts=("tail",)).step({}, *seen())
+
+
+def test_a_part_without_a_joint_is_not_commanded_and_a_touch_of_it_says_why() -> None:
+    body, reaction = GenericBody(load_robot("nao-whole")), SoftReaction(parts=("torso", "left_arm"))
+    posture = {**BOTH_ARMS, "torso": np.zeros(3)}
+    perception = see(touch(0.5, 0.0, [4.0], part="torso"), posture=posture)
+    assert [order.part for order in reaction.begin(perception, body)] == ["left_arm"]
+    commands, memory = reaction.step({}, perception, body)
+    assert [command.part for command in commands] == ["left_arm"]
+    assert reaction.notes(memory) == ("torso was touched and does not move: it has no joint on this robot",)

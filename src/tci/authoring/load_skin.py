@@ -54,7 +54,8 @@ class PatchMeasurement:
     """File to which the calibration was written."""
     found: PatchCalibration
     loads: list[dict[str, float]]
-    """For each load: its known force, and the force by the described and by the calibrated response [N]."""
+    """Three forces [N] for each load: the known force, and the force that the skin measures before and after
+    the calibration."""
     force: ForceFit | None = None
     """Fit to the log of a force sensor, if there was one."""
 

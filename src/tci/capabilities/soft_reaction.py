@@ -23,6 +23,8 @@ AHEAD = 0.1
 """Time [s] of motion that is checked in advance. Assumed: the next skin frame comes much sooner."""
 MODES = (Mode.VELOCITY, Mode.TORQUE)
 """Control modes in which the soft reaction can run."""
+NO_JOINT = "it has no joint on this robot"
+"""Reason why a touched part does not yield."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,13 +82,13 @@ class SoftReaction(Capability[Postures]):
         return {}
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Command, ...]:
-        """Returns the orders that switch `parts` to the control mode `mode`."""
-        return tuple(SwitchMode(part, self.mode) for part in self.parts)
+        """Returns the orders that switch `parts` with a joint to the control mode `mode`."""
+        return tuple(SwitchMode(part, self.mode) for part in self.parts if np.any(body.has_joint(part)))
 
     def step(
         self, memory: Postures, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Command, ...], Postures]:
-        """Returns a command for each part. Raises TciError for a part that the robot lacks."""
+        """Returns a command for each part with a joint. Raises TciError for a part that the robot lacks."""
         commands, postures = [], {}
         for part in self.parts:
             if part not in perception.posture:
@@ -98,6 +100,9 @@ class SoftReaction(Capability[Postures]):
             touches = [
                 touch for touch in perception.contacts if touch.part == part and touch.force >= self.threshold
             ]
+            if not np.any(body.has_joint(part)):
+                postures[part] = Posture(perception.stamp, angles, angles, NO_JOINT if touches else "")
+                continue
             for touch in touches:
                 torque += body.jacobian(perception, touch).T @ touch.f_T
             velocity = self.mobility * torque

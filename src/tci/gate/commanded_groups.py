@@ -102,8 +102,8 @@ class CommandedGroups:
         self._found[mode, servos.tobytes()] = chains
 
     def moving(self, servos: Sequence[int]) -> list[JointGroup]:
-        """Returns the groups that move `servos`. New servos join their groups at their measured positions.
-        Raises CommandError if a servo can't join."""
+        """Returns the groups that move `servos`. Servos without a command so far join their groups at their
+        measured positions. Raises CommandError if a servo can't join."""
         wanted: dict[int, set[int]] = {}
         for servo in servos:
             wanted.setdefault(self._group_of[servo], set()).add(servo)

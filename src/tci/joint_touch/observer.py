@@ -40,8 +40,8 @@ class ObserverSettings:
     masses: float = 0.1
     """Relative error of the model's masses."""
     friction: float = 1.0
-    """Relative error of an identified friction. Assumed: as much again, since it changes with load and
-    temperature."""
+    """Relative error of an identified friction. Assumed: the error is as large as the friction itself, since
+    friction changes with load and temperature."""
     unknown: float = 0.012
     """Dry friction of a servo that was never identified, as a fraction of its torque limit. Assumed: 0.3 N m
     of 25 N m."""

@@ -40,8 +40,9 @@ def import_contact_list(
     `robot` must be the robot on which the log was recorded. A list contains the taxels of each contact and
     their mean value. Each of these taxels gets this mean as its raw value. The log contains no joint angles,
     so the joints are set to the robot's initial posture. Contacts are left out if the robot has no patch with
-    the part's name, or if none of their taxels is on this patch. The recorded centres are compared with the
-    robot's skin, and with each skin file in the folder `tables`. Raises RecordingError.
+    the part's name, or if none of their taxels is on this patch. The log also contains the centre of each
+    contact. The centres are compared with the taxels of the robot's skin, and with those of each skin file in
+    the folder `tables`, to find the skin file with which the log was made. Raises RecordingError.
     """
     patches = {patch.name: patch for patch in robot.patches if patch.surface.kind != "truncated_cone"}
     surfaces = {name: surface for name, surface in Skin(robot).surfaces.items() if name in patches}

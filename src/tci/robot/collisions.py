@@ -151,8 +151,8 @@ def _overlapping(model: mujoco.MjModel, robot: Robot, posture: Array) -> list[tu
 
 
 def _arms(spec: mujoco.MjSpec, robot: Robot) -> dict[str, tuple[int, int]]:
-    """Returns, for each body that the joints of an arm move, the bit of this arm and the number of the arm's
-    joints between trunk and body."""
+    """Returns two numbers for each body of the model that an arm moves: the collision bit of the arm (LEFT or
+    RIGHT), and the number of the arm's joints between the trunk and this body."""
     found = {}
     for part in robot.parts:
         if part.kind != "arm":

@@ -174,8 +174,8 @@ class InverseKinematics:
         return answer, steps
 
     def _starts(self, first: Array) -> Array:
-        """Returns further starting postures (starts - 1, k) [rad] within the limits, nearest to `first`
-        first. They are random, from a fixed seed."""
+        """Returns further starting postures (starts - 1, k) [rad] within the limits, sorted by their
+        distance from the first starting posture, `first`. They are random, from a fixed seed."""
         shares = np.random.default_rng(0).random((self._settings.starts - 1, len(first)))
         starts = self._lower + shares * (self._upper - self._lower)
         order: Array = starts[np.argsort(np.linalg.norm(starts - first, axis=1))]

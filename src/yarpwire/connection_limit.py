@@ -3,8 +3,8 @@ many, older connections are closed.
 
 There is no login. A connection counts as unknown until it has sent a valid message, and it must send one
 within PATIENCE. If there are too many connections, unknown connections are closed first, then the connections
-that were silent for the longest time. As long as there are not too many, a connection that has sent a valid
-message may be idle for any time.
+that were silent for the longest time. While there are not too many connections, a connection that has sent a
+valid message may be idle for any time.
 """
 
 from __future__ import annotations

@@ -173,7 +173,7 @@ class BehaviourTree(Capability[Behaviour]):
         return tuple(orders), memory
 
     def notes(self, memory: Behaviour) -> tuple[str, ...]:
-        """Returns the messages of all leaves for a person."""
+        """Returns the notes of all leaves of the tree."""
         return tuple(note for leaf in _leaves(memory) for note in leaf.capability.notes(leaf.memory))
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:

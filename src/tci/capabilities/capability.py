@@ -58,8 +58,8 @@ class Capability(ABC, Generic[Memory]):
         the robot on towards the last target.
 
         Contacts may be on any part of the robot, for example on the switches of NAO's head. Use only contacts
-        with a `part` that your behaviour moves, and ignore the others. Read the posture with `.get`, since a
-        robot may lack a part.
+        with a `part` that your behaviour moves, and ignore the others. Read the angles of a part
+        with `perception.posture.get("left_arm")`, which returns None if the robot lacks this part.
         """
 
     def notes(self, memory: Memory) -> tuple[str, ...]:

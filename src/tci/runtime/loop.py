@@ -100,8 +100,8 @@ def run(
     `write=False` no command is sent, and the driver need not be armed. The run ends early when `until`,
     called with the capability's memory, returns True.
 
-    At every end of the run, the robot is brought to rest within `REST`. Unfinished motions are cut short.
-    This also happens after SIGINT and SIGTERM. Then `run` raises KeyboardInterrupt or SystemExit.
+    However the run ends, the robot is then brought to rest, and unfinished motions are cut short. The loop
+    waits at most `REST` [s] for the robot to rest. After SIGINT and SIGTERM, `run` then raises KeyboardInterrupt or SystemExit.
 
     Before the robot moves, one of three errors may be raised: TciError for an invalid duration or argument,
     CommandError if the robot refuses the capability's first commands, and DriverError if another process

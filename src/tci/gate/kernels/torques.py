@@ -62,9 +62,9 @@ def limit_torques(
     """Writes the torques of `servos` (k,) that are sent now into `memory`. The torques are limited by the
     `trust` (k,) in their data.
 
-    `measured` (5, n_servos) and `memory` (5, n_servos) have a column for each servo of the robot. The
-    measurements are `late` [s] old when the next torque is computed. If `halts` is True, any motion is
-    braked.
+    `measured` (5, n_servos) and `memory` (5, n_servos) have a column for each servo of the robot. When
+    the next torques are computed, one period later, the measurements are `late` [s] old. If `halts` is True,
+    any motion is braked.
     """
     for k in range(len(servos)):
         i = servos[k]

@@ -142,6 +142,20 @@ def test_a_joint_that_a_touch_pressed_outside_comes_no_farther_in_than_its_limit
     assert 2.0 - 1e-5 < np.array(driven.path)[:, 2].min() <= 2.0
 
 
+def test_a_joint_outside_its_limits_comes_in_slowly_beside_one_in_velocity_mode() -> None:
+    """Its target velocity exceeded the speed of its command, which ruckig refuses, so nothing moved."""
+    driven = Driven(make_robot(modes=(Mode.POSITION, Mode.VELOCITY)), [0, 0, 2.3, 0, 0, 0])
+    driven.step(position_command([2], [1.5], speed=0.5))
+    driven.step(PlatformSwitch(np.array([3]), Mode.VELOCITY))
+    velocity = dataclasses.replace(position_command([3], [0.2]), mode=Mode.VELOCITY)
+    for _ in range(100):
+        driven.step(velocity)
+    assert driven.angles[2] < 2.29
+    assert driven.angles[3] > 0.01
+    outside = np.array(driven.path)[:, 2]
+    assert np.abs(np.diff(outside)).max() / PERIOD <= 0.11 * 0.5
+
+
 @pytest.mark.parametrize("mode", [Mode.POSITION, Mode.VELOCITY])
 def test_a_joint_that_sags_does_not_wander_outside_however_often_it_starts_anew(mode: Mode) -> None:
     """A G1's shoulder went out by its sag each time: it began where it had sagged to, and stayed."""

@@ -65,15 +65,14 @@ class Bounds:
         inside: Array = np.where(outside, nearest, position)
         return inside
 
-    def inward(self, position: Array, share: float) -> Array:
+    def inward(self, position: Array, speed: Array) -> Array:
         """Returns the velocity (n,) [rad/s] with which servos return into their limits.
 
         Each servo at a `position` (n,) [rad] outside its limits gets the velocity from which it comes to rest
-        just inside the limits. This velocity is at most the fraction `share` of the speed limit. All other
-        servos get 0.
+        just inside the limits, at most `speed` (n,) [rad/s]. All other servos get 0.
         """
         left = self.inside(position) - position
-        most = np.minimum(_stopping_speed(np.abs(left), self.acceleration, self.jerk), share * self.velocity)
+        most = np.minimum(_stopping_speed(np.abs(left), self.acceleration, self.jerk), speed)
         inward: Array = np.sign(left) * most
         return inward
 

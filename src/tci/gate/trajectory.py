@@ -213,8 +213,8 @@ class OnlineTrajectory:
         if self._any_driven:
             allowed = self.bounds.allowed_velocity(here, np.nan_to_num(self._drive))
             if self._outside:
-                inward = self.bounds.inward(here, CREEP)
-                allowed = np.where(inward, inward, allowed)
+                inward = self.bounds.inward(here, CREEP * self._most)
+                allowed = np.where(self._driven & (inward != 0.0), inward, allowed)
             self._driving = bool(allowed.any())
             self._input.target_velocity = allowed.tolist()
         try:

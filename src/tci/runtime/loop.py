@@ -101,7 +101,8 @@ def run(
     called with the capability's memory, returns True.
 
     However the run ends, the robot is then brought to rest, and unfinished motions are cut short. The loop
-    waits at most `REST` [s] for the robot to rest. After SIGINT and SIGTERM, `run` then raises KeyboardInterrupt or SystemExit.
+    waits at most `REST` [s] for the robot to rest. After SIGINT and SIGTERM, `run` then raises
+    KeyboardInterrupt or SystemExit.
 
     Before the robot moves, one of three errors may be raised: TciError for an invalid duration or argument,
     CommandError if the robot refuses the capability's first commands, and DriverError if another process

@@ -92,6 +92,17 @@ def test_two_touches_are_told_apart(poked: Poked) -> None:
     assert len(find_touches([*periods, *later])) == 2
 
 
+def test_a_gesture_of_another_part_is_no_response(poked: Poked) -> None:
+    gesture = {"part": "right_arm", "values": [0.0] * 5}
+    periods = [
+        type(one)(one.now, one.reading, one.perception, [gesture], one.decision)
+        for one in perceive(Recording(poked.path), poked.robot)
+    ]
+    (touch,) = find_touches(periods)
+    assert touch.commands == {}
+    assert touch.commanded is None
+
+
 def test_only_the_recorded_description_will_do(poked: Poked) -> None:
     recording = Recording(poked.path)
     assert recorded_robot(recording) == poked.robot

@@ -73,10 +73,16 @@ class Touch:
 
 
 def find_touches(periods: Iterable[Perceived]) -> list[Touch]:
-    """Returns all touches, in the order in which they began."""
+    """Returns all touches, in the order in which they began.
+
+    If another part was commanded immediately before a touch, as in a gesture, its commands and its motion are
+    no response.
+    """
     found: list[Touch] = []
     last: dict[str, Touch] = {}
     start: dict[str, Mapping[str, Array]] = {}
+    before: set[str] = set()
+    busy: dict[str, set[str]] = {}
     for period in periods:
         forces: dict[str, float] = {}
         patches: dict[str, str] = {}
@@ -87,7 +93,7 @@ def find_touches(periods: Iterable[Perceived]) -> list[Touch]:
             touch = last.get(part)
             if touch is None or period.now - touch.ended > PAUSE:
                 touch = last[part] = Touch(part, patches[part], period.now, period.now)
-                start[part] = period.perception.posture
+                start[part], busy[part] = period.perception.posture, before - {part}
                 found.append(touch)
             touch.ended = period.now
             touch.peak_force = max(touch.peak_force, force)
@@ -95,11 +101,16 @@ def find_touches(periods: Iterable[Perceived]) -> list[Touch]:
             if period.now - touch.ended > PAUSE:
                 continue
             for command in period.commands:
-                if command["part"] in ("", *start[part]) and len(command["values"]):
+                known = command["part"] in ("", *start[part]) and command["part"] not in busy[part]
+                if known and len(command["values"]):
                     touch.commands.setdefault(command["part"], period.now)
             for name, angles in period.perception.posture.items():
-                if name not in touch.motions and np.abs(angles - start[part][name]).max(initial=0.0) > MOVED:
+                if (
+                    name not in {*touch.motions, *busy[part]}
+                    and np.abs(angles - start[part][name]).max(initial=0.0) > MOVED
+                ):
                     touch.motions[name] = period.now
+        before = {command["part"] for command in period.commands if len(command["values"])}
     for touch in last.values():
         touch.lasts = touch.ended == period.now
     return found

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +12,14 @@ import pytest
 import tci
 from recording.recorded import record_poke
 from skin_data import SkinData
+from tci.contacts import Contacts
 from tci.errors import CommandError, RecordingError
 from tci.gate.gate import GateState
 from tci.recording.contact_list import import_contact_list
-from tci.recording.perceived import recorded_robot
+from tci.recording.perceived import Perceived, perceive, recorded_robot
 from tci.recording.recording import Recording
 from tci.runtime.loop import Tick
+from tci.viewer import player as player_module
 from tci.viewer.player import Player
 
 
@@ -119,3 +123,17 @@ def test_touches_of_an_icubs_contact_list_play(tmp_path: Path, skin_data: SkinDa
     player.seek(player.touches[-1].began)
     assert player.view.contacts
     assert player.view.state is None
+
+
+def test_two_periods_of_one_time_are_one_event(
+    poked: tuple[Path, list[Tick]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Lists of contacts have equal stamps; the second period here has no contact, so the touch was not found."""
+
+    def twice(recording: Recording, robot: tci.Robot) -> Iterator[Perceived]:
+        for period in perceive(recording, robot):
+            yield period
+            yield replace(period, perception=replace(period.perception, contacts=Contacts.of([])))
+
+    monkeypatch.setattr(player_module, "perceive", twice)
+    assert Player(Recording(poked[0]), tci.load_robot("nao")).touches

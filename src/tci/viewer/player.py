@@ -175,12 +175,15 @@ class Player:
         self._list_events(periods)
 
     def _list_events(self, periods: list[Perceived]) -> None:
-        by_time = {period.now: period for period in periods}
+        by_time: dict[float, list[Perceived]] = {}  # contact lists have several periods of one time
+        for period in periods:
+            by_time.setdefault(period.now, []).append(period)
         for touch in self.touches:
-            contacts = [c for c in by_time[touch.began].perception.contacts if c.part == touch.part]
+            seen = [contact for period in by_time[touch.began] for contact in period.perception.contacts]
+            contacts = [contact for contact in seen if contact.part == touch.part]
             self._happened.append((touch.began, touched(contacts[0], self.fields)))
             if touch.commanded is not None:
-                for command in by_time[touch.commanded].commands:
+                for command in [one for period in by_time[touch.commanded] for one in period.commands]:
                     if command["kind"] == GenericCommand.__name__ and command["part"] == touch.responding:
                         self._happened.append((touch.commanded, moves(touch.responding, command["values"])))
                         break

@@ -128,7 +128,7 @@ def test_touches_of_an_icubs_contact_list_play(tmp_path: Path, skin_data: SkinDa
 def test_two_periods_of_one_time_are_one_event(
     poked: tuple[Path, list[Tick]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Lists of contacts have equal stamps; the second period here has no contact, so the touch was not found."""
+    """Lists of contacts have equal stamps. The second period here has no contact."""
 
     def twice(recording: Recording, robot: tci.Robot) -> Iterator[Perceived]:
         for period in perceive(recording, robot):

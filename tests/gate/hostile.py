@@ -25,8 +25,8 @@ BUSY, CYCLE = 700, 1500
 rest."""
 WIGGLE = 2e-3
 """Distance [rad] that a stop may turn back on its way in from outside its bounds."""
-AT_REST = 5e-4
-"""Distance [rad] that a joint at rest may move in a period: 3 degrees/s at 100 Hz."""
+STILL = 1e-9
+"""Distance [rad] between two readings of a joint at rest that have one stamp."""
 SAG = float(np.deg2rad(0.4))
 """Distance [rad] of a simulated servo from its reference."""
 
@@ -84,7 +84,7 @@ class Judge:
         position = safe.position[~loose]
         if not moved:
             # What was read under the same stamp before counts: a joint may have moved since.
-            if (np.abs(position - self.steps[3, index]) > AT_REST * starts[index]).any():
+            if (np.abs(position - self.steps[3, index]) > STILL * starts[index]).any():
                 self._fault("moved before its time", np.inf)
             return
         self.steps[:-1] = self.steps[1:].copy()

@@ -216,8 +216,7 @@ class _Attack(Attack):
         self.movable = [*self.servos.tolist(), int(np.argmin(self.slots))]  # one that is refused
         legs = {servo: "a leg" for servo, slot in enumerate(self.slots.tolist()) if slot < 12}
         # Its joints pass through each other: a check for that would hold them where no arm can be.
-        settings = self.gate.settings
-        self.gate = PartialGate(robot, legs, period=PERIOD, stale_after=0.1, settings=settings)
+        self.gate = PartialGate(robot, legs, period=PERIOD, stale_after=0.1)
         self.wire, self.set_points = _Wire(sdk), SetPoints(self.slots, whole=False)
         self.socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         theirs.setblocking(False)

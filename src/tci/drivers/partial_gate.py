@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from tci.gate.gate import Gate, GateSettings, SafeCommand
+from tci.gate.gate import Gate, SafeCommand
 from tci.gate.immovable import Immovable
 from tci.messages import JointReading, PlatformOrder
 from tci.reasons import Code, Reason
@@ -18,17 +18,11 @@ class PartialGate(Gate):
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        unreached: Mapping[int, str],
-        *,
-        period: float,
-        stale_after: float,
-        settings: GateSettings | None = None,
+        self, robot: Robot, unreached: Mapping[int, str], *, period: float, stale_after: float
     ) -> None:
         """Makes the gate; `unreached` has the index of each servo that can't be reached, with the reason
         why."""
-        super().__init__(robot, period=period, stale_after=stale_after, settings=settings)
+        super().__init__(robot, period=period, stale_after=stale_after)
         self._unreached = unreached
         servos = tuple(
             servo.model_copy(update={"limits": Limits()}) if servo.index in unreached else servo

@@ -90,6 +90,21 @@ def test_the_image_shows_the_touch_where_its_taxels_are(body: GenericBody, feel:
     assert felt == pytest.approx(seen.contacts[0].force, rel=0.2)
 
 
+@pytest.mark.parametrize("robot", ["nao", "icub"])
+@pytest.mark.parametrize("patch", ["left_forearm", "right_forearm", "left_upper_arm", "right_upper_arm"])
+def test_both_arms_are_seen_from_outside(robot: str, patch: str) -> None:
+    body = GenericBody(tci.load_robot(robot))
+    places = pressure_image(untouched(body), body, patch).places
+    corners = places[body.skin.surfaces[patch].faces]
+    corners = corners[np.ptp(corners[:, :, 0], axis=1) < 0.03]  # not across the cut
+    (p, q), (r, s) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
+    assert len(corners) > 100
+    assert (p * s - q * r).min() > 0.0, "corners run anticlockwise"
+    _, theta, _ = body.skin.limb(patch, untouched(body).joints)
+    lateral = places[(theta > 0.5) & (theta < 2.5), 0]
+    assert (lateral > 0.0).all() if patch.startswith("left") else (lateral < 0.0).all()
+
+
 @pytest.mark.parametrize("patch", ["left_thigh", "head_skin", "left_hand"])
 def test_skin_around_another_part_is_unrolled_too(patch: str) -> None:
     whole = GenericBody(tci.load_robot("nao-whole"))
@@ -142,10 +157,29 @@ def test_events_have_the_stamps_of_their_frames(body: GenericBody, feel: Feel) -
     assert told == [("onset", 2), ("slip", 4), ("end", 7)]
 
 
+def test_a_contact_that_vanishes_for_a_moment_returns_and_begins_only_once(
+    body: GenericBody, feel: Feel
+) -> None:
+    touch = stress(body, along=0.006, around=0.006)
+    told, before = [], None
+    for pressed in (0.0, 1.0, 0.0, 0.0, 1.0, 1.0, *[0.0] * 15, 1.0):  # 30 ms, and 150 ms
+        now = feel(pressed * touch)
+        told += [(one.kind, one.contact, round(RATE * one.stamp)) for one in touch_events(before, now, body)]
+        before = now
+    first, second = told[0][1], told[-1][1]
+    assert first != second
+    assert told == [
+        ("onset", first, 3), ("end", first, 4), ("return", first, 6), ("end", first, 8), ("onset", second, 23)
+    ]  # fmt: skip
+
+
 def test_impossible_questions_are_refused(body: GenericBody, feel: Feel) -> None:
     seen = feel(stress(body, along=0.006, around=0.006))
     with pytest.raises(TciError, match="pixel 0"):
         pressure_image(seen, body, PATCH, pixel=0.0)
+    for pixel in (1e-6, 1e-300):
+        with pytest.raises(TciError, match=r"pixel 1e-.* m; valid: 4.*e-05 m or more on left_forearm"):
+            pressure_image(seen, body, PATCH, pixel=pixel)
     with pytest.raises(TciError, match="friction -1"):
         touch_events(None, seen, body, friction=-1.0)
     with pytest.raises(TciError, match="without skin"):

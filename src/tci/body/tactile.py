@@ -16,12 +16,15 @@ from tci.body.generic_body import GenericBody
 from tci.errors import TciError
 from tci.frames import Array, frozen
 from tci.messages import Contact, Perception
+from tci.robot.generic_arm import side_sign
 from tci.skin.layout import AXES
 from tci.skin.triangulation import is_sheet, unroll
 
 FRICTION = 0.5
 """Ratio of tangential to normal force at which an object slips on the skin. Assumed: between the values for
 rubber on steel and rubber on wood. Measure the ratio of your skin: pull an object slowly until it slips."""
+MOST_PIXELS = 2**24
+"""Largest number of pixels of a pressure image. Assumed: this is 4096 x 4096 pixels, which need 128 MiB."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +41,8 @@ class PressureImage:
     """Coordinates (taxels, 2) [m] of the taxels in the plane of the image: to the right, and up.
 
     On a limb, the first coordinate is the arc length around the limb from its flexor side; the second is the
-    distance from the distal end of the segment.
+    distance from the distal end of the segment. On a left limb the lateral side is to the right of the flexor
+    side, on a right limb to the left of it.
     """
 
 
@@ -49,10 +53,10 @@ def pressure_image(
 
     A sleeve on a limb is cut along its extensor side and unrolled at its mean radius. A sleeve on another
     part is unrolled too, but the place of its cut is arbitrary. A flat patch is projected onto its mean
-    plane.
+    plane. All images show the skin from outside, so those of a left and a right limb are mirror images.
 
-    Raises UnknownNameError for an unknown patch, and TciError for a perception without skin or a pixel size
-    that is not above 0.
+    Raises UnknownNameError for an unknown patch. Raises TciError for a perception without skin, for a pixel
+    size that is not above 0, and for a pixel size that gives more than MOST_PIXELS.
     """
     if perception.skin is None or perception.joints is None:
         raise TciError("a perception without skin has no pressure image; valid: one made by a Perceiver")
@@ -67,10 +71,15 @@ def pressure_image(
         places *= [np.sign(np.linalg.det(axes)), 1.0]  # to the right as seen from outside
     else:
         u, theta, radius = body.skin.limb(patch, perception.joints)
-        places = np.column_stack([theta * radius.mean(), (1.0 - u) * segment.length])
+        right = side_sign(body.robot.part(description.part).side or "left")
+        places = np.column_stack([right * theta * radius.mean(), (1.0 - u) * segment.length])
     reach = np.sqrt(surface.areas)
     corner = (places - reach[:, None]).min(axis=0)
-    columns, rows = np.ceil(((places + reach[:, None]).max(axis=0) - corner) / pixel).astype(int)
+    size = (places + reach[:, None]).max(axis=0) - corner
+    if size.prod() > MOST_PIXELS * pixel**2:
+        least = float(np.sqrt(size.prod() / MOST_PIXELS))
+        raise TciError(f"pressure image: pixel {pixel} m; valid: {least:.2g} m or more on {patch}")
+    columns, rows = np.ceil(size / pixel).astype(int)
     x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows)[::-1] + 0.5)
     apart, nearest = cKDTree(places).query(np.stack([x, y], axis=-1) * pixel + corner)
     image = perception.skin.on(body.layout.places[patch])[nearest]
@@ -138,9 +147,13 @@ def shear_force(contact: Contact, body: GenericBody) -> ShearForce | None:
 
 @dataclass(frozen=True, slots=True)
 class TouchEvent:
-    """Beginning, slip or end of a contact."""
+    """Beginning, slip, end or return of a contact.
 
-    kind: Literal["onset", "slip", "end"]
+    A contact that vanishes for a moment and keeps its identity (see `TrackSettings.linger`) ends, and then
+    returns.
+    """
+
+    kind: Literal["onset", "slip", "end", "return"]
     contact: int
     """Identity of the contact."""
     patch: str
@@ -163,16 +176,24 @@ def touch_events(
     found = []
     for one in now.contacts:
         then = known.get(one.identity)
-        if then is None:
+        if then is None and before is not None and one.onset <= _stamp(before, one.patch, body):
+            found.append(TouchEvent("return", one.identity, one.patch, one.stamp))
+        elif then is None:
             found.append(TouchEvent("onset", one.identity, one.patch, one.onset))
         if _slips(one, body, friction) and not (then is not None and _slips(then, body, friction)):
             found.append(TouchEvent("slip", one.identity, one.patch, one.stamp))
     going = {one.identity for one in now.contacts}
     for identity, then in known.items():
         if identity not in going:
-            stamp = now.stamp if now.skin is None else now.skin.stamp[body.layout.places[then.patch]]
-            found.append(TouchEvent("end", identity, then.patch, float(stamp)))
+            found.append(TouchEvent("end", identity, then.patch, _stamp(now, then.patch, body)))
     return tuple(sorted(found, key=lambda event: (event.stamp, event.contact)))
+
+
+def _stamp(perception: Perception, patch: str, body: GenericBody) -> float:
+    """Returns the time [s] of a patch's frame; NaN if the patch has sent no frame."""
+    if perception.skin is None:
+        return perception.stamp
+    return float(perception.skin.stamp[body.layout.places[patch]])
 
 
 def _slips(contact: Contact, body: GenericBody, friction: float) -> bool:

@@ -1,4 +1,4 @@
-"""The withdrawal reflex on a simulated NAO that is poked: the whole program."""
+"""Complete program: runs the withdrawal reflex on a simulated NAO that is poked."""
 
 import tci
 

@@ -1,4 +1,5 @@
-"""The loop of `tci.run`, step by step. `run` also adds begin, fault, watchdogs, the lease and a safe end."""
+"""The loop of `tci.run`, step by step. In addition, `run` handles the begin, faults, watchdogs, the lease and
+a safe end."""
 
 import tci
 

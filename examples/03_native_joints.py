@@ -1,4 +1,5 @@
-"""Native joints: moves iCub's wrist by the names of its own joints, through the same gate."""
+"""Native joints: moves iCub's wrist with the names of iCub's own joints. The commands pass through the
+gate."""
 
 import numpy as np
 

@@ -1,4 +1,5 @@
-"""A soft arm, which yields to a push along the force, through the transposed Jacobian."""
+"""A soft arm: a push moves the arm in the direction of the force, which the transposed Jacobian maps to joint
+motions."""
 
 import numpy as np
 

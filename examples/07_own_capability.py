@@ -1,4 +1,4 @@
-"""A capability of your own, on two robots: a touched arm shrugs, and returns after the touch."""
+"""A new capability on two robots: a touched arm is lifted to the side, and returns after the touch."""
 
 from dataclasses import dataclass
 
@@ -9,9 +9,10 @@ import tci
 
 @dataclass(frozen=True)
 class Shrug(tci.Capability[dict[str, tuple[np.ndarray, float]]]):
-    """Lifts a touched arm to the side. Memory: each arm's posture before [rad] and time of its touch [s]."""
+    """Lifts a touched arm to the side. The memory contains, for each touched arm, the posture before the
+    touch [rad] and the time of the last touch [s]."""
 
-    parts: tuple[str, ...] = ("left_arm", "right_arm")  # a touch may also be on NAO's head
+    parts: tuple[str, ...] = ("left_arm", "right_arm")  # a contact may also be on NAO's head
     threshold: float = 0.5  # [N]
     lift: float = np.deg2rad(20.0)  # [rad] of shoulder roll
     wait: float = 0.4  # [s] after the last touch

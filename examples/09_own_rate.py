@@ -1,4 +1,5 @@
-"""Your own loop at 50 Hz, 100 Hz and 1 kHz: the arm takes equally long, as its limits allow."""
+"""Runs your own loop at 50 Hz, 100 Hz and 1 kHz. The arm takes equally long at each rate, because its limits
+determine the time."""
 
 import numpy as np
 
@@ -14,7 +15,7 @@ def at_rest(sent: tci.SafeCommand) -> bool:
     return bool(np.abs(sent.velocity).max(initial=0.0) < 1e-3)
 
 
-# The gate plans from one of its steps to the next, so tell the driver how often you call it.
+# The gate plans the motion until its next step, so the driver must know how often you call the gate.
 for rate in (50.0, 100.0, 1000.0):
     with tci.connect(robot, "sim", rate=rate) as driver:
         for now in driver.ticks(duration=2.0):
@@ -25,7 +26,8 @@ for rate in (50.0, 100.0, 1000.0):
                 break
         print(f"loop at {rate:.0f} Hz: 30 degrees in {now:.2f} s")
 
-# Over a driver with a rate of its own: decide at yours, and let the gate step at the driver's.
+# Use these lines if the driver has a fixed rate: your capability decides at your rate, and the gate steps at
+# the rate of the driver.
 with tci.connect(robot, "sim") as driver:
     often = round(0.02 / driver.period)
     for tick, now in enumerate(driver.ticks(duration=2.0)):

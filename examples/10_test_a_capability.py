@@ -1,4 +1,4 @@
-"""Tests a capability without a robot and without a simulation: its command after a touch."""
+"""Tests a capability without a robot and without a simulation: checks its command after a touch."""
 
 import numpy as np
 

@@ -1,4 +1,5 @@
-"""A recording as matrices for NumPy and pandas (`pip install pandas`): give its file, or one is made here."""
+"""Converts a recording to matrices for NumPy and pandas (`pip install pandas`). The argument is the file;
+without an argument the program makes a recording first."""
 
 import sys
 from pathlib import Path
@@ -23,7 +24,7 @@ if not sys.argv[1:]:
         )
 
 recording = tci.Recording(path)
-found = tci.tables(recording, tci.recorded_robot(recording))  # by name: arrays with a row for each instant
+found = tci.tables(recording, tci.recorded_robot(recording))  # arrays by name, with one row per time
 skin = found["skin_left_forearm"]
 forces = pd.DataFrame(skin["force_n"], index=skin["time_s"])  # frames by taxels [N]
 contacts = pd.DataFrame(found["contacts"])

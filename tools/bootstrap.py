@@ -1,9 +1,9 @@
 """Creates the virtual environment `.venv` on a bare machine, and installs locked packages into it.
 
-    python3 tools/bootstrap.py REQUIREMENTS
+python3 tools/bootstrap.py REQUIREMENTS
 
-It uses the standard library only. Debian's python3 comes without ensurepip and pip; in this case
-pip itself is fetched from PyPI, pinned and checked by its hash. A second run installs nothing.
+The program uses only the standard library. Debian's python3 lacks ensurepip and pip. In this case the program
+downloads a fixed version of pip from PyPI and checks its hash. A second run installs nothing.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
 PYTHON = VENV / "bin" / "python"
 PIP = VENV / "bin" / "pip"
-"""Last file to be created: if it is missing, or its Python is gone, the environment is created again."""
+"""File that is created last. If the file is missing, or the Python of the environment no longer exists, the
+environment is created again."""
 PIP_INDEX = "https://pypi.org/simple/pip/"
 PIP_WHEEL = "pip-26.3-py3-none-any.whl"
 PIP_SHA256 = "f3b60b20ffaadd4415ed7957212a38ac63fa4c5fa375bd0f4a797777940fad13"
@@ -41,7 +42,7 @@ def main() -> None:
         make_venv()
     print(f"installing {lock.relative_to(ROOT)} into .venv (the first time takes a minute)", flush=True)
     pip("install", "--require-hashes", "--requirement", str(lock))
-    pip("uninstall", "--yes", "tci")  # the distribution's name before it could be installed from PyPI
+    pip("uninstall", "--yes", "tci")  # the name of the distribution until PyPI had it
     pip("install", "--no-deps", "--no-build-isolation", "--editable", str(ROOT))
     stamp.write_text(state)
 
@@ -78,7 +79,8 @@ def read(address: str) -> bytes:
 
 
 def pip(*arguments: str) -> None:
-    """Runs pip. Shows only the package in work on a terminal, and the whole output after a failure."""
+    """Runs pip. On a terminal, shows only the package that is being installed. After a failure, shows the
+    whole output."""
     command = [str(PYTHON), "-m", "pip", "--disable-pip-version-check", *arguments]
     shown = sys.stdout.isatty()
     said: list[str] = []

@@ -1,4 +1,5 @@
-"""Figure of docs/motion.md: what the gate sends to one joint, from a real run of a simulated NAO."""
+"""Figure of docs/motion.md: the set-points that the gate sends to one joint, recorded from a simulated
+NAO."""
 
 from __future__ import annotations
 
@@ -18,13 +19,15 @@ CASES = {
     "velocity: up to the limit": (tci.Mode.VELOCITY, {0.1: 150.0}),
     "HOLD: joint data stays away": (tci.Mode.POSITION, {0.1: -30.0}),
 }
-"""Mode and commands [degrees, degrees/s] by time [s] of each column; the first stays until the next."""
+"""For each column: the control mode, and the commands [degrees, degrees/s] by the time [s] at which they are
+sent. A command is repeated until the time of the next command."""
 SILENT = 0.25
-"""Time [s] from which the last case repeats an old reading."""
+"""Time [s] after which the last case repeats an old reading."""
 
 
 def run(case: str) -> tuple[Array, Array]:
-    """Returns time and sent angle (n, 2) [s, rad], and the limits of angle, speed and acceleration."""
+    """Returns time and sent angle (n, 2) [s, rad], and the joint's limits of angle, speed and
+    acceleration."""
     mode, targets = CASES[case]
     with tci.connect(ROBOT, "sim") as driver:
         servo = next(servo for servo in driver.robot.servos if servo.name == SERVO)

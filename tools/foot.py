@@ -1,6 +1,7 @@
-"""The picture of docs/conditioning.md: raw data of a real iCub's sole while the robot stood and was lifted.
+"""Picture of docs/conditioning.md: raw data of a real iCub's foot sole. The robot stood and was then lifted.
 
-The places of the channels come from the foot's position file. The values show which channels are taxels.
+The positions of the channels are read from the foot's position file. The values show which channels are
+taxels.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from tci.skin.surfaces import Surface, find_neighbours
 
 SENSOR = Sensor(rest=240.0, pascal_per_count=-450.0, lowest=0.0, highest=255.0)
 MOMENTS = (5.0, 11.2, 14.05, 15.45, 17.6)
-"""Times [s] of the maps."""
+"""Times [s] at which the maps of the picture show the frame."""
 
 
 def read_raw(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -26,28 +26,29 @@ GRASPS = {
     "icub-hands": (0.018, (60.0, 70.0, 70.0)),
     "g1-hands": (0.025, (90.0, 12.0, 58.0)),
 }
-"""Radius [m] of a ball that fits each hand; opposition, flexion of the thumb and of the others [degrees] with
-which the hand starts."""
+"""For each robot: radius [m] of a ball that fits the hand, and the initial hand posture: thumb opposition,
+thumb flexion and finger flexion [degrees]."""
 SCALE = 0.8
-"""Size of the films against those of `tci run --film`."""
+"""Factor by which the films are smaller than those of `tci run --film`."""
 FACE = "head_skin"
 Touch = Callable[[Any, tci.Robot], None]
 
 
 def touch_forearm(driver: Any, robot: tci.Robot, **motion: float) -> None:
-    """Pokes the centre of the first receptive field of the left forearm: one place on every robot."""
+    """Pokes the centre of the first receptive field of the left forearm. This is the same place on every
+    robot."""
     site = tci.default_fields()[0]
     place = find_place(Skin(robot), "left_arm", site.segment, site.u, site.theta, driver.read().joints)
     driver.world.finger.poke(place.patch, place.p_L, place.n_L, gap=0.02, **motion)
 
 
 def push_forearm(driver: Any, robot: tci.Robot) -> None:
-    """Pushes the forearm slowly and far, as a hand does."""
+    """Pushes the forearm slowly and over a long distance, like a human hand."""
     touch_forearm(driver, robot, speed=0.06, depth=0.03)
 
 
 def touch_face(driver: Any, robot: tci.Robot) -> None:
-    """Pokes the taxel in the middle of those that face forward on the head."""
+    """Pokes the middle one of the head's taxels that face forward."""
     skin, joints = Skin(robot), driver.read().joints
     places = skin.positions(FACE, joints, frame="torso")
     forward = np.flatnonzero(skin.normals(FACE, joints, frame="torso")[:, 0] > 0.7)
@@ -58,7 +59,8 @@ def touch_face(driver: Any, robot: tci.Robot) -> None:
 def film(
     folder: Path, name: str, capability: Any, touch: Touch, *, duration: float, release: float = np.inf
 ) -> list[Image.Image]:
-    """Returns the pictures of a run that `touch` disturbs; the finger leaves at `release` [s]."""
+    """Returns the pictures of a run in which `touch` disturbs the robot. The finger is retracted at `release`
+    [s]."""
     robot = tci.load_robot(name)
     fields = getattr(capability, "fields", ()) if isinstance(capability, tci.WithdrawalReflex) else ()
     path = folder / f"{name}-{type(capability).__name__}.gif"
@@ -78,7 +80,7 @@ def film(
 
 
 def side_by_side(films: list[list[Image.Image]]) -> list[Image.Image]:
-    """Returns one film of several; a shorter one stands still at its end."""
+    """Joins films side by side into one film. A shorter film repeats its last picture."""
     joined = []
     for index in range(max(map(len, films))):
         pictures = [one[min(index, len(one) - 1)] for one in films]
@@ -90,7 +92,7 @@ def side_by_side(films: list[list[Image.Image]]) -> list[Image.Image]:
 
 
 def save(pictures: list[Image.Image], path: Path) -> None:
-    """Writes an animated GIF with one palette, at the speed of `tci run --film`."""
+    """Writes an animated GIF with one palette. The GIF has the speed of `tci run --film`."""
     small = [p.resize((round(SCALE * p.width), round(SCALE * p.height))) for p in pictures]
     palette = small[len(small) // 2].quantize(128)
     frames = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in small]
@@ -99,14 +101,14 @@ def save(pictures: list[Image.Image], path: Path) -> None:
 
 
 def pokes(folder: Path, images: Path) -> None:
-    """The withdrawal reflex on two robots that are poked at one place: the film of the README."""
+    """Film of the README: two robots with the withdrawal reflex are poked at the same place."""
     reflex = tci.WithdrawalReflex()
     both = [film(folder, name, reflex, touch_forearm, duration=0.7) for name in ("nao", "icub")]
     save(side_by_side(both), images / "pokes.gif")
 
 
 def soft(folder: Path, images: Path) -> None:
-    """An arm that gives way."""
+    """Film of the soft reaction: the arm yields to a push."""
     save(
         film(folder, "nao", tci.SoftReaction(), push_forearm, duration=1.0),
         images / "soft-reaction.gif",
@@ -114,7 +116,7 @@ def soft(folder: Path, images: Path) -> None:
 
 
 def body(folder: Path, images: Path) -> None:
-    """A touched face nods back."""
+    """Film of a nod: the head nods after a touch of the face."""
     save(
         film(folder, "icub-whole", tci.BodyWithdrawal(stance="supported"), touch_face, duration=0.7),
         images / "body-withdrawal.gif",
@@ -122,7 +124,7 @@ def body(folder: Path, images: Path) -> None:
 
 
 def hands(_: Path, images: Path) -> None:
-    """A ball in the left hand of each robot with fingers, held with 1 N."""
+    """Film of the light grasp: each robot with fingers holds a ball in its left hand with 1 N."""
     shown = []
     for name, (radius, angles) in GRASPS.items():
         robot = tci.load_robot(name)
@@ -151,7 +153,7 @@ def hands(_: Path, images: Path) -> None:
 
 
 def robots(_: Path, images: Path) -> None:
-    """Each robot as it stands in its simulation, with its receptive fields."""
+    """Portrait of each robot at the start of its simulation, with its receptive fields."""
     looks = field_looks(tci.default_fields())
     for name in ROBOTS:
         with tci.connect(tci.load_robot(name), "sim") as driver:

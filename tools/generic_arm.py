@@ -1,4 +1,4 @@
-"""Figure of docs/conventions.md: the joints of the generic arm, and places on a limb."""
+"""Figure of docs/conventions.md: the joints of the generic arm, and the coordinates of places on a limb."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ SIDES: tuple[Side, Side] = ("left", "right")
 TURN = np.deg2rad(40.0)
 BENT = np.deg2rad(90.0)
 VIEWS = {"from the right": (0, 2), "from the front": (1, 2), "from above": (1, 0)}
-"""Axes of the torso frame that lie along the width and the height of each view. From above y points left."""
+"""For each view: the axes of the torso frame that are drawn along the width and the height. Seen from above,
+y points left."""
 SHOWN = ("from the right", "from the front", "from above", "from the right", "from the front")
-"""View in which each joint's motion is seen best."""
+"""For each joint: the view that shows its motion best."""
 WORDS = ("flexion", "abduction", "internal rotation", "elbow flexion", "pronation")
 
 
@@ -41,7 +42,8 @@ def arm(posture: Array, side: Side) -> tuple[Array, Array]:
 
 
 def draw_arm(axes: Axes, posture: Array, view: str, colour: str) -> None:
-    """Draws both arms at one generic posture; from the right only the right one. Thumbs lie on top."""
+    """Draws both arms at one generic posture. The view from the right shows only the right arm. Thumbs are
+    drawn on top."""
     wide, high = VIEWS[view]
     for side in SIDES[view == "from the right" :]:
         bones, thumb = arm(posture, side)
@@ -61,11 +63,11 @@ def draw_trunk(axes: Axes, view: str) -> None:
 
 
 def draw_joint(axes: Axes, joint: int) -> None:
-    """Draws the arms before (pale) and after a joint has turned by 40 degrees."""
+    """Draws the arms before (pale) and after a rotation of one joint by 40 degrees."""
     view = SHOWN[joint]
     before = np.zeros(5)
     if joint in (2, 4):
-        before[3] = BENT  # else the turn is not seen
+        before[3] = BENT  # otherwise the rotation is not visible
     after = before.copy()
     after[joint] += TURN
     draw_trunk(axes, view)
@@ -77,7 +79,7 @@ def draw_joint(axes: Axes, joint: int) -> None:
 
 
 def draw_theta(axes: Axes) -> None:
-    """Draws sections of both hanging forearms from above, with theta around them."""
+    """Draws cross sections of both hanging forearms as seen from above, with values of theta around them."""
     for side, centre in zip(SIDES, (0.3, -0.3), strict=True):
         s = side_sign(side)
         axes.add_patch(plt.Circle((centre, 0.0), 0.13, facecolor="#eef2f5", edgecolor=DARK))
@@ -93,7 +95,7 @@ def draw_theta(axes: Axes) -> None:
 
 
 def draw(path: Path) -> None:
-    """Draws the five joints and theta."""
+    """Draws the five joints and the angle theta."""
     figure = Figure(figsize=(8.4, 5.0), layout="constrained")
     panels = figure.subplots(2, 3).ravel()
     for joint, axes in enumerate(panels[:5]):

@@ -1,7 +1,8 @@
-"""Judges whether a description maps a model's joints as a person would, by rules of its own.
+"""Judges whether a description maps a model's joints as a person would, with separate rules.
 
-It shares no code with what proposes descriptions: sides, up and forward come from the joints' names and
-places, and each generic joint is moved by a small angle in MuJoCo, to see which way the limb goes.
+The judge shares no code with the program that proposes descriptions. It derives the left, upward and forward
+directions from the names and positions of the joints. It moves each generic joint by a small angle in MuJoCo
+and checks the direction in which the limb moves.
 """
 
 from __future__ import annotations
@@ -25,38 +26,42 @@ WORDS = {
     "torso": r"waist|torso|spine|trunk|lumbar",
     "other": r"wheel|caster|finger|thumb|toe|mouth|tongue|brow",
 }
-"""Words in the names of joints, by the kind of part that they tell."""
+"""Words in joint names, by the kind of part that they indicate."""
 OWN = {"arm": {"arm"}, "hand": {"arm"}, "leg": {"leg"}, "head": {"head"}, "torso": {"torso"}}
-"""Kinds of names that the joints of a part may have."""
+"""Kinds of part that the joint names of each part may indicate."""
 PLAIN = {"elbow_pitch": "elbow", "knee_pitch": "knee", "ankle_pitch": "ankle", "ankle_roll": "ankle"}
-"""Words that the names of these generic joints must have if any joint of the model has them."""
+"""Words that the names of the servos of these generic joints must contain, if the name of any joint of the
+model contains the word."""
 STEP = 0.1
 """Angle [rad] of a small motion."""
 ALONG = 0.6
-"""Least cosine between a motion and the one that is expected. Assumed: hips are slanted by 37 degrees."""
+"""Least cosine between a motion and the expected motion. Assumed: hips are slanted by 37 degrees."""
 AT_REST = 0.3
-"""Least cosines of upper arm and forearm in the initial posture with down and ahead."""
+"""Least cosine between the upper arm and the downward direction, and between the forearm and the forward
+direction, in the initial posture."""
 FAR = np.deg2rad(120.0)
-"""Largest turn of a shoulder's joint from the model's zero, or the middle of its range, to that posture."""
+"""Largest difference between a shoulder joint's angle in the initial posture and the model's zero or the
+middle of its range (the nearer of the two)."""
 SPREAD = 0.06
-"""Largest distance between a wrist and the mirror image of the other, as a fraction of the arm's length."""
+"""Largest distance between the left wrist and the mirror image of the right wrist, as a fraction of the arm's
+length."""
 
 
 def told_kinds(text: str) -> set[str]:
-    """Returns the kinds of part that a joint's name tells."""
+    """Returns the kinds of part that a joint's name indicates."""
     return {kind for kind, words in WORDS.items() if re.search(words, text.lower())}
 
 
 def told_side(text: str) -> str | None:
-    """Returns the side that a joint's name tells; None if it tells none."""
+    """Returns the side that a joint's name indicates; None if the name indicates no side."""
     words = r"(?i:left|right)|(?<![a-zA-Z])[lLrR](?=[^a-z0-9])|[_ ][lLrR](?![a-zA-Z0-9])|(?<=arm)[lr](?=_)"
     found = re.search(words, text)
     return None if found is None else "left" if found[0].strip("_ ").lower()[0] == "l" else "right"
 
 
 def complaints(robot: Robot, told: Sequence[str] = ()) -> list[str]:
-    """Returns the places where a description is wrong, one sentence each; `told` are notes that a person has
-    read about it."""
+    """Returns the faults of a description, one sentence per fault. `told` are notes on the description that a
+    person has read."""
     judge = _Judge(robot)
     found = [*judge.names(), *judge.missing(told)]
     try:
@@ -69,7 +74,7 @@ def complaints(robot: Robot, told: Sequence[str] = ()) -> list[str]:
 
 
 def two_arms(path_joints: Sequence[str]) -> bool:
-    """True if at least four joints on each side are named as those of an arm."""
+    """Returns True if, on each side, the names of at least four joints indicate an arm."""
     sides = [told_side(name) for name in path_joints if "arm" in told_kinds(name)]
     return min(sides.count("left"), sides.count("right")) >= 4
 
@@ -95,7 +100,7 @@ class _Judge:
         self._ahead = np.cross(self._left, self._up)
 
     def names(self) -> Iterator[str]:
-        """Yields joints whose names tell another part or side."""
+        """Yields joints whose names indicate another part or another side."""
         robot = self._robot
         every = " ".join(self._model.joint(joint).name for joint in range(self._model.njnt)).lower()
         for part in robot.parts:
@@ -119,8 +124,8 @@ class _Judge:
                     yield f"{part.name} {generic.name}: {name} is not named {word}, as others are"
 
     def missing(self, told: Sequence[str]) -> Iterator[str]:
-        """Yields kinds of parts that the model's names tell, that the description lacks, and that no note
-        tells."""
+        """Yields kinds of parts that the model's joint names indicate, but that neither the description nor a
+        note mentions."""
         mapped = {
             str(self._robot.servos[one.servo].joint)
             for part in self._robot.parts
@@ -137,14 +142,15 @@ class _Judge:
                 yield f"no {kind}, although the model has {', '.join(own)}, and no note says so"
 
     def motions(self, part: GenericPart) -> Iterator[str]:
-        """Yields generic joints of a part that move it another way than they are defined to."""
+        """Yields generic joints of a part that move the limb in another direction than their definition
+        says."""
         check = {"arm": self._arm, "leg": self._leg, "hand": self._hand, "head": self._turns,
                  "torso": self._turns}.get(part.kind)  # fmt: skip
         if check is not None:
             yield from check(part)
 
     def mirrored(self) -> Iterator[str]:
-        """Yields arms that take postures which are no mirror images."""
+        """Yields a fault if equal generic postures of the two arms are not mirror images of each other."""
         arms = {part.side: part for part in self._arms()}
         for posture in np.deg2rad([[10, 20, 0, 30, 0], [30, 30, 0, 60, 0], [60, 20, 20, 40, 0]]):
             ends, length = {}, 0.0
@@ -180,7 +186,8 @@ class _Judge:
                 yield f"{part.name} elbow_yaw: it does not turn the thumb inward"
 
     def _initial(self, part: GenericPart) -> Iterator[str]:
-        """Yields faults of the initial posture: a forearm that is not ahead, a joint far from its rest."""
+        """Yields faults of the initial posture: a forearm that does not point forward, or a joint that is far
+        from its zero and from the middle of its range."""
         shoulder, elbow, end = self._places(part, np.array(part.initial_posture))
         seen = _cosine(elbow - shoulder, -self._up), _cosine(end - elbow, self._ahead)
         if min(seen) < AT_REST:
@@ -220,7 +227,7 @@ class _Judge:
             if part.kind == "torso" and not self._carries(
                 part, generic.id, str(self._robot.model.torso_link)
             ):
-                turn = -turn  # the base turns, the other way
+                turn = -turn  # the joint moves the base, so the torso turns in the opposite direction
             if _cosine(turn, wanted[generic.name]) < ALONG:
                 yield f"{part.name} {generic.name}: it turns another way"
 
@@ -237,7 +244,8 @@ class _Judge:
                 yield f"{part.name} {generic.name}: it moves the limb another way"
 
     def _turn(self, part: GenericPart, place: int) -> Array:
-        """Returns the rotation vector (3,) [rad] of the body that a generic joint moves by a small angle."""
+        """Returns the rotation vector (3,) [rad] of the body that a generic joint moves, for a small rotation
+        of this joint."""
         body = int(self._model.jnt_bodyid[self._joint(part, place)])
         frames = []
         for step in (0.0, STEP):
@@ -247,7 +255,8 @@ class _Judge:
         return np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2.0
 
     def _posed(self, moved: dict[str, tuple[int, float]]) -> None:
-        """Puts arms and legs at their generic zeros, with one joint of each of some parts moved."""
+        """Sets the parts to their generic zero angles, except for the joints in `moved`: part name to (joint
+        index, angle [rad])."""
         position = np.zeros(len(self._robot.servos))
         for part in self._robot.parts:
             if part.kind not in ("arm", "leg", "hand", "head", "torso"):
@@ -269,7 +278,7 @@ class _Judge:
         shoulder, elbow = self._joint(part, 2), self._joint(part, 3)
         along = self._data.xaxis[shoulder]
         bend = self._data.xanchor[elbow]
-        # The shoulder's third axis runs along the upper arm: both ends are on it.
+        # Both ends of the upper arm lie on the shoulder's third axis.
         start = self._data.xanchor[shoulder] + along * float(
             along @ (self._data.xanchor[self._joint(part, 0)] - self._data.xanchor[shoulder])
         )
@@ -277,7 +286,7 @@ class _Judge:
         return start, end, self._far_end(int(self._model.jnt_bodyid[elbow]))
 
     def _far_end(self, body: int) -> Array:
-        """Returns the centre of mass (3,) [m] of all that a body carries."""
+        """Returns the common centre of mass (3,) [m] of a body and all its descendants."""
         return np.array(self._data.subtree_com[body])
 
     def _carries(self, part: GenericPart, place: int, link: str) -> bool:

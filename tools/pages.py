@@ -1,7 +1,7 @@
-"""Looks at the built pages as readers do, in Chromium: `make docs`, then `python tools/pages.py [FOLDER]`.
+"""Checks the built pages in Chromium: `make docs`, then `python tools/pages.py [FOLDER]`.
 
-Opens each page at the widths of a laptop's and a telephone's window, and lists all that is cut off. Types
-each public name into the search, and lists those whose entry it does not find.
+Opens each page in windows of the width of a laptop and of a telephone, and lists the elements that are cut
+off. Types each public name into the search, and lists the names that the search does not find.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ import tci
 
 BUILT = Path(__file__).resolve().parent.parent / "docs" / "_build" / "html"
 LAPTOP, TELEPHONE = 1250, 390
-"""Widths [pixels] of the windows."""
+"""Widths [pixels] of the windows of a laptop and of a telephone."""
 PATIENCE = 120_000
-"""Time [ms] to wait for a page: it says nothing about speed."""
+"""Time [ms] to wait for a page. It is long, because this check does not measure speed."""
 CUT_OFF = """window => {
   const wide = document.documentElement.clientWidth, found = [];
   if (document.documentElement.scrollWidth > wide + 1) found.push("the page scrolls sideways");
@@ -38,18 +38,18 @@ CUT_OFF = """window => {
   }
   return found;
 }"""
-"""Lists what a page cuts off. On a telephone a table or a formula may scroll by itself."""
+"""JavaScript that lists the elements that a page cuts off. On a telephone a table or a formula may scroll."""
 
 
 class Quiet(SimpleHTTPRequestHandler):
-    """Serves files without a log."""
+    """Request handler that serves files and writes no log."""
 
     def log_message(self, *_: object) -> None:
         """Prints nothing."""
 
 
 class Server(ThreadingHTTPServer):
-    """Serves a browser that leaves pages before it has read all of them."""
+    """Server that tolerates a browser that closes a connection before it has read the whole page."""
 
     def handle_error(self, *_: object) -> None:
         """Prints nothing."""
@@ -57,7 +57,8 @@ class Server(ThreadingHTTPServer):
 
 @contextmanager
 def served(folder: Path) -> Iterator[str]:
-    """Serves a folder on this machine; yields its address. The search needs a server."""
+    """Serves a folder on this machine and yields the address. The search of the pages works only with a
+    server."""
     server = Server(("127.0.0.1", 0), partial(Quiet, directory=str(folder)))
     thread = threading.Thread(target=server.serve_forever)
     thread.start()
@@ -70,14 +71,14 @@ def served(folder: Path) -> Iterator[str]:
 
 
 def opened(browser: Browser, width: int) -> Page:
-    """Opens a window."""
+    """Opens a browser window."""
     page = browser.new_page(viewport={"width": width, "height": 900})
     page.set_default_timeout(PATIENCE)
     return page
 
 
 def cut_off(browser: Browser, folder: Path, width: int) -> list[str]:
-    """Lists what is cut off on any page in a window of `width` [pixels]."""
+    """Lists the elements that any page cuts off in a window of `width` [pixels]."""
     page, found = opened(browser, width), []
     kind = "telephone" if width == TELEPHONE else "laptop"
     files = sorted(folder.rglob("*.html"))
@@ -91,7 +92,7 @@ def cut_off(browser: Browser, folder: Path, width: int) -> list[str]:
 
 
 def not_found(browser: Browser, address: str) -> list[str]:
-    """Lists the public names that the search does not lead to."""
+    """Lists the public names that the search does not find."""
     page, missing = opened(browser, LAPTOP), []
     for name in tci._HOME:
         page.goto(f"{address}/search.html?q={name}", wait_until="domcontentloaded")
@@ -104,7 +105,7 @@ def not_found(browser: Browser, address: str) -> list[str]:
 
 
 def main() -> None:
-    """Prints all findings; the exit status is 1 if there are any."""
+    """Prints all findings. Returns exit status 1 if there is any finding."""
     folder = Path(sys.argv[1]).resolve() if len(sys.argv) > 1 else BUILT
     if not (folder / "index.html").exists():
         sys.exit(f"{folder} has no index.html; valid: the folder of the built pages, by make docs")

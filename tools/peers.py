@@ -1,10 +1,11 @@
-"""Installs the programs that the tests start as peers: Debian packages of requirements/debian.txt, a virtual
-environment `.peers/NAME` for each requirements/peers/NAME.txt, Node's packages for NAME/package-lock.json.
+"""Installs the programs with which the tests exchange data: Debian packages of requirements/debian.txt, a
+virtual environment `.peers/NAME` for each requirements/peers/NAME.txt, Node's packages for
+NAME/package-lock.json.
 
-    python3 tools/peers.py
+python3 tools/peers.py
 
-As root on Debian it installs what is missing. Elsewhere it says which tests will not run, and why: they
-are named again at the end of the test run.
+As root on Debian the program installs everything that is missing. On other systems it prints the tests that
+will not run, with the reason. The test run lists these tests again at its end.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ def packages() -> dict[str, str]:
 
 
 def missing() -> list[str]:
-    """Returns the packages that are not installed; all of them on a system without dpkg."""
+    """Returns the packages that are not installed. On a system without dpkg, returns all packages."""
     if shutil.which("dpkg-query") is None:
         return list(packages())
     found = []
@@ -48,7 +49,8 @@ def main() -> None:
 
 
 def install_python(lock: Path) -> None:
-    """Installs the packages of a lock file in an environment of their own, unless it is up to date."""
+    """Installs the packages of a lock file in a separate virtual environment, unless the environment is up to
+    date."""
     folder = ROOT / ".peers" / lock.stem
     stamp = folder / "installed"
     state = hashlib.sha256(lock.read_bytes()).hexdigest()
@@ -75,9 +77,9 @@ def install_python(lock: Path) -> None:
 
 
 def install_node(lock: Path) -> None:
-    """Installs the packages of npm's lock file in a folder of their own, unless it is up to date.
+    """Installs the packages of npm's lock file in a separate folder, unless the folder is up to date.
 
-    npm and node come from PyPI, since Debian's npm brings more than 300 packages.
+    npm and node come from PyPI, since Debian's npm depends on more than 300 packages.
     """
     folder = ROOT / ".peers" / lock.parent.name
     stamp = folder / "installed"
@@ -91,7 +93,8 @@ def install_node(lock: Path) -> None:
     node = ROOT / ".peers" / "node" / "bin"
     command = [str(node / "npm"), "ci", "--ignore-scripts", "--no-audit", "--no-fund", "--loglevel=error"]
     paths = os.pathsep.join((str(node), os.environ["PATH"]))
-    # Node knows no certificates of the system's own else, as a network with a proxy needs them.
+    # Without this variable Node does not use the certificates of the system, which a network with a proxy
+    # requires.
     environment = {**os.environ, "PATH": paths, "NODE_OPTIONS": "--use-system-ca"}
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
@@ -111,7 +114,7 @@ def install_debian() -> None:
     environment = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
     install = ["apt-get", "install", "--yes", "--quiet", "--no-install-recommends", *wanted]
     for command in (install, ["apt-get", "update", "--quiet"], install):
-        # A fresh machine knows no package before its first update.
+        # A newly installed Debian has no list of packages before its first update.
         quiet = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
         if command is install and quiet.returncode == 0:
             return

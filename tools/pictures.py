@@ -1,6 +1,7 @@
-"""Creates the pictures of docs/images again, with the code that they show. `make pictures`; needs chromium.
+"""Creates the pictures of docs/images again, with the code that they show. `make pictures` runs this program.
+It needs Chromium.
 
-python tools/pictures.py [NAME...]     names: see MAKERS
+python tools/pictures.py [NAME...] names: see MAKERS
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ def plot(folder: Path) -> None:
 
 
 def foot(_: Path) -> None:
-    """Creates the picture of a real iCub's foot; needs genuine recordings (DATA=FOLDER)."""
+    """Creates the picture of a real iCub's foot. Needs genuine recordings: set DATA=FOLDER."""
     if "DATA" not in os.environ:
         raise SystemExit("the foot's picture needs genuine recordings; valid: DATA=FOLDER make pictures")
     draw_foot(Path(os.environ["DATA"]), IMAGES / "foot.png")
@@ -83,7 +84,7 @@ def shrug(folder: Path) -> None:
 
 
 def notebook(folder: Path) -> None:
-    """The figure that the notebook ends with."""
+    """Creates the figure at the end of the notebook."""
     names: dict[str, Any] = {}
     for block in re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "notebook.md").read_text(), re.DOTALL):
         exec(block, names)
@@ -130,7 +131,8 @@ def viewer(folder: Path) -> None:
 
 
 def poke_all(shown: Viewer, reflex: tci.WithdrawalReflex) -> None:
-    """Pokes the lateral side of all left forearms, and pauses each simulation once the skin is pressed."""
+    """Pokes the lateral side of each left forearm, and pauses each simulation when the finger presses the
+    skin."""
     key = next(iter(shown.sessions))
     session = shown.sessions[key]
     assert session.view is not None
@@ -148,7 +150,7 @@ def poke_all(shown: Viewer, reflex: tci.WithdrawalReflex) -> None:
 
 
 def come_near(shown: Viewer, key: str, link: str) -> None:
-    """Moves the camera close to a link, as scrolling does."""
+    """Moves the camera close to a link, as a user does by scrolling."""
     camera = next(iter(shown.server.get_clients().values())).camera
     aim = shown.figures[key].pose(link)[:3, 3]
     camera.position = aim + np.array([0.5, 0.3, 0.15])

@@ -1,8 +1,9 @@
-"""Plants mistakes in valid descriptions, one at a time, and judges whether `tci check` finds them.
+"""Inserts mistakes into valid descriptions, one at a time, and judges whether `tci check` finds them.
 
-A mistake is found if a message names its place, and blamed on something else if a message names another.
+A mistake counts as found if a message contains its place. It counts as blamed on something else if another
+message appears.
 
-Run:  python tools/planted.py [--robots g1 nao icub] [--count 30]
+Run: python tools/planted.py [--robots g1 nao icub] [--count 30]
 """
 
 from __future__ import annotations
@@ -26,16 +27,16 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class Mistake:
-    """A wrong description."""
+    """A description with one inserted mistake."""
 
     kind: str
     place: str
-    """Name that a message about it must contain."""
+    """Name that a message about this mistake must contain."""
     robot: Robot
 
 
 def mistakes(robot: Robot) -> dict[str, list[Mistake]]:
-    """Returns every mistake that can be planted, by kind."""
+    """Returns every mistake that can be inserted, by kind."""
     found: dict[str, list[Mistake]] = {}
     for kind, place, changes in (
         *_of_limits(robot), *_of_patches(robot), *_of_pairs(robot), *_of_signs(robot), *_of_links(robot),
@@ -47,7 +48,7 @@ def mistakes(robot: Robot) -> dict[str, list[Mistake]]:
 
 
 def some(robot: Robot, count: int) -> list[Mistake]:
-    """Returns `count` mistakes, of all kinds by turns."""
+    """Returns `count` mistakes, taken from all kinds in turn."""
     groups = list(mistakes(robot).values())
     chance = random.Random(0)
     for group in groups:
@@ -59,7 +60,7 @@ def some(robot: Robot, count: int) -> list[Mistake]:
 
 
 def judge(mistake: Mistake) -> tuple[bool, list[str]]:
-    """Returns whether a mistake is found, and the messages that blame something else."""
+    """Returns True if a mistake is found, and the messages that are not about this mistake."""
     try:
         words = doubts(mistake.robot)
     except TciError as error:
@@ -122,7 +123,7 @@ def _of_patches(robot: Robot) -> Iterator[Change]:
 
 
 def _of_pairs(robot: Robot) -> Iterator[Change]:
-    """Yields equal mistakes on both sides, which their comparison can't find."""
+    """Yields equal mistakes on the left and right side. A comparison of the two sides can't find them."""
     named = {patch.name: patch for patch in robot.patches}
     for left in robot.patches:
         right = named.get(left.name.replace("left", "right", 1))
@@ -195,7 +196,7 @@ def _swap(items: tuple[Item, ...], old: Item, new: Item) -> tuple[Item, ...]:
 
 
 def main() -> None:
-    """Prints a table of kinds, and each mistake that was missed or blamed on something else."""
+    """Prints a table with one row per kind, and each mistake that was missed or blamed on something else."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robots", nargs="+", default=["g1", "nao", "icub"])
     parser.add_argument("--count", type=int, default=30)

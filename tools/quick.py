@@ -1,10 +1,10 @@
 """Runs lint, type checks and the tests of the files changed since main, within a minute.
 
-    python tools/quick.py
+python tools/quick.py
 
-A test file belongs to a change when it changed itself, or imports a changed module or a changed helper of the
-tests. For a module that no test imports, those count that import whatever uses it. Live tests are left out,
-and so is what no time is left for: `make test` runs everything.
+A test file is run if the file itself has changed, or if it imports a changed module or a changed test helper.
+If no test imports a changed module, the tests of the modules that import it are run. Live tests are not run,
+and neither are tests for which no time is left. `make test` runs all tests.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 BUDGET = 40.0
-"""Time [s] after which no further test begins. Assumed: type checks, which run at the same time, take as
+"""Time [s] after which no further test starts. Assumed: the type checks, which run at the same time, need as
 long."""
 
 
 def changed() -> set[Path]:
-    """Returns the files that differ from the point where the branch left main, and new files."""
+    """Returns the files that differ from the commit at which the branch left main, and new files."""
     (base, *_) = _git("merge-base", "HEAD", "main" if _git("branch", "--list", "main") else "HEAD")
     names = _git("diff", "--name-only", base) + _git("ls-files", "--others", "--exclude-standard")
     return {ROOT / name for name in names}
 
 
 def _git(*words: str) -> list[str]:
-    """Returns the lines that git prints. Ends the program if git fails, so that no change is overlooked."""
+    """Returns the lines that git prints. Ends the program if git fails, so that no changed file is missed."""
     told = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=False)
     if told.returncode:
         sys.exit(f"make quick: git {words[0]}: {told.stderr.strip()}; valid: make test")
@@ -74,7 +74,7 @@ def _is_test(path: Path) -> bool:
 
 
 class Budget:
-    """Runs tests until the time is over, and reports how many are left."""
+    """Runs tests until the time has passed, and reports the number of tests that were not run."""
 
     def __init__(self) -> None:
         self.end, self.left = time.monotonic() + BUDGET, 0

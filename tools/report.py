@@ -1,4 +1,4 @@
-"""Report of measured figures: conditions, tables in a terminal and in a page, and a file for programs."""
+"""Report of measured figures: conditions, a table in the terminal, a table in a page, and a JSON file."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ ROOT = Path(__file__).parents[1]
 TABLES = ROOT / "docs" / "tables"
 PACKAGES = ("tci", "numpy", "scipy", "numba", "ruckig", "mujoco")
 COLOURS = {"yes": "green", "so far": "green", "no": "red", "open": "yellow"}
-"""Colours of cells that say whether a target was met."""
+"""Colours of table cells that say if a target was met."""
 
 
 @cache
 def commit() -> str:
-    """Returns the commit that is checked out."""
+    """Returns the commit that is checked out in git."""
     describe = ["git", "describe", "--always", "--dirty", "--abbrev=10"]
     answer = subprocess.run(describe, capture_output=True, text=True, check=False, cwd=ROOT)
     return answer.stdout.strip() or "unknown"
@@ -47,7 +47,7 @@ def conditions() -> dict[str, Any]:
 
 
 def processor() -> str:
-    """Returns the name of the processor, which Linux has in a file."""
+    """Returns the name of the processor, which is read from a file of Linux."""
     cpuinfo = Path("/proc/cpuinfo")
     lines = cpuinfo.read_text().splitlines() if cpuinfo.is_file() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
@@ -55,7 +55,7 @@ def processor() -> str:
 
 
 def out() -> Path:
-    """Returns the folder for results, OUT of the environment; creates it."""
+    """Returns the folder for results, which OUT (environment) names. Creates the folder if necessary."""
     folder = Path(os.environ.get("OUT", "out"))
     folder.mkdir(parents=True, exist_ok=True)
     return folder
@@ -77,7 +77,7 @@ def show(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> None
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Returns a table for a page."""
+    """Returns a table in Markdown."""
     lines = (f"| {' | '.join(cells)} |\n" for cells in rows)
     return f"| {' | '.join(head)} |\n{'|---' * len(head)}|\n{''.join(lines)}"
 

@@ -1,5 +1,5 @@
-"""Round trip of a frame of 768 doubles to another process over each middleware, in turn with a raw TCP
-socket. `make middleware` and `make bench` use it."""
+"""Times the round trip of a frame of 768 float64 values to another process over each middleware, alternately
+with a raw TCP socket. `make middleware` and `make bench` use this module."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ SIZE, BLOCKS, CALLS = 768, 10, 40
 PATIENCE = 20.0
 """Longest time [s] until the first frame returns. Assumed: discovery takes some seconds at most."""
 Ways = tuple[Callable[[bytes], object], Callable[[], Iterator[bytes]], Callable[[], None]]
-"""Functions that send a frame, yield the frames that have come, and close the connection."""
+"""Functions that send a frame, yield the frames that have arrived, and close the connection."""
 
 
 def over_zenoh(where: str, there: bool) -> Ways:
-    """Exchanges bytes under two keys, with the quality of service of TCI's driver."""
+    """Exchanges bytes under two keys, with the quality of service that TCI's Zenoh driver uses."""
     session = open_session(parse_address(where, "nao"), "listen" if there else "connect")
     out = session.declare_publisher("tci/bench/back" if there else "tci/bench/there", **QOS)
     key = "tci/bench/there" if there else "tci/bench/back"
@@ -80,7 +80,7 @@ def over_lcm(where: str, there: bool) -> Ways:
 
 
 def over_ros(node: RosNode, there: bool) -> Ways:
-    """Exchanges bytes on two topics, as processes of TCI do."""
+    """Exchanges bytes on two topics, like two processes of TCI."""
     came: list[bytes] = []
     names = ("/bench_back", "/bench_there") if there else ("/bench_there", "/bench_back")
     out = node.advertise(names[0], BYTES)
@@ -99,7 +99,7 @@ def over_rosbridge(where: str, there: bool) -> Ways:
 
 
 def over_player(where: str, there: bool) -> Ways:
-    """Exchanges opaque messages over one connection, as a driver and a server do."""
+    """Exchanges opaque messages over one connection, like a driver and a server of TCI."""
     address = ("127.0.0.1", int(where))
     sock = socket.create_server(address).accept()[0] if there else _dial(address)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -120,7 +120,7 @@ def over_player(where: str, there: bool) -> Ways:
 
 
 def over_naoqi(where: str, there: bool) -> Ways:
-    """Calls a service with a list of numbers, as NAOqi transports them."""
+    """Calls a service with a list of numbers, which is how NAOqi transports numbers."""
     import qi
 
     session, came = qi.Session(), []
@@ -151,7 +151,8 @@ class _Echo:
 
 
 def over_unitree(where: str, there: bool) -> Ways:
-    """Exchanges bytes as the motors of a hand, Unitree's only message without a fixed length."""
+    """Exchanges bytes in the message for the motors of a hand, the only message of Unitree without a fixed
+    length."""
     node, count = UnitreeNode("lo", int(where)), -(-8 * SIZE // MOTOR_STATE.itemsize)
     ways = ("rt/bench/back", "rt/bench/there")
     out, into = ways if there else ways[::-1]
@@ -211,7 +212,7 @@ OVER: dict[str, Callable[[str, bool], Ways]] = {
     "unitree": over_unitree,
 }
 PLAIN = ("naoqi", "unitree", "yarp", "yarp4")
-"""Middleware that carries numbers. The others carry skin frames with a header and a check sum."""
+"""Middleware that transports plain numbers. The others transport skin frames with a header and a checksum."""
 
 
 def _dial(address: tuple[str, int]) -> socket.socket:
@@ -224,7 +225,7 @@ def _dial(address: tuple[str, int]) -> socket.socket:
 
 
 def _open(name: str, where: str) -> Ways:
-    """Opens this side as soon as the other side is there."""
+    """Opens the connection of this process as soon as the other process is ready."""
     end = time.monotonic() + PATIENCE
     while True:
         try:
@@ -236,7 +237,7 @@ def _open(name: str, where: str) -> Ways:
 
 
 def echo(name: str, where: str) -> None:
-    """Runs the other process, which returns each frame."""
+    """Runs the other process, which sends each received frame back."""
     robot, codec = tci.load_robot("nao"), remote_lcm if name == "lcm" else remote_cdr
     send, receive, _ = OVER[name](where, True)
     while True:
@@ -248,7 +249,8 @@ def echo(name: str, where: str) -> None:
 def in_turn(
     name: str, where: str, *, blocks: int = BLOCKS, calls: int = CALLS
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the times (blocks, calls) [s] of round trips over the middleware, and over raw TCP in turn."""
+    """Returns the times (blocks, calls) [s] of round trips over the middleware and, alternately, over raw
+    TCP."""
     robot, codec = tci.load_robot("nao"), remote_lcm if name == "lcm" else remote_cdr
     values = np.random.default_rng(0).normal(size=SIZE)
     frame = SessionFrame(1, SkinFrame(robot.patches[0].name, 1.0, 1, values))

@@ -1,4 +1,4 @@
-"""Picture of equal touches on five robots' skins, by three measures of force."""
+"""Picture of equal touches on the skins of five robots, as three measures of force."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tci.skin.contacts import weighted_force
 
 ROBOTS = ("nao", "icub", "g1", "talos", "alex")
 FORCE = 10.0
-"""Force [N] of the touches: all skins resolve it with every probe."""
+"""Force [N] of the touches. All skins can measure this force with every probe."""
 MEASURES = {
     "mean of eq. 7": lambda contact: weighted_force(contact, 0.25),
     "sum over the taxels": lambda contact: float(contact.taxel_forces.sum()),
@@ -23,7 +23,7 @@ MEASURES = {
 
 
 def draw(path: Path) -> None:
-    """Writes the picture: one panel for each measure, one line for each robot."""
+    """Writes the picture. Each measure has one panel, and each robot has one line."""
     reflex, chance = tci.WithdrawalReflex(), np.random.default_rng(0)
     arms = [Arm(GenericBody(tci.load_robot(name)), reflex) for name in ROBOTS]
     places = [place for field in reflex.fields for place in places_on(arms, field, chance)]

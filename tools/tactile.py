@@ -18,7 +18,8 @@ from tci.simulation.world import World
 
 PATCH, TAXEL = "left_forearm", 130
 PRESS, PULL, RELEASE, END = 0.2, 0.5, 0.9, 1.1
-"""Times [s] at which the finger has arrived, the arm begins to move below it, and it is taken away."""
+"""Times [s] at which the finger has arrived, the arm begins to move under the finger, the finger is
+retracted, and the run ends."""
 SHOWN = 0.7
 """Time [s] of the pressure image."""
 SHOULDER = "LShoulderPitch"
@@ -26,7 +27,7 @@ STEP = 0.01
 
 
 def three_axes() -> tci.Robot:
-    """Returns a NAO with one sleeve, whose taxels measure three axes in 16 bits."""
+    """Returns a NAO with one skin sleeve, whose taxels measure three axes with 16 bits."""
     nao = tci.load_robot("nao")
     patch = nao.patch(PATCH)
     sensor = patch.sensor.model_copy(
@@ -76,7 +77,7 @@ def _axes(width: float, height: float):  # type: ignore[no-untyped-def]
 
 
 def _show(axes, body, seen):  # type: ignore[no-untyped-def]
-    """Shows the pressure image of the sleeve, and returns it."""
+    """Draws the pressure image of the sleeve, and returns it."""
     image = pressure_image(seen, body, PATCH, pixel=0.001)
     height, width = image.pressure.shape
     x, y = (1e3 * edge for edge in image.corner)
@@ -137,8 +138,8 @@ def _draw_events(path, times, felt, events) -> None:  # type: ignore[no-untyped-
 
 
 def _in_image(body, image, contact, directions):  # type: ignore[no-untyped-def]
-    """Returns unit vectors (k, 2) in the image's plane of `directions` (k, 3) in the link, by a fit to the
-    taxels of the contact."""
+    """Returns unit vectors (k, 2) in the plane of the image for `directions` (k, 3) in the link, by a fit to
+    the taxels of the contact."""
     points = body.skin.surfaces[PATCH].positions[contact.taxels]
     flat = image.places[contact.taxels]
     points, flat = points - points.mean(axis=0), flat - flat.mean(axis=0)

@@ -1,4 +1,5 @@
-"""Figures of docs/touch-to-motion.md, from real runs: the messages of one reflex, and what the gate does."""
+"""Figures of docs/touch-to-motion.md from simulated runs: the messages of one reflex, and the gate's
+treatment of bad commands."""
 
 from __future__ import annotations
 
@@ -14,16 +15,16 @@ from tci.frames import Array
 ROBOT, PATCH, TAXEL = "nao", "left_forearm", 150
 LIGHT, DARK, ACCENT = "#f3f6f8", "#1d2733", "#c8452f"
 LATER = 0.1
-"""Time [s] after the first answer at which the motion is shown again."""
+"""Time [s] after the first response at which the figure shows the motion again."""
 ASKED = np.deg2rad(200.0)
-"""Angle [rad] that the bad command asks for: beyond any limit of a NAO's shoulder."""
+"""Target angle [rad] of the bad command, which is beyond any limit of a NAO's shoulder."""
 AT, NOT_FINITE = 0.1, 0.25
 """Times [s] of the two bad commands."""
 plt.rcParams.update({"svg.hashsalt": "tci", "font.size": 10, "text.color": DARK})
 
 
 def answer() -> tuple[tci.Robot, tci.Tick, tci.Tick]:
-    """Returns the robot, the period in which the reflex answers first, and the one `LATER`."""
+    """Returns the robot, the period of the reflex's first response, and the period `LATER` [s] after it."""
     ticks: list[tci.Tick] = []
     with tci.connect(ROBOT, "sim") as driver:
         driver.world.finger.poke(PATCH, TAXEL)
@@ -34,7 +35,7 @@ def answer() -> tuple[tci.Robot, tci.Tick, tci.Tick]:
 
 
 def steps(robot: tci.Robot, tick: tci.Tick, later: tci.Tick) -> list[tuple[str, str, str]]:
-    """Returns name, source and numbers of each message of a period."""
+    """Returns name, source and values of each message in a period."""
     number = next(number for number, patch in enumerate(robot.patches) if patch.name == PATCH)
     frame = next(frame for frame in tick.reading.skin if frame.patch == PATCH)
     begin, end = tick.skin.begin[number : number + 2]
@@ -95,7 +96,7 @@ def steps(robot: tci.Robot, tick: tci.Tick, later: tci.Tick) -> list[tuple[str, 
 
 
 def draw_path(path: Path) -> None:
-    """Draws the messages of one reflex, from skin to servo, with the numbers that they had."""
+    """Draws the messages of one reflex from skin to servo, with their values in this run."""
     rows = steps(*answer())
     figure = Figure(figsize=(6.4, 1.0 * len(rows) + 0.2))
     axes = figure.add_axes((0, 0, 1, 1))
@@ -117,8 +118,8 @@ def draw_path(path: Path) -> None:
 
 
 def bad_command() -> tuple[Array, str, float, list[str]]:
-    """Returns rows (n, 4) of time [s] and asked, sent and measured angle [rad]; the servo's name, its upper
-    limit [rad], and what the gate said."""
+    """Returns an array (n, 4) of time [s] and commanded, sent and measured angle [rad]; the servo's name; its
+    upper limit [rad]; and the messages of the gate."""
     with tci.connect(ROBOT, "sim") as driver:
         robot = driver.robot
         servo = next(servo for servo in robot.servos if servo.name == "LShoulderPitch")
@@ -146,7 +147,7 @@ def bad_command() -> tuple[Array, str, float, list[str]]:
 
 
 def draw_bad_command(path: Path) -> None:
-    """Draws what was asked of a joint and what the gate sent, angle and speed."""
+    """Draws the commanded and the sent values of a joint: angle and speed."""
     rows, name, upper, said = bad_command()
     print("\n".join(said))
     time, asked, sent, measured = rows.T

@@ -1,13 +1,14 @@
-"""Tries `tci new-robot`, `tci check --simulate` and `tci demo` on models that nobody prepared, one after the
-other, and writes docs/tables/robots-tried.md.
+"""Runs `tci new-robot`, `tci check --simulate` and `tci demo` on published robot models that were not
+prepared for TCI, and writes docs/tables/robots-tried.md.
 
     python tools/try_robots.py [FILE]... [--package NAME]... [--export STEM]... [--limit SECONDS]
         [--part I/N] [--table]
 
-A model that new-robot refuses for missing meshes is tried once more without meshes. --export also tries
-MuJoCo's own export, as MJCF, of the package's URDFs of these names. "Right" is the verdict of
-`judge_proposal`, which shares no code with the proposal. Results stay in OUT/robots-tried; --table makes the
-table of all of them. --part 1/2 and --part 2/2 share the models between two processes.
+If new-robot refuses a model because meshes are missing, the program tries the model again without meshes.
+--export STEM also tries the package's URDFs with this name after MuJoCo has exported them as MJCF. The column
+"right" is the judgement of `judge_proposal`, which shares no code with new-robot. The results are stored in
+OUT/robots-tried; --table writes the table of all stored results. --part 1/2 and --part 2/2 divide the models
+between two processes.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ NO_MESHES = "--without-meshes"
 
 @dataclass(frozen=True)
 class Candidate:
-    """A model to try."""
+    """A robot model to try."""
 
     name: str
     file: Path
@@ -57,20 +58,20 @@ class Tried:
     model: str
     source: str
     joints: list[str] = field(default_factory=list)
-    """Number of joints of arms, hands, head, torso and legs."""
+    """Number of mapped joints in arms, hands, head, torso and legs."""
     edits: list[str] = field(default_factory=list)
-    """Options of new-robot beyond the file."""
+    """Options of new-robot that were used in addition to the file."""
     refused: str = ""
     wrong: list[str] = field(default_factory=list)
-    """Complaints of the judge."""
+    """Faults that `judge_proposal` found."""
     doubts: list[str] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
-    """Faults of check --simulate."""
+    """Faults that `tci check --simulate` found."""
     proved: bool = False
     answered: int = 0
     pokes: int = 0
     failed: str = ""
-    """Command that failed or took longer than the limit."""
+    """Command that failed or exceeded the time limit."""
     seconds: float = 0.0
     commit: str = ""
     two_arms: bool = True
@@ -102,7 +103,7 @@ def of_package(package: str) -> Iterator[Candidate]:
 
 
 def exported(candidate: Candidate, folder: Path) -> Candidate:
-    """Writes MuJoCo's own export of a URDF as MJCF. Raises TciError if MuJoCo can't read its meshes."""
+    """Writes MuJoCo's export of a URDF as MJCF. Raises TciError if MuJoCo can't read the meshes."""
     spec = load_spec(Model(format="urdf", path=str(candidate.file), torso_link="?"))
     missing = [mesh.file for mesh in spec.meshes if mesh.file and not Path(mesh.file).is_file()]
     if missing:
@@ -121,7 +122,7 @@ def attempt(candidate: Candidate, folder: Path, limit: float) -> Tried:
     kind = "MJCF" if path.suffix.lower() == ".xml" else "URDF"
     tried = Tried(candidate.name, kind, candidate.package or path.name, commit=commit())
     folder.mkdir(parents=True, exist_ok=True)
-    # A description finds its model beside it or in an installed package.
+    # A description finds its model only in its own folder or in an installed package.
     target = folder / "robot.xml" if candidate.package else path.parent / f"{candidate.name}.robot.xml"
     new = ["new-robot", str(path), "--name", candidate.name, "--out", str(target), "--force"]
     new += ["--package", candidate.package] if candidate.package else []
@@ -155,7 +156,7 @@ def attempt(candidate: Candidate, folder: Path, limit: float) -> Tried:
 
 
 def _tci(arguments: Sequence[str], limit: float) -> tuple[Any, str]:
-    """Returns what a command prints as JSON, or None with the end of its errors."""
+    """Returns a command's output as JSON, or None with the last part of its error messages."""
     command = [*TCI, *arguments, "--json"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=limit, check=False)
@@ -170,20 +171,20 @@ def _tci(arguments: Sequence[str], limit: float) -> tuple[Any, str]:
 
 
 def _names(path: Path) -> list[str]:
-    """Returns the names of a model's joints that turn."""
+    """Returns the names of a model's rotational joints."""
     root = etree.parse(str(path)).getroot()
     still = ("fixed", "floating", "free", "prismatic", "slide", "planar")
     return [str(one.get("name")) for one in root.iter("joint") if one.get("type", "hinge") not in still]
 
 
 def _mapped(robot: Robot, kind: str) -> str:
-    """Returns the number of joints of each part of a kind that the robot has."""
+    """Returns the number of mapped joints of each part of a kind that the robot has."""
     counts = [sum(one.servo is not None for one in part.servos) for part in robot.parts if part.kind == kind]
     return " + ".join(str(count) for count in counts) or "0"
 
 
 def write_table(results: Sequence[Tried]) -> None:
-    """Writes the table of all results."""
+    """Writes the table of all stored results."""
     humanoid = [one for one in results if one.two_arms]
     proposed = [one for one in humanoid if not one.refused]
     right = sum(not one.wrong for one in proposed) + sum("valid:" in one.refused for one in humanoid)
@@ -202,7 +203,7 @@ def write_table(results: Sequence[Tried]) -> None:
 
 
 def main() -> None:
-    """Tries the models, or makes the table."""
+    """Tries the models, or writes the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("files", nargs="*", type=Path, help="URDF or MJCF files")
     parser.add_argument("--package", action="append", default=[], help="installed package: all its models")

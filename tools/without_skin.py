@@ -1,4 +1,5 @@
-"""The picture of docs/touch-without-skin.md: pushes on an unrolled arm, and their estimates."""
+"""Picture of docs/touch-without-skin.md: pushes on an arm whose surface is unrolled, and the estimates of
+their places."""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ PUSHES = 24
 
 
 def draw(path: Path) -> None:
-    """Draws `PUSHES` pushes on each segment: a cross at the true place, a disc at the estimate."""
+    """Draws `PUSHES` pushes on each segment: a cross at the true place, a disc at the estimated place."""
     figure, axes = plt.subplots(1, 2, figsize=(10.0, 4.2), layout="constrained")
     for axis, patch in zip(axes, (UPPER_ARM, FOREARM), strict=True):
         positions = bare_body().skin.surfaces[patch].positions
@@ -52,7 +53,8 @@ def draw(path: Path) -> None:
 
 
 def _unrolled(points: Array, surface: Array) -> tuple[Array, Array]:
-    """Returns places (n,) [mm] along and around the axis of a limb's `surface`, of points in its link."""
+    """Returns positions (n,) [mm] along the axis and around the axis of a limb's `surface`, for points in the
+    frame of its link."""
     centre = surface.mean(axis=0)
     _, _, (along, one, other) = np.linalg.svd(surface - centre, full_matrices=False)
     radius = float(np.hypot((surface - centre) @ one, (surface - centre) @ other).mean())

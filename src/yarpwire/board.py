@@ -65,7 +65,7 @@ def find_board(network: Network, prefix: str, sender: str, dialect: Dialect | No
         for kind in (BoardV3, BoardV4)
         if prefix + kind.port in there and dialect in (None, kind.dialect)
     ]
-    # One of another dialect may have crashed, and left its name.
+    # A board of the other dialect may have crashed without unregistering its name.
     for kind, contact in found:
         if contact is found[-1][1] or contact.answers():
             return kind(prefix, network, contact, sender)

@@ -38,8 +38,8 @@ class BoardService(ABC):
     @property
     @abstractmethod
     def set_points(self) -> Mapping[Stream, Array]:
-        """Set-points (n,) of all joints: positions [deg], velocities [deg/s] and torques [N m]. If a joint
-        follows no set-point of a quantity, its value is the measured position, or 0 for velocity and
+        """Set-points (n,) of all joints: positions [deg], velocities [deg/s] and torques [N m]. For a
+        joint without a set-point of a quantity, the value is the measured position, or 0 for velocity and
         torque."""
 
     def awaited(self) -> AbstractContextManager[None]:

@@ -125,7 +125,7 @@ def _get(board: BoardService, word: str, rest: Words) -> list[Any]:
     if word == "torq":
         return [*head, *_torque(board, rest)]
     if word == "reca" and list(rest) == ["isca"]:
-        return [*head, 0]  # no calibrator, as always with a robot that is ready
+        return [*head, 0]  # no calibrator: a served robot is always ready
     one = {"enc": state.position, "esp": state.velocity, "vel": board.speeds, "acc": board.accelerations,
            "eac": np.zeros(board.count), "pos": board.set_points[Stream.POSITION],
            "dpo": board.set_points[Stream.POSITION], "vmo": board.set_points[Stream.VELOCITY]}  # fmt: skip

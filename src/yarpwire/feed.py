@@ -170,7 +170,7 @@ class Feed(Generic[Value]):
             return arrived
         placed = self.clock.place(stamp, arrived)
         if placed is None and self.clock.difference is not None:
-            # Some stamps are too coarse for messages that arrive together.
+            # Some time stamps are too coarse to distinguish messages that arrive together.
             placed = stamp + self.clock.difference
         return arrived if placed is None else placed
 

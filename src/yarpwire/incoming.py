@@ -129,7 +129,8 @@ class Incoming:
         self._closed = True
         for sock in (self._socket, self._datagrams):
             if sock is not None:
-                with contextlib.suppress(OSError):  # it ends the wait even without a connection
+                # without a connection, `shutdown` raises but still ends the wait
+                with contextlib.suppress(OSError):
                     sock.shutdown(socket.SHUT_RDWR)
 
     def _run_binary(self) -> None:
@@ -187,9 +188,9 @@ class Incoming:
             while not self._closed:
                 try:
                     data, peer = sock.recvfrom(UDP_LARGEST)
-                except BlockingIOError:  # the timeout: check for closing
+                except BlockingIOError:  # after the timeout, check if the connection is closing
                     continue
-                if len(data) < 8 or peer[0] != self._connection.host:  # an empty datagram comes from closing
+                if len(data) < 8 or peer[0] != self._connection.host:  # empty data: closed by `close`
                     continue
                 if struct.unpack_from("<I", data)[0] != zlib.crc32(data[8:]):
                     continue

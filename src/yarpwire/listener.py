@@ -59,7 +59,8 @@ class Listener:
         self._limit.end_all()
         until = time.monotonic() + LEAVING
         for thread in self._threads.copy():
-            with contextlib.suppress(RuntimeError):  # it is this thread, or has not started yet
+            # `close` runs in this thread, or the thread has not started yet
+            with contextlib.suppress(RuntimeError):
                 thread.join(max(0.0, until - time.monotonic()))
 
     def _accept(self) -> None:
@@ -71,7 +72,7 @@ class Listener:
                     return
                 continue
             connection = self._limit.add(partial(_end, sock), str(address[0]))
-            if self._closed:  # this connection came while `close` ran
+            if self._closed:  # this connection arrived while `close` ran
                 _end(sock)
             self._start(self._run, sock, connection, name=f"yarp serve {self._name}")
 
@@ -92,7 +93,7 @@ class Listener:
             self._serve(sock, connection)
         except (EOFError, TimeoutError, ConnectionError):
             pass
-        except Exception as error:  # otherwise it would end the process
+        except Exception as error:  # otherwise the exception would end the process
             if not self._closed:
                 self._wrong += 1
                 self.last_error = error_text(error)

@@ -175,7 +175,8 @@ class Names:
                         if words[0] == "announce" or len(lines) > 100_000:
                             break
                 except EOFError:
-                    if words[0] != "announce":  # such an answer has no end, and may be cut off, or a nonce
+                    # the answer to `announce` has no end mark: it may be incomplete, or a nonce
+                    if words[0] != "announce":
                         raise WireError(
                             "it closed the connection; it may require a key (auth.conf)"
                         ) from None

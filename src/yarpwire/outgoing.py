@@ -58,7 +58,7 @@ def dial(
             return sock, source, 0
         sock.sendall(message.header(carrier.code, sender))
         return sock, source, message.read_number(source)
-    except (OSError, EOFError, WireError, ValueError) as error:  # ValueError: no name of a host
+    except (OSError, EOFError, WireError, ValueError) as error:  # ValueError: not a valid host name
         if sock is not None:
             sock.close()
         raise PortError(
@@ -85,7 +85,7 @@ def order(contact: Contact, words: Sequence[Any], key: bytes | None) -> str:
 def is_over(sock: socket.socket) -> bool:
     """Returns True if the other end has closed the connection and all received data is read."""
     try:
-        sock.setblocking(False)  # a time-out of the socket's own would be waited for
+        sock.setblocking(False)  # a timeout of the socket itself would cause a wait
         return not sock.recv(1, socket.MSG_PEEK)
     except BlockingIOError:
         return False

@@ -103,8 +103,8 @@ class Port:
 
     @property
     def dropped(self) -> int:
-        """Number of messages dropped because readers were too slow, plus number of connections ended because
-        of invalid data or to make room."""
+        """Number of messages dropped because readers were too slow, plus number of connections that were
+        closed because of invalid data or to make room for new ones."""
         return self._listener.dropped + sum(output.dropped for output in list(self._outputs.values()))
 
     def write(self, value: Array | Sequence[Any], stamp: Stamp | None = None) -> None:
@@ -129,7 +129,7 @@ class Port:
         with self._lock:
             old, self._outputs[target] = self._outputs.get(target), found
         if old is not None:
-            old.drop()  # the reader has closed it, as a second connection of that name
+            old.drop()  # the reader closed the old connection, because a new one has the same name
 
     def listen_to(self, source: str, carrier: str = FAST_TCP.name) -> None:
         """Makes the port `source` send to this port. Raises PortError if `source` can't be reached or
@@ -155,7 +155,7 @@ class Port:
     def _serve(self, sock: socket.socket, connection: AcceptedConnection) -> None:
         incoming = Incoming(sock, connection, dialect=self.dialect, deliver=self._deliver)
         with self._lock:
-            if self._closed:  # the new connection would not be closed
+            if self._closed:  # otherwise a new connection would stay open
                 return
             self._served.add(incoming)
         connection.end = partial(self._let_go, incoming)
@@ -180,8 +180,8 @@ class Port:
             raise
 
     def _let_go(self, incoming: Incoming) -> None:
-        """Ends a connection to make room for a new one. This is needed since a dead sender over udp can't be
-        detected, and other senders may never send anything."""
+        """Ends a connection to make room for a new one. This is necessary because a dead sender over udp
+        can't be detected, and because other senders may never send anything."""
         if not self._closed:
             self.last_error = (
                 f"{incoming.sender or 'a client without a name'}, silent the longest, "

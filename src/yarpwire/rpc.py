@@ -49,7 +49,7 @@ class Rpc:
         """
         with self._lock, self._port_errors(items):
             while self._open_calls:
-                self._next_reply(patience)  # their caller has given up
+                self._next_reply(patience)  # the callers of these calls have given up waiting
             sock, source = self._connect(patience)
             self._send(sock, items)
             return self._reply(source)
@@ -96,7 +96,7 @@ class Rpc:
 
     def _connect(self, patience: float) -> tuple[socket.socket, SocketSource]:
         if self._open is not None and not self._open_calls and is_over(self._open[0]):
-            self.close()  # ports that authenticate close after 2 s without a call
+            self.close()  # ports with authentication close a connection after 2 s without a call
         sock, source = self._open or self._dial(patience)
         sock.settimeout(patience)
         source.allow()

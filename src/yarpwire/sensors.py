@@ -60,8 +60,8 @@ def decode_measures(message: Sequence[Any], kind: int = SKIN) -> tuple[Measure, 
 
 
 class Renewal:
-    """Detects measures that are repeated. A server gives each message a new stamp, also if the sensors have
-    no new values."""
+    """Detects measures that are repeated. A server writes a new stamp into each message, even if the sensors
+    have no new values."""
 
     def __init__(self) -> None:
         self._last: tuple[float, ...] = ()

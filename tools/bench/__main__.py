@@ -1,6 +1,6 @@
-"""Benchmark of TCI: each part is timed beside a peer in the same run.
+"""Benchmark of TCI: each part of TCI is timed in the same run as a comparable program (the peer).
 
-    python tools/bench [CASE ...]
+python tools/bench [CASE ...]
 
 Each case runs in a process of its own. The results are a table, and out/bench.json ($OUT) for programs. A
 complete run also writes docs/tables/performance.md.
@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).parent
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # it threads small matrices, to no good
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # with threads, OpenBLAS is slower for small matrices
 sys.path[:0] = [str(HERE), str(HERE.parents[1] / "tests"), str(HERE.parent)]
 
 from page import HEAD, cells, write_page

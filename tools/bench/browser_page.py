@@ -1,9 +1,9 @@
-"""A page of the viewer in headless Chromium, controlled by lines on stdin, with answers on stdout.
+"""Opens a page of the viewer in headless Chromium, reads commands from stdin and prints answers to stdout.
 
-    python tools/bench/browser_page.py ADDRESS
+python tools/bench/browser_page.py ADDRESS
 
-`click X Y` clicks at these pixels; the end of stdin closes the page. It is a process of its own, so that the
-control of the browser takes no time from the viewer.
+The command `click X Y` clicks at these pixels; the end of stdin closes the page. This program is a separate
+process, so that controlling the browser uses no processor time of the viewer.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""From a raw frame of one patch to the gains of all fields: TCI's compiled loops, hot, beside C and NumPy."""
+"""Benchmark from a raw frame of one patch to the gains of all fields: TCI's compiled loops, with warm caches,
+are compared with C and with NumPy."""
 
 from __future__ import annotations
 
@@ -36,10 +37,11 @@ LIMITS, THRESHOLD = SETTINGS.limits, 7.0
 _condition, _cluster, _describe, _answer = [
     inlined(loop.py_func) for loop in (condition, cluster, describe, find_answers)
 ]
-"""The loops of TCI, inlined into one loop. The cost of separate calls is a row of its own."""
+"""Inlines the loops of TCI into one loop. Another row of the benchmark shows the cost of separate calls."""
 HERE = Path(__file__).parent
 PITCH = 0.012
-"""Distance [m] between taxels, each with six neighbours; the area of the skin follows from their number."""
+"""Distance [m] between taxels. Each taxel has six neighbours. The area of the skin follows from the number of
+taxels."""
 
 
 @inlined
@@ -119,8 +121,8 @@ class Frame:
         self.show(self.touched)
 
     def show(self, values: np.ndarray, *, flicker: bool = False) -> None:
-        """Sets two frames that alternate: touched taxels differ by one count; with `flicker` most taxels
-        do."""
+        """Sets two frames that alternate. In the second frame the touched taxels differ by one count; with
+        `flicker`, most taxels differ."""
         random = np.random.default_rng(1)
         noise = random.integers(-1, 2, (2, len(values))) if flicker else np.zeros((2, len(values)), int)
         self.values[:] = values + noise
@@ -128,7 +130,7 @@ class Frame:
         self._turns = itertools.cycle(self.values.copy())
 
     def ours(self, repeats: int = 1) -> int:
-        """Processes `repeats` frames in one loop."""
+        """Processes `repeats` frames with TCI in one loop."""
         return respond(repeats, self.values, *self._arguments)
 
     def called(self) -> None:
@@ -155,7 +157,8 @@ class Frame:
         find_answers(self.table, False, self._segments, touches, *self._room[:2], closest, gains)
 
     def numpy(self) -> np.ndarray:
-        """Processes the frame with the oracle of the tests: contacts as objects, gains by NumPy."""
+        """Processes the frame with the tests' reference implementation: contacts are objects, and NumPy
+        computes the gains."""
         sensor = self.patch.sensor
         counts = sensor.rest - self.values[0, self.surface.channels].astype(float)
         areas = self.surface.areas
@@ -180,7 +183,7 @@ class Frame:
 
 
 class InC:
-    """A version of the loops in C, compiled here."""
+    """Implementation of the same loops in C, which this module compiles."""
 
     def __init__(self, frame: Frame) -> None:
         self._folder = tempfile.TemporaryDirectory()
@@ -200,7 +203,8 @@ class InC:
         blocks = len(arrays.span)
         sensor = arrays.sensor[0]
         turn = 255 if sensor[SIGN] < 0.0 else 0
-        signals = sensor[SIGN] * ((np.arange(256) ^ turn) - sensor[REST])  # rising with the turned byte
+        # `turn` inverts the bytes of sensors whose values fall with pressure, so that signals rise.
+        signals = sensor[SIGN] * ((np.arange(256) ^ turn) - sensor[REST])
         octets, words = np.zeros((7, 64 * blocks), np.uint8), np.zeros((2, 64 * blocks), np.uint16)
         octets[3], octets[6] = 255, np.count_nonzero(signals < THRESHOLD) - 1
         members = [
@@ -243,7 +247,8 @@ def kernel(
     peer = InC(frame)
     found, theirs = frame.ours(2), peer(2)
     assert found == theirs, (found, theirs)
-    # If two points of a skin are equally near to a contact's mean, rounding decides between them.
+    # If two points of a skin are equally close to a contact's mean, rounding determines which point is
+    # chosen.
     np.testing.assert_allclose(frame.gains, peer.gains, atol=2e-3)
     small = taxels <= 4000
     if small:
@@ -280,7 +285,8 @@ def kernel(
 
 
 def _inner(frame: Frame, peer: InC, taxels: int, repeats: int) -> list[tuple[float, float]]:
-    """Returns the time [us] of one frame inside the loops, without the cost of a call, for both."""
+    """Returns the times [us] of one frame for TCI and for C, measured inside the loops without the cost of a
+    call."""
     pairs = []
     for _ in range(7):
         calls = max(3, 4_000_000 // taxels // repeats)

@@ -1,4 +1,4 @@
-"""Benchmark of the Gymnasium environment: steps per second of one core."""
+"""Benchmark of the Gymnasium environment: steps per second on one core."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ LEAST = 2500.0
 
 
 def learning() -> list[Measured]:
-    """Measures with random targets: the arm moves in every step, and each episode is a new poke."""
+    """Measures the rate of steps with random targets: the arm moves in every step, and each episode has a new
+    poke."""
     return [_with_rate(100.0, least_ratio=1.0), _with_rate(500.0)]
 
 

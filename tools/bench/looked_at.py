@@ -19,12 +19,13 @@ from tci.viewer.app import RATE, Viewer
 from tci.viewer.session import Session
 
 TAXELS = 1010
-"""Number of taxels of the NAO, rounded to whole rings; its own skin has 720. The iCub has 1180."""
+"""Number of taxels of the NAO, rounded to whole rings of taxels. The NAO of the catalogue has 720 taxels, the
+iCub has 1180."""
 CORE, USABLE = 0.25, 5.0
 """Targets: fraction of a core, and time [s] until the page can be used."""
 WINDOW, WINDOWS = 3.0, 5
 SETTLE = 4.0
-"""Time [s] that the page and the loops get to settle."""
+"""Time [s] for which the benchmark waits before it measures, so that the page and the loops have started."""
 PATIENCE = 60.0
 
 
@@ -78,7 +79,8 @@ def _share(name: str, windows: list[tuple[float, float]], *, most: float | None 
 
 
 def _window(shown: Viewer, *, poke: bool = False) -> tuple[float, float]:
-    """Returns the fraction of a core that this process used, and the pictures per second, over some time."""
+    """Returns the fraction of a core that this process used in an interval, and the number of pictures per
+    second."""
     pokes = [session.pokes for session in shown.sessions.values()]
     begin, pictures, used = time.perf_counter(), shown.pictures, time.process_time()
     if poke:

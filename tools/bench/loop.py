@@ -1,4 +1,5 @@
-"""Benchmark of the 1 kHz loop: 4000 taxels, robot in motion, beside a bare sleep loop in another process."""
+"""Benchmark of the 1 kHz loop with 4000 taxels and a moving robot. Another process runs a loop that only
+sleeps, for comparison."""
 
 from __future__ import annotations
 
@@ -35,7 +36,8 @@ print(json.dumps([late.quantile(q) for q in (0.5, 0.99, 0.999)]))
 
 
 class Echo(Driver):
-    """A robot that follows its commands exactly, with 50 new frames per second, each an array of its own."""
+    """Simulated robot that follows its commands exactly and sends 50 new frames per second, each in a new
+    array."""
 
     def __init__(self, parts: Pipeline) -> None:
         robot = parts.robot
@@ -64,7 +66,8 @@ class Echo(Driver):
 
 
 def _apart(pid: int) -> None:
-    """Moves the other process to other processors: two busy loops on one would wait for each other."""
+    """Moves the other process to other processors, because two busy loops on one processor would delay each
+    other."""
     if hasattr(os, "sched_setaffinity"):
         ours = os.sched_getaffinity(0)
         if len(ours) > 1:
@@ -74,7 +77,7 @@ def _apart(pid: int) -> None:
 
 
 def loop() -> list[Measured]:
-    """Measures the loop in five runs; TCI_BENCH_LOOP is their total time [s]."""
+    """Measures the loop in five runs. The environment variable TCI_BENCH_LOOP sets their total time [s]."""
     parts, late, work, missed, ticks = Pipeline(4000, 16, 30, every=TURN), [], [], 0, 0
     capability = Swinging(parts.robot, every=TURN)
     for _ in range(RUNS):

@@ -1,4 +1,5 @@
-"""Measurement of times: TCI and the peer in turn, so that a slower machine slows both."""
+"""Measurement of times. TCI and the peer (the program for comparison) run alternately, so that a slower
+machine slows both."""
 
 from __future__ import annotations
 
@@ -9,9 +10,10 @@ from dataclasses import dataclass
 
 ROUNDS = 7
 SPAN = 0.05
-"""Time [s] for which a round calls one of the two."""
+"""Time [s] for which each of the two programs is called in a round."""
 SHORT = 3e-4
-"""Duration [s] of a run of calls. Shorter than a time slice of the system, which is some milliseconds."""
+"""Duration [s] of a run of calls. Shorter than a time slice of the operating system, which is some
+milliseconds."""
 
 Work = Callable[[], object]
 
@@ -24,19 +26,19 @@ class Measured:
     peer: str
     unit: str
     ours: float
-    """Median of TCI over the rounds."""
+    """Median value of TCI over the rounds."""
     theirs: float
     ratio: float
-    """Median of the ratios of the rounds; below 1 if TCI takes less."""
+    """Median ratio of TCI to the peer; below 1 if TCI is faster."""
     ratio_min: float
     ratio_max: float
     rounds: int
     target: str = ""
-    """Target of the ratio or of TCI's figure; empty if there is none."""
+    """Target of the ratio or of TCI's value; empty if the row has no target."""
     met: bool | None = None
     note: str = ""
     cold: float | None = None
-    """Median of TCI after 1 ms of sleep, when the caches hold other data; None if not measured."""
+    """Median value of TCI after 1 ms of sleep, when the caches contain other data; None if not measured."""
     theirs_cold: float | None = None
 
 
@@ -52,8 +54,9 @@ def row(
     note: str = "",
     colds: tuple[float | None, float | None] = (None, None),
 ) -> Measured:
-    """Returns a row of pairs (TCI, peer), one per round, with its target: the largest median of TCI, or
-    the most or least that the median ratio may be; `colds`: both after 1 ms of sleep."""
+    """Returns a row from pairs (TCI, peer), one pair per round. The target is an upper bound of TCI's median
+    (`most`), or a bound of the median ratio (`most_ratio`, `least_ratio`). `colds` are the values of TCI and
+    the peer after 1 ms of sleep."""
     ours = statistics.median(a for a, _ in pairs)
     ratios = sorted(a / b for a, b in pairs)
     ratio = statistics.median(ratios)
@@ -71,8 +74,8 @@ def row(
 
 
 def each(work: Work, *, calls: int, clock: Callable[[], float] = time.thread_time) -> float:
-    """Returns the time [us] of one call: the median over short runs of calls, on the clock of this thread,
-    which stands still while others have the processor. Work that waits needs `time.perf_counter`."""
+    """Returns the median time [us] of one call over short runs of calls. The default clock counts only the
+    processor time of this thread. Pass `time.perf_counter` for work that waits."""
     start = clock()
     work()
     run = max(1, min(calls, int(SHORT / max(clock() - start, 1e-9))))
@@ -86,13 +89,13 @@ def each(work: Work, *, calls: int, clock: Callable[[], float] = time.thread_tim
 
 
 def in_turn(ours: Work, peer: Work, *, rounds: int = ROUNDS) -> list[tuple[float, float]]:
-    """Returns the times [us] of one call of each of the two, per round."""
+    """Returns one pair per round: the times [us] of one call of `ours` and of one call of `peer`."""
     calls = [max(1, int(SPAN * 1e6 / max(each(work, calls=3), 0.1))) for work in (ours, peer)]
     return [(each(ours, calls=calls[0]), each(peer, calls=calls[1])) for _ in range(rounds)]
 
 
 def cold(work: Work, *, calls: int = 200) -> float:
-    """Returns the median time [us] of a call after 1 ms of sleep, when the caches hold other data."""
+    """Returns the median time [us] of a call after 1 ms of sleep, when the caches contain other data."""
     times = []
     for _ in range(calls):
         time.sleep(0.001)

@@ -1,4 +1,5 @@
-"""Cells of the benchmark's rows, and docs/tables/performance.md from one complete run."""
+"""Formats the rows of the benchmark as table cells, and writes docs/tables/performance.md after a complete
+run."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ def cells(row: Mapping[str, Any]) -> list[str]:
 
 
 def write_page(figures: Mapping[str, Any]) -> None:
-    """Writes the results of a complete run, with `figures` as in bench.json; earlier rows are not kept."""
+    """Writes the results of a complete run to the page. `figures` has the format of bench.json. The new rows
+    replace all earlier rows."""
     on = figures["on"]
     versions = ", ".join(f"{name} {version}" for name, version in on["versions"].items())
     about = (

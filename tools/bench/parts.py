@@ -32,7 +32,7 @@ from tci.skin.skin import Skin
 
 
 def gate_and_ruckig(robot: tci.Robot) -> tuple[Work, Work]:
-    """Times the whole gate with five joints in motion, including its stop check, beside one update of
+    """Times the whole gate with five moving joints, including the check for a safe stop, and one update of
     ruckig."""
     gate = tci.Gate(robot, period=0.002, stale_after=0.05)
     position = np.array(initial_position(robot))
@@ -69,7 +69,8 @@ def gate_and_ruckig(robot: tci.Robot) -> tuple[Work, Work]:
 
 
 def clusters_and_scipy(robot: tci.Robot) -> tuple[Work, Work]:
-    """Times single-link clusters of one touch: TCI on the surface's neighbours, SciPy on a k-d tree."""
+    """Times single-link clustering of one touch: TCI on the neighbour graph of the surface, SciPy on a k-d
+    tree."""
     skin = Skin(robot)
     layout, surface = SkinLayout.of_robot(robot), skin.surfaces["left_forearm"]
     distance = np.linalg.norm(surface.positions - surface.positions[100], axis=1)
@@ -96,8 +97,9 @@ def clusters_and_scipy(robot: tci.Robot) -> tuple[Work, Work]:
 
 
 def kinematics_and_mujoco(robot: tci.Robot, *, in_loop: bool) -> tuple[Work, Work]:
-    """Poses of four links: ours from joint angles to torso frame, as asked for or as the loop does it, and
-    MuJoCo's mj_kinematics alone."""
+    """Times the poses of four links in the torso frame. TCI computes them from joint angles, through its
+    public method or, with `in_loop`, through the method that the control loop uses. MuJoCo runs only
+    mj_kinematics."""
     kinematics, position = KinematicChain(robot), initial_position(robot)
     links = tuple(patch.link for patch in robot.patches)
     assert robot.model is not None
@@ -108,7 +110,8 @@ def kinematics_and_mujoco(robot: tci.Robot, *, in_loop: bool) -> tuple[Work, Wor
 
 
 def kinematics_and_pinocchio(robot: tci.Robot) -> tuple[Work, Work]:
-    """Times pose and Jacobian of a hand: TCI relative to the torso, Pinocchio in the world."""
+    """Times pose and Jacobian of a hand: TCI computes them in the torso frame, Pinocchio in the world
+    frame."""
     kinematics, position = KinematicChain(robot), initial_position(robot)
     model = pinocchio.buildModelFromXML(to_urdf(robot))
     data, q, frame = model.createData(), pinocchio.neutral(model), model.getFrameId("LHand")
@@ -120,9 +123,10 @@ def kinematics_and_pinocchio(robot: tci.Robot) -> tuple[Work, Work]:
 
 
 def inverse_and_kdl(robot: tci.Robot) -> tuple[Work, Work] | None:
-    """Times inverse kinematics of a hand: TCI within limits, KDL's LMA without limits, in Debian's Python.
+    """Times inverse kinematics of a hand: TCI with joint limits, KDL's LMA without joint limits, in Debian's
+    Python.
 
-    None where python3-pykdl is not installed.
+    Returns None if python3-pykdl is not installed.
     """
     segments = [segment.model_dump(mode="json") for segment in chain_to(robot, "LHand")]
     kinematics = KinematicChain(robot)
@@ -156,7 +160,7 @@ def inverse_and_kdl(robot: tci.Robot) -> tuple[Work, Work] | None:
         return inverse.solve(targets[count % len(targets)], initial_position(robot))
 
     def peer() -> float:
-        """Returns the time [us] of one solution of KDL, measured in its own process."""
+        """Returns the time [us] of one solution by KDL, measured in a separate process."""
         child.stdin.write("go\n")
         child.stdin.flush()
         return float(child.stdout.readline())
@@ -215,7 +219,7 @@ def kinematics() -> list[Measured]:
 
 
 def inverse() -> list[Measured]:
-    """Returns the rows of inverse kinematics. KDL runs, and is timed, in Debian's Python."""
+    """Returns the rows of inverse kinematics. KDL runs in Debian's Python and is timed there."""
     found = inverse_and_kdl(tci.load_robot("nao"))
     if found is None:
         raise SystemExit("KDL is not installed; as root: apt-get install python3-pykdl")

@@ -1,4 +1,5 @@
-"""Benchmark from raw frames to a safe command, with public parts: GenericBody, WithdrawalReflex, Gate."""
+"""Benchmark from raw frames to a safe command, with the public classes GenericBody, WithdrawalReflex and
+Gate."""
 
 from __future__ import annotations
 
@@ -24,23 +25,26 @@ from tci.skin.send_on_delta import HoldLast
 
 PERIOD = 0.002
 TURN = 40
-"""Number of frames between two targets at opposite ends. Too few to arrive, so the arm is always in
-motion."""
+"""Number of frames between two targets at opposite ends of the swing. The arm can't reach a target in so few
+frames, so it always moves."""
 SWING = np.deg2rad([15.0, 10.0, 15.0, 15.0, 15.0])
 AWAY = np.array([0.0, 0.3, 0.0, 0.3, 0.0])
-"""Offset (5,) [rad] from the initial posture to the middle of the swing, which is clear of the body."""
+"""Offset (5,) [rad] from the initial posture to the middle of the swing. There the arm does not touch the
+body."""
 RARE = 200
 """Number of frames between two commands, for the row with rare commands."""
 FACES = 0.5
-"""Least cosine of the angle between a normal and a direction for skin that faces it."""
+"""Least cosine of the angle between a skin normal and a direction at which the skin counts as facing this
+direction."""
 BELOW = (0.0, 0.0, -1.0)
-"""Direction of touches that both arms answer. Touches all around are refused, and checked in each frame."""
+"""Direction of the touches to which both arms respond. The reflex refuses to respond to touches from all
+sides, and checks this in each frame."""
 WARM = 1000
-"""Number of frames until the reflex is at rest."""
+"""Number of frames after which the reflex no longer moves the arm."""
 STILL = 1e-6
 """Speed [rad/s] that counts as rest."""
 SEEN = 60
-"""Number of rare commands in a round."""
+"""Number of measured frames with a new command in a round."""
 
 
 def touched(
@@ -48,9 +52,9 @@ def touched(
 ) -> list[dict[str, np.ndarray]]:
     """Returns two frames of all patches with a number of `contacts`, to be sent alternately.
 
-    Larger patches have more contacts, as far from each other as possible. Touched taxels differ by one count
-    between the frames. With `towards`, a direction (3,) in the torso frame, only skin that faces it in the
-    initial posture is touched.
+    Larger patches have more contacts. The contacts of a patch are as far apart as possible. Touched taxels
+    differ by one count between the frames. With `towards`, a direction (3,) in the torso frame, only skin
+    that faces it in the initial posture is touched.
     """
     skin = tci.GenericBody(robot).skin
     surfaces, posture = skin.surfaces, np.array(initial_position(robot))
@@ -79,7 +83,8 @@ Memory = tuple[int, Any]
 
 
 class Swinging(tci.Capability[Memory]):
-    """The withdrawal reflex, with an order every few frames that swings the left arm to and fro."""
+    """Withdrawal reflex with an additional command every few frames, which swings the left arm between two
+    targets."""
 
     def __init__(self, robot: Robot, every: int) -> None:
         self.reflex, self.every = tci.WithdrawalReflex(), every
@@ -100,9 +105,10 @@ class Swinging(tci.Capability[Memory]):
 
 
 class Pipeline:
-    """A touched robot; every call processes the next frame of all patches.
+    """A touched robot. Every call processes the next frame of all patches.
 
-    The reflex sees each of them, and soon rests; unless orders come in `every` so many frames.
+    The reflex receives every frame. The arm soon stops moving, unless `every` is above 0: then a new command
+    follows after each `every` frames.
     """
 
     def __init__(
@@ -142,7 +148,7 @@ class Pipeline:
         return safe
 
     def rare(self) -> float:
-        """Returns the median time [us] of the rare ticks with a command."""
+        """Returns the median time [us] of the frames that have a new command."""
         times = []
         while len(times) < SEEN:
             timed = (self.count + 1) % self.every == 0
@@ -178,11 +184,11 @@ def pipeline() -> list[Measured]:
 
 
 SIZES = ((230, 4, 1), (4000, 16, 0), (100_000, 16, 30), (1_000_000, 16, 30))
-"""Numbers of taxels, patches and touches; a touch of a coarse skin may become several contacts."""
+"""Numbers of taxels, patches and touches. On a skin with few taxels one touch may become several contacts."""
 
 
 def scale(sizes: Sequence[tuple[int, int, int]] = SIZES) -> list[Measured]:
-    """Times the pipeline with less and more skin, while the arm moves."""
+    """Times the pipeline for skins from 230 to 1 million taxels, while the arm moves."""
     rows = []
     for taxels, patches, contacts in sizes:
         ours = Pipeline(taxels, patches, contacts, every=TURN)
@@ -193,7 +199,8 @@ def scale(sizes: Sequence[tuple[int, int, int]] = SIZES) -> list[Measured]:
 
 
 def events() -> list[Measured]:
-    """Times the skin alone, at rest: send-on-delta beside one frame per period."""
+    """Times the processing of untouched skin: frames sent on change (send-on-delta), and one frame per period
+    for comparison."""
     robot = with_dense_skin(tci.load_robot("icub"), 4000, patches=16)
     raw = {p.name: np.full(p.channels, p.sensor.rest, np.uint8) for p in robot.patches}
     for values in raw.values():
@@ -208,7 +215,8 @@ def events() -> list[Measured]:
     def ours() -> object:
         nonlocal sent
         k = next(count[0])
-        if k % 50 == 1:  # one keep-alive in 50 frames: else nothing is sent
+        # sends one frame in 50 to show that the connection is alive; otherwise no frame would be sent
+        if k % 50 == 1:
             sent = tuple(SkinFrame(name, period * k, k, values) for name, values in raw.items())
         return eventful.step(filled.fill(sent, period * k))
 

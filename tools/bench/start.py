@@ -14,7 +14,7 @@ from measured import Measured, row
 
 TCI = str(Path(sys.executable).parent / "tci")
 FEW = 3
-"""Number of rounds of cases that take many seconds."""
+"""Number of rounds for cases that last many seconds."""
 ROUNDS = 7
 FIVE = """
 import tci
@@ -22,14 +22,14 @@ robot = tci.load_robot("nao")
 with tci.connect(robot, "sim") as driver:
     tci.run(driver, tci.WithdrawalReflex(), duration=0.002)
 """
-"""The five lines of the README, for one period."""
+"""The five-line program of the README, shortened to one period."""
 MIB = 2**20
 VIEWED = 20.0
 """Time [s] for which the viewer runs without an open page."""
 
 
 def seconds(*command: str, **variables: str) -> float:
-    """Returns the time [s] that a Python program takes."""
+    """Returns the run time [s] of a Python program."""
     start = time.perf_counter()
     subprocess.run(
         [sys.executable, *command], check=True, capture_output=True, env={**os.environ, **variables}
@@ -38,7 +38,8 @@ def seconds(*command: str, **variables: str) -> float:
 
 
 def start() -> list[Measured]:
-    """Times the start of processes. The loops are compiled already, except in rows that say otherwise."""
+    """Times the start of processes. The loops are compiled before, except in rows whose name says
+    otherwise."""
     cases = {"tci --help": ((TCI, "--help"), None), "import tci": (("-c", "import tci"), None)}
     rows = []
     seconds("-c", FIVE)
@@ -60,7 +61,7 @@ def fresh() -> list[Measured]:
 
 
 def demo() -> list[Measured]:
-    """Times the demo with its picture and report; the loops are compiled already."""
+    """Times the demo including its picture and report. The loops are compiled before."""
     with TemporaryDirectory() as folder:
         command = (TCI, "demo", "--headless", "--out", folder)
         pairs = [(seconds(*command), 25.0) for _ in range(2)]
@@ -68,7 +69,7 @@ def demo() -> list[Measured]:
 
 
 def memory() -> list[Measured]:
-    """Measures the largest resident memory of a program and its children."""
+    """Measures the largest resident memory of a program and its child processes."""
     run = [TCI, "run", "withdrawal", "icub", "--duration", "3", "--poke"]
     with TemporaryDirectory() as folder:
         view = [TCI, "view", "--headless", "--port", "0", "--out", folder, "--duration", f"{VIEWED:g}"]
@@ -80,7 +81,8 @@ def memory() -> list[Measured]:
 
 
 def largest(command: list[str]) -> float:
-    """Returns the largest sum [bytes] of the memory of a program and its children while it runs."""
+    """Returns the largest total memory [bytes] of a program and its child processes while the program
+    runs."""
     most = 0.0
     with subprocess.Popen([sys.executable, *command], stdout=subprocess.DEVNULL) as started:
         process = psutil.Process(started.pid)

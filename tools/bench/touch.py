@@ -1,4 +1,5 @@
-"""Benchmark of simulated skin: a finger on a robot's arm, beside MuJoCo's own touch sensors."""
+"""Benchmark of simulated skin: a finger touches a robot's arm. MuJoCo's own touch sensors are measured for
+comparison."""
 
 from __future__ import annotations
 
@@ -34,11 +35,11 @@ SPAN = 4.0
 RADIUS = 0.005
 """Radius [m] of a touch site."""
 NEVER = 1.0
-"""Frame rate [Hz] for a skin that exists but is almost never read."""
+"""Frame rate [Hz] of a simulated skin that is almost never read."""
 
 
 def pressed(robot: Robot) -> World:
-    """Returns a world in which the finger presses the arm with some newtons."""
+    """Returns a world in which the finger presses the arm with a force of some newtons."""
     world = World(robot, step=STEP)
     patch = robot.patches[0].name
     world.finger.poke(patch, len(world.surfaces[patch].positions) // 2, speed=0.1, depth=0.008)
@@ -48,7 +49,8 @@ def pressed(robot: Robot) -> World:
 
 
 def with_more(robot: Robot, more: Callable[[mujoco.MjSpec, Surface], None]) -> World:
-    """Returns such a world with `more` sensors for each patch; its own skin is almost never read."""
+    """Returns a world in which the finger presses the arm, and in which the function `more` adds sensors for
+    each patch. TCI's simulated skin is almost never read."""
     original = scene.add_skin
 
     def add(spec: mujoco.MjSpec, surface: Surface, **options: object) -> None:
@@ -63,7 +65,7 @@ def with_more(robot: Robot, more: Callable[[mujoco.MjSpec, Surface], None]) -> W
 
 
 def sites(spec: mujoco.MjSpec, surface: Surface) -> None:
-    """Adds one of MuJoCo's touch sites per taxel."""
+    """Adds one MuJoCo touch site for each taxel."""
     for i, position in enumerate(surface.positions):
         name = f"{surface.patch}_{i}"
         spec.body(surface.link).add_site(name=name, pos=position, size=[RADIUS, 0.0, 0.0])
@@ -76,8 +78,8 @@ def sites(spec: mujoco.MjSpec, surface: Surface) -> None:
 
 
 def tactile(spec: mujoco.MjSpec, surface: Surface) -> None:
-    """Adds one of MuJoCo's tactile sensors, which measures the penetration depth at each vertex of the
-    skin."""
+    """Adds one MuJoCo tactile sensor, which measures the penetration depth at each vertex of the skin
+    mesh."""
     name = skin_geom(surface.patch)
     spec.add_sensor(
         name=f"tactile_{surface.patch}",
@@ -90,7 +92,7 @@ def tactile(spec: mujoco.MjSpec, surface: Surface) -> None:
 
 
 def step_time(world: World, runs: int = 15) -> float:
-    """Returns the time [us] of a step, over runs of 20 steps with skin frames."""
+    """Returns the time [us] of a simulation step, measured over runs of 20 steps that include skin frames."""
     return each(lambda: world.advance(world.time + 20 * STEP), calls=runs) / 20
 
 
@@ -108,7 +110,8 @@ def touch() -> list[Measured]:
 
 
 def one_arm(robot: Robot, folder: Path) -> Robot:
-    """Writes a NAO with torso and left arm only to a file in `folder`, and returns its description."""
+    """Writes the model of a NAO that has only torso and left arm to a file in `folder`, and returns its
+    description."""
     assert robot.model is not None
     tree = etree.parse(robot.model.path)
     for body in tree.findall("worldbody/body/body"):
@@ -125,7 +128,8 @@ def one_arm(robot: Robot, folder: Path) -> Robot:
 
 
 def in_contact(what: str, limbs: Robot, faster: dict[int, float]) -> list[Measured]:
-    """Returns rows by number of taxels; `faster` is the target ratio to touch sites for each of them."""
+    """Returns one row per number of taxels. `faster` contains the target for each number: by which factor
+    TCI's step is faster than a step with touch sites."""
     rows = []
     for taxels, wanted in faster.items():
         robot = with_dense_skin(limbs, taxels)
@@ -146,7 +150,8 @@ def in_contact(what: str, limbs: Robot, faster: dict[int, float]) -> list[Measur
 
 
 def touch_hand() -> list[Measured]:
-    """Measures the cost of touch: the ratio of a step with touch to one without, beside a peer."""
+    """Measures the cost of touch as the ratio of the time of a step with touch to the time of a step without
+    touch. The peer is Gymnasium-Robotics' Shadow hand."""
     lock = ROOT / "requirements" / "bench" / "gymnasium_robotics.txt"
     runpy.run_path(str(ROOT / "tools" / "peers.py"))["install_python"](lock)
     python = ROOT / ".peers" / lock.stem / "bin" / "python"
@@ -165,11 +170,12 @@ def touch_hand() -> list[Measured]:
 STILL = 1e-3
 """Speed [rad/s] that counts as rest."""
 POKES = 0.5
-"""Time [s] between two pokes; the finger leaves after half of it."""
+"""Time [s] between two pokes. The finger is retracted after half of this time."""
 
 
 class Poked(tci.Capability[tuple[float, Any]]):
-    """The withdrawal reflex on an arm that is poked, moved back by an operator, and poked again."""
+    """Withdrawal reflex on an arm that is poked repeatedly. After each poke an operator moves the arm
+    back."""
 
     def __init__(self, world: World) -> None:
         self.reflex, self.world = tci.WithdrawalReflex(), world
@@ -208,9 +214,9 @@ def keep(speeds: list[float], tick: tci.Tick) -> None:
 
 
 def real_time_factor() -> list[Measured]:
-    """Measures the real-time factor of one robot with reflex and gate in every step.
+    """Measures the real-time factor of one robot whose reflex and gate run in every step.
 
-    It is in contact and in motion half of the time.
+    The robot is touched and moves during half of the time.
     """
     nao, rows = tci.load_robot("nao"), []
     for step, least in ((0.001, 15.0), (0.002, 30.0)):
@@ -234,10 +240,11 @@ def real_time_factor() -> list[Measured]:
 
 
 def worlds() -> list[Measured]:
-    """Times two worlds at once on two cores."""
+    """Times two simulated worlds that run at the same time on two cores."""
     pairs = []
     for _ in range(3):
-        # So long that all are at work at the same time; a process's first run also loads what it needs.
+        # The runs are so long that all worlds are computed at the same time. The first run of each process
+        # also loads modules, and is not counted.
         fast, slow = (
             statistics.median(
                 run.simulated / run.took

@@ -1,4 +1,4 @@
-"""Benchmark of a whole iCub's skin, from frames of float64, as YARP sends them, to contacts."""
+"""Benchmark of an iCub's whole skin, from frames in float64 (the type that YARP sends) to contacts."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ FRAMES = 400
 
 
 class Perceiving:
-    """A perceiver; every call processes the next frame of all patches: conditioning, kinematics, contacts,
-    tracks."""
+    """A perceiver. Every call processes the next frame of all patches: conditioning, kinematics, contacts and
+    tracking."""
 
     def __init__(self, dtype: type) -> None:
         self.robot = tci.load_robot("icub-whole")
@@ -42,7 +42,7 @@ class Perceiving:
         return sum(contact.force for contact in self.seen.contacts)  # each is looked at
 
     def round(self) -> tuple[float, float]:
-        """Returns the time [us] of a frame: median and 95th percentile."""
+        """Returns the median and the 95th percentile of the time [us] of a frame."""
         times = []
         for _ in range(FRAMES):
             start = time.thread_time()

@@ -1,6 +1,7 @@
-"""Round trips of a frame of doubles over YARP ports, Zenoh and LCM, beside a raw TCP socket.
+"""Round-trip times of a frame of float64 values over YARP ports, Zenoh and LCM, compared with a raw TCP
+socket.
 
-A YARP port calls the receiver in the thread of the connection. The time is from the write to this call.
+A YARP port calls the receiver in the thread of the connection. The measured time ends at this call.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from yarpwire.port import Port
 CASES = ((768, TCP.name), (768, FAST_TCP.name), (4000, FAST_TCP.name))
 CALLS = 200
 MOST = 2.5
-"""Largest ratio to the raw socket for 768 doubles."""
+"""Largest accepted ratio of the time to that of the raw socket, for frames of 768 values."""
 YARP = """
 import sys, time
 from yarpwire.dialect import V3
@@ -81,7 +82,7 @@ def line(process: subprocess.Popen[str]) -> str:
 
 
 class Flight:
-    """Frames on their way to the other process and back."""
+    """Frames that are sent to the other process and returned by it."""
 
     def __init__(self, names: Names, carrier: str, values: np.ndarray) -> None:
         self.values, self.seen = values, np.empty(0)
@@ -95,8 +96,8 @@ class Flight:
         self._out.connect("/echo:i", carrier)
 
     def fly(self) -> tuple[float, float]:
-        """Returns the median times [us] of a round trip and of the way there; both processes use one
-        clock."""
+        """Returns the median time [us] of a round trip and the median time [us] to the other process. Both
+        processes use the same clock."""
         self._times.clear()
         self._ways.clear()
         self._left = CALLS
@@ -154,7 +155,7 @@ def wires() -> list[Measured]:
 
             flight.fly()
             peer()
-            # The last number is the time at which the frame arrived there.
+            # The last number is the time at which the other process received the frame.
             np.testing.assert_array_equal(flight.seen[:-1], values[:-1])
             np.testing.assert_array_equal(back[:-1], values[:-1])
             both = [(flight.fly(), peer()) for _ in range(ROUNDS)]

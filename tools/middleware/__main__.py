@@ -1,6 +1,7 @@
-"""Test of each middleware: the contract suite, a genuine peer, a round trip, and a peer that is killed.
+"""Tests each middleware: the contract suite, a genuine program as the other end, a round trip, and the sudden
+death of the other process.
 
-    make middleware
+make middleware
 
 runs the tests, measures the times, and writes docs/tables/middleware.md.
 """
@@ -46,16 +47,17 @@ ITSELF = "by itself, waiting for a new command"
 
 @dataclass(frozen=True)
 class Row:
-    """One middleware."""
+    """One middleware, which is one row of the table."""
 
     peer: Callable[[], str]
-    """Function that returns the genuine program at the other end, with its version."""
+    """Function that returns the name and version of the genuine program at the other end of the
+    connection."""
     tests: str
-    """Files and folders of tests/drivers that use this peer."""
+    """Files and folders of tests/drivers whose tests use this genuine program."""
     back: str
-    """Behaviour after a robot's process that died has started again."""
+    """Behaviour after the robot's process has died and started again."""
     where: Callable[[], str] = lambda: str(free_port())
-    """Function that returns an address for the round trip."""
+    """Function that returns an address for the round-trip measurement."""
 
 
 def debian(package: str) -> str:
@@ -113,7 +115,7 @@ ROWS = {
 
 
 def contract() -> dict[str, Counter[str]]:
-    """Runs the contract suite; returns the number of tests that passed and failed, by middleware."""
+    """Runs the contract suite. Returns the numbers of tests that passed and failed, by middleware."""
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "report.xml"
         options = ["-q", "-n", "2", "--dist", "loadgroup", f"--junitxml={report}"]
@@ -128,7 +130,8 @@ def contract() -> dict[str, Counter[str]]:
 
 
 def held_after(peer: Peer) -> float:
-    """Returns the time [ms] from a SIGKILL of the robot's process to the first command that holds."""
+    """Returns the time [ms] from the SIGKILL of the robot's process to the first command with which the gate
+    holds the robot."""
     peer.start()
     try:
         with peer.open(arm=True, silence=peer.usual_silence) as driver:
@@ -146,8 +149,8 @@ def held_after(peer: Peer) -> float:
 
 
 def timed(name: str, row: Row) -> tuple[str, str]:
-    """Returns the medians and 99th percentiles [ms] of round trips over one middleware and over raw TCP, and
-    starts its name server or master, if it needs one."""
+    """Returns the medians and 99th percentiles [ms] of round-trip times over one middleware and over raw TCP.
+    Starts the name server or master of the middleware if one is needed."""
     where = row.where()
     with ExitStack() as stack:
         if name == "ros1":

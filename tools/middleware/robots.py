@@ -1,10 +1,10 @@
-"""Every robot over every middleware: the demo's pokes, and those of head, torso, hands and legs, answered by
-reflexes in another process.
+"""Pokes every robot over every middleware, with the pokes of the demo and with pokes of head, torso, hands
+and legs. The reflexes run in another process.
 
-    python tools/middleware/robots.py [--robot NAME]... [--via NAME]... [--short] [--patience SECONDS]
+python tools/middleware/robots.py [--robot NAME]... [--via NAME]... [--short] [--patience SECONDS]
 
-writes docs/tables/robots-and-wires.md. Cells that an interrupted run has measured at this commit are kept in
-OUT/robots-and-wires.json.
+writes docs/tables/robots-and-wires.md. Table cells that an interrupted run measured at the same commit are
+stored in OUT/robots-and-wires.json and used again.
 """
 
 from __future__ import annotations
@@ -36,25 +36,27 @@ from tci.robot.description import Robot
 TABLE = TABLES / "robots-and-wires.md"
 FILE = "robots-and-wires.json"
 WIRES = tuple(name for name in PEERS if name not in ("sim", "unitree"))
-"""Middleware between processes that carries skin; Unitree's topics carry joints."""
+"""Middleware between processes that can transport skin data. Unitree's topics transport only joint data, so
+they are left out."""
 ROBOTS = tuple(name for name in tci.robot_names() if tci.load_robot(name).skin)
-"""Robots with taxels; the others feel touches through their joints."""
+"""Robots with taxels. Robots without taxels sense touches only through their joints, so they are left out."""
 TRIES = 3
-"""Number of tries of each poke: while another program keeps the machine busy the robot holds, rightly."""
+"""Number of attempts for each poke. An attempt fails without a fault of TCI if another program keeps the
+processor busy: the gate then holds the robot."""
 NEVER = -1
-"""Try in which a poke was answered if none was."""
+"""Value that is stored instead of the number of the attempt if the reflex never responded to a poke."""
 SEED = 3
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One robot over one middleware."""
+    """One table cell: the results of one robot over one middleware."""
 
     answered: int = 0
-    """Number of pokes that the reflex answered as it does in one process."""
+    """Number of pokes to which the reflex responded as it does within one process."""
     pokes: int = 0
     again: int = 0
-    """Number of pokes that were answered only when tried again."""
+    """Number of pokes to which the reflex responded only in a repeated attempt."""
     command_ms: float | None = None
     """Median time [ms] from the first contact to the first command."""
     violations: Sequence[str] = ()
@@ -72,7 +74,8 @@ class Cell:
 
 
 def reflexes(*, short: bool) -> tuple[tci.WithdrawalReflex, tci.BodyWithdrawal]:
-    """Returns the reflexes of the arms and of the other parts; if `short`, with one field of each part."""
+    """Returns the reflex of the arms and the reflex of the other parts. If `short`, each reflex has only one
+    field of each part."""
     arms, others = tci.WithdrawalReflex(), tci.BodyWithdrawal(stance="supported")
     if short:
         arms = replace(arms, fields=arms.fields[:1])
@@ -82,7 +85,7 @@ def reflexes(*, short: bool) -> tuple[tci.WithdrawalReflex, tci.BodyWithdrawal]:
 
 
 def measured(robot: Robot, name: str, *, short: bool) -> Cell:
-    """Returns the cell of one robot and one middleware."""
+    """Measures one robot over one middleware and returns the cell."""
     try:
         robot.binding(name.removesuffix("4"))
     except tci.UnknownNameError:
@@ -107,7 +110,8 @@ def measured(robot: Robot, name: str, *, short: bool) -> Cell:
                     if seen.get(site, NEVER) == NEVER:
                         seen[site] = tried if trial.responded else NEVER
                         times += [] if trial.trigger_ms is None else [trial.trigger_ms]
-            except tci.TciError as error:  # as when the other process gets no share of a busy machine
+            # e.g. no processor time for the other process
+            except tci.TciError as error:
                 trouble = str(error)
                 continue
             if len(seen) == total and NEVER not in seen.values():

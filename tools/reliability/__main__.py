@@ -1,6 +1,7 @@
 """`make reliability`: the scoreboard of docs/reliability.md.
 
-FULL=1 runs the full size, ROWS="limits loop" some rows only, and PAGE=1 also writes the page.
+Environment variables: FULL=1 measures with the full number of trials, ROWS="limits loop" measures only these
+rows, and PAGE=1 also writes the page.
 """
 
 from __future__ import annotations

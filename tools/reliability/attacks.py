@@ -1,4 +1,5 @@
-"""Hostile commands in every mode on every robot, checked by code that shares nothing with the gate."""
+"""Sends hostile commands in every mode to every robot. The check of the results shares no code with the
+gate."""
 
 from __future__ import annotations
 
@@ -19,13 +20,13 @@ from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 
 CHUNK = 10_000
-"""Number of cycles of one attack; then a new one begins, with another seed."""
+"""Number of cycles of one attack. Each attack has another random seed."""
 LOOK = 25
 """Number of cycles between two checks of the robot's body for overlaps."""
 
 
 def limits(full: bool) -> Row:
-    """Checks limits of position, velocity, acceleration, jerk and torque, and couplings."""
+    """Checks limits of position, velocity, acceleration, jerk and torque, and couplings between joints."""
     robots = ("tester", *robot_names())
     done = gather("limits", _one, _jobs(full, robots, 1000, body=False), full=full)
     faults = [fault for result in done for fault in result["faults"]]
@@ -44,7 +45,7 @@ def limits(full: bool) -> Row:
 
 
 def bodies(full: bool) -> Row:
-    """Checks that no two links overlap, whatever is commanded."""
+    """Checks that no two links of a robot overlap, whatever commands the gate receives."""
     robots = robot_names()
     done = gather("bodies", _one, _jobs(full, robots, 100, body=True), full=full)
     faults = [fault for result in done for fault in result["faults"]]
@@ -62,13 +63,15 @@ def bodies(full: bool) -> Row:
 
 
 def _jobs(full: bool, robots: Sequence[str], chunks: int, *, body: bool) -> list[Job]:
-    """Returns the jobs (robot, seed, body, cycles); at CI size one seed for each robot, and few cycles."""
+    """Returns the jobs (robot, seed, body, cycles). At CI size there is one seed for each robot, and few
+    cycles."""
     seeds = range(-(-chunks // len(robots))) if full else (1,)
     return [(name, seed, body, CHUNK if full else 1_600) for seed in seeds for name in robots]
 
 
 def robot_of(name: str) -> Robot:
-    """Returns a robot of the catalogue, or the `tester`, whose six servos have every mode."""
+    """Returns a robot of the catalogue. The name `tester` returns a made robot whose six servos support every
+    mode."""
     if name == "tester":
         return make_robot(limits=LIMITS.model_copy(update={"torque": 5.0}), modes=CONTROL_MODES)
     return load_robot(name)
@@ -77,7 +80,7 @@ def robot_of(name: str) -> Robot:
 def _one(name: str, seed: int, body: bool, cycles: int) -> Result:
     """Runs one attack and returns its result."""
     robot = robot_of(name)
-    # The position of a servo in torque mode is not controlled.
+    # Torque mode is left out, because the position of a servo in torque mode is not controlled.
     modes = tuple(mode for mode in CONTROL_MODES if mode is not Mode.TORQUE or not body)
     attack = Attack(robot, seed, body=body, modes=modes)
     eyes = Eyes(robot) if body else None
@@ -94,7 +97,7 @@ def _one(name: str, seed: int, body: bool, cycles: int) -> Result:
         "passed": counts.passed,
         "faults": attack.judge.faults,
         "peak": attack.judge.peak,
-        # Deepest overlap [m] of two links that MuJoCo's own collision detection found.
+        # Deepest overlap [m] of two links, as found by MuJoCo's own collision detection.
         "overlap": overlap,
         "near": attack.gate.counts.near_misses,
     }

@@ -1,4 +1,4 @@
-"""Touches anywhere on any robot in any posture: no response may raise the contact force."""
+"""Touches random places of any robot in any posture. No response may increase the contact force."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ TOUCHES = 10_000
 
 
 def moves_away(full: bool) -> Row:
-    """Checks reflexes and the soft reaction, on own skin and on pads at random places and angles."""
+    """Checks the reflexes and the soft reaction, on the robots' own skin and on pads at random places and
+    angles."""
     names, per_job = tci.robot_names(), 50 if full else 5
     seeds = -(-TOUCHES // (per_job * len(names))) if full else 1
     jobs = [(name, seed, per_job) for seed in range(seeds) for name in names]

@@ -1,9 +1,10 @@
-"""A bare loop at 1 kHz in a process of its own, which shows the delays that the machine causes in any loop.
+"""A minimal loop at 1 kHz in a separate process. It shows the delays that the machine causes in any loop.
 
-In every period it moves the data that the other loop gets and gives, in plain NumPy: joint angles and speeds;
-and of each new frame of the skin the raw bytes, the pressures and which of them are above 0.
-`bare_loop.py SECONDS FRAMES SERVOS CHANNELS...` prints how late it was and how long its work took, as counts
-of a `Histogram`; FRAMES come per second, each with one patch for each of CHANNELS.
+In every period the loop copies as much data as the loop of TCI reads and writes, with NumPy only: joint
+angles and speeds and, for each new skin frame, the raw bytes, the pressures and the mask of pressures above
+0. `bare_loop.py SECONDS FRAMES SERVOS CHANNELS...` prints the delays of the periods and the times of the work
+as counts of a `Histogram`. FRAMES is the number of frames per second. Each number CHANNELS adds a patch with
+this number of channels.
 """
 
 from __future__ import annotations

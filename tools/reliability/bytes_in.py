@@ -1,4 +1,4 @@
-"""Damaged bytes into readers: robot descriptions and heartbeats."""
+"""Feeds damaged bytes to readers of robot descriptions and of heartbeats."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tci.runtime.heartbeat import decode, encode
 
 
 def descriptions(full: bool) -> Row:
-    """Checks that a damaged description ends in a TciError, or is read."""
+    """Checks that a damaged description either raises a TciError or is read."""
     jobs = [(seed, 1_000) for seed in range(100 if full else 1)]
     done = gather("descriptions", _descriptions, jobs, full=full)
     uncaught = sum(result["uncaught"] for result in done)
@@ -43,7 +43,8 @@ def _descriptions(seed: int, count: int) -> Result:
 
 
 def guided(full: bool) -> Row:
-    """Runs libFuzzer, which looks for inputs that reach new lines, on every reader of untrusted bytes."""
+    """Runs libFuzzer on every reader of untrusted bytes. libFuzzer searches for inputs that execute new
+    lines."""
     seconds, wanted = (600.0 if full else 14.0 / len(TARGETS)), 600.0
     done = gather("guided", _guided, [(name, seconds) for name in TARGETS], full=full)
     uncaught = [result["words"] for result in done if result["words"]]

@@ -1,4 +1,5 @@
-"""A day of an imperfect skin with noise, drift and broken taxels: counts false reflexes, missed touches."""
+"""A simulated day of imperfect skin with noise, drift and broken taxels. Counts false reflexes and missed
+touches."""
 
 from __future__ import annotations
 
@@ -20,22 +21,22 @@ from tci.simulation.imperfection import Imperfection, ImperfectTaxels
 RATE = 50.0
 """Frame rate [Hz]."""
 LEARN = 60.0
-"""Time [s] in which conditioning estimates the noise, before anything is counted."""
+"""Time [s] in which conditioning estimates the noise. Nothing is counted during this time."""
 DRIFT, DRIFT_PERIOD, SCATTER = 0.1, 7200.0, 0.02
 """Drift of all taxels: amplitude as a fraction of the range, period [s], and relative spread between
 taxels."""
 FAULTY = 600.0
-"""Time [s] between the beginnings of two taxel faults; each lasts half of it."""
+"""Time [s] between the beginnings of two taxel faults. Each fault lasts half of this time."""
 KINDS = ("stuck high", "stuck low", "not a number", "noisy", "stuck", "spikes")
 SPIKES = 0.1
-"""Fraction of frames in which a taxel with spikes jumps to its random value."""
+"""Fraction of frames in which a taxel with spikes shows its random value."""
 PRESSED = 40.0
 """Deviation [counts] of each of the 12 taxels of a touch."""
 
 
 @dataclass
 class Hours:
-    """Counts of a number of simulated hours."""
+    """Counts over a number of simulated hours."""
 
     hours: float
     false: int
@@ -46,7 +47,7 @@ class Hours:
 
 
 class Day:
-    """One patch of a NAO with the reflex."""
+    """One skin patch of a NAO, with the withdrawal reflex."""
 
     def __init__(self, seed: int) -> None:
         self.robot = tci.load_robot("nao")
@@ -144,7 +145,7 @@ def _live(seed: int, hours: float, touches: int) -> Result:
 
 
 def false_reflexes(full: bool) -> Row:
-    """Simulates the hours: every frame passes conditioning, contacts and reflex."""
+    """Simulates the hours. Every frame passes through conditioning, contact detection and reflex."""
     jobs, hours, touches = (96, 0.25, 105) if full else (1, 0.05, 20)
     work = [(seed, hours, touches) for seed in range(jobs)]
     done = gather("false_reflexes", _live, work, full=full)

@@ -1,4 +1,5 @@
-"""A needed process is killed or stopped: measures the time until its listener reports a reason to hold."""
+"""Kills or stops a process that a robot needs, and measures the time until the listener for heartbeats
+reports a reason to hold the robot."""
 
 from __future__ import annotations
 
@@ -16,8 +17,8 @@ from tci.runtime.heartbeat import Listener
 from tci.runtime.real_time import real_time
 
 PAUSE = 0.01
-"""Time [s] between two checks above which the machine, not TCI, causes the delay. Such a trial is
-repeated."""
+"""If the time [s] between two checks exceeds this value, the machine causes the delay, not TCI. Such a trial
+is repeated."""
 PEER = """
 import sys, time
 from tci.runtime.heartbeat import INTERVAL, Sender
@@ -29,7 +30,7 @@ while True:
 
 
 def heartbeat(full: bool) -> Row:
-    """Measures the time from SIGKILL and SIGSTOP, in turn, to the reason to hold."""
+    """Measures the time from SIGKILL or SIGSTOP (alternately) to the reason to hold."""
     done = gather(
         "heartbeat", _kills, [(seed, 10 if full else 6) for seed in range(100 if full else 1)], full=full
     )
@@ -60,7 +61,8 @@ def _kills(seed: int, count: int) -> Result:
 
 
 def _kill(kind: signal.Signals) -> tuple[float, float]:
-    """Returns the time [s] until there is a reason to hold, and the longest time [s] between two checks."""
+    """Returns the time [s] from the signal to the reason to hold, and the longest time [s] between two
+    checks."""
     with Listener(["peer"]) as listener:
         peer = subprocess.Popen([sys.executable, "-c", PEER, str(listener.port)])
         try:

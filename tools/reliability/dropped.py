@@ -1,6 +1,7 @@
-"""A process that commands a robot falls silent: measures the time until the robot is at rest.
+"""Silences a process that commands a robot, and measures the time until the robot is at rest.
 
-`python tools/reliability/dropped.py VIA` runs the robot's process, `... VIA swing` the commanding one.
+`python tools/reliability/dropped.py VIA` runs the robot's process, `... VIA swing` runs the commanding
+process.
 """
 
 from __future__ import annotations
@@ -33,18 +34,20 @@ ENDS = (-0.3, -1.4)
 RATE = 250
 """Rate [Hz] of the robot's loop."""
 STEADY = 25
-"""Number of the robot's periods with motion after which it counts as moving."""
+"""Number of periods with motion after which the robot counts as moving."""
 PAUSE = 0.01
-"""Time [s] between two of the robot's periods above which the machine causes the delay; then it is
-repeated."""
+"""If the time [s] between two of the robot's periods exceeds this value, the machine causes the delay. Such a
+trial is repeated."""
 SETTLED = 0.15
-"""Time [s] of rest after which it counts as at rest: a reference may pause while orders are on their way."""
+"""Time [s] without motion after which the robot counts as at rest. The reference may pause for less while
+orders are in transit."""
 LONGEST = 30.0
-"""Longest time [s] to wait for a line of a process."""
+"""Longest time [s] to wait for a line of output from a process."""
 
 
 def dropped(full: bool) -> Any:
-    """Stops the commander over each driver with SIGSTOP or SIGKILL (one in four); measures until it rests."""
+    """Silences the commanding process over each driver with SIGSTOP, in one of four trials with SIGKILL, and
+    measures the time until the robot rests."""
     from pool import gather
     from row import Row
 
@@ -85,7 +88,7 @@ def _silences(peer: Any, name: str, seed: int, count: int) -> dict[str, Any]:
     try:
         try:
             peer.start()
-        except pytest.skip.Exception:  # its middleware is not installed
+        except pytest.skip.Exception:  # the middleware of this driver is not installed
             return {"name": name, "times": [], "failed": 0, "paused": 0}
         robot = _Said(peer.process)
         with _Movers(peer.driver_via) as movers:
@@ -104,7 +107,7 @@ def _silences(peer: Any, name: str, seed: int, count: int) -> dict[str, Any]:
                     failed += 1
                 elif (
                     rest >= begin
-                ):  # otherwise it was at rest before, since its commander had no processor time
+                ):  # otherwise the robot rested before the signal, since its commander got no processor time
                     times.append(round(rest - begin - _braking(), 5))
                 if kind is signal.SIGKILL:
                     mover = movers.start()
@@ -116,7 +119,7 @@ def _silences(peer: Any, name: str, seed: int, count: int) -> dict[str, Any]:
 
 
 def _braking() -> float:
-    """Returns the time [s] of a stop from `SPEED` within the servo's limits."""
+    """Returns the time [s] that a stop from the speed `SPEED` lasts within the servo's limits."""
     limits = next(servo.limits for servo in tci.load_robot("nao").servos if servo.name == SERVO)
     assert limits.acceleration is not None
     assert limits.jerk is not None
@@ -124,7 +127,8 @@ def _braking() -> float:
 
 
 class _Said:
-    """Lines of the robot's process: a word, a time [s], and its longest pause [s] since the previous line."""
+    """Output lines of the robot's process. Each line contains a word, a time [s], and the longest pause [s]
+    since the previous line."""
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
         self._process = process
@@ -138,7 +142,7 @@ class _Said:
             self._said.put((word, float(stamp), float(pause)))
 
     def moves(self) -> bool:
-        """Waits until the robot moves; returns False if it does not."""
+        """Waits until the robot moves. Returns False if the robot does not move."""
         while not self._said.empty():
             self._said.get()
         with suppress(queue.Empty):
@@ -148,8 +152,8 @@ class _Said:
         return False
 
     def rests(self, after: float) -> tuple[float | None, float]:
-        """Returns the time [s] from which it stays at rest, or None; and the longest pause [s] since `after`
-        [s]."""
+        """Returns the time [s] from which the robot stays at rest (None if it does not), and the longest
+        pause [s] after the time `after` [s]."""
         rested, longest = None, 0.0
         with suppress(queue.Empty):
             while True:
@@ -160,15 +164,15 @@ class _Said:
 
 
 class _Movers:
-    """A process that has loaded and compiled everything that a commander needs; each commander is a fork of
-    it."""
+    """A process that has loaded and compiled everything that a commander needs. Each commander is a fork of
+    this process."""
 
     def __init__(self, via: str) -> None:
         command = [sys.executable, __file__, via, "swing"]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
     def start(self) -> int:
-        """Starts a commander; returns its process."""
+        """Starts a commander and returns its process ID."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         print(file=self._process.stdin, flush=True)
@@ -185,8 +189,8 @@ class _Movers:
 
 
 def serve(via: str) -> None:
-    """Serves a simulated NAO; prints when the reference of its gate `goes`, `moves` (for some time) and
-    `rests`."""
+    """Serves a simulated NAO. Prints `goes` when the reference of its gate starts to move, `moves` after some
+    periods of motion, and `rests` when the reference stops."""
     from tci.drivers.registry import open_server
     from tci.drivers.simulated import SimulatedDriver
     from tci.runtime.loop import Tick
@@ -217,7 +221,8 @@ def serve(via: str) -> None:
 
 
 def movers(via: str) -> None:
-    """Forks, for each line on stdin, a process that moves one joint to and fro until it is killed."""
+    """For each line on stdin, forks a process that moves one joint back and forth until this process is
+    killed."""
     warm_up(via)
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     for _ in sys.stdin:
@@ -230,7 +235,7 @@ def movers(via: str) -> None:
 
 
 def warm_up(via: str) -> None:
-    """Imports and compiles what each fork would need. Opens no connection."""
+    """Imports and compiles everything that each fork would need. Opens no connection."""
     from tci.drivers.registry import load_driver
 
     load_driver(via.partition(":")[0])
@@ -243,7 +248,7 @@ def warm_up(via: str) -> None:
 
 
 def swing(via: str) -> None:
-    """Moves one joint to and fro, for ever."""
+    """Moves one joint back and forth without end."""
     with tci.connect(tci.load_robot("nao"), via, arm=True) as driver:
         arm = driver.native("LArm")
         goal = 0

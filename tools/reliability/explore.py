@@ -23,7 +23,7 @@ EPISODES = 20
 
 
 def loop(full: bool) -> Row:
-    """Counts violated invariants, and the transitions and faults that occurred."""
+    """Counts the violated invariants, and the transitions and faults that occurred."""
     done = gather("loop", _one, [(seed, EPISODES) for seed in range(100 if full else 1)], full=full)
     broken = [words for seen in done for words in seen["broken"]]
     transitions = {tuple(pair) for seen in done for pair in seen["transitions"]}
@@ -42,7 +42,7 @@ def loop(full: bool) -> Row:
 
 
 def _one(seed: int, episodes: int) -> Result:
-    threading.excepthook = lambda told: None  # the fault that makes a thread fail is on purpose
+    threading.excepthook = lambda told: None  # a fault that makes a thread fail is intended
     explorer = Explorer(seed)
     for _ in range(episodes):
         explorer.episode()

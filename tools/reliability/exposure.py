@@ -1,8 +1,10 @@
-"""Sockets that each server opens by default, as the system lists them, and the table of docs/reliability.md.
+"""Lists the sockets that each server opens by default, as reported by the operating system, and writes the
+table of docs/reliability.md.
 
-Each server starts in a network namespace with loopback and one more interface, with the default route. So
-its usual ports are free, and a socket on every interface is one beyond loopback. `python exposure.py` prints
-the table, `python exposure.py page` writes it.
+Each server starts in a network namespace that has the loopback interface and one other interface, which has
+the default route. So the usual ports of the server are free. A socket that is bound to all interfaces or to
+the other interface can be reached from outside the machine. `python exposure.py` prints the table, `python
+exposure.py page` writes it.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from ipaddress import ip_address
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-sys.path.append(str(Path(__file__).parents[1]))  # also as a program of its own
+sys.path.append(str(Path(__file__).parents[1]))  # needed if this file runs as a program
 
 import psutil
 from report import ROOT, markdown, write_between
@@ -39,14 +41,14 @@ exec "$@"
 """
 HERE = "every program of this machine"
 EPHEMERAL = 32768
-"""First ephemeral port: the system assigns ports from here on, a different one each time."""
+"""First ephemeral port. From this number on the operating system assigns a different port at each start."""
 SETTINGS = ("ROS_", "CYCLONE", "LCM_", "YARP_", "XDG_", "TCI_")
-"""Prefixes of environment variables that change defaults; they are removed."""
+"""Prefixes of environment variables that change a server's defaults. These variables are removed."""
 
 
 @dataclass(frozen=True)
 class Server:
-    """A server: its command, and the facts that no socket shows."""
+    """A server: its command, and facts that its sockets do not show."""
 
     words: tuple[str, ...]
     """Arguments of `tci`."""
@@ -54,7 +56,7 @@ class Server:
     read: str = HERE
     command: str = HERE
     beside: tuple[str, ...] = ()
-    """Program that must run first; it prints a line when it is ready."""
+    """Program that must run before the server; it prints a line when it is ready."""
 
 
 def _serve(via: str, opened_by: str, **more: str | tuple[str, ...]) -> Server:
@@ -108,12 +110,12 @@ class Seen:
     address: str
     port: int
     interface: str
-    """Interface that it is bound to, or on which it is in the group; empty for all interfaces of the
-    address."""
+    """Interface to which the socket is bound, or on which it has joined the multicast group; empty for all
+    interfaces of the address."""
 
     @property
     def beyond(self) -> bool:
-        """True if other machines can reach it."""
+        """True if other machines can reach the socket."""
         return self.interface != "lo" and not ip_address(self.address).is_loopback
 
     def __str__(self) -> str:
@@ -142,7 +144,7 @@ def look(process: psutil.Process) -> list[Seen]:
 
 
 def _groups() -> dict[str, set[str]]:
-    """Returns the interfaces on which each multicast group is joined."""
+    """Returns the interfaces on which each multicast group has been joined."""
     joined: dict[str, set[str]] = {}
     device = ""
     for line in Path("/proc/net/igmp").read_text().splitlines()[1:]:
@@ -195,7 +197,8 @@ def _line(process: subprocess.Popen[str], what: str) -> str:
 
 
 def seen() -> dict[str, list[Seen]]:
-    """Returns the sockets of each server that can run here, each in a namespace of its own.
+    """Returns the sockets of each server that can run on this machine. Each server runs in a separate
+    namespace.
 
     Raises OSError if this system permits no network namespace, CalledProcessError if a server can't be
     examined.
@@ -211,7 +214,7 @@ def seen() -> dict[str, list[Seen]]:
 
 
 def _alone() -> None:
-    """Runs within the namespace."""
+    """Runs the servers, inside the network namespace, and prints their sockets as JSON."""
     found: dict[str, list[dict[str, object]]] = {}
     with TemporaryDirectory() as folder:
         for name, server in SERVERS.items():

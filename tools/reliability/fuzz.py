@@ -1,8 +1,9 @@
 """Coverage-guided fuzzing of readers of untrusted bytes: `python tools/reliability/fuzz.py TARGET SECONDS`.
 Without a target it lists all targets.
 
-atheris (libFuzzer) records the lines of `tci` that an input reaches, and looks for others. Any exception but
-a TciError ends it, with the input in a file `crash-...`.
+The library atheris (libFuzzer) records the lines of `tci` that an input executes, and searches for inputs
+that execute other lines. Any exception other than a TciError ends the program and writes the input to a file
+`crash-...`.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ Target = Callable[[bytes], object]
 
 
 def by_file(read: Callable[[Path], object], name: str) -> Target:
-    """Returns a target that reads a file."""
+    """Returns a fuzz target that reads a file."""
     path = Path(tempfile.mkdtemp()) / name
 
     def target(data: bytes) -> None:
@@ -44,7 +45,7 @@ def description() -> tuple[Target, Iterable[bytes]]:
 
 
 def facts() -> tuple[Target, Iterable[bytes]]:
-    """Facts of a served robot, in JSON."""
+    """Facts about a served robot, in JSON."""
     import json
 
     import tci
@@ -83,7 +84,8 @@ def heartbeat() -> tuple[Target, Iterable[bytes]]:
 
 
 def remote() -> tuple[Target, Iterable[bytes]]:
-    """Messages of a served robot, with a valid checksum, since others are dropped before they are parsed."""
+    """Messages of a served robot, with a valid checksum, since messages with a wrong checksum are dropped
+    before they are parsed."""
     import tci
     from tci.drivers.remote import encoding as remote_cdr
     from tci.errors import TciError
@@ -147,7 +149,7 @@ TARGETS = {
 
 
 def fuzz(name: str, seconds: float) -> tuple[int, str]:
-    """Fuzzes one target in a process of its own; returns the number of inputs and the uncaught errors."""
+    """Fuzzes one target in a separate process. Returns the number of inputs and the uncaught errors."""
     command = [sys.executable, str(Path(__file__)), name, f"{seconds:.0f}"]
     with tempfile.TemporaryDirectory() as folder:
         done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)

@@ -1,4 +1,4 @@
-"""Faults rehearsed over a G1's topics."""
+"""Rehearses faults over the DDS topics of a Unitree G1."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from drivers.unitree.rehearsed import EXPECTED, Rehearsed, rehearse
 from drivers.wires import Unitree
 
 TRIES = 10
-"""Number of rehearsals of one fault on a machine that is late. Assumed: one of ten is in time even beside
-other programs."""
+"""Number of attempts to rehearse one fault if the machine delays the processes. Assumed: at least one of ten
+attempts is in time even if other programs run."""
 
 
 def unitree_faults(full: bool) -> Row:
-    """Rehearses each fault on a served robot whose arms move; again if it ends otherwise than expected while
-    the machine had no time for loop or robot."""
+    """Rehearses each fault on a served robot whose arms move. Repeats a rehearsal that ends otherwise than
+    expected if the loop or the robot got no processor time meanwhile."""
     names = [*EXPECTED] if full else ["dropped-frames", "stall"]
     found: dict[str, Rehearsed] = {}
     again = 0

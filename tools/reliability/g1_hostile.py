@@ -1,5 +1,5 @@
-"""Hostile commands to a G1, judged by the bytes that are sent; a part of them by those that a robot of the
-vendor's SDK received over DDS."""
+"""Sends hostile commands to a G1 and judges the bytes that TCI sends. For some of the attacks, also judges
+the bytes that a robot program of the vendor's SDK received over DDS."""
 
 from __future__ import annotations
 
@@ -35,21 +35,22 @@ PERIOD = 0.004
 CHUNK = 10_000
 """Number of commands of one attack."""
 GAINS = 60.0, 1.5
-"""Largest stiffness and damping over rt/arm_sdk: the vendor's example."""
+"""Largest stiffness and damping over rt/arm_sdk, as in the vendor's example."""
 ROUNDING = 1e-6
-"""Relative error of 32-bit numbers on the wire, with a margin."""
+"""Relative rounding error of 32-bit numbers in messages, with a margin."""
 
 
 DOMAIN = 118
-"""DDS domain of the vendor's robot."""
+"""DDS domain of the vendor's robot program."""
 ANSWER = 0.2
-"""Longest time [s] that one message is waited for; a later one may arrive all the same."""
+"""Longest time [s] to wait for the receipt of one message. A message that arrives later still counts."""
 PATIENCE = 30.0
-"""Longest time [s] until the vendor's robot is connected."""
+"""Longest time [s] until the vendor's robot program is connected."""
 
 
 def unitree_hostile(full: bool) -> Row:
-    """Hostile commands, in every mode, as bytes of rt/arm_sdk; of 25 attacks one goes to the vendor's SDK."""
+    """Sends hostile commands in every mode and checks the bytes for rt/arm_sdk. One of 25 attacks is sent to
+    the vendor's SDK."""
     done = gather("unitree_hostile", _attack, _jobs(96 if full else 1), full=full)
     done += gather("unitree_hostile_sdk", _sent, _jobs(4 if full else 1), full=full, alone=True)
     keys = "heard", "commands", "refused", "received"
@@ -68,7 +69,8 @@ def _jobs(count: int) -> list[Job]:
 
 
 class _Wire:
-    """Stands for the node of the keeper: a state that is always fresh, and the bytes that are sent."""
+    """Replaces the DDS node of the keeper: always offers a fresh state, and records the bytes that are
+    sent."""
 
     def __init__(self, sdk: _Sdk | None) -> None:
         self.sent: list[bytes] = []
@@ -101,7 +103,8 @@ class _Wire:
 
 
 class _Sdk:
-    """A robot of the vendor's SDK in Python. The next message is sent when it has received the last one."""
+    """A robot program of the vendor's SDK in Python. The next message is sent after the program has received
+    the previous one."""
 
     def __init__(self, log: Path) -> None:
         self._log, self._process = log, vendor_program("py_log", DOMAIN, str(log))
@@ -123,12 +126,13 @@ class _Sdk:
             os.read(self._dots, 4096)
 
     def received(self) -> tuple[int, list[str]]:
-        """Ends the robot; returns the number of messages that it received, and what is wrong with them."""
+        """Ends the robot program. Returns the number of messages that the program received, and the faults of
+        these messages."""
         wrong = ended(self._process)["wrong"]
         self._node.close()
         log, size = self._log.read_bytes(), Robot.STRUCT
         structs = [log[at : at + size] for at in range(0, len(log), size)]
-        # The wire lacks bytes of padding of the struct.
+        # The message format lacks some padding bytes of the vendor's struct.
         found = [b"".join((HEAD, one[:2], one[4:6], one[8:])) for one in structs]
         sent = iter(self._sent)
         faults = [f"{wrong} with a wrong checksum"] if wrong else []
@@ -136,12 +140,12 @@ class _Sdk:
 
 
 class Robot:
-    """The robot's own check of bytes, which shares no code with the driver.
+    """Independent check of the bytes that a robot receives. Shares no code with the driver.
 
-    Positions lie inside the limits; those of a joint that was found outside start from rest where it was
-    measured, and move inward only. They lie no farther outside than a joint without stiffness was pushed and
-    one with stiffness sags. From one message to the next a set-point moves no faster than the joint may, or
-    lies where the joint is measured.
+    Positions must lie inside the limits. If a joint was measured outside its limits, its set-point must start
+    from rest at the measured position and move only inward. Such a set-point may lie no farther outside than
+    the joint was pushed while it had no stiffness, or sags while it has stiffness. From one message to the
+    next, a set-point must move no faster than the joint's speed limit, or must equal the measured position.
     """
 
     MOTORS = struct.Struct("<" + "B3x5fI" * 35)
@@ -160,9 +164,9 @@ class Robot:
         self.faults: list[str] = []
 
     def see(self, data: bytes, measured: Array) -> None:
-        """Checks one message; `measured` (k,) [rad] are the joints in the state before it."""
+        """Checks one message. `measured` (k,) [rad] are the joint positions of the previous state message."""
         motors = np.array(self.MOTORS.unpack_from(data, 4)).reshape(35, 7)[:, :6]
-        motors[0, 0] = data[6]  # the first motor shares its first bytes with the message's own
+        motors[0, 0] = data[6]  # byte of the message's header that the first motor shares
         mode, q, dq, tau, kp, kd = motors[self.slots].T
         close = ROUNDING * (1.0 + np.abs(q))
         moved = np.abs(q - (q if self.before is None else self.before))
@@ -200,11 +204,11 @@ class Robot:
 
 
 class _Attack(Attack):
-    """An attack on the gate of a G1's driver, whose output goes on to the bytes for the robot."""
+    """An attack on the gate of a G1's driver. The gate's output is encoded as bytes for the robot."""
 
     eager = 0.7
     cycle = 1100
-    """Number of steps from one rest to the next, twice as long as in other attacks."""
+    """Number of steps from one rest to the next, which is twice that of other attacks."""
 
     def __init__(self, seed: int, sdk: _Sdk | None = None) -> None:
         robot = load_robot("g1")
@@ -215,7 +219,8 @@ class _Attack(Attack):
         self.servos = np.flatnonzero(self.slots >= 12)
         self.movable = [*self.servos.tolist(), int(np.argmin(self.slots))]  # one that is refused
         legs = {servo: "a leg" for servo, slot in enumerate(self.slots.tolist()) if slot < 12}
-        # Its joints pass through each other: a check for that would hold them where no arm can be.
+        # In an attack, links pass through each other. The check for self-collision would hold the arms in
+        # such postures, which no real robot can reach.
         self.gate = PartialGate(robot, legs, period=PERIOD, stale_after=0.1)
         self.wire, self.set_points = _Wire(sdk), SetPoints(self.slots, whole=False)
         self.socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -239,10 +244,11 @@ class _Attack(Attack):
         return safe
 
     def _see(self, safe: Any, before: Array, moved: bool) -> None:
-        self.judge.see(safe, before, moved=moved)  # predictions are not sent to a G1
+        self.judge.see(safe, before, moved=moved)  # predicted motions are not sent to a G1
 
     def _tell(self, seen: Array) -> None:
-        """Lets the keeper work for a period, and the robot, `seen` (n,) [rad] before, check what it sends."""
+        """Runs the keeper for one period, and checks the bytes that the keeper sends. `seen` (n,) [rad] are
+        the joint positions before this period."""
         self.time += PERIOD
         state: Any = np.zeros((), STATE)
         state["mode_machine"], state["quaternion"][0] = 5, 1.0
@@ -267,7 +273,8 @@ def _attack(seed: int, sdk: _Sdk | None = None) -> Result:
 
 
 def _sent(seed: int) -> Result:
-    """Attacks the vendor's robot. What it received is what was sent and judged, bit by bit."""
+    """Attacks the vendor's robot program. Checks that each message that the program received equals, bit by
+    bit, a message that was sent and judged."""
     with TemporaryDirectory() as folder:
         sdk = _Sdk(Path(folder) / "received")
         result = _attack(1000 + seed, sdk)

@@ -1,6 +1,7 @@
-"""Processes that hold a G1's motors are killed at any instant: the robot must hear a completed fade.
+"""Kills processes that control a G1's motors at random moments. The robot must receive a complete fade of the
+command weight to zero.
 
-A robot's place and time count, never a processor's: what is judged is the sequence of commands that it heard.
+The judgement uses only the sequence of commands that the robot received, not processor times.
 """
 
 from __future__ import annotations
@@ -27,35 +28,39 @@ from tci.drivers.unitree.wire import STATE, WEIGHT, decode_command, encode_state
 from tci.frames import Array
 
 AT_ONCE = 6
-"""Robots that live side by side, each in a DDS domain of its own. Assumed: one processor serves as many."""
+"""Number of robots that are simulated at the same time, each in a separate DDS domain. Assumed: one processor
+is fast enough for this number."""
 EACH = 50
-"""Kills of one job."""
+"""Number of kills in one job."""
 DOMAIN = 130
-"""Domain of the first robot."""
+"""DDS domain of the first robot."""
 STATES = 0.01
-"""Time [s] between two states of a robot, and between two commands. Assumed: all robots share a machine."""
+"""Time [s] between two state messages of a robot, and between two commands. Assumed: long enough for all
+robots to share a machine."""
 LEADS = 1.0
-"""Longest time [s] from the end of the ramp to a kill."""
+"""Longest time [s] from the end of the weight's ramp to a kill."""
 EARLY = 5
-"""One in so many kills is timed from the moment at which the process asks for the motors, all others from the
-first command that the robot hears."""
+"""In one of so many trials, the time of the kill counts from the request for the motors. In all other trials
+it counts from the first command that the robot receives."""
 START = 60.0
-"""Longest time [s] until then; a process that takes longer is started again. Assumed: a busy machine."""
+"""Longest time [s] from the start of a process to that moment. A process that needs longer is started again.
+Assumed: enough for a busy machine."""
 TRIES = 5
-"""Number of starts after which a trial counts as a fault."""
+"""Number of starts after which a trial counts as failed."""
 SILENCE = 1.0, 5.0
-"""Times [s] without a command after which a robot that has never heard one, and one that has, hears no more.
-Assumed: a process of a busy machine stands still for less."""
+"""Times [s] without a command after which a trial ends: the first if the robot has never received a command,
+the second if it has. Assumed: longer than a process on a busy machine stands still."""
 AFTER = 0.3
-"""Time [s] after a weight of zero in which a robot still listens."""
+"""Time [s] for which a robot still reads commands after it has received weight 0."""
 STEP = 0.05
-"""Fall of the weight between two commands beyond the ramp's. Assumed: a few commands that were lost."""
+"""Largest accepted decrease of the weight between two commands, beyond that of the ramp. Assumed: some
+commands may be lost."""
 HOLDER = ROOT / "tests" / "drivers" / "unitree" / "holder.py"
 
 
 @dataclass
 class Heard:
-    """Commands that one robot heard: times [s], weights, and all set-points of waist and arms (5, 17)."""
+    """Commands that one robot received: times [s], weights, and all set-points of waist and arms (5, 17)."""
 
     times: list[float] = field(default_factory=list)
     weights: list[float] = field(default_factory=list)
@@ -65,16 +70,16 @@ class Heard:
 
 @dataclass
 class Trial:
-    """One process, and the robot of its domain."""
+    """One process that controls the motors, and the robot in the DDS domain of this process."""
 
     early: bool
     wait: float
-    """Time [s] from its begin to the kill."""
+    """Time [s] from the moment `began` to the kill."""
     tries: int = 0
     started: float = 0.0
     process: int | None = None
     asked: bool = False
-    """True once it has asked for the motors."""
+    """True after the process has requested the motors."""
     began: float | None = None
     killed: float | None = None
     failed: bool = False
@@ -88,7 +93,7 @@ class Trial:
         self.heard = Heard()
 
     def step(self, now: float) -> bool:
-        """Kills the process when it is time; returns True at the end of the trial."""
+        """Kills the process when the time has come. Returns True at the end of the trial."""
         if self.killed is not None:
             return self._over(now)
         if self.began is None and (self.heard.times or (self.early and self.asked)):
@@ -112,15 +117,15 @@ class Trial:
         return now > self.heard.times[-1] + (AFTER if self.heard.weights[-1] == 0.0 else last)
 
     def fault(self) -> str:
-        """Returns the fault of what the robot heard, or nothing."""
+        """Returns the fault of the commands that the robot received; empty if there is none."""
         heard = self.heard
         if not heard.times:
             return ""
         times, weights, targets = (np.array(one) for one in (heard.times, heard.weights, heard.targets))
         fall = -np.diff(weights)
-        fading = (
-            fall > 0.0
-        )  # of each command but the first: a robot without states fades too, and is taken anew
+        # Entry i is True if command i + 1 lowers the weight. If the robot sends no states, the weight also
+        # falls, and rises again later.
+        fading = fall > 0.0
         faded, goes_on = targets[1:][fading], fading[:-1] & fading[1:]
         if heard.wrong:
             return f"{heard.wrong} wrong checksums"
@@ -136,7 +141,8 @@ class Trial:
 
 
 class Robots:
-    """Robots of DDS topics alone, all in one thread, and the processes that hold their motors."""
+    """Simulated robots that consist only of DDS topics, all in one thread, and the processes that control
+    their motors."""
 
     def __init__(self) -> None:
         self._nodes = [UnitreeNode("lo", DOMAIN + number) for number in range(AT_ONCE)]
@@ -160,14 +166,14 @@ class Robots:
         self._rest = b""
 
     def start(self, place: int, trial: Trial) -> None:
-        """Starts the process of a trial at a free place."""
+        """Starts the process of a trial in the DDS domain number `place`, which must be free."""
         self.trials[place] = trial
         trial.start(time.monotonic())
         self._ask.write(f"{DOMAIN + place} {STATES}\n")
         self._ask.flush()
 
     def step(self) -> float:
-        """Sends states if they are due, and reads all commands; returns the time [s]."""
+        """Sends states if they are due, and reads all commands. Returns the present time [s]."""
         time.sleep(0.002)
         if (now := time.monotonic()) >= self._due:
             self._due = max(self._due + STATES, now)
@@ -188,7 +194,7 @@ class Robots:
         return now
 
     def _hear(self) -> None:
-        """Reads what the processes say."""
+        """Reads the lines that the processes print."""
         try:
             self._rest += os.read(self._answers, 65536)
         except BlockingIOError:
@@ -216,7 +222,7 @@ class Robots:
 
 
 def unitree_kills(full: bool) -> Row:
-    """Kills processes that hold the motors of robots, some robots at a time."""
+    """Kills processes that control the motors of robots, for several robots at a time."""
     jobs = [(number, EACH) for number in range(1000 // EACH)] if full else [(0, 20)]
     done = gather("unitree_kills", _kills, jobs, full=full, alone=True)
     keys = "kills", "taken", "faults", "again"
@@ -231,7 +237,8 @@ def unitree_kills(full: bool) -> Row:
 
 
 def _kills(number: int, count: int) -> Result:
-    """Starts processes, kills each at an instant of its own, and judges what their robots heard."""
+    """Starts processes, kills each at a different moment, and judges the commands that their robots
+    received."""
     chance, robots = random.Random(number), Robots()
     waits = [chance.uniform(0.0, TAKE + LEADS) for _ in range(count)]
     waiting = deque(Trial(early=place % EARLY == 0, wait=wait) for place, wait in enumerate(waits))
@@ -252,7 +259,7 @@ def _kills(number: int, count: int) -> Result:
 
 
 def _count(trial: Trial, found: Result) -> bool:
-    """Counts a trial; returns False for one to be repeated."""
+    """Counts a trial. Returns False if the trial must be repeated."""
     assert trial.killed is not None
     fault = trial.fault()
     if trial.failed and not fault:

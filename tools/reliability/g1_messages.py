@@ -1,4 +1,5 @@
-"""Checksums at 500 Hz between TCI and the vendor's own SDKs, and the cost of a message."""
+"""Exchanges messages at 500 Hz between TCI and the vendor's SDKs, checks the checksums, and measures the cost
+of a message."""
 
 from __future__ import annotations
 
@@ -18,18 +19,20 @@ from tci.drivers.unitree.node import MOST, UnitreeNode, latest
 from tci.drivers.unitree.wire import COMMAND, STATE, WEIGHT, decode_state, encode_command, encode_state
 
 COUNT, RATE = 10_000, 500.0
-"""Number of messages each way, and their rate [Hz]."""
+"""Number of messages in each direction, and their rate [Hz]."""
 DOMAIN = 117
-"""Domain of the SDK in Python; that in C++ knows domain 0 only."""
+"""DDS domain of the SDK in Python. The SDK in C++ supports only domain 0."""
 MORE = 1.2
-"""Number of commands sent for one that is to be heard: the SDK keeps the newest only."""
+"""Number of commands sent for each command that the SDK must receive. The SDK keeps only the newest
+command."""
 PATIENCE = 30.0
-"""Longest time [s] beyond that of the messages."""
+"""Longest time [s] to wait in addition to the time of all messages."""
 PEER = ROOT / "tests" / "drivers" / "unitree" / "sdk_peer.py"
 
 
 def unitree_messages(full: bool) -> Row:
-    """Sends commands to a robot of the SDK in Python, which checks them, and hears states of one in C++."""
+    """Sends commands to a robot program of the SDK in Python, which checks them, and reads the states of a
+    robot program in C++."""
     count = COUNT if full else COUNT // 20
     heard, bad = _commands(count)
     states, wrong = _states(count)
@@ -43,7 +46,8 @@ def unitree_messages(full: bool) -> Row:
 
 
 def _commands(count: int) -> tuple[int, int]:
-    """Returns the numbers of commands that the SDK in Python heard, and of wrong ones."""
+    """Returns the number of commands that the SDK in Python received, and the number with a wrong
+    checksum."""
     with vendor_program("py_robot", DOMAIN) as process:
         node = UnitreeNode("lo", DOMAIN)
         send = node.out("rt/arm_sdk", messages.COMMAND)
@@ -51,7 +55,7 @@ def _commands(count: int) -> tuple[int, int]:
         command: Any = np.zeros((), COMMAND)
         command["mode_machine"] = 5
         end = time.monotonic() + PATIENCE
-        while not latest(states) and time.monotonic() < end:  # until they know each other
+        while not latest(states) and time.monotonic() < end:  # until the two programs are connected
             time.sleep(0.01)
         due = time.monotonic()
         for left in reversed(range(round(MORE * count))):
@@ -66,7 +70,8 @@ def _commands(count: int) -> tuple[int, int]:
 
 
 def _states(count: int) -> tuple[int, int]:
-    """Returns the numbers of states that TCI heard from the SDK in C++, and of wrong ones."""
+    """Returns the number of states that TCI received from the SDK in C++, and the number with a wrong
+    checksum."""
     heard = wrong = 0
     with vendor_program("cpp_robot", 0) as process:
         node = UnitreeNode("lo", 0)
@@ -83,7 +88,7 @@ def _states(count: int) -> tuple[int, int]:
 
 
 def _costs() -> tuple[float, float]:
-    """Returns the medians [s] for a command to bytes, and for bytes to a state."""
+    """Returns the median time [s] to encode a command as bytes, and the median time [s] to decode a state."""
     command: Any = np.zeros((), COMMAND)
     state = encode_state(np.zeros((), STATE))
     return _median(lambda: encode_command(command)), _median(lambda: decode_state(state))
@@ -99,7 +104,7 @@ def _median(work: Callable[[], object]) -> float:
 
 
 def vendor_program(role: str, domain: int, *more: str) -> subprocess.Popen[str]:
-    """Starts a program of the vendor's SDKs; returns it when it is ready."""
+    """Starts a program of the vendor's SDKs. Returns the process when it is ready."""
     command = [peer_python("unitree"), str(PEER), role, str(domain), *more]
     process = subprocess.Popen(command, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     assert process.stdout is not None
@@ -109,7 +114,7 @@ def vendor_program(role: str, domain: int, *more: str) -> subprocess.Popen[str]:
 
 
 def ended(process: subprocess.Popen[str]) -> dict[str, Any]:
-    """Ends a robot and returns what it tells."""
+    """Ends a robot program and returns the results that it prints."""
     said, _ = process.communicate(timeout=PATIENCE)
     found: dict[str, Any] = json.JSONDecoder().raw_decode(said, said.index('{"'))[0]
     return found

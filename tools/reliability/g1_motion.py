@@ -1,4 +1,4 @@
-"""First motion of a reflex over a G1's topics, beside the one within one process."""
+"""Compares the first motion of a reflex over a G1's topics with the first motion within one process."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from tci.experiments.poke import Stimulus
 from tci.robot.catalogue import load_robot
 
 WIRES = None, "unitree:lo/116 + yarp"
-"""Places of the reflex: within the robot's process, and beyond two wires, with joints over the robot's topics
-and sleeves of skin over YARP."""
+"""Connections between reflex and robot: None for a reflex within the robot's process, otherwise the address
+of two middleware: joints over Unitree's topics, skin sleeves over YARP."""
 POKES = 10
 """Number of pokes of one job: five fields of two arms."""
 ABOVE = 10.0
-"""Largest time [ms] that the wires may add."""
+"""Largest time [ms] by which the middleware may delay the first motion."""
 
 
 def unitree_motion(full: bool) -> Row:
-    """Pokes each field of both arms; robot, process of its motors and reflex are processes of their own."""
+    """Pokes each field of both arms. The robot, the keeper of its motors and the reflex run in separate
+    processes."""
     jobs = [(via, POKES * number) for via in WIRES for number in range(3 if full else 1)]
     done = gather("unitree_motion", _pokes, jobs, full=full, alone=True)
     near, far = (
@@ -29,7 +30,7 @@ def unitree_motion(full: bool) -> Row:
         for wire in (False, True)
     )
     pokes = min(len(near), len(far))
-    late = far[:pokes] - near[:pokes]  # NaN where it never moved
+    late = far[:pokes] - near[:pokes]  # NaN if the robot never moved
     above = float(np.median(late)) if pokes else np.nan
     least, most = (bound(late, initial=0.0) for bound in (np.min, np.max))
     return Row(

@@ -1,5 +1,5 @@
-"""Name server, control board and robot are killed while an arm moves over YARP: it must hold, then
-continue."""
+"""Kills the name server, the control board and the robot while an arm moves over YARP. The arm must hold and
+later continue."""
 
 from __future__ import annotations
 
@@ -58,25 +58,26 @@ serve(server, observe=see)
 HELD = 0.1
 """Age [s] of joint data beyond which the gate must hold."""
 JUMP = 0.02
-"""Displacement [rad] between two readings, beyond the speed limit, that counts as a jump."""
+"""Displacement [rad] between two readings, in addition to the displacement at the speed limit, that counts as
+a jump."""
 PATIENCE = 60.0
-"""Longest time [s] until the robot is back."""
+"""Longest time [s] until the robot works again."""
 KINDS = ("name server", "board", "robot")
 
 
 @dataclass
 class Seen:
-    """Observations of the loop."""
+    """Observations of one run of the loop."""
 
     oldest: float = 0.0
-    """Age [s] of the oldest joint data with which the gate did not hold."""
+    """Greatest age [s] of joint data that the gate accepted without a hold."""
     jumps: int = 0
     lost: list[str] = field(default_factory=list)
-    """Kills after which the arm did not continue."""
+    """Kinds of killed processes after whose kill the arm did not continue."""
 
 
 class Trial:
-    """An arm that moves to and fro, and the processes that are killed meanwhile."""
+    """An arm that moves back and forth, and the processes that are killed during the motion."""
 
     def __init__(self) -> None:
         self.where = f"127.0.0.1:{free_port()}"
@@ -106,7 +107,8 @@ class Trial:
         joints = driver.read().joints
         angle = float(joints.position[self._servo])
         passed = joints.stamp - self._last[0]
-        if passed > 0.0:  # the first angle of another robot can't be compared with the last one
+        # the first angle after a restart of the robot can't be compared with the last angle before
+        if passed > 0.0:
             self.seen.jumps += abs(angle - self._last[1]) > self._fastest * passed + JUMP
             self._last = joints.stamp, angle
         if abs(angle - self._targets[0]) < 0.05:
@@ -119,7 +121,7 @@ class Trial:
         return sent.state
 
     def until(self, condition: Callable[[], bool]) -> bool:
-        """Steps until a condition is true; returns False if that takes too long."""
+        """Steps until a condition is true. Returns False if this takes longer than PATIENCE."""
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
             self.step()
@@ -128,7 +130,7 @@ class Trial:
         return False
 
     def goes(self) -> bool:
-        """Returns True if the arm reaches its target, once there and once back."""
+        """Returns True if the arm reaches both of its targets."""
         return all(self.until(lambda t=self._targets[0]: self._targets[0] != t) for _ in range(2))
 
     def kill(self, kind: str, chance: random.Random) -> None:
@@ -153,7 +155,7 @@ class Trial:
             self.seen.lost.append(kind)
 
     def run_for(self, seconds: float) -> None:
-        """Continues for some time [s]."""
+        """Runs periods for some time [s]."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             self.step()

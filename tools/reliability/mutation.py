@@ -19,11 +19,13 @@ MEASURED = ("src/tci/gate/*.py", "src/tci/runtime/loop*.py", "src/tci/runtime/wa
             "src/tci/runtime/lease.py")  # fmt: skip
 
 NOTICED = ("killed", "timeout", "segfault", "check_was_interrupted_by_user")
-"""Results that count as noticed. The last one: the mutant raised a KeyboardInterrupt, which ends pytest."""
+"""Results that count as noticed. The last value results if a mutant raises a KeyboardInterrupt, which ends
+pytest."""
 
 
 def mutation(full: bool) -> Row:
-    """Runs mutmut's mutants one at a time, and continues where it ended. At CI size nothing is run."""
+    """Runs mutmut's mutants one at a time. A later call continues with the next mutant. At CI size no mutant
+    runs."""
     counts = {"total": 0}
     if full and float(os.environ.get("MINUTES", "inf")):
         subprocess.run([_tool("mutmut"), "run"], cwd=ROOT, check=True, env=_tools_first())
@@ -40,9 +42,10 @@ def mutation(full: bool) -> Row:
 
 
 def branches(full: bool) -> Row:
-    """Counts the branches of gate and loop that their tests miss; at CI size nothing is run.
+    """Counts the branches of gate and loop that their tests do not execute. At CI size no test runs.
 
-    Compiled loops have no lines that Python could count: tests/gate/kernels compares them with NumPy.
+    Python can't count the lines of compiled loops. Instead, tests/gate/kernels compares these loops with
+    NumPy.
     """
     totals = {"num_branches": 0, "covered_branches": 0, "missing_lines": 0}
     if full and float(os.environ.get("MINUTES", "inf")):
@@ -76,5 +79,5 @@ def _tool(name: str) -> str:
 
 
 def _tools_first() -> dict[str, str]:
-    """Returns the environment in which mutmut finds pytest, which it starts by name."""
+    """Returns an environment with which mutmut finds pytest, which mutmut starts by name."""
     return {**os.environ, "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])}

@@ -1,4 +1,4 @@
-"""Non-finite values into the gate."""
+"""Feeds non-finite values to the gate."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from row import Row
 from gate.gate_checks import Driven, make_robot, position_command
 
 CHUNK = 10_000
-"""Number of values of one seed."""
+"""Number of values with one random seed."""
 
 
 def non_finite(full: bool) -> Row:
-    """Checks that the gate passes on no NaN or infinity in a value, a speed or an angle."""
+    """Checks that the gate's output never contains NaN or infinity in a value, a speed or an angle."""
     jobs = [(seed, CHUNK) for seed in range(100 if full else 1)]
     done = gather("non_finite", _one, jobs, full=full)
     reached = sum(result["reached"] for result in done)

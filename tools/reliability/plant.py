@@ -1,4 +1,4 @@
-"""Hostile commands and false readings around joints with masses that the gate does not know."""
+"""Sends hostile commands and false readings to simulated joints whose masses the gate does not know."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from tci.messages import CONTROL_MODES, Mode
 from tci.robot.catalogue import robot_names
 
 CHUNK = 20_000
-"""Number of cycles of one attack; then a new one begins, with another seed and other masses."""
+"""Number of cycles of one attack. Each attack has another random seed and other masses."""
 
 
 def plant(full: bool) -> Row:
-    """Checks true position, speed and energy in each mode, whatever is commanded and read."""
+    """Checks the true position, speed and energy of the joints in each mode, for any command and any
+    reading."""
     done = gather("plant", _one, _jobs(full), full=full)
     faults = [fault for result in done for fault in result["faults"]]
     for fault in faults[:10]:
@@ -39,8 +40,8 @@ def plant(full: bool) -> Row:
 
 
 def _jobs(full: bool) -> list[Job]:
-    """Returns the jobs (robot, mode, seed, cycles), half of them with the robot of the tests, which is
-    faster."""
+    """Returns the jobs (robot, mode, seed, cycles). Half of the jobs use the made robot of the tests, whose
+    simulation is faster."""
     cycles, count = (CHUNK, 25) if full else (1500, 1)
     jobs: list[Job] = []
     for mode in CONTROL_MODES:

@@ -1,4 +1,5 @@
-"""Runs jobs on all cores while there is time. Results at full size are kept, and not computed again."""
+"""Runs jobs on all cores until the time has passed. Stores results at full size and does not compute them
+again."""
 
 from __future__ import annotations
 
@@ -20,18 +21,20 @@ import tci
 Job = tuple[Any, ...]
 Result = dict[str, Any]
 COMMITS: dict[str, str] = {}
-"""Commit at which each row was measured, by the name under which it is kept."""
+"""Commit at which each row was measured, by the name under which its results are stored."""
 
 
 def gather(
     name: str, work: Callable[..., Result], jobs: Sequence[Job], *, full: bool, alone: bool = False
 ) -> list[Result]:
-    """Returns the results of `work` for each of `jobs`, or for fewer when MINUTES (environment) have passed.
+    """Returns the results of `work` for each of `jobs`, or for fewer jobs if MINUTES (environment) have
+    passed.
 
-    At full size they are written to `OUT/reliability/NAME.jsonl` one by one, and those that are there already
-    count, if the sources are the same: the full size can be reached in pieces. JOBS processes work at once;
-    `alone`: one job at a time. What a job raises is raised when the others are done. PART=0/2 does every 2nd
-    job only. MINUTES=0 does nothing and takes what was kept last, of whatever sources; `COMMITS` tells which.
+    At full size each result is appended to `OUT/reliability/NAME.jsonl`. Results in this file are used again
+    if the sources have not changed, so the full size can be reached in several runs. JOBS processes work at
+    the same time; with `alone`, one process. An error of a job is raised after the other jobs have ended.
+    PART=0/2 runs only every second job. MINUTES=0 runs no job and returns the results that were stored last,
+    of any version of the sources; `COMMITS` contains their commit.
     """
     kept = out() / "reliability" / f"{name}.jsonl"
     minutes = float(os.environ.get("MINUTES", "inf"))
@@ -70,7 +73,8 @@ def gather(
 
 
 def _kept(name: str, path: Path, *, last: bool) -> dict[str, Result]:
-    """Returns kept results by job, of the present sources, or of the `last` ones."""
+    """Returns stored results by job: those of the present sources or, with `last`, those that were stored
+    last."""
     lines = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     wanted = lines[-1]["sources"] if lines and last else sources()
     lines = [line for line in lines if line["sources"] == wanted]

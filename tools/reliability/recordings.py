@@ -33,7 +33,8 @@ for number, (now, reading) in enumerate(readings):
 
 
 def killed(full: bool) -> Row:
-    """Kills a recording process at random moments; counts the periods that were written and are lost."""
+    """Kills a recording process at random moments. Counts the periods that were lost although `write` had
+    returned."""
     jobs = [(seed, 10) for seed in range(10 if full else 1)]
     done = gather("killed", _kill, jobs, full=full)
     worst, damaged = max((d["worst"] for d in done), default=0), sum(d["damaged"] for d in done)
@@ -71,7 +72,8 @@ def _kill(seed: int, count: int) -> Result:
 
 
 def minute(full: bool) -> Row:
-    """Writes and closes a compressed minute of 768 8-bit taxels and 12 joints at 100 Hz."""
+    """Writes a compressed recording of one minute with 768 8-bit taxels and 12 joints at 100 Hz, and closes
+    it."""
     done = gather("minute", _minute, [(6000,)], full=full, alone=True)
     size, speed, closed = (done[0][key] for key in ("size", "speed", "closed")) if done else (0.0, 99.0, 0.0)
     return Row(

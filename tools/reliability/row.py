@@ -15,7 +15,7 @@ HEAD = ("figure", "tried", "measured", "target", "met", "at")
 
 @dataclass(frozen=True)
 class Row:
-    """A figure, its target, and whether it was met."""
+    """A measured figure, its target, and the judgement whether the target was met."""
 
     name: str
     tried: float
@@ -25,7 +25,7 @@ class Row:
     unit: str
     """Unit of the trials."""
     figure: str
-    """Measured result; for an open row the reason why there is none."""
+    """Measured result. For a row that was not measured, the reason."""
     target: str
     sound: bool | None
     """True if all trials meet the target; None if nothing was measured."""
@@ -34,7 +34,7 @@ class Row:
 
     @property
     def size(self) -> str:
-        """Number of trials, and of the required ones."""
+        """Number of trials, and number of required trials."""
         if self.sound is None:
             return ""
         if self.tried >= self.wanted:
@@ -48,7 +48,7 @@ class Row:
 
     @property
     def met(self) -> str:
-        """`yes` only at the full size of the target; `so far` after fewer trials without a fault."""
+        """`yes` only at the full number of trials; `so far` after fewer trials without a fault."""
         if self.sound is None or not self.tried:
             return "open"
         if not self.sound:
@@ -67,7 +67,7 @@ class Row:
 
 
 def write_page(rows: Sequence[Row], page: Path = PAGE) -> None:
-    """Writes the rows that were tried into the page; the others are kept."""
+    """Writes the rows that were measured into the page. The other rows of the page do not change."""
     table = between(page, BEGIN, END).splitlines()[2:]
     lines = {cells[0]: cells for cells in (line[2:-2].split(" | ") for line in table)}
     for row in rows:

@@ -1,4 +1,4 @@
-"""A large skin at a high rate from another process over YARP: counts the frames that are lost."""
+"""Sends a large skin at a high rate from another process over YARP, and counts the lost frames."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ sys.stdin.read()
 
 
 def yarp_skin(full: bool) -> Row:
-    """Sends 4000 taxels at 1 kHz for a minute; counts frames that the writer dropped, and that did not
-    arrive."""
+    """Sends 4000 taxels at 1 kHz for a minute. Counts the frames that the writer dropped, and the frames that
+    did not arrive."""
     seconds, wrong = (60 if full else 3), 0
     expected = seconds * RATE
     with NameServer() as server:

@@ -1,4 +1,5 @@
-"""The loop at 1 kHz on the real clock, beside a bare loop (`bare_loop.py`) on a processor of its own."""
+"""Measures TCI's loop at 1 kHz on the real clock. A minimal loop (`bare_loop.py`) runs on another processor
+for comparison."""
 
 from __future__ import annotations
 
@@ -40,19 +41,20 @@ RATE = 50.0
 TOUCH = (0.5, 2.0)
 """Duration [s] of a touch, and time [s] between the beginnings of two touches."""
 PIECES = 12
-"""Number of runs that make up the hour; MINUTES=5 is one of them."""
+"""Number of runs that together last one hour; MINUTES=5 is one of these runs."""
 BOUND = 0.35
 """Largest 99.9th percentile [ms] of the thread time of a period."""
 TRACED = 4.0
-"""Time [s] of a run in which allocations are counted. Counting is slow, so it is left out of the times."""
+"""Duration [s] of a run in which memory allocations are counted. Counting is slow, so this run is not
+timed."""
 WARM = 5.0
-"""Time [s] after which memory is measured: compiled code is loaded by then."""
+"""Time [s] after which memory is measured. By then the compiled code is loaded."""
 TIMES = ("own", "late", "bare_own", "bare_late")
 """Names of the histograms."""
 
 
 class Touched(Driver):
-    """A robot that follows its commands exactly, and is touched repeatedly at changing places."""
+    """A robot that follows its commands exactly and is touched repeatedly at changing places."""
 
     def __init__(self) -> None:
         robot = tci.load_robot("nao")
@@ -61,20 +63,21 @@ class Touched(Driver):
             DriverInfo.of(
                 robot.model_copy(update={"bindings": (binding,)}),
                 "sim",
-                clock=MonotonicClock(tail=0.9 * PERIOD),  # the processor is the loop's own
+                clock=MonotonicClock(tail=0.9 * PERIOD),  # this loop has a processor of its own
                 armed=True,
             )
         )
         self.angles, self.count, self.busy = np.array(initial_position(robot)), 0, 0.0
         self._start, self._number = self.clock.now(), -1
         self._frames: tuple[SkinFrame, ...] = ()
-        # Bytes, as the drivers of a robot with 8-bit sensors give them; each frame is an array of its own.
+        # Raw bytes, in the type that drivers of robots with 8-bit sensors return. Each frame is a new array.
         self._rest = {p.name: np.full(p.channels, p.sensor.rest, np.uint8) for p in robot.patches}
         patches = [patch for patch in robot.patches if patch.segment in SEGMENTS]
         self._touches = [self._touch(patch, number) for number, patch in enumerate(patches)]
 
     def _touch(self, patch: tci.robot.description.Patch, number: int) -> tuple[str, np.ndarray]:
-        """Returns the frame of a patch whose taxels nearest to one of the fields are pressed."""
+        """Returns a frame of a patch in which the taxels nearest to one of the receptive fields are
+        pressed."""
         skin = Skin(self.robot)
         joints = self._joints(0.0)
         u, theta, _ = skin.limb(patch.name, joints)
@@ -112,8 +115,8 @@ class Touched(Driver):
 
 
 def one_kilohertz(full: bool) -> Row:
-    """Measures the thread time of a tick, alone and as a ratio to a bare loop that moves the same data in the
-    same run; lateness of both, page faults, allocations, memory."""
+    """Measures the thread time of a period, also as a ratio to a minimal loop that copies the same data in
+    the same run; the delay of both loops, page faults, allocations and memory."""
     pieces, seconds = (PIECES, 3600.0 / PIECES) if full else (1, 15.0)
     done = gather("one_kilohertz", _run, [(piece, seconds) for piece in range(pieces)], full=full, alone=True)
     times = {name: Histogram() for name in TIMES}
@@ -151,7 +154,8 @@ def _ratio(work: float, bare: float) -> str:
 
 
 def _allocations(driver: Touched) -> tuple[float, float]:
-    """Returns the memory [kB] that a period allocates at most at one time: median and largest."""
+    """Returns the largest memory [kB] that is allocated at any time within a period: median and maximum over
+    the periods."""
     taken: list[float] = []
     before = 0
 
@@ -175,7 +179,7 @@ def _run(piece: int, seconds: float) -> Result:
     del piece
     driver, report, own = Touched(), LoopReport(), Histogram()
     process, moved = psutil.Process(), [0]
-    # Not lists: their objects would count as memory.
+    # `array` objects, since the elements of lists would count as allocated memory
     served, when, memory, faults, blocks = array("q"), array("d"), array("q"), array("q"), array("q")
 
     def observe(tick: Tick) -> None:

@@ -1,4 +1,5 @@
-"""Random pokes of both arms of every robot: nearly all are answered, and none towards the finger."""
+"""Pokes both arms of every robot at random places. The reflex must respond to nearly all pokes, and never
+move towards the finger."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ ROBOTS = ("nao", "icub", "g1", "talos", "alex")
 JOB = 50
 """Number of pokes in a job."""
 LEAST = 0.95
-"""Least fraction of the pokes of each robot that the reflex must answer."""
+"""Least fraction of each robot's pokes to which the reflex must respond."""
 
 
 def whole_arm(full: bool) -> Row:

@@ -1,4 +1,4 @@
-"""Mutated frames into each receiver of TCI, each in a process of its own."""
+"""Sends mutated frames to each receiver of TCI. Each receiver runs in a separate process."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ from yarpwire.source import Memory
 JOB = 50_000
 """Number of frames of one job at full size."""
 MEMORY = 50e6
-"""Largest growth [bytes] of a process."""
+"""Largest accepted growth [bytes] of a process's memory."""
 Receiver = Callable[[random.Random], bool]
 """Function that receives one mutated frame; True if it was accepted although the protocol has a checksum."""
 
@@ -90,8 +90,8 @@ def lcm() -> Receiver:
 
 
 def yarp() -> Receiver:
-    """Messages of both dialects, as bottles and vectors, and sound ones that ask the impossible of a served
-    board, of a port and of a driver: without a check."""
+    """Bottles, Vectors and messages of both dialects, without a checksum; and valid messages with impossible
+    requests to a served board, to a port and to a driver."""
     messages = [
         (data, dialect) for name, dialect in DIALECTS.items() for one in binary(name) for way, data in one
         if way == ">" and len(data) > 30
@@ -113,7 +113,7 @@ def yarp() -> Receiver:
 
 
 def player() -> Receiver:
-    """Recorded messages of genuine Player as client and server, without a checksum."""
+    """Recorded messages of the genuine Player program as client and as server, without a checksum."""
     good = [data for _, _, data in said("client") + said("server") if not data.startswith(b"Player v.")]
     decoders = (wire.to_floats, wire.to_blob, wire.to_actuators, wire.to_devices, wire.to_access)
 
@@ -129,7 +129,7 @@ def player() -> Receiver:
 
 
 def naoqi() -> Receiver:
-    """Skin frames as text in ALMemory, without a checksum."""
+    """Skin frames as text in NAOqi's ALMemory, without a checksum."""
     good = words.pack(7, READ["F"](NAO, WHOLE["F"]).frame.values).encode()
 
     def take(chance: random.Random) -> bool:
@@ -141,7 +141,7 @@ def naoqi() -> Receiver:
 
 
 def ros() -> Receiver:
-    """A robot's own topics as CDR (ROS 2), without a checksum."""
+    """Messages of a robot's own ROS 2 topics as CDR, without a checksum."""
     node, kinds = _Wires(), _ros_messages()
 
     def take(chance: random.Random) -> bool:
@@ -153,7 +153,7 @@ def ros() -> Receiver:
 
 
 def rosbridge() -> Receiver:
-    """A robot's own topics as JSON, as rosbridge sends them, without a checksum."""
+    """Messages of a robot's own ROS topics as JSON, in the form of rosbridge, without a checksum."""
     node = _Wires()
     trees = Trees(lambda _, fields: dict(fields), lambda found, name: found[name], ("sec", "nanosec"))
     texts = [
@@ -186,7 +186,7 @@ RECEIVERS = {one.__name__: one for one in (remote, lcm, yarp, player, naoqi, ros
 
 
 def wires(full: bool) -> Row:
-    """Tests all receivers for one row; its size is that of the receiver with the fewest frames."""
+    """Tests all receivers. The number of trials of the row is that of the receiver with the fewest frames."""
     jobs = [(name, seed, JOB if full else 2_000) for seed in range(20 if full else 1) for name in RECEIVERS]
     done = gather("wires", _receive, jobs, full=full)
     tried = {name: sum(one["tried"] for one in done if one["name"] == name) for name in RECEIVERS}
@@ -217,7 +217,7 @@ def _receive(name: str, seed: int, count: int) -> Result:
     tried = wrong = 0
     crash, before = "", 0
     for number in range(count):
-        if number == count // 10:  # all modules are loaded by now
+        if number == count // 10:  # all modules are loaded at this point
             before = psutil.Process().memory_info().rss
         try:
             wrong += receive(chance)
@@ -230,7 +230,7 @@ def _receive(name: str, seed: int, count: int) -> Result:
 
 
 class _Wires(RosNode):
-    """A node with topics in this process, and a robot of ROS on them."""
+    """A ROS node whose topics exist only in this process, and a robot on these topics."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,5 @@
-"""Touch without skin, on a plant with wrong masses, half of its friction unknown, and noise."""
+"""Estimates touches without skin, on a simulated robot with wrong masses, noise, and half of its friction
+unknown."""
 
 from __future__ import annotations
 
@@ -10,13 +11,13 @@ from joint_touch.bare import FOREARM
 from joint_touch.trials import NEWTON, pushed, untouched, withdrawn
 
 BATCH = 10
-"""Number of pushes of one job."""
+"""Number of pushes in one job."""
 STRETCH = 120.0
-"""Time [s] of motion of one job."""
+"""Time [s] of motion in one job."""
 
 
 def felt_places(full: bool) -> Row:
-    """Pushes on a moving forearm: place, segment and force."""
+    """Pushes a moving forearm, and checks the estimates of place, segment and force."""
     done = gather("felt_places", _pushes, _jobs(20 if full else 2), full=full)
     columns = ("error", "right", "force")
     error, right, force = (np.concatenate([one[c] for one in done] or [[]]) for c in columns)
@@ -31,7 +32,7 @@ def felt_places(full: bool) -> Row:
 
 
 def felt_nothing(full: bool) -> Row:
-    """Motion that nobody touches."""
+    """Moves the robot without any touch, and checks that no contact is reported."""
     done = gather("felt_nothing", _motion, [(seed,) for seed in range(90 if full else 4)], full=full)
     hours, false = len(done) * STRETCH / 3600.0, sum(one["false"] for one in done)
     slowest = max((one["step"] for one in done), default=0.0)
@@ -43,7 +44,7 @@ def felt_nothing(full: bool) -> Row:
 
 
 def felt_reflex(full: bool) -> Row:
-    """The withdrawal reflex on pushes on a forearm without skin."""
+    """Checks the withdrawal reflex for pushes on a forearm without skin."""
     done = gather("felt_reflex", _reflexes, _jobs(10 if full else 2), full=full)
     answered, away = (sum(one[key] for one in done) for key in ("answered", "away"))
     tried = BATCH * len(done)

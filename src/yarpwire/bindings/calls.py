@@ -34,7 +34,7 @@ class BindingsCaller:
         self._open_calls: deque[Future[list[Any]]] = deque()
 
     def call(self, *items: Any, patience: float = PATIENCE) -> list[Any]:
-        self._open_calls.clear()  # their caller has given up
+        self._open_calls.clear()  # the callers of these calls have given up waiting
         return self._result(self._submit(items), patience)
 
     def send_call(self, *items: Any) -> None:

@@ -123,7 +123,7 @@ def reader(yarp: Any, read: Callable[[Any], bool]) -> Any:
         def read(self, connection: Any) -> bool:
             try:
                 return read(connection)
-            except Exception:  # it must not propagate through C++
+            except Exception:  # the exception must not propagate through C++
                 return False
 
     return Reader()

@@ -37,7 +37,7 @@ class Bindings(Network):
                 "YARP's bindings ask the name server of YARP's configuration, {}:{}, ".format(*self.address)
                 + f"not {host}:{port}; valid: yarp conf {host} {port} before, or without bindings"
             )
-        # The query uses yarpwire's client: YARP's blocks for ever if it lacks the key.
+        # The query uses yarpwire's client, because YARP's own client waits without end if it lacks the key.
         self._names = Names(self.address, key=read_key())
 
     def list(self) -> list[Contact]:

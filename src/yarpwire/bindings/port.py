@@ -34,8 +34,8 @@ KEPT = 16
 """Number of sent messages that are kept in memory, since YARP reads them later in its own thread. Assumed:
 more than YARP sends at a time."""
 SENT = 0.001
-"""Longest time [s] that `write` waits until the previous message is sent. If this takes longer, new messages
-are dropped without waiting. Assumed: a small part of a control period."""
+"""Longest time [s] that `write` waits until the previous message is sent. If the previous message is still
+not sent, new messages are dropped without waiting. Assumed: a small part of a control period."""
 
 
 class BindingsPort:
@@ -112,7 +112,7 @@ class BindingsPort:
         command = Command(DATA if writer is None else CALL, self._envelope())
         try:
             answer = self._receive(Delivery(command, sender, arrived, body))
-        except Exception as error:  # it must not propagate through C++
+        except Exception as error:  # the exception must not propagate through C++
             self.last_error = f"{sender}: {error_text(error)}"
             return False
         if writer is not None and answer is not None:

@@ -567,6 +567,13 @@ def test_angles_that_look_like_degrees_are_refused_whole(values: list[float]) ->
     assert not driven.gate.counts.clamps
 
 
+def test_one_wrong_angle_of_three_is_refused_and_not_called_degrees() -> None:
+    safe = Driven(make_robot(), ZERO).step(position_command([2, 3, 4], [0.1, 0.2, 7.0]))
+    (refusal,) = safe.refusals
+    assert (refusal.code, safe.servos.size) == (Code.LIMITS_EXCEEDED, 0)
+    assert "joint4 at 7 rad is more than a full turn; valid: -1.00 .. 2.00 rad" in refusal.text
+
+
 @pytest.mark.parametrize("values", [[6.2], [-6.2], [5.0, 2.9], [2.9, 2.9], [0.1, 6.2]])
 def test_angles_that_are_only_too_far_are_clamped(values: list[float]) -> None:
     driven = Driven(make_robot(), ZERO)

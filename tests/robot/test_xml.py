@@ -145,6 +145,18 @@ def test_a_wrong_unit_is_one_fault_that_counts_its_consequences(tmp_path: Path) 
     assert found.endswith('valid: angle_unit="deg"')
 
 
+def test_one_wrong_angle_of_few_is_no_wrong_unit(tmp_path: Path) -> None:
+    """One implausible angle of three was told as a wrong unit of the whole file."""
+    joint = '<servo id="0" name="a"><position min="-1" max="{}"/><velocity max="2"/></servo>'
+    text = (
+        '<?xml version="1.0"?>\n<generic_robot version="1" name="few" angle_unit="rad">\n'
+        f'<robot_part name="A">{joint.format(90)}</robot_part>\n</generic_robot>'
+    )
+    found = " ".join(faults(tmp_path, text))
+    assert "implausible in rad" in found
+    assert "angle_unit of" not in found
+
+
 def test_units_become_si_and_everything_is_read(tmp_path: Path) -> None:
     robot = read_robot(write(tmp_path, GOOD))
     a, b, c = robot.part("head").servos

@@ -86,6 +86,13 @@ def test_5_degrees_in_place_of_radians(
     assert "is more than a full turn; degrees? valid: radians, as from np.deg2rad" in words
 
 
+def test_5_one_wrong_angle_of_three_is_no_wrong_unit(driver: SimulatedDriver) -> None:
+    values = np.array([0.1, 0.2, 0.1, 7.0, 0.1])
+    words = refusals(driver, (tci.GenericCommand("left_arm", tci.Mode.POSITION, values),))
+    assert "at 7 rad is more than a full turn; valid: at most a full turn" in words
+    assert "degrees?" not in words
+
+
 def test_5_degrees_in_the_robots_own_joints(driver: SimulatedDriver) -> None:
     own = driver.native("Head")
     for degrees in (

@@ -8,6 +8,7 @@ import numpy as np
 
 from tci.errors import CommandError
 from tci.frames import Array, read_only
+from tci.gate.acceptance import is_likely_degrees
 from tci.messages import GenericCommand, Mode, PlatformCommand, PlatformSwitch, SwitchMode
 from tci.robot.description import GenericPart, Robot
 from tci.robot.joint_map import initial_position, joint_map
@@ -65,9 +66,12 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
         raise CommandError(f"{command.mode.value} of {part.name}: {names}; valid: finite numbers")
     if command.mode in ANGLES and max(map(abs, values.tolist()), default=0.0) > 2.0 * math.pi:
         part, worst = robot.part(command.part), int(np.argmax(np.abs(values)))
+        valid = "degrees? valid: radians, as from np.deg2rad"
+        if not is_likely_degrees(values):
+            valid = "valid: at most a full turn"
         raise CommandError(
             f"{command.mode.value} of {part.name}: {part.servos[worst].name} at {values[worst]:g} rad is "
-            "more than a full turn; degrees? valid: radians, as from np.deg2rad"
+            f"more than a full turn; {valid}"
         )
     if not joints.servos.size:
         part = robot.part(command.part)

@@ -96,16 +96,26 @@ def _refuse_wrong(robot: Robot, command: PlatformCommand) -> None:
         _refuse_each(robot, command, fast, "speed of", command.speed, f"at least {SLOWEST:g} rad/s")
 
 
-def refuse_degrees(robot: Robot, command: PlatformCommand) -> NoReturn:
-    """Raises CommandError for a command with angles that are so large that they may be in degrees."""
+def is_likely_degrees(values: Array) -> bool:
+    """Returns True if so many of the angles `values` (k,) [rad] exceed a full turn that they may be in
+    degrees: two angles, or half of those that are not 0. A single one of many is a wrong angle, not a wrong
+    unit."""
+    large = int(np.count_nonzero(np.abs(values) > 2.0 * np.pi))
+    return large >= 2 or 0 < int(np.count_nonzero(values)) <= 2 * large
+
+
+def refuse_far(robot: Robot, command: PlatformCommand) -> NoReturn:
+    """Raises CommandError for a command with angles that are far outside their limits. The message asks if
+    they are in degrees, unless only a single angle of many exceeds a full turn."""
     names = [robot.servos[servo].name for servo in command.servos]
     worst = int(np.argmax(np.abs(command.values)))
     limits = robot.servos[command.servos[worst]].limits
-    raise CommandError(
-        f"{command.mode.value} of {', '.join(names)}: {names[worst]} at {command.values[worst]:g} rad, "
-        f"limits {limits.lower:.2f} .. {limits.upper:.2f} rad; degrees? valid: radians, as from np.deg2rad",
-        code=Code.LIKELY_DEGREES,
-    )
+    words = f"{command.mode.value} of {', '.join(names)}: {names[worst]} at {command.values[worst]:g} rad"
+    ends = f"{limits.lower:.2f} .. {limits.upper:.2f} rad"
+    if is_likely_degrees(command.values) or not (np.abs(command.values) > 2.0 * np.pi).any():
+        words = f"{words}, limits {ends}; degrees? valid: radians, as from np.deg2rad"
+        raise CommandError(words, code=Code.LIKELY_DEGREES)
+    raise CommandError(f"{words} is more than a full turn; valid: {ends}", code=Code.LIMITS_EXCEEDED)
 
 
 def check_switch(robot: Robot, switch: PlatformSwitch) -> None:

@@ -71,8 +71,9 @@ class JointGroup:
         return farthest
 
     def look_outside(self, measured: Array) -> None:
-        """Shifts the bounds of the couplings by the contribution of the servos outside the group, which are
-        at `measured` (n_servos,) [rad]."""
+        """Tells the trajectory the angles `measured` (n_servos,) [rad], and shifts the bounds of the
+        couplings by the contribution of the servos outside the group."""
+        self.limiter.measured = measured[self.index]
         if len(self.outside):
             lower, upper = self.bounds.coupling_lower, self.bounds.coupling_upper
             shift(self.outside, measured, lower, upper, self.ends[0], self.ends[1])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tci.errors import CommandError
 from tci.frames import Array, frozen
-from tci.gate.acceptance import FAR_OFF, check_command, check_limits, check_switch, refuse_degrees
+from tci.gate.acceptance import FAR_OFF, check_command, check_limits, check_switch, refuse_far
 from tci.gate.bounds import MARGIN
 from tci.gate.commanded_groups import CommandedGroups
 from tci.gate.freshness import Freshness
@@ -142,7 +142,7 @@ class Motion:
             self._check_modes(servos, mode)
         if mode in TARGETS:
             if is_far_off(servos, values, self._lower, self._upper, FAR_OFF):
-                refuse_degrees(self.robot, command)
+                refuse_far(self.robot, command)
             if chains is None:
                 chains = self.groups.moving(servos.tolist())
                 self.groups.note(mode, servos, chains)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tci.frames import Array
 from tci.gate.bounds import APPROACH, MARGIN
 from tci.gate.kernels import torques as at
-from tci.gate.trajectory import CREEP
+from tci.gate.way_inside import CREEP, QUICK
 from tci.robot.description import Robot
 
 EARLY = 0.01
@@ -60,7 +60,7 @@ class TorqueLimiter:
         self._limits[at.LOWER] += MARGIN
         self._limits[at.UPPER] -= MARGIN
         self._limits[at.VELOCITY] *= self._share
-        self._limits[at.CREEP] *= self._share * CREEP
+        self._limits[at.CREEP] = CREEP * np.minimum(self._share * self._limits[at.CREEP], QUICK)
         self._limits[at.APPROACH] *= APPROACH
         self._trust = np.zeros(len(self.servos))
 

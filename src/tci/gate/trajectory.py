@@ -21,11 +21,9 @@ from tci.frames import Array
 from tci.gate.bounds import MARGIN, Bounds
 from tci.gate.kernels.targets import straight_limits
 from tci.gate.stop_plan import StopPlanner, StopTrajectory
+from tci.gate.way_inside import creeping, was_there
 from tci.reasons import Reason
 
-CREEP = 0.1
-"""Speed at which a servo outside its limits moves inward, as a fraction of its speed limit. Assumed: slow
-enough for a person to intervene, because obstacles outside the limits are unknown."""
 LEAST_SHARE = 1e-6
 """Least distance of a servo in a straight motion, as a fraction of the longest distance. Shorter distances
 are increased to this one, because ruckig needs limits above 0."""
@@ -62,8 +60,10 @@ class OnlineTrajectory:
         """Target (n,) [rad], which is always inside the limits."""
         self._speed = np.array(bounds.velocity)
         self._drive = np.full(count, np.nan)
-        self._stopping = False
+        self._stopping = self._returns = self._refused = False
         self._resting = True
+        self.found, self.measured = np.array(position), position
+        """Measured angles (n,) [rad]: when the servos came under command, and now."""
         self._led = False  # by ruckig, so that its plan is that of these servos
         self._asked = self._creeps = True
         self._straight = False
@@ -135,6 +135,7 @@ class OnlineTrajectory:
         self.target[places] = other.target[others]
         self._speed[places] = other.speed[others]
         self._drive[places] = other.drive[others]
+        self.found[places] = other.found[others]
         self._set_interfaces()
         self._resting = False
 
@@ -147,7 +148,7 @@ class OnlineTrajectory:
         self.target = np.array(target)
         self._speed = np.array(speed)
         self._set_straight(self._straight and not self._state[1].any())
-        self._stopping = False
+        self._stopping = self._refused = False
         self._resting = False
 
     def drive_at(self, places: Sequence[int], velocity: Array) -> None:
@@ -161,11 +162,12 @@ class OnlineTrajectory:
         self._asked = True
         if not np.array_equal(self._driven, np.isfinite(self._drive)):
             self._set_interfaces()
-        self._stopping = False
+        self._stopping = self._refused = False
         self._resting = False
 
     def halt(self) -> None:
         """Stops all servos as fast as the bounds allow, and removes targets and velocities immediately."""
+        self._returns = False
         if not self._stopping:
             self.target = self.bounds.inside(self._stopper.end)
             self._drive[self._driven] = 0.0
@@ -197,53 +199,114 @@ class OnlineTrajectory:
     def step(self) -> Array:
         """Moves by one period, and returns the new positions (n,) [rad]."""
         self.ended = None
-        if not self._resting and (self._stopping or not self._advance()):
+        moved = self._resting or (not self._stopping and self._advance())
+        if not moved and not (self._stopping and self._returns and self._return_inside()):
             self._brake()
         position: Array = self._state[0]
         return position
 
     def _advance(self) -> bool:
         """Takes a step towards the target. If the stop after this step would leave the bounds, takes no step
-        and returns False."""
-        here, output = self._state[0], self._output
+        and returns False.
+
+        If the way inside of a servo outside its limits is refused, the other servos move without this one. If
+        the guard refuses their motion too, all targets end, and only the way inside is tried again.
+        """
         if self._asked or self._outside is not self._creeps:
-            self._input.max_velocity = (self._most * (CREEP if self._outside else 1.0)).tolist()
+            self._input.max_velocity = (self._creeping if self._outside else self._most).tolist()
             self._input.target_position = self.target.tolist()
             self._asked, self._creeps = False, self._outside
+        back = self._back() if self._outside else None
         if self._any_driven:
-            allowed = self.bounds.allowed_velocity(here, np.nan_to_num(self._drive))
-            if self._outside:
-                inward = self.bounds.inward(here, CREEP * self._most)
-                allowed = np.where(self._driven & (inward != 0.0), inward, allowed)
-            self._driving = bool(allowed.any())
-            self._input.target_velocity = allowed.tolist()
+            self._set_velocities(back, inward=True)
+        taken, fault = self._try()
+        if not taken and back is not None and (fault or self._any_driven or self._straight):
+            self._asked = True
+            self._input.target_position = np.where(back != 0.0, self._state[0], self.target).tolist()
+            if self._any_driven:
+                self._set_velocities(back, inward=False)
+            here = self._state[0]
+            taken, again = self._try()
+            if taken and not np.any(self._state[0] != here):  # the others rest
+                self._return_inside()
+            fault = fault or again
+        if fault:
+            self.ended = None if self._refused else fault
+        self._refused = fault is not None
+        if fault and not taken:
+            self.halt()
+            self._returns = self._outside
+        return taken
+
+    @property
+    def _creeping(self) -> Array:
+        """Speed (n,) [rad/s] of the servos while one of them is outside its limits."""
+        return creeping(self._most, straight=self._straight)
+
+    def _back(self) -> Array:
+        """Returns the velocity (n,) [rad/s] with which servos outside their limits move inward; 0 for all
+        other servos."""
+        return self.bounds.inward(self._state[0], self._creeping)
+
+    def _set_velocities(self, back: Array | None, *, inward: bool) -> None:
+        """Sets the target velocities of driven servos. Those with a velocity `back` (n,) [rad/s] other than 0
+        get this velocity if they move `inward`; otherwise they stop."""
+        allowed = self.bounds.allowed_velocity(self._state[0], np.nan_to_num(self._drive))
+        if back is not None:
+            allowed = np.where(self._driven & (back != 0.0), back if inward else 0.0, allowed)
+        self._driving = bool(allowed.any())
+        self._input.target_velocity = allowed.tolist()
+
+    def _return_inside(self) -> bool:
+        """Takes a step in which servos outside their limits move inward and all others stop. Returns False,
+        and takes no step, if no servo is outside or the step is refused."""
+        self._set_straight(False)
+        back = self._back()
+        if not back.any():
+            return False
+        self._input.per_dof_control_interface = [ControlInterface.Velocity] * len(back)
+        self._input.per_dof_synchronization = [Synchronization.No] * len(back)
+        self._input.target_velocity = back.tolist()
+        taken, _ = self._try(back)
+        self._set_interfaces()
+        self._led = self._resting = False
+        return taken
+
+    def _try(self, back: Array | None = None) -> tuple[bool, Reason | None]:
+        """Takes the step that `_input` asks for, if the stop after it is allowed. Returns True if the step is
+        taken, and the guard's reason if the guard refuses it.
+
+        Args:
+            back: Velocity (n,) [rad/s] of servos outside their limits, if only these servos move.
+        """
+        here, output = self._state[0], self._output
         try:
             result = self._otg.update(self._input, output)
             numbers = [*output.new_position, *output.new_velocity, *output.new_acceleration]
         except (RuckigError, ValueError):
             # Rare states have no synchronised way, mostly where a speed limit falls. That a way takes longer
             # than ruckig plans is a result that its Python part does not know.
-            return False
+            return False, None
         state = np.array(numbers).reshape(3, -1)
         if not self._stopper.plan(state, here):
-            return False
-        if fault := self._guard(self._stopper.planned):
-            self.ended = fault
-            self.halt()
-            return False
+            return False, None
+        stop = self._stopper.planned
+        known = back is not None and was_there(back, here, stop.span, self.found, self.measured)
+        if not known and (fault := self._guard(stop)):
+            return False, fault
         output.pass_to_input(self._input)
         self._state, self._outside = state, self._stopper.outside
         self._stopper.keep()
-        self._resting = result == Result.Finished and not self._driving
+        self._resting = result == Result.Finished and not (self._driving or self._outside)
         self._led = True
-        return True
+        return True, None
 
     def _brake(self) -> None:
         """Takes a step of the present stop, which was checked before the present state was sent."""
         state, rests = self._stopper.step()
         self._set_state(state)
         if rests:
-            self._resting = self._stopping
+            self._resting = self._stopping and not (self._returns and self._outside)
             self._set_straight(True)
 
     def _set_interfaces(self) -> None:

@@ -25,7 +25,8 @@ from tci.robot.xml.skin import read_skin
 
 SHARE = 0.25
 """If more than this fraction of the angles in a file is implausible, the unit of the file is wrong. Assumed:
-some angles are small in any unit, so they are plausible in a wrong unit too."""
+some angles are small in any unit, so they are plausible in a wrong unit too. A single implausible angle among
+others is a wrong angle."""
 
 
 def read_robot(path: str | os.PathLike[str]) -> Robot:
@@ -76,7 +77,8 @@ def _read_root(element: etree._Element, source: str) -> tuple[Node, Faults]:
     unit = element.get("angle_unit")
     faults, others = Faults(source), Faults(source)
     root = read_node(element, GENERIC_ROBOT, "rad" if unit == "rad" else "deg", faults)
-    if unit != "rad" or faults.implausible <= SHARE * faults.angles:
+    single = faults.implausible == 1 < faults.angles
+    if unit != "rad" or single or faults.implausible <= SHARE * faults.angles:
         return root, faults
     root = read_node(element, GENERIC_ROBOT, "deg", others)
     wrong = f"{faults.implausible} of {faults.angles} angles are implausible"

@@ -1,0 +1,52 @@
+"""The way inside of servos that were found outside their limits: its speed, and the part of it that needs no
+check for self-collision."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tci.frames import Array
+
+CREEP = 0.1
+"""Speed at which a servo outside its limits moves inward, as a fraction of its speed limit. Assumed: slow
+enough for a person to intervene, because obstacles outside the limits are unknown."""
+QUICK = float(np.deg2rad(180.0))
+"""Largest speed [rad/s] of which the fraction CREEP is taken. Assumed: a tenth of the speed limit of a G1's
+motors is still half a turn per second."""
+SAGS = float(np.deg2rad(0.5))
+"""Largest angle [rad] by which a reference may lie inside the angle at which its servo was found, to lead a
+servo that has sagged back to this angle. Assumed: a usual deviation of servos. At the length of an arm, this
+angle is a distance below the margin of the check for self-collision, which covers such deviations."""
+STILL = 1e-9
+"""Angle [rad] below which a motion is a rounding error."""
+
+
+def creeping(speed: Array, *, straight: bool) -> Array:
+    """Returns the speed (n,) [rad/s] at which servos with the speed limits `speed` (n,) [rad/s] move while
+    one of them is outside its limits. If `straight` is True, all speeds are reduced by one factor."""
+    if straight:
+        return speed * (CREEP * min(1.0, QUICK / float(speed.max())))
+    return CREEP * np.minimum(speed, QUICK)
+
+
+def was_there(back: Array, here: Array, span: Array, found: Array, measured: Array) -> bool:
+    """Returns True if a stop takes servos that have sagged only back to where they were found.
+
+    A servo outside its limits deviates from its reference by its sag. The way back to the angle at which it
+    was found needs no check, since the robot was in this posture.
+
+    Args:
+        back: Velocity (n,) [rad/s] of each servo outside its limits; 0 for all other servos, which must not
+            move.
+        here: References (n,) [rad] before the stop.
+        span: Least and largest references (2, n) [rad] of the stop.
+        found: Measured angles (n,) [rad] when the servos came under command.
+        measured: Measured angles (n,) [rad] now.
+    """
+    way = span - here
+    sign = np.sign(back)
+    moved = np.where(back > 0.0, way[1], way[0])
+    there = sign * (measured + moved - found) <= 0.0
+    little = sign * (here + moved - found) <= SAGS
+    still = np.abs(way).max(axis=0) <= STILL
+    return bool(np.where(back != 0.0, there & little, still).all())

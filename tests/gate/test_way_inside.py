@@ -1,0 +1,138 @@
+"""The way inside of servos outside their limits: its speed, and what happens if a coupling or the check for
+self-collision refuses it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gate.gate_checks import LIMITS, PERIOD, Driven, make_robot
+from tci.frames import Array
+from tci.gate.bounds import bounds_of
+from tci.gate.stop_plan import StopTrajectory
+from tci.gate.trajectory import OnlineTrajectory
+from tci.gate.way_inside import CREEP, QUICK, SAGS
+from tci.messages import Mode, PlatformSwitch
+from tci.reasons import Code, Reason
+
+LIMIT = 2.0
+OUT = 0.1
+"""Angle [rad] by which the first servo begins outside its upper limit."""
+NEAR = Reason(Code.SELF_COLLISION, "near")
+
+
+def limiter(refused: set[int], start: float = LIMIT + OUT) -> OnlineTrajectory:
+    """Returns a trajectory of three servos, the first one at `start` [rad]. A stop is refused if it moves one
+    of the servos `refused`."""
+
+    def guard(stop: StopTrajectory) -> Reason | None:
+        moved = np.abs(stop.span - stop.here).max(axis=0) > 1e-9
+        return NEAR if moved[list(refused)].any() else None
+
+    bounds, _ = bounds_of(make_robot(coupled=False), [0, 1, 2], speed_share=1.0)
+    return OnlineTrajectory(bounds, np.array([start, 0.0, 0.0]), PERIOD, guard=guard)
+
+
+def go(trajectory: OnlineTrajectory, seconds: float) -> tuple[Array, list[Reason]]:
+    """Returns the path, and the reasons that were told on it."""
+    path, told = [trajectory.state[0].copy()], []
+    for _ in range(round(seconds / PERIOD)):
+        path.append(trajectory.step().copy())
+        told += [] if trajectory.ended is None else [trajectory.ended]
+    return np.array(path), told
+
+
+@pytest.mark.parametrize("mode", [Mode.POSITION, Mode.VELOCITY])
+def test_a_servo_with_a_high_limit_of_speed_comes_in_as_slowly_as_others(mode: Mode) -> None:
+    """A tenth of the speed limit of a G1's waist was 191 degrees/s."""
+    fast = LIMITS.model_copy(update={"velocity": 37.0, "acceleration": 4000.0, "jerk": 400_000.0})
+    driven = Driven(make_robot(limits=fast, modes=(Mode.TORQUE, mode)), [0, 0, 2.3, 0, 0, 0])
+    driven.step(PlatformSwitch(np.array([2]), mode))
+    driven.settle()
+    path = np.array(driven.path)[:, 2]
+    assert path[-1] <= LIMIT
+    assert 0.9 * CREEP * QUICK < np.abs(np.diff(path)).max() / PERIOD <= 1.001 * CREEP * QUICK
+
+
+def test_a_straight_way_of_fast_and_slow_servos_stays_straight() -> None:
+    trajectory = limiter(set())
+    trajectory.aim(np.array([1.9, 0.5, 0.1]), np.array([30.0, 3.0, 1.0]))
+    trajectory._set_straight(True)
+    path, _ = go(trajectory, 1.0)
+    way = path - path[0]
+    assert way[-1, 1] > 1e-3
+    np.testing.assert_allclose(way[:, 2], way[:, 1] / 5.0, atol=1e-9)
+
+
+def test_a_servo_that_may_not_come_in_lets_the_others_follow_their_targets() -> None:
+    trajectory = limiter({0})
+    trajectory.aim(np.array([1.5, 0.2, 0.0]), np.full(3, 1.0))
+    path, told = go(trajectory, 4.0)
+    assert path[-1, 1] == pytest.approx(0.2, abs=1e-6)
+    assert np.ptp(path[:, 0]) == 0.0
+    assert told == [NEAR]
+
+
+def test_a_servo_that_may_not_come_in_lets_the_others_keep_their_velocities() -> None:
+    trajectory = limiter({0})
+    trajectory.drive_at([0, 1], np.array([0.0, 0.2]))
+    path, told = go(trajectory, 1.0)
+    assert path[-1, 1] > 0.15
+    assert np.ptp(path[:, 0]) == 0.0
+    assert told == [NEAR]
+
+
+def test_a_way_inside_that_a_coupling_refuses_lets_the_others_keep_their_velocities() -> None:
+    """The first servo is 0.1 rad below its limit. Inward, it would leave the coupling with the second one."""
+    robot = make_robot()
+    tight = robot.couplings[0].model_copy(update={"upper": -0.5})
+    bounds, _ = bounds_of(robot.model_copy(update={"couplings": (tight,)}), [0, 1, 2], speed_share=1.0)
+    trajectory = OnlineTrajectory(bounds, np.array([-1.0 - OUT, -0.6, 0.0]), PERIOD)
+    trajectory.drive_at([0, 2], np.array([0.0, 0.2]))
+    path, _ = go(trajectory, 1.0)
+    assert path[-1, 2] > 0.15
+    assert (path[:, 0] - path[:, 1]).max() <= -0.5 + 1e-9
+
+
+def test_a_motion_that_is_refused_does_not_end_the_way_inside_of_another_servo() -> None:
+    """A servo outside stayed there until the next command, and began farther out each time."""
+    trajectory = limiter({1})
+    trajectory.aim(np.array([1.5, 0.2, 0.0]), np.full(3, 1.0))
+    path, told = go(trajectory, 4.0)
+    assert told == [NEAR]
+    assert LIMIT - 1e-4 < path[-1, 0] <= LIMIT
+    assert np.abs(np.diff(path[:, 0])).max() / PERIOD <= 1.001 * CREEP
+    assert trajectory.rests
+
+
+def test_a_halt_ends_the_way_inside() -> None:
+    trajectory = limiter({1})
+    trajectory.aim(np.array([1.5, 0.2, 0.0]), np.full(3, 1.0))
+    go(trajectory, 0.2)
+    trajectory.halt()
+    path, _ = go(trajectory, 1.0)
+    assert path[-1, 0] > LIMIT
+    assert path[-1, 0] == path[-2, 0]
+    assert trajectory.rests
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("sag", [0.2 * SAGS, 0.9 * SAGS])
+def test_a_servo_that_may_not_come_in_is_held_where_it_was_found(side: float, sag: float) -> None:
+    """It was held where it sagged to, so that each new beginning took it farther out."""
+    start = LIMIT + OUT if side > 0.0 else -1.0 - OUT
+    trajectory = limiter({0}, start)
+    trajectory.aim(np.array([1.5, 0.0, 0.0]), np.full(3, 1.0))
+    for _ in range(1000):
+        trajectory.measured = trajectory.step() + np.array([side * sag, 0.0, 0.0])
+    held = side * (trajectory.measured[0] - start)
+    assert 0.0 <= held < 0.05 * sag
+
+
+def test_a_joint_that_was_pushed_far_outside_is_not_led_far_inside() -> None:
+    """Released, it would spring to its reference."""
+    trajectory = limiter({0})
+    trajectory.aim(np.array([1.5, 0.0, 0.0]), np.full(3, 1.0))
+    for _ in range(1000):
+        trajectory.measured = trajectory.step() + np.array([0.3, 0.0, 0.0])
+    assert LIMIT + OUT - SAGS - 1e-9 <= trajectory.state[0][0] < LIMIT + OUT - 0.5 * SAGS

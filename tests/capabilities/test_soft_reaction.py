@@ -58,6 +58,20 @@ def test_torque_mode_holds_where_the_last_touch_left_the_arm() -> None:
     np.testing.assert_allclose(values(commands), 0.5)
 
 
+@pytest.mark.parametrize(("across", "yields"), [(0.09, True), (0.11, False)])
+def test_a_motion_along_the_skin_is_no_yielding(across: float, yields: bool) -> None:
+    """A wrist turned about the finger that touched its palm, and the force rose by 0.0025 N."""
+
+    def retreat(perception: object, part: str, target: Array, mode: Mode) -> Array:
+        return np.array([[[0.0001], [0.02]], [[across / 200.0], [across]]])
+
+    perception = see(touch(0.5, 0.0, [4.0]), posture=BOTH_ARMS)
+    body = body_that(retreat=retreat, jacobian=lambda perception, contact: JACOBIAN)
+    commands, memory = SoftReaction().step({}, perception, body)
+    assert bool(values(commands).any()) is yields
+    assert ("drag left_arm_forearm" in "".join(SoftReaction().notes(memory))) is not yields
+
+
 def test_torque_mode_damps() -> None:
     reaction = SoftReaction(mode=Mode.TORQUE, stiffness=0.0, damping=0.5)
     _, memory = reaction.step({}, *seen())

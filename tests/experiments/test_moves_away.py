@@ -10,6 +10,7 @@ import pytest
 import tci
 from pressing import RISE, press, tally, with_pad
 from tci.capabilities.body_withdrawal import BodyWithdrawal
+from tci.capabilities.soft_reaction import SoftReaction
 from tci.simulation.world import World
 
 PALM = {"centre": np.array([0.07, -0.02, 0.0]), "normal": np.array([0.0, -1.0, 0.0])}
@@ -23,6 +24,18 @@ def test_a_pad_on_the_palm_alone_is_never_pushed_into_the_touch(tmp_path: Path) 
     told = [press(world, "pad", taxel, BodyWithdrawal(), depth=0.005, watch=0.2) for taxel in range(0, 25, 3)]
     assert max(one.rise for one in told) <= RISE, told
     assert any(one.answered for one in told)
+
+
+def test_joints_that_would_move_are_judged_not_the_ones_that_are_asked_to() -> None:
+    """Near a singular posture of talos' shoulder, two joints turn against each other. One was at its limit,
+    and the other one alone pressed the forearm by 0.012 N."""
+    robot = tci.load_robot("talos")
+    arm = np.array([0.008726646259971648, 0.0, 0.5147832503647392, 1.4001612077879892, -2.5132741228718345])
+    world = World(robot, posture={"left_arm": arm})
+    reaction = SoftReaction(parts=("left_arm",))
+    touched = press(world, "left_forearm", 127, reaction, depth=0.0038167317853585745)
+    assert touched.rise <= RISE
+    assert "press left_forearm" in "".join(touched.notes)
 
 
 @pytest.mark.parametrize("name", tci.robot_names())

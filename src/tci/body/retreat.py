@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from ruckig import InputParameter, Ruckig, RuckigError, Synchronization, Trajectory
 
-from tci.errors import UnknownNameError
+from tci.errors import CommandError, UnknownNameError
 from tci.frames import Array
 from tci.gate.bounds import Bounds, bounds_of
 from tci.gate.kernels.couplings import shift
@@ -29,6 +29,9 @@ EARLY = (0.01, 0.02)
 differently, so a path may begin in another direction than it ends."""
 SHARES = (0.25, 0.5, 0.75, 1.0)
 """Later times, as fractions of the motion's duration."""
+AHEAD = 0.1
+"""Time [s] for which a target in velocity mode is ahead of the present angles. Assumed: the next skin frame
+comes much sooner."""
 TIMES = len(EARLY) + len(SHARES)
 UNKNOWN = 100.0
 """Value for a limit [rad/s, rad/s2, rad/s3] that the description does not give. Its size does not matter,
@@ -76,7 +79,8 @@ class Retreat:
         Row 0 of the result is the displacement along the inward normal, negative towards the object. Row 1 is
         the length of the displacement perpendicular to the normal. The motion starts at `position`
         (n_servos,) [rad]. In position and impedance mode, all servos arrive at one time; in other modes, each
-        servo moves as fast as it can. Raises UnknownNameError for an unknown part.
+        servo moves as fast as it can. In velocity mode, the target is the present angles plus AHEAD times the
+        velocity. Raises UnknownNameError for an unknown part.
         """
         motion = self._motion(part)
         return self._displacements(self._angles(motion, position, target, mode), motion, contacts)
@@ -141,11 +145,31 @@ class Retreat:
                 goals[row] = own.nearest(goals[row], motion.free)
         return goals
 
+    def _driven_goal(self, motion: _Motion, position: Array, target: Array) -> Array | None:
+        """Returns the angles (k,) [rad] of a part's k servos after the time AHEAD, if a command in velocity
+        mode drives the part towards `target` (n,) [rad]; None if the servos have no such velocity.
+
+        Near a singular posture of a shoulder, the servos move to other angles than those for `target`: they
+        keep a velocity, and a servo at its limit stands still while the others go on.
+        """
+        joints, bounds = motion.joints, motion.bounds
+        here = position[joints.servos]
+        try:
+            moved = joints.per_servo((target - joints.to_generic(position))[joints.ids], position)
+        except (CommandError, np.linalg.LinAlgError):
+            return None
+        most = AHEAD * np.minimum(bounds.velocity, joints.driven_speeds(position))
+        moved /= max(1.0, float(np.max(np.abs(moved) / most, initial=0.0)))
+        ends: Array = np.clip(here + moved, bounds.lower, bounds.upper)
+        return ends
+
     def _angles(self, motion: _Motion, position: Array, target: Array, mode: Mode) -> Array:
         """Returns the angles (k + 1, n_servos) [rad] of all servos: at the start, and at each of the k
         times."""
         joints, servos, bounds = motion.joints, motion.joints.servos, motion.bounds
-        here, goal = position[servos], self._goals(motion, position, target[None])[0]
+        here = position[servos]
+        driven = self._driven_goal(motion, position, target) if mode is Mode.VELOCITY else None
+        goal = self._goals(motion, position, target[None])[0] if driven is None else driven
         plan = motion.input
         plan.current_position, plan.target_position = here.tolist(), goal.tolist()
         plan.max_velocity = np.minimum(bounds.velocity, joints.speeds(position)).tolist()

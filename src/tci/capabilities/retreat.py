@@ -34,13 +34,14 @@ def why_not(
     *,
     mode: Mode = Mode.POSITION,
     answers: Sequence[int] = (),
+    least: float = LEAST,
 ) -> str:
     """Returns the reason why a part must not move to generic angles `target` (n,) [rad].
 
     The text is empty if the part may move. The motion must not press a contact on any part into its object,
     anywhere on its path. `answers` are the contacts to which the motion responds, as indices in
-    `perception.contacts`; at least one of them must move away from its object. `mode` is the control mode of
-    the motion.
+    `perception.contacts`; at least one of them must move away from its object, by `least` [m] or more. `mode`
+    is the control mode of the motion.
     """
     inwards, across = body.retreat(perception, part, target, mode)
     if not inwards.size:
@@ -53,7 +54,9 @@ def why_not(
             f"its motion would press {patch} {-deepest[worst] * 1e3:.2g} mm into the object that touches it; "
             "valid: a motion away from it"
         )
-    reasons = [_why_kept(perception.contacts[one].patch, inwards[:, one], across[:, one]) for one in answers]
+    reasons = [
+        _why_kept(perception.contacts[one].patch, inwards[:, one], across[:, one], least) for one in answers
+    ]
     return reasons[0] if reasons and all(reasons) else ""
 
 
@@ -77,18 +80,19 @@ def are_hopeless(
     ]
 
 
-def _why_kept(patch: str, way: Array, across: Array) -> str:
+def _why_kept(patch: str, way: Array, across: Array, least: float) -> str:
     """Returns the reason why a contact point does not move away far or directly enough; else an empty text.
 
     Args:
         patch: Patch of the contact.
         way: Displacement (k,) [m] away from the object at k points of the motion.
         across: Displacement (k,) [m] tangential to the skin.
+        least: Least distance [m] at the end of the motion.
     """
-    if way[-1] < LEAST:
+    if way[-1] < least:
         return (
             f"its motion would take {patch} {way[-1] * 1e3:.2g} mm away from the object that touches it; "
-            f"valid: {LEAST * 1e3:g} mm or more"
+            f"valid: {least * 1e3:g} mm or more"
         )
     if (way < STEEP * across).any():
         return f"its motion would drag {patch} along the object that touches it; valid: a motion away from it"

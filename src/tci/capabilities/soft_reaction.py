@@ -13,14 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from tci.body.generic_body import GenericBody
+from tci.body.retreat import AHEAD
 from tci.capabilities.capability import Capability
 from tci.capabilities.retreat import why_not
 from tci.errors import TciError
 from tci.frames import Array, read_only
 from tci.messages import Command, GenericCommand, Mode, Perception, SwitchMode
 
-AHEAD = 0.1
-"""Time [s] of motion that is checked in advance. Assumed: the next skin frame comes much sooner."""
 MODES = (Mode.VELOCITY, Mode.TORQUE)
 """Control modes in which the soft reaction can run."""
 NO_JOINT = "it has no joint on this robot"
@@ -97,9 +96,12 @@ class SoftReaction(Capability[Postures]):
                 )
             angles = perception.posture[part]
             torque = np.zeros(angles.size)
-            touches = [
-                touch for touch in perception.contacts if touch.part == part and touch.force >= self.threshold
+            answers = [
+                index
+                for index, touch in enumerate(perception.contacts)
+                if touch.part == part and touch.force >= self.threshold
             ]
+            touches = [perception.contacts[index] for index in answers]
             if not np.any(body.has_joint(part)):
                 postures[part] = Posture(perception.stamp, angles, angles, NO_JOINT if touches else "")
                 continue
@@ -107,8 +109,14 @@ class SoftReaction(Capability[Postures]):
                 torque += body.jacobian(perception, touch).T @ touch.f_T
             velocity = self.mobility * torque
             target = angles + AHEAD * velocity
-            reason = why_not(perception, body, part, target, mode=self.mode) if velocity.any() else ""
-            if reason:  # it is held between two objects
+            # A motion along the skin, or one that limits turn aside, would not yield. A light touch moves a
+            # part by less than a withdrawal does.
+            reason = (
+                why_not(perception, body, part, target, mode=self.mode, answers=answers, least=0.0)
+                if velocity.any()
+                else ""
+            )
+            if reason:
                 torque, velocity = np.zeros(angles.size), np.zeros(angles.size)
             before = memory.get(part, Posture(perception.stamp, angles, angles))
             home = angles if touches else before.home

@@ -16,7 +16,7 @@ from cli.test_cli import tci
 from made_humanoid import MadeHumanoid
 from tci.authoring.proposal import propose
 from tci.commissioning.both_sides import posture_doubts
-from tci.commissioning.plausibility import doubts
+from tci.commissioning.plausibility import doubts, mirrored_limits
 from tci.robot.catalogue import load_robot
 from tci.robot.xml.writer import write_robot
 
@@ -59,6 +59,20 @@ def test_an_initial_angle_in_radians_on_one_side_is_doubtful_and_told(planted: M
     assert re.search(
         r" of \S+ and of \S+ degrees; \S+ degrees are \S+ rad; valid: equal on both sides$", found
     )
+
+
+def test_joints_of_both_sides_are_compared_by_name() -> None:
+    """They were paired by their order, and sides with different numbers of joints ended in a ValueError."""
+    robot = load_robot("nao")
+    assert doubts(robot) == []
+    for other in (lambda servos: servos[::-1], lambda servos: servos[1:]):
+        parts = tuple(
+            part.model_copy(update={"servos": other(part.servos)}) if part.name == "right_arm" else part
+            for part in robot.parts
+        )
+        changed = robot.model_copy(update={"parts": parts})
+        assert [*posture_doubts(changed)] == []
+        assert [*mirrored_limits(changed)] == []
 
 
 def test_a_proposal_gives_no_doubt_and_the_command_shows_one(tmp_path: Path) -> None:

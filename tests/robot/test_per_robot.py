@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import pickle
+import shutil
 import weakref
 from pathlib import Path
 
@@ -53,6 +54,22 @@ def test_a_name_stands_for_one_object_until_its_description_changes(monkeypatch:
     assert tci.load_robot("nao") == other
     monkeypatch.undo()
     assert tci.load_robot("nao") == robot
+
+
+@pytest.mark.parametrize("file", ["left_sole.csv", "nao.mjcf.xml"])
+def test_a_changed_file_of_skin_or_model_gives_a_new_object(
+    file: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The name gave the robot in use, with the skin and the geometry of the earlier files."""
+    folder = shutil.copytree(Path(tci.load_robot("nao").source).parent, tmp_path / "nao")
+    text = (folder / "robot.xml").read_text()
+    assert file in (folder / "whole.xml").read_text() + text
+    monkeypatch.setattr(catalogue, "_packaged", lambda: {"nao-whole": folder / "whole.xml"})
+    robot = tci.load_robot("nao-whole")
+    assert tci.load_robot("nao-whole") is robot
+    changed = folder / file
+    changed.write_text(changed.read_text() + "\n")
+    assert tci.load_robot("nao-whole") is not robot
 
 
 def test_skin_is_built_once_for_each_robot_and_released_with_it() -> None:

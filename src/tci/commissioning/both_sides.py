@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tci.robot.description import GenericPart, Robot
+from tci.robot.description import GenericPart, GenericServo, Robot
 
 UNEVEN = np.deg2rad(5.0)
 """Largest difference [rad] between generic limits or angles of the left and the right side. Assumed: larger
@@ -22,7 +22,7 @@ def posture_doubts(robot: Robot) -> Iterator[str]:
     In symmetric postures, generic angles are equal on both sides, also in sign.
     """
     for left, right in pairs(robot):
-        for one, other in zip(left.servos, right.servos, strict=True):
+        for one, other in joint_pairs(left, right):
             if one.servo is None or other.servo is None or abs(one.initial - other.initial) <= UNEVEN:
                 continue
             angles = np.rad2deg([one.initial, other.initial])
@@ -41,3 +41,11 @@ def pairs(robot: Robot) -> Iterator[tuple[GenericPart, GenericPart]]:
         for right in robot.parts:
             if left.side == "left" and right.side == "right" and left.kind == right.kind:
                 yield left, right
+
+
+def joint_pairs(left: GenericPart, right: GenericPart) -> Iterator[tuple[GenericServo, GenericServo]]:
+    """Yields the joints of two parts that have one name. A joint that only one part has is left out."""
+    named = {one.name: one for one in right.servos}
+    for one in left.servos:
+        if (other := named.get(one.name)) is not None:
+            yield one, other

@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 
 from tci.authoring.link_points import LinkPoints
 from tci.authoring.proposed_parts import HAND, LEG
-from tci.commissioning.both_sides import UNEVEN, pairs, posture_doubts
+from tci.commissioning.both_sides import UNEVEN, joint_pairs, pairs, posture_doubts
 from tci.errors import TciError
 from tci.frames import Array, apply
 from tci.robot.description import GenericPart, Model, Patch, Robot
@@ -53,7 +53,7 @@ def doubts(robot: Robot) -> list[str]:
     if robot.model is None:
         return found
     found += _limits(robot)
-    found += _mirrored_limits(robot)
+    found += mirrored_limits(robot)
     found += posture_doubts(robot)
     chain = KinematicChain(robot)
     if torso := _torso(robot, chain):
@@ -116,8 +116,8 @@ def _limits(robot: Robot) -> Iterator[str]:
             )
 
 
-def _mirrored_limits(robot: Robot) -> Iterator[str]:
-    """Compares the limits of generic joints on the left with those on the right.
+def mirrored_limits(robot: Robot) -> Iterator[str]:
+    """Yields a sentence for each generic joint with different limits on the left and on the right.
 
     Pairs of joints that both have limits in the model are left out.
     """
@@ -125,7 +125,7 @@ def _mirrored_limits(robot: Robot) -> Iterator[str]:
     model = bare_model(robot.model)
     given = {model.joint(j).name for j in range(model.njnt) if model.jnt_limited[j]}
     for left, right in pairs(robot):
-        for pair in zip(left.servos, right.servos, strict=True):
+        for pair in joint_pairs(left, right):
             servos = [robot.servos[one.servo] for one in pair if one.servo is not None]
             limits = [servo.limits for servo in servos]
             if len(servos) < 2 or {servo.joint for servo in servos} <= given:

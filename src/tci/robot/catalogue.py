@@ -18,6 +18,8 @@ from tci.errors import TciError, UnknownNameError
 if TYPE_CHECKING:
     from tci.robot.description import Robot
 
+Files = tuple[tuple[str, int, int], ...]
+"""Path, size [bytes] and time [ns] of the last change of each file that a description names."""
 GROUP = "tci.robots"
 """Entry-point group in which other packages name their robots."""
 FILE = "robot.xml"
@@ -25,6 +27,8 @@ FILE = "robot.xml"
 _FOLDER = Path(__file__).with_name("robots")
 _known: weakref.WeakValueDictionary[str, Robot] = weakref.WeakValueDictionary()
 """For each name, the latest robot that is still in use."""
+_files: dict[str, Files] = {}
+"""For each name, the files of the robot in `_known` when it was loaded."""
 
 
 def robot_names() -> tuple[str, ...]:
@@ -43,8 +47,9 @@ def load_robot(name_or_path: str | os.PathLike[str]) -> Robot:
     """Returns a robot by its name, or by the path of its description. A text is a path if it contains a slash
     or ends in .xml.
 
-    While a robot is in use and its description does not change, a call with its name returns the existing
-    object. So skin and collision geometry of the robot are computed only once.
+    While a robot is in use, a call with its name returns the existing object. So skin and collision geometry
+    of the robot are computed only once. If the description, its model file or a skin file has changed, the
+    call returns a new object.
 
     - Raises UnknownNameError, with the valid names, if there is no robot with this name.
     - Raises DescriptionError, with all faults, if the description has faults.
@@ -63,12 +68,28 @@ def load_robot(name_or_path: str | os.PathLike[str]) -> Robot:
 
 
 def _shared(name: str, robot: Robot) -> Robot:
-    """Returns the existing robot with this name if it is equal to `robot`; otherwise `robot` itself."""
-    known = _known.get(name)
-    if known is not None and known == robot:
+    """Returns the existing robot with this name if it is equal to `robot` and its files have not changed;
+    otherwise `robot` itself."""
+    known, files = _known.get(name), _named_files(robot)
+    if known is not None and known == robot and _files[name] == files:
         return known
-    _known[name] = robot
+    _known[name], _files[name] = robot, files
     return robot
+
+
+def _named_files(robot: Robot) -> Files:
+    """Returns the present state of the files of model, attachments and skin."""
+    model = robot.model
+    named = [] if model is None else [model.path, *(one.path for one in model.attachments)]
+    named += [file for patch in robot.patches if (file := getattr(patch.surface, "file", None))]
+    found = []
+    for path in dict.fromkeys(named):
+        try:
+            about = os.stat(path)
+        except OSError:
+            continue
+        found.append((path, about.st_size, about.st_mtime_ns))
+    return tuple(found)
 
 
 def _is_path(text: str) -> bool:

@@ -21,7 +21,7 @@ from tci.simulation.world import World
 ROBOTS = {name: load_robot(name) for name in ("nao-whole", "icub-whole")}
 NAMES = pytest.mark.parametrize("name", ROBOTS)
 SHIN = Landmark("shank", (1.0, 0.0, 0.0))
-LEAN = {"nao-whole": 20.0, "icub-whole": 10.0}
+LEAN = {"nao-whole": 20.0, "icub-whole": 11.0}
 """Angle [degrees] of hips and ankles that shifts the weight over the right foot."""
 
 

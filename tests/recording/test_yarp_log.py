@@ -58,8 +58,9 @@ def pressed(tmp_path: Path) -> Path:
 
 def test_a_raw_log_imported_with_a_robot_is_plotted_and_replayed(pressed: Path, tmp_path: Path) -> None:
     recording = str(tmp_path / "palm.mcap")
-    told = tci("log", "import", str(pressed), recording, "nao", "--patch", "left_forearm", "--json")
-    assert json.loads(told)["frames"] == 400
+    words = ["log", "import", str(pressed), recording, "--patch", "left_forearm", "--json"]
+    assert "two robots, icub and --robot nao" in tci(*words, "icub", "--robot", "nao", status=1)
+    assert json.loads(tci(*words, "--robot", "nao"))["frames"] == 400
     plotted = json.loads(tci("plot", recording, "--json"))
     (touch,) = plotted["touches"]
     assert (touch["part"], touch["patch"]) == ("left_arm", "left_forearm")

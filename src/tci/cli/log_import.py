@@ -31,6 +31,10 @@ def import_(
             autocompletion=completion.robots,
         ),
     ] = None,
+    named: Annotated[
+        str | None,
+        typer.Option("--robot", help="ROBOT, as an option.", autocompletion=completion.robots),
+    ] = None,
     patch: Annotated[
         str, typer.Option(help="For a log of raw values: patch of skin that they are of.")
     ] = "skin",
@@ -49,7 +53,7 @@ def import_(
 ) -> None:  # fmt: skip
     """Convert a log of YARP's yarpdatadumper, a ROS bag (extra ros2) or arrays of taxels to a recording.
 
-    Example:  tci log import data.log foot.mcap icub-whole --patch right_foot
+    Example:  tci log import data.log foot.mcap --robot icub-whole --patch right_sole
 
     Example:  tci log import skin_events/data.log touches.mcap icub --tables conf/positions
 
@@ -58,13 +62,16 @@ def import_(
     Example:  tci log import pressure.mat touches.mcap nao --map pressure.toml
     """
     from tci.cli.console import console, written
-    from tci.errors import RecordingError
+    from tci.errors import CommandError, RecordingError
     from tci.recording.arrays import SUFFIXES, import_arrays
     from tci.recording.contact_list import import_contact_list
     from tci.recording.ros_bag import import_ros_bag, is_bag
     from tci.recording.yarp_log import import_yarp_log, is_contact_list
     from tci.robot.catalogue import load_robot
 
+    if None not in (robot, named) and robot != named:
+        raise CommandError(f"two robots, {robot} and --robot {named}; valid: one of them")
+    robot = robot or named
     words: Robot | None = None if robot is None else load_robot(robot)
     counts: dict[str, Any]
     fits: tuple[TableFit, ...] = ()

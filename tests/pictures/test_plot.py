@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
 import tci as package
@@ -15,9 +16,10 @@ from tci.capabilities.fields import default_fields
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, RecordingError, UnknownNameError
 from tci.pictures.film import Film
-from tci.pictures.plot import _outline, collect, draw
+from tci.pictures.plot import _draw_patch, _outline, collect, draw
 from tci.recording.perceived import perceive
 from tci.recording.recording import Recording
+from tci.recording.yarp_log import import_yarp_log
 from tci.robot.limb import generic_limb_distance
 
 
@@ -104,6 +106,30 @@ def test_a_response_of_another_part_is_drawn_and_a_contact_to_the_end_is_said(tm
     assert touch.commanded is not None
     assert touch.moved is not None
     assert touch.began <= touch.commanded < touch.moved
+
+
+def test_a_recording_of_a_foot_shows_the_sole_and_no_fields_of_an_arm(tmp_path: Path) -> None:
+    robot = package.load_robot("icub-whole")
+    patch = robot.patch("right_sole")
+    log, recording = tmp_path / "data.log", tmp_path / "foot.mcap"
+    raw = np.full((60, patch.channels), 240.0)
+    raw[30:, 12:24] = 200.0  # one module
+    log.write_text("\n".join(f"{k} {0.02 * k} {' '.join(map(str, row))}" for k, row in enumerate(raw)))
+    import_yarp_log(log, recording, patch=patch.name, robot=robot)
+    _, series = collect(robot, list(perceive(Recording(recording), robot)), part=None)
+    draw(robot, series, tmp_path / "foot.svg", fields=default_fields(), title="foot")
+    text = (tmp_path / "foot.svg").read_text()
+    assert "right sole, seen from outside" in text
+    assert "largest pressure [kPa]" in text
+    assert "extensor" not in text
+    axes = Figure().subplots()
+    dots = _draw_patch(axes, robot, series, "right_leg")
+    assert dots is not None
+    places, pressure = np.array(dots.get_offsets()), np.array(dots.get_array())
+    assert len(places) == 250
+    assert np.ptp(places, axis=0).max() == pytest.approx(190.0, abs=10.0)
+    assert np.ptp(places[pressure > 0.0], axis=0).max() < 30.0, "a module is in one piece"
+    assert _draw_patch(axes, package.load_robot("icub"), series, "torso") is None
 
 
 def test_rims_of_fields_are_where_the_field_ends() -> None:

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from tci.body.generic_body import GenericBody
 from tci.errors import TciError
 from tci.frames import Array, frozen
-from tci.messages import Contact, Perception
+from tci.messages import Contact, JointReading, Perception
 from tci.robot.generic_arm import side_sign
 from tci.skin.layout import AXES
 from tci.skin.triangulation import is_sheet, unroll
@@ -62,17 +62,7 @@ def pressure_image(
         raise TciError("a perception without skin has no pressure image; valid: one made by a Perceiver")
     if not 0.0 < pixel < np.inf:
         raise TciError(f"pressure image: pixel {pixel} m; valid: above 0 and finite")
-    description, surface = body.robot.patch(patch), body.skin.surfaces[patch]
-    segment = body.robot.limb_segment(description)
-    if is_sheet(surface.normals):
-        places = _flattened(surface.positions, surface.normals)
-    elif segment is None:
-        places, _, axes = unroll(surface.positions, surface.normals)
-        places *= [np.sign(np.linalg.det(axes)), 1.0]  # to the right as seen from outside
-    else:
-        u, theta, radius = body.skin.limb(patch, perception.joints)
-        right = side_sign(body.robot.part(description.part).side or "left")
-        places = np.column_stack([right * theta * radius.mean(), (1.0 - u) * segment.length])
+    places, surface = unrolled(body, patch, perception.joints), body.skin.surfaces[patch]
     reach = np.sqrt(surface.areas)
     corner = (places - reach[:, None]).min(axis=0)
     size = (places + reach[:, None]).max(axis=0) - corner
@@ -85,6 +75,24 @@ def pressure_image(
     image = perception.skin.on(body.layout.places[patch])[nearest]
     image[apart > reach[nearest]] = np.nan
     return PressureImage(frozen(image), pixel, (float(corner[0]), float(corner[1])), frozen(places))
+
+
+def unrolled(body: GenericBody, patch: str, joints: JointReading) -> Array:
+    """Returns the coordinates (taxels, 2) [m] of a patch's taxels in the plane of its pressure image.
+
+    Raises UnknownNameError for an unknown patch.
+    """
+    description = body.robot.patch(patch)
+    surface = body.skin.surfaces[patch]
+    segment = body.robot.limb_segment(description)
+    if is_sheet(surface.normals):
+        return _flattened(surface.positions, surface.normals)
+    if segment is None:
+        places, _, axes = unroll(surface.positions, surface.normals)
+        return places * [np.sign(np.linalg.det(axes)), 1.0]  # to the right as seen from outside
+    u, theta, radius = body.skin.limb(patch, joints)
+    right = side_sign(body.robot.part(description.part).side or "left")
+    return np.column_stack([right * theta * radius.mean(), (1.0 - u) * segment.length])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,9 +9,12 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PathCollection
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
+from tci.body.generic_body import GenericBody
+from tci.body.tactile import unrolled
 from tci.capabilities.fields import ReceptiveField
 from tci.errors import RecordingError, UnknownNameError
 from tci.frames import Array
@@ -144,7 +147,10 @@ def draw(robot: Robot, series: Series, path: Path, *, fields: Sequence[Receptive
     lines[-1].set_xlim(*shown)
     lines[-1].set_xlabel("time [s]")
     left, right = lower.subplots(1, 2, width_ratios=(1.6, 1.0))
-    _draw_skin(lower, left, robot, series, first, fields)
+    arm = robot.part(first).kind == "arm"
+    dots = _draw_arm(left, robot, series, first, fields) if arm else _draw_patch(left, robot, series, first)
+    if dots is not None:
+        _draw_scale(lower, left, dots)
     _draw_latency(right, series)
     for axes in (*lines, left, right):
         _plain(axes)
@@ -191,25 +197,17 @@ def _draw_angles(axes: Axes, robot: Robot, series: Series, part: str) -> None:
     axes.legend(loc="upper right", ncols=3)
 
 
-def _draw_skin(
-    figure: Figure, axes: Axes, robot: Robot, series: Series, part: str, fields: Sequence[ReceptiveField]
-) -> None:
-    """Draws the largest pressure of every taxel of the part over angle around and place along the limb."""
-    skin = Skin(robot)
-    colours = LinearSegmentedColormap.from_list("pressure", PRESSURE_COLOURS)
-    highest = max((float(peak.max()) for peak in series.peak.values()), default=0.0) / 1e3
-    dots = None
+def _draw_arm(
+    axes: Axes, robot: Robot, series: Series, part: str, fields: Sequence[ReceptiveField]
+) -> PathCollection | None:
+    """Draws the largest pressure of every taxel of an arm over angle around and place along the limb."""
+    skin, dots = Skin(robot), None
     for patch in robot.patches:
         if patch.part != part or patch.segment not in SEGMENTS:
             continue
         u, theta, _ = skin.limb(patch.name, series.joints)
-        peak = series.peak.get(patch.name, np.zeros(len(u))) / 1e3
         along = u + SEGMENTS.index(patch.segment)
-        size = 6.0 + 22.0 * peak / max(highest, 1e-9)
-        dots = axes.scatter(
-            np.rad2deg(theta), along, c=peak, s=size, cmap=colours, vmin=0.0, vmax=max(highest, 1.0),
-            zorder=3, linewidths=0.0,
-        )  # fmt: skip
+        dots = _draw_taxels(axes, np.column_stack([np.rad2deg(theta), along]), series, patch.name)
     for index, field in enumerate(fields):
         edge = _outline(field)
         colour = FIELD_COLOURS[index % len(FIELD_COLOURS)]
@@ -223,11 +221,41 @@ def _draw_skin(
     axes.set_yticks([0.5, 1.5], ["upper arm", "forearm"], rotation=90, va="center")
     axes.axhline(1.0, color=PALE, linewidth=0.6)
     axes.set_title(f"skin of the {part.replace('_', ' ')}, unrolled; fields of the reflex", loc="left")
-    if dots is not None:
-        bar = figure.colorbar(dots, ax=axes, location="bottom", shrink=0.7, aspect=30)
-        bar.set_label("largest pressure [kPa]", fontsize=7, color=INK)
-        bar.ax.tick_params(labelsize=7, colors=PALE, length=2)
-        bar.outline.set_visible(False)
+    return dots
+
+
+def _draw_patch(axes: Axes, robot: Robot, series: Series, part: str) -> PathCollection | None:
+    """Draws the largest pressure of every taxel of the patch of a part that was pressed most, in the plane of
+    its pressure image."""
+    own = [patch.name for patch in robot.skin if patch.part == part]
+    axes.set_facecolor("#f7f8f9")
+    if not own:
+        axes.set_title(f"{part.replace('_', ' ')} has no skin", loc="left")
+        return None
+    name = max(own, key=lambda one: float(np.max(series.peak.get(one, 0.0))))
+    places = 1e3 * unrolled(GenericBody(robot), name, series.joints)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xlabel="mm", ylabel="mm")
+    axes.set_title(f"{name.replace('_', ' ')}, seen from outside", loc="left")
+    return _draw_taxels(axes, places, series, name)
+
+
+def _draw_taxels(axes: Axes, places: Array, series: Series, patch: str) -> PathCollection:
+    """Draws taxels at `places` (n, 2), with their largest pressures as colours and sizes."""
+    colours = LinearSegmentedColormap.from_list("pressure", PRESSURE_COLOURS)
+    highest = max((float(peak.max()) for peak in series.peak.values()), default=0.0) / 1e3
+    peak = series.peak.get(patch, np.zeros(len(places))) / 1e3
+    return axes.scatter(
+        *places.T, c=peak, s=6.0 + 22.0 * peak / max(highest, 1e-9), cmap=colours, vmin=0.0,
+        vmax=max(highest, 1.0), zorder=3, linewidths=0.0,
+    )  # fmt: skip
+
+
+def _draw_scale(figure: Figure, axes: Axes, dots: PathCollection) -> None:
+    bar = figure.colorbar(dots, ax=axes, location="bottom", shrink=0.7, aspect=30)
+    bar.set_label("largest pressure [kPa]", fontsize=7, color=INK)
+    bar.ax.tick_params(labelsize=7, colors=PALE, length=2)
+    bar.outline.set_visible(False)
 
 
 def _outline(field: ReceptiveField) -> Array:

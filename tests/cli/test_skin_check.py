@@ -8,11 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from skin_data import SkinData
 from tci.authoring.check_skin import check_skins
 from tci.authoring.registration import link_surface, register
+from tci.cli import skin_check
 from tci.cli.main import app
 from tci.frames import apply, rotation_rpy, transform
 from tci.robot.catalogue import load_robot
@@ -86,6 +88,25 @@ def test_progress_is_told_and_a_skin_that_fits_has_no_correction() -> None:
     for row in rows:
         np.testing.assert_array_equal(row["correction"]["R"], np.eye(3))
         assert row["correction"]["mean_mm"] == row["mean_mm"]
+
+
+def test_a_patch_gets_the_smaller_of_two_corrections_as_an_element_that_moves_it(tmp_path: Path) -> None:
+    """A flat sole fits its link when it is turned about too. The soles of the model are 7 mm above it."""
+    whole = load_robot("icub-whole")
+    sole = whole.patch("left_sole").model_copy(update={"xyz": (0.003, 0.0, 0.0)})
+    robot = whole.model_copy(update={"patches": (sole,)})
+    (row,) = check_skins(robot)
+    assert row["correction"]["mends"]
+    assert np.linalg.norm(row["correction"]["xyz_m"]) < 0.012
+    assert np.abs(row["correction"]["rpy_deg"]).max() < 3.0
+    np.testing.assert_allclose(
+        np.subtract(row["mount"]["xyz_m"], row["correction"]["xyz_m"]), [0.003, 0.0, 0.0], atol=1e-3
+    )
+    told = tmp_path / "told.txt"
+    with told.open("w") as file, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(skin_check, "console", Console(file=file, width=200))
+        skin_check._advise(row)
+    assert '<patch name="left_sole" xyz="' in told.read_text()
 
 
 def test_the_robots_own_skin_and_links_without_meshes() -> None:

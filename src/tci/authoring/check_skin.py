@@ -11,10 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from tci.authoring.registration import Registration, link_surface, register
 from tci.errors import CommandError, DescriptionError
+from tci.frames import Array
 from tci.robot.description import Robot
 from tci.robot.kinematics import KinematicChain
 from tci.robot.skin_files.reader import read_layout
-from tci.skin.surfaces import build_surface
+from tci.skin.surfaces import build_surface, mount_of
 
 
 def check_skins(
@@ -26,9 +27,10 @@ def check_skins(
 ) -> list[dict[str, Any]]:
     """Returns the distances of a skin file from `link`, or of every patch of a robot from its own link.
 
-    Each row consists of JSON values. `progress` is called before each skin with its name, the number of skins
-    that are done, and the number of all skins. Raises CommandError for `file` without `link`, `link` without
-    `file`, or a robot without skin.
+    Each row consists of JSON values. For a patch it contains the pose `mount` with which the description
+    would move the patch by the correction. `progress` is called before each skin with its name, the number of
+    skins that are done, and the number of all skins. Raises CommandError for `file` without `link`, `link`
+    without `file`, or a robot without skin.
     """
     if (file is None) != (link is None):
         raise CommandError("--file and --link need each other; valid: --file FILE --link LINK")
@@ -38,7 +40,10 @@ def check_skins(
         progress(title, done, len(skins))
         row: dict[str, Any] = {"skin": title, "link": where, "taxels": len(taxels)}
         try:
-            row |= _facts(register(taxels, link_surface(robot, where)))
+            found = register(taxels, link_surface(robot, where))
+            row |= _facts(found)
+            if file is None:  # a patch may have been moved already
+                row["mount"] = _pose(found.correction @ mount_of(robot.patch(title)))
         except DescriptionError as error:
             row |= {"verdict": "not checked", "reason": error.faults[0].message}
         rows.append(row)
@@ -62,7 +67,6 @@ def _patches(robot: Robot) -> list[tuple[str, str, np.ndarray]]:
 
 
 def _facts(found: Registration) -> dict[str, Any]:
-    rpy = Rotation.from_matrix(found.correction[:3, :3]).as_euler("xyz", degrees=True)
     return {
         "mean_mm": found.mean * 1e3,
         "max_mm": found.largest * 1e3,
@@ -71,8 +75,12 @@ def _facts(found: Registration) -> dict[str, Any]:
             "mends": found.mends,
             "mean_mm": found.corrected_mean * 1e3,
             "max_mm": found.corrected_largest * 1e3,
-            "xyz_m": found.correction[:3, 3].tolist(),
-            "rpy_deg": rpy.tolist(),
+            **_pose(found.correction),
             "R": found.correction[:3, :3].tolist(),
         },
     }
+
+
+def _pose(pose: Array) -> dict[str, list[float]]:
+    rpy = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", degrees=True)
+    return {"xyz_m": pose[:3, 3].tolist(), "rpy_deg": rpy.tolist()}

@@ -73,13 +73,14 @@ def _advise(row: dict[str, Any]) -> None:
     if row["verdict"] == "not checked":
         console.print(f"{row['skin']}: {row['reason']}", style="yellow", highlight=False, markup=False)
     elif row["verdict"] == "wrong" and row["correction"]["mends"]:
-        correction = row["correction"]
-        xyz = " ".join(f"{value:.4f}" for value in correction["xyz_m"])
-        rpy = " ".join(f"{value:.2f}" for value in correction["rpy_deg"])
+        pose = row.get("mount", row["correction"])
+        xyz = " ".join(f"{value:.4f}" for value in pose["xyz_m"])
+        rpy = " ".join(f"{value:.2f}" for value in pose["rpy_deg"])
+        element = f'patch name="{row["skin"]}"' if "mount" in row else 'table file="..." format="icub"'
         console.print(
             f"{row['skin']} is in a wrong frame. This correction leaves a mean distance of "
-            f"{correction['mean_mm']:.2f} mm:\n"
-            f'  <table file="..." format="icub" xyz="{xyz}" rpy="{rpy}" type="deg"/>\n'
+            f"{row['correction']['mean_mm']:.2f} mm:\n"
+            f'  <{element} xyz="{xyz}" rpy="{rpy}" type="deg"/>\n'
             "  Look at the result before you use it (tci view): round limbs allow more than one correction.",
             highlight=False, markup=False, soft_wrap=True,
         )  # fmt: skip

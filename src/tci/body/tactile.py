@@ -89,7 +89,8 @@ def unrolled(body: GenericBody, patch: str, joints: JointReading) -> Array:
         return _flattened(surface.positions, surface.normals)
     if segment is None:
         places, _, axes = unroll(surface.positions, surface.normals)
-        return places * [np.sign(np.linalg.det(axes)), 1.0]  # to the right as seen from outside
+        places[:, 0] *= np.sign(np.linalg.det(axes))  # to the right as seen from outside
+        return places
     u, theta, radius = body.skin.limb(patch, joints)
     right = side_sign(body.robot.part(description.part).side or "left")
     return np.column_stack([right * theta * radius.mean(), (1.0 - u) * segment.length])

@@ -246,7 +246,7 @@ def _draw_taxels(axes: Axes, places: Array, series: Series, patch: str) -> PathC
     highest = max((float(peak.max()) for peak in series.peak.values()), default=0.0) / 1e3
     peak = series.peak.get(patch, np.zeros(len(places))) / 1e3
     return axes.scatter(
-        *places.T, c=peak, s=6.0 + 22.0 * peak / max(highest, 1e-9), cmap=colours, vmin=0.0,
+        places[:, 0], places[:, 1], c=peak, s=6.0 + 22.0 * peak / max(highest, 1e-9), cmap=colours, vmin=0.0,
         vmax=max(highest, 1.0), zorder=3, linewidths=0.0,
     )  # fmt: skip
 

@@ -20,6 +20,7 @@ from tci.capabilities.capability import Capability
 from tci.capabilities.soft_reaction import SoftReaction
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.drivers.simulated import SimulatedDriver
+from tci.experiments.poke import Stimulus
 from tci.frames import Array
 from tci.messages import Mode
 from tci.robot.description import GenericPart, Patch, Robot
@@ -36,6 +37,9 @@ RISE = 1e-3
 """Increase of the force [N] that is tolerated, since the arm's servos still settle."""
 AT_LIMIT = 0.1
 """Fraction of the servos at each of their two limits."""
+SHORT_POKE = Stimulus(duration=0.65)
+"""Poke of the demo, for less time. Contact begins within 60 ms and must be lost 500 ms later; the rest shows
+that the arm stays away."""
 SHEET, SPACING = 5, 0.01
 """Number of taxels along each edge of a pad, and the distance [m] between them."""
 

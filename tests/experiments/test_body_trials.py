@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from pressing import SHORT_POKE
 from tci.body.generic_body import GenericBody
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.fields import default_body_fields
@@ -23,7 +24,7 @@ LACKS = {
 @pytest.mark.parametrize("name", LACKS)
 def test_every_part_withdraws(name: str) -> None:
     robot = load_robot(name)
-    trials = list(body_trials_of(robot, BodyWithdrawal(stance="supported"), seed=3))
+    trials = list(body_trials_of(robot, BodyWithdrawal(stance="supported"), stimulus=SHORT_POKE, seed=3))
     sites = {trial.site for trial in trials}
     assert sites == {field.name for field in default_body_fields().field} - LACKS[name]
     assert len(trials) == {"nao-whole": 12, "icub-whole": 20}[name]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pressing import with_pad
+from pressing import SHORT_POKE, with_pad
 from tci.authoring.proposal import propose
 from tci.body.generic_body import GenericBody
 from tci.capabilities.body_withdrawal import BodyWithdrawal
@@ -45,7 +45,7 @@ def proposed(name: str, file: str, folder: Path) -> Robot:
 @pytest.mark.parametrize("name", UNKNOWN)
 def test_a_proposed_robot_is_proved_as_it_is(name: str, tmp_path: Path) -> None:
     """The proposal passes without a change by hand."""
-    proof = prove(proposed(name, UNKNOWN[name], tmp_path))
+    proof = prove(proposed(name, UNKNOWN[name], tmp_path), stimulus=SHORT_POKE)
     print(proof.axes)
     assert not proof.faults
     assert len(proof.trials) == 10

@@ -10,6 +10,7 @@ import pytest
 import tci
 from drivers.patient import patient
 from drivers.wires import wire
+from pressing import SHORT_POKE
 from tci.errors import DriverError
 from tci.experiments.body_trials import deaf
 from tci.experiments.experiment import trials_of
@@ -40,7 +41,7 @@ def answered(trial: Trial) -> bool:
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("name", WIRES)
 def test_pokes_of_the_demo_are_answered_from_another_process(name: str) -> None:
-    reflex, stimulus = tci.WithdrawalReflex(), Stimulus()
+    reflex, stimulus = tci.WithdrawalReflex(), SHORT_POKE
     nothing = replace(reflex, fields=())
     for robot in map(patient, ("icub", "nao", *WITHOUT_BINDING.get(name, ()))):
         if name == "naoqi" and robot.name != "nao":
@@ -86,10 +87,10 @@ def test_a_head_is_withdrawn_from_another_process() -> None:
     world, body = World(robot), tci.GenericBody(robot)
     field = next(one for one in reflex.fields.field if one.kind == "head")
     place = body.landmark("head", field.landmark)
-    held = poke_place(world, place, Stimulus(), reflex=deaf(reflex), seed=3)
+    held = poke_place(world, place, SHORT_POKE, reflex=deaf(reflex), seed=3)
     with wire("zenoh") as via, RemoteTrial(robot, via, reflex) as elsewhere:
         for _ in range(TRIES):
-            acted = poke_place(world, place, Stimulus(), reflex=reflex, seed=3, elsewhere=elsewhere)
+            acted = poke_place(world, place, SHORT_POKE, reflex=reflex, seed=3, elsewhere=elsewhere)
             trial = measure(robot, "head", field.name, acted, held)
             assert not trial.violations
             if trial.responded:

@@ -75,10 +75,16 @@ class Proof:
         return asdict(self)
 
 
-def prove(robot: Robot, *, progress: Callable[[str], None] = lambda what: None) -> Proof:
-    """Runs all tests of a robot in simulation. `progress` is called with the name of each step.
+def prove(
+    robot: Robot,
+    *,
+    stimulus: Stimulus | None = None,
+    progress: Callable[[str], None] = lambda what: None,
+) -> Proof:
+    """Runs all tests of a robot in simulation.
 
-    Raises DescriptionError for a robot that can't be simulated.
+    `stimulus` is the poke that tests the reflexes, by default `Stimulus()`. `progress` is called with the
+    name of each step. Raises DescriptionError for a robot that can't be simulated.
     """
     faults: list[str] = []
     arms = [f"{side}_arm" for side in SIDES]
@@ -126,8 +132,8 @@ def prove(robot: Robot, *, progress: Callable[[str], None] = lambda what: None) 
     progress("reflexes")
     try:
         for trial in chain(
-            trials_of(robot, reflex, stimulus=Stimulus(), seed=0),
-            body_trials_of(robot, body_reflex),
+            trials_of(robot, reflex, stimulus=stimulus or Stimulus(), seed=0),
+            body_trials_of(robot, body_reflex, stimulus=stimulus),
         ):
             trials.append(trial)
             faults += [f"{trial.side} {trial.site}: {fault}" for fault in trial_faults(robot, trial)]

@@ -86,7 +86,7 @@ lowest:  ## tests with the lowest versions that pyproject.toml allows, in .lowes
 	@$(PYTHON) -m venv .lowest
 	@.lowest/bin/python -m pip install --quiet --require-hashes --requirement requirements/lowest.txt
 	@.lowest/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
-	@.lowest/bin/python -m pytest -n 2 --dist loadgroup $(TESTS)
+	@NUMBA_CACHE_DIR="$(CURDIR)/.lowest/loops" .lowest/bin/python -m pytest -n 2 --dist loadgroup $(TESTS)
 
 clean:  ## remove what was built
 	rm -rf .venv .lowest .peers out docs/_build docs/_generated dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -33,6 +33,9 @@ LIVE = [
 """Tests with other processes, in real time. A busy machine makes a robot hold, rightly: few of them run at
 once."""
 
+FIRST = ["test_wheel.py", "viewer"]
+"""Longest groups of each half, which start first: at the end, other processors would wait for them."""
+
 # No test measures time: on a shared machine hypothesis' own deadline would fail correct code.
 hypothesis.settings.register_profile("untimed", deadline=None)
 hypothesis.settings.load_profile("untimed")
@@ -73,8 +76,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker(pytest.mark.live)
         if {"skin_data", "genuine_data"} & {*getattr(item, "fixturenames", ())}:
             item.add_marker(pytest.mark.data)
-    # The browser's tests are the longest group, so they start first.
-    items.sort(key=lambda item: "viewer" not in item.path.parts)
+    items.sort(key=lambda item: not any(item.path.is_relative_to(TESTS / place) for place in FIRST))
     if config.getoption("--data") is None:
         items[:] = [item for item in items if "genuine_data" not in getattr(item, "fixturenames", ())]
 

@@ -18,6 +18,7 @@ from tci.viewer.app import Viewer
 from tci.viewer.session import Session
 from viewer.browser import (
     COARSE,
+    PATIENCE,
     canvas_of,
     field,
     files,
@@ -212,10 +213,25 @@ def test_a_narrow_window_shows_the_arms_of_all(viewer: Viewer, page: Page) -> No
     wait_for(shown, "both arms of both robots are in the picture")
 
 
+LOSES_ONE = (
+    "addEventListener('click', event => event.stopImmediatePropagation(), {capture: true, once: true})"
+)
+"""A browser that loses the first click, as one does that draws the page anew in that moment."""
+
+
 def test_on_a_telephone_the_controls_begin_folded(viewer: Viewer, page: Page) -> None:
     assert page.context.browser is not None
-    phone = page.context.browser.new_page(viewport={"width": 390, "height": 844}, device_scale_factor=COARSE)
-    phone.goto(viewer.address)
-    phone.get_by_text("TCI", exact=True).first.wait_for()
-    wait_for(lambda: phone.get_by_text("TCI", exact=True).first.bounding_box()["y"] > 700, "they are folded")
-    phone.close()
+    with page.context.browser.new_page(
+        viewport={"width": 390, "height": 844}, device_scale_factor=COARSE
+    ) as phone:
+        phone.set_default_timeout(PATIENCE * 1000.0)
+        phone.add_init_script(LOSES_ONE)
+        phone.goto(viewer.address)
+        title = phone.get_by_text("TCI", exact=True).first
+        title.wait_for()
+
+        def folded() -> bool:
+            box = title.bounding_box()
+            return box is not None and box["y"] > 700
+
+        wait_for(folded, "they are folded")

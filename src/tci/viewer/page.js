@@ -17,7 +17,9 @@
   const fold = () => {
     const title = "//div[not(*) and normalize-space()='TCI']";
     const bar = document.evaluate(title, document, null, XPathResult.FIRST_ORDERED_NODE_TYPE).singleNodeValue;
-    bar ? bar.click() : setTimeout(fold, 200);
+    // Until it is at the bottom: a busy browser first draws another panel there, and then this one, unfolded.
+    if (bar?.parentElement.nextElementSibling?.getAttribute("aria-hidden") === "false") bar.click();
+    if (!(bar?.getBoundingClientRect().top > innerHeight - 100)) setTimeout(fold, 200);
   };
   addEventListener("load", () => {
     document.body.append(told);

@@ -11,6 +11,7 @@ import numpy as np
 from tci.drivers.unitree import messages
 from tci.drivers.unitree.node import MOST, UnitreeNode, latest
 from tci.drivers.unitree.wire import STATE, WEIGHT, decode_command, encode_state
+from tci.runtime.real_time import real_time_where_permitted
 
 PERIOD = 0.004
 
@@ -47,6 +48,10 @@ class Puppet:
         self._thread.start()
 
     def _live(self) -> None:
+        with real_time_where_permitted():  # as a robot, whose loop waits for no other program
+            self._move()
+
+    def _move(self) -> None:
         due = time.monotonic()
         while self._open:
             if time.monotonic() >= due:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import tci
+from drivers.patient import patient
 from drivers.unitree.domains import DOMAINS
 from peers import peer_python
 from tci.drivers.driver import Driver
@@ -78,7 +79,7 @@ def bend(driver: Driver, by: float, joint: str = ELBOW) -> None:
 def test_a_robot_of_the_vendors_python_moves_its_arm_and_gets_it_back() -> None:
     domain = next(DOMAINS)
     with peer("py_robot", domain) as robot:
-        with tci.connect("g1", f"unitree:lo/{domain}", arm=True) as driver:
+        with tci.connect(patient("g1"), f"unitree:lo/{domain}", arm=True) as driver:
             arm = driver.native("left_arm")
             assert arm.positions(driver.read().joints)[ELBOW] == pytest.approx(0.5)
             bend(driver, -0.35)
@@ -92,7 +93,7 @@ def test_a_robot_of_the_vendors_python_moves_its_arm_and_gets_it_back() -> None:
 
 def test_a_robot_of_the_vendors_cpp_is_taken_by_name_and_left_damped() -> None:
     with peer("cpp_robot", 0) as robot:
-        with tci.connect("g1", "unitree:lo?control=all", arm=True) as driver:
+        with tci.connect(patient("g1"), "unitree:lo?control=all", arm=True) as driver:
             bend(driver, 0.35)
         found = robot.told(robot=True)
     assert found["largest"] == pytest.approx(0.35, abs=0.01)
@@ -103,7 +104,7 @@ def test_a_robot_of_the_vendors_cpp_is_taken_by_name_and_left_damped() -> None:
 def test_fingers_of_the_vendors_python_bend_one_by_one_and_press_sensors_are_skin() -> None:
     domain, finger = next(DOMAINS), "left_hand_index_0_joint"
     with peer("py_hands", domain) as robot:
-        with tci.connect("g1-hands", f"unitree:lo/{domain}", arm=True) as driver:
+        with tci.connect(patient("g1-hands"), f"unitree:lo/{domain}", arm=True) as driver:
             hand = driver.native("left_arm")
             reading = driver.read()
             assert hand.positions(reading.joints)[finger] == pytest.approx(-0.1)

@@ -218,14 +218,14 @@ def test_a_run_after_one_that_ended_in_motion_is_obeyed(driver: Driver) -> None:
     for _ in range(2 * PATIENCE):
         away = -1.0 if elbow(driver) < -0.8 else 1.0  # from the middle, then back: no limit is in the way
         first = run(
-            driver, Once(bend(driver, np.clip(elbow(driver) + 0.5 * away, -1.5, -0.1), 0.3)), duration=0.4
+            driver, Once(bend(driver, np.clip(elbow(driver) + 0.5 * away, -1.5, -0.1), 0.3)), duration=0.3
         )
-        goal = elbow(driver) - 0.3 * away
+        goal = elbow(driver) - 0.15 * away
         refused.clear()
         second = run(
             driver,
             Once(bend(driver, goal, 0.3)),
-            duration=1.5,
+            duration=0.9,
             observe=lambda tick: refused.extend(map(str, tick.sent.refusals)),
         )
         if not refused and abs(elbow(driver) - goal) < 0.05:
@@ -240,7 +240,7 @@ def test_a_run_after_one_that_ended_in_motion_is_obeyed(driver: Driver) -> None:
 
 def test_32_a_reader_that_was_away_gets_the_latest_and_no_backlog(driver: Driver) -> None:
     before = driver.read().joints.sequence
-    driver.clock.sleep_until(driver.clock.now() + 1.5)
+    driver.clock.sleep_until(driver.clock.now() + 2.0 * SILENCE)
     reading, now = driver.read(), driver.clock.now()
     assert abs(now - reading.joints.stamp) <= driver.gate.stale_after
     assert reading.joints.sequence > before + 10
@@ -253,7 +253,7 @@ def test_28_34_a_peer_that_falls_silent_means_hold_and_comes_back_without_replay
 ) -> None:
     assert drive_until(driver, lambda: abs(elbow(driver) + 0.3) < 0.01, bend(driver, -0.3))
     away = bend(driver, -1.4, 0.1)
-    last = drive(driver, away, duration=5.0, until=lambda sent: elbow(driver) < -0.4)
+    last = drive(driver, away, duration=5.0, until=lambda sent: elbow(driver) < -0.35)
     led = dict(zip(last.servos.tolist(), last.position.tolist(), strict=True))[away.servos[0]]
     peer.freeze()
     try:
@@ -277,9 +277,8 @@ def test_28_34_a_peer_that_falls_silent_means_hold_and_comes_back_without_replay
     # The robot was moving to where it was commanded before it was frozen (a busy machine lags), and holds
     # from its first period on: it stops between the two. Commands sent from then until the hold here,
     # 0.05 rad more, are not executed.
-    for _ in range(2):
-        drive(driver, duration=1.0)
-        passed.append(elbow(driver))
+    drive(driver, duration=1.0)
+    passed.append(elbow(driver))
     assert min(passed) > min(frozen, led) - AFTER_THAW
     assert max(passed) < max(frozen, led) + AFTER_THAW
     assert drive_until(driver, lambda: abs(elbow(driver) + 0.3) < 0.03, bend(driver, -0.3))

@@ -114,7 +114,7 @@ def test_the_reflex_withdraws_the_arm_over_yarp_and_touches_nothing_else(show: S
                     world.finger.poke(place.patch, place.p_L, place.n_L, speed=0.25, depth=0.01, gap=0.05)
                 seen.append(tick)
 
-            tci.run(driver, reflex, duration=4.0, observe=observe)
+            tci.run(driver, reflex, duration=2.0, observe=observe)
         begun = seen[0].reading.joints.position
         path = np.array([tick.reading.joints.position - begun for tick in seen])
         away = np.rad2deg(np.abs(path).max(axis=0))

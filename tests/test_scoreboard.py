@@ -91,6 +91,21 @@ def test_a_row_that_was_not_tried_stays_as_it_is_on_the_page(tool: Any, tmp_path
     assert path.read_text() == f"before\n{row.BEGIN}{head}{new}{row.END}after\n"
 
 
+def test_each_line_of_a_table_on_the_page_has_the_cells_of_its_head(tool: Any) -> None:
+    """A measured row, written by hand, had replaced a line of the table of judgements."""
+    tables: list[list[str]] = [[]]
+    for line in tool("row").PAGE.read_text().splitlines():
+        if line.startswith("|"):
+            tables[-1].append(line)
+        elif tables[-1]:
+            tables.append([])
+    heads = [table[0].split(" | ") for table in tables if table]
+    assert any(len(head) == len(tool("row").HEAD) for head in heads)
+    for table in filter(None, tables):
+        wrong = [line for line in table if line.count(" | ") != table[0].count(" | ") and "|---" not in line]
+        assert not wrong
+
+
 @pytest.mark.parametrize(
     ("file", "row"),
     [("attacks", "limits"), ("plant", "plant"), ("non_finite", "non_finite"), ("explore", "loop"),

@@ -18,7 +18,7 @@ import tci
 from felt_skin import FeltSkin, PatchFelt
 from skin.kernels import contact_oracle
 from tci.authoring.dense_skin import with_dense_skin
-from tci.capabilities.answer import Touches, field_table, find_answers, segments_of
+from tci.capabilities.answer import Touches, field_table, find_answers, site_numbers
 from tci.capabilities.discounts import phi, psi
 from tci.capabilities.fields import default_fields
 from tci.compiled import inlined
@@ -47,7 +47,7 @@ taxels."""
 @inlined
 def respond(
     repeats, values, last, which, stamps, layout, estimates, memory, active, clusters, poses, posture,
-    summary, made, segments, fields, beside, squares, closest, one, gains,
+    summary, made, segments, merged, fields, beside, squares, closest, one, gains,
 ):  # fmt: skip
     count = 0
     for again in range(repeats):
@@ -61,7 +61,7 @@ def respond(
             made.site[:count], made.begin, made.force, made.peak, made.limb_point, made.taxel_force,
             made.taxel_point,
         )  # fmt: skip
-        _answer(fields, False, segments, touches, beside, squares, closest, one)
+        _answer(fields, False, segments, merged, touches, beside, squares, closest, one)
         for c in range(count):
             if closest[c] >= 0:
                 gains[closest[c]] = max(gains[closest[c]], one[c])
@@ -108,15 +108,16 @@ class Frame:
         poses = np.array([self.poses[link] for link in self.layout.links])
         finder = ContactFinder(self.layout)
         self._condition = (
-            conditioner._last, np.zeros(1, np.int64), np.full(1, np.nan), 0.0, arrays, conditioner.estimates,
+            conditioner._buffer.last, np.zeros(1, np.int64), np.full(1, np.nan), 0.0, arrays, conditioner.estimates,
             conditioner._memory, conditioner._out,
         )  # fmt: skip
         self._clusters, self._posture = finder._clusters, (poses, self.posture[None, :4].copy())
         self._room = np.full(n, -1), np.zeros(fields), np.zeros(n, np.int64), np.zeros(n)
-        self._segments = segments_of(self.layout.sites)
+        self._sites = site_numbers(self.layout.sites)[1:]
         self._arguments = (
             *self._condition[:3], *self._condition[4:], self._clusters, *self._posture,
-            np.zeros((n, SUMMARY)), empty_contacts(n, n), self._segments, self.table, *self._room, self.gains,
+            np.zeros((n, SUMMARY)), empty_contacts(n, n), *self._sites, self.table, *self._room,
+            self.gains,
         )  # fmt: skip
         self.show(self.touched)
 
@@ -154,7 +155,7 @@ class Frame:
             )
         )  # fmt: skip
         closest, gains = np.empty(count, np.int64), np.empty(count)
-        find_answers(self.table, False, self._segments, touches, *self._room[:2], closest, gains)
+        find_answers(self.table, False, *self._sites, touches, *self._room[:2], closest, gains)
 
     def numpy(self) -> np.ndarray:
         """Processes the frame with the tests' reference implementation: contacts are objects, and NumPy

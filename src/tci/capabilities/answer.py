@@ -36,16 +36,25 @@ def field_table(fields: Sequence[ReceptiveField]) -> Array:
     return read_only(np.ascontiguousarray(np.array(rows, dtype=np.float64).reshape(-1, 8).T))
 
 
-@lru_cache(maxsize=16)
-def segments_of(sites: tuple[Site, ...]) -> NDArray[np.int64]:
-    """Returns the index (p,) of each site's segment in SEGMENTS; -1 for a segment that SEGMENTS lacks."""
-    return read_only([SEGMENTS.index(s.segment) if s.segment in SEGMENTS else -1 for s in sites], np.int64)
+class SiteNumbers(NamedTuple):
+    """Properties of the sites (p,) of a table of contacts."""
+
+    part: tuple[str, ...]
+    """Name of the generic part."""
+    segment: NDArray[np.int64]
+    """Index of the segment in SEGMENTS; -1 for a segment that SEGMENTS lacks."""
+    merged: NDArray[np.int64]
+    """A number for each part of which only the strongest response of a field counts; -1 for other parts."""
 
 
-@lru_cache(maxsize=16)
-def parts_of(sites: tuple[Site, ...]) -> tuple[str, ...]:
-    """Returns the name (p,) of the generic part of each site."""
-    return tuple([site.part for site in sites])
+@lru_cache(maxsize=64)
+def site_numbers(sites: tuple[Site, ...], merged: frozenset[str] = frozenset()) -> SiteNumbers:
+    """Returns the properties of `sites`. `merged` are the parts of which only the strongest response of a
+    field counts."""
+    parts = tuple([site.part for site in sites])
+    segments = [SEGMENTS.index(s.segment) if s.segment in SEGMENTS else -1 for s in sites]
+    numbers = [parts.index(part) if part in merged else -1 for part in parts]
+    return SiteNumbers(parts, read_only(segments, np.int64), read_only(numbers, np.int64))
 
 
 class Touches(NamedTuple):
@@ -108,13 +117,22 @@ _TOUCHES = record(Touches, reads(1, int64), reads(1, int64), reads(1), reads(1),
 
 @compiled(
     void(
-        reads(2), boolean, reads(1, int64), _TOUCHES, writes(1, int64), writes(1), writes(1, int64), writes(1)
+        reads(2),
+        boolean,
+        reads(1, int64),
+        reads(1, int64),
+        _TOUCHES,
+        writes(1, int64),
+        writes(1),
+        writes(1, int64),
+        writes(1),
     )
 )
 def find_answers(
     fields: Array,
     cosine: bool,
     segments: NDArray[np.int64],
+    merged: NDArray[np.int64],
     contacts: Touches,
     beside: NDArray[np.int64],
     squares: Array,
@@ -126,12 +144,14 @@ def find_answers(
     Args:
         fields: Table (8, m) of `field_table`.
         cosine: True to use `psi_cosine` instead of `psi`.
-        segments: Indices (p,) of the sites' segments, from `segments_of`.
+        segments: Indices (p,) of the sites' segments, see `SiteNumbers`.
+        merged: Numbers (p,) of the sites' parts, see `SiteNumbers`.
         contacts: Arrays of c contacts.
         beside: Index (c,) of a field that is excluded for each contact; -1 for none.
         squares: Scratch array (m,).
         nearest: Output (c,): index of the nearest field; -1 if the contact lies in no field.
-        gains: Output (c,): gain of this field, 0 to 1.
+        gains: Output (c,): gain of this field, 0 to 1. Among contacts of one `merged` part with one nearest
+            field, only the strongest gain remains; of equal gains, the first.
     """
     for c in range(len(contacts.site)):
         point = contacts.limb_point[c]
@@ -146,3 +166,8 @@ def find_answers(
             felt = _felt(fields, closest, contacts, c)
             gain = _phi(felt, fields[_THRESHOLD, closest], fields[_SATURATION, closest])
             gains[c] = gain * (_psi_cosine(apart, radius) if cosine else _psi(apart, radius))
+        part = merged[contacts.site[c]]
+        for d in range(c if part >= 0 and gains[c] > 0.0 else 0):
+            if gains[d] > 0.0 and nearest[d] == closest and merged[contacts.site[d]] == part:
+                weaker = d if gains[c] > gains[d] else c
+                gains[weaker] = 0.0

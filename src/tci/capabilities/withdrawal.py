@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from tci.body.generic_body import GenericBody
-from tci.capabilities.answer import field_table, find_answers, parts_of, segments_of, touches
+from tci.capabilities.answer import SiteNumbers, field_table, find_answers, site_numbers, touches
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField, default_fields, default_surround
 from tci.capabilities.withdrawal_rule import Wish, Withdrawals, blind_field, new_targets, withdraw_all
@@ -132,8 +132,11 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         """
         contacts, wishes = perception.contacts, dict[str, list[Wish[ReceptiveField]]]()
         if len(contacts):
-            moving = [part for part, one in memory.motions.items() if not one.quiet]
-            wishes = self._wishes(contacts, around=self._asking(memory, contacts), moving=moving)
+            # A moving part responds to the strongest touch of each field; weaker ones have no effect.
+            moving = frozenset([part for part, one in memory.motions.items() if not one.quiet])
+            sites, numbers = contacts.site.tolist(), site_numbers(contacts.sites, moving)
+            around = self._asking(memory, {numbers.part[site] for site in {*sites}})
+            wishes = self._wishes(contacts, sites, numbers, around)
         after = withdraw_all(memory, wishes, perception, body, refractory=self.refractory, mode=self.mode)
         if self.mode is not Mode.VELOCITY:
             return new_targets(memory, after, self.mode), after
@@ -168,19 +171,20 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
 
     def answers(self, contacts: Sequence[Contact]) -> list[Answer | None]:
         """Returns the response to each contact as if this contact were the only one."""
-        wishes = self._wishes(Contacts.of(contacts), around={one.part for one in contacts})
+        table = Contacts.of(contacts)
+        numbers = site_numbers(table.sites)
+        wishes = self._wishes(table, table.site.tolist(), numbers, around={*numbers.part})
         found: list[Answer | None] = [None] * len(contacts)
         for wish in (one for part in wishes.values() for one in reversed(part)):
             found[wish.contact] = Answer(wish.field, wish.gain)
         return found
 
-    def _asking(self, memory: WithdrawalMemory, contacts: Contacts) -> set[str]:
-        """Returns the touched arms for which fields of `surround` may respond.
+    def _asking(self, memory: WithdrawalMemory, touched: Collection[str]) -> set[str]:
+        """Returns those of the `touched` arms for which fields of `surround` may respond.
 
         They are the arms at rest, and the arms that a field of `surround` already moves.
         """
-        parts, own = parts_of(contacts.sites), memory.motions
-        touched = {parts[site] for site in {*contacts.site.tolist()}}
+        own = memory.motions
         return {part for part in touched if part not in own or own[part].field.name in self._around}
 
     @cached_property
@@ -188,37 +192,30 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         return frozenset(field.name for field in self.surround or ())
 
     def _wishes(
-        self, contacts: Contacts, *, around: Collection[str], moving: Collection[str] = ()
+        self, contacts: Contacts, sites: Sequence[int], numbers: SiteNumbers, around: Collection[str]
     ) -> dict[str, list[Wish[ReceptiveField]]]:
         """Returns the requested responses (wishes) by part.
 
         Each contact requests the response of the closest of `fields`. For a part in `around`, the responses
-        of the two closest fields of `surround` follow. For a part in `moving`, only the strongest wish of
-        each field is returned, since the weaker ones have no effect.
+        of the two closest fields of `surround` follow. `sites` (c,) are the contacts' sites, and `numbers`
+        the properties of all sites.
         """
         wishes: dict[str, list[Wish[ReceptiveField]]] = {}
-        segments, felt, parts = segments_of(contacts.sites), touches(contacts), parts_of(contacts.sites)
-        sites, count = contacts.site.tolist(), len(contacts)
+        felt, parts, count = touches(contacts), numbers.part, len(sites)
+        cosine = self.distance_discount == "cosine"
         for ranks, fields, table in self._tables if around else self._tables[:1]:
             closest = np.full(count, -1)
             for rank in ranks:
                 beside, closest, gains = closest, np.empty(count, np.int64), np.empty(count)
                 _find_answers(
-                    table, self.distance_discount == "cosine", segments, felt, beside, np.empty(len(fields)),
+                    table, cosine, numbers.segment, numbers.merged, felt, beside, np.empty(len(fields)),
                     closest, gains,
                 )  # fmt: skip
-                strongest: dict[tuple[str, int], tuple[float, int]] = {}
-                rows = zip(sites, closest.tolist(), gains.tolist(), strict=True)
-                for row, (site, nearest, gain) in enumerate(rows):
-                    part = parts[site]
-                    if not gain > 0.0 or (rank and part not in around):
-                        continue
-                    if part not in moving:
-                        wishes.setdefault(part, []).append(Wish(fields[nearest], gain, row, rank))
-                    elif (key := (part, nearest)) not in strongest or gain > strongest[key][0]:
-                        strongest[key] = gain, row
-                for (part, nearest), (gain, row) in strongest.items():
-                    wishes.setdefault(part, []).append(Wish(fields[nearest], gain, row, rank))
+                for row in gains.nonzero()[0].tolist():
+                    part = parts[sites[row]]
+                    if not rank or part in around:
+                        wish = Wish(fields[closest[row]], float(gains[row]), row, rank)
+                        wishes.setdefault(part, []).append(wish)
         return wishes
 
     @cached_property

@@ -158,20 +158,18 @@ class Postures:
         self._servos = np.array([servo for servos, _ in sums for servo in servos], np.intp)
         self._factor = np.array([factor for _, factors in sums for factor in factors])
         self._first = np.cumsum([0, *(len(servos) for servos, _ in sums)])[:-1]
+        self._single = len(self._servos) == len(self._ids)  # each sum has one term
         self._whole = np.array_equal(self._ids, np.arange(len(self._fixed)))
         self._others = [(begin + t.ids, t) for begin, t in placed if not t.constant]
 
     def to_generic(self, position: Array) -> dict[str, Array]:
         """Returns the generic angles (n,) [rad] of every part, by the name of the part, for the `position`
         (n_servos,) [rad] of all servos. The arrays are read-only."""
-        generic = self._fixed.copy()
-        if len(self._ids):
-            terms = self._factor * position.take(self._servos)
-            constant = np.add.reduceat(terms, self._first) + self._offset
-            if self._whole:
-                generic = constant
-            else:
-                generic[self._ids] = constant
+        terms = self._factor * position.take(self._servos)
+        generic: Array = (terms if self._single else np.add.reduceat(terms, self._first)) + self._offset
+        if not self._whole:
+            constant, generic = generic, self._fixed.copy()
+            generic[self._ids] = constant
         for ids, transform in self._others:
             generic[ids] = transform.generic(position[transform.servos])
         generic.setflags(write=False)

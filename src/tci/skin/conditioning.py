@@ -11,17 +11,18 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from operator import gt, lt
+from operator import attrgetter, gt, lt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tci.compiled import entry
-from tci.errors import FrameError, TciError, UnknownNameError
-from tci.frames import frozen
+from tci.errors import TciError, UnknownNameError
+from tci.frames import Array, frozen
 from tci.messages import SkinFrame, SkinState
 from tci.skin.baseline import BaselineSettings
 from tci.skin.estimation import PatchEstimator
+from tci.skin.frame_buffer import FrameBuffer
 from tci.skin.health import Health, HealthSettings
 from tci.skin.kernels.arrays import BLOCK, BLOCK_SIZE, ActiveTaxels, Estimates, SkinMemory
 from tci.skin.kernels.condition import (
@@ -52,11 +53,7 @@ RESTART = 1.0
 """If a frame has a lower sequence number than the previous frame, but its stamp is later by more than this
 time [s], the sender counts as restarted. Assumed: with a shorter time, a frame out of order could look like a
 restart. With a longer time, the frames of a restarted sender would be ignored for longer."""
-
-
-SETS = 16
-"""Largest number of cached entries. An entry belongs to one combination of patches that send together.
-Assumed: this is more than the number of different frame rates of a robot's patches."""
+_FIELDS = attrgetter("patch", "stamp", "sequence", "values")
 _CONDITION = {np.dtype(kind): entry(condition, k) for k, kind in enumerate((np.uint8, np.float32))}
 """The kernel for each dtype of raw values."""
 
@@ -107,8 +104,7 @@ class Conditioner:
         """One estimator for each patch (p,)."""
         arrays, patches = layout.arrays, len(layout.patches)
         taxels, blocks = len(arrays.taxel), int(arrays.begin[-1, BLOCK])
-        self._raw = np.zeros(layout.channels[-1].stop if patches else 0, layout.dtype)
-        self._last = self._raw.copy()
+        self._buffer = FrameBuffer(layout)
         self.estimates = Estimates(
             offset=np.zeros(taxels, np.float32),
             threshold=np.zeros(taxels, np.float32),
@@ -144,10 +140,6 @@ class Conditioner:
         }
         self._vectors = {p: np.zeros((0, 3)) for p in self._shears}
         self._ended: list[int] = []
-        self._names: list[str] = []
-        self._which, self._sizes = np.zeros(0, np.int64), list[tuple[int]]()
-        self._all = False
-        self._arranged: dict[tuple[str, ...], tuple[NDArray[np.int64], list[tuple[int]], bool]] = {}
         for estimator, own in zip(self.estimators, layout.taxels, strict=True):
             estimator.write(own, self.estimates)
         self._masked: NDArray[np.bool_] | None = None
@@ -184,29 +176,33 @@ class Conditioner:
         If frames are out of order, the newest frame is used. Raises FrameError, and changes nothing, if a
         frame does not fit its patch.
         """
-        names = [frame.patch for frame in frames]
-        if names != self._names:
-            if len({*names}) < len(names):
-                return self._step_each(frames)
-            self._arrange(names)
-        known, sequences = self._sequence[self._which].tolist(), [frame.sequence for frame in frames]
+        if not frames:
+            return False
+        names, stamps, sequences, given = zip(*map(_FIELDS, frames), strict=True)
+        if len({*names}) < len(names):
+            return self._step_each(frames)
+        buffer = self._buffer
+        buffer.arrange(names)
+        known = (self._sequence if buffer.whole else self._sequence[buffer.which]).tolist()
         if not all(map(gt, sequences, known)):
             fresh = [frame for frame, last in zip(frames, known, strict=True) if self._is_new(frame, last)]
             if len(fresh) < len(frames):
                 late = sum(map(lt, sequences, known)) - sum(
                     frame.sequence < self._sequence[self.layout.places[frame.patch]] for frame in fresh
                 )
-                taken = bool(fresh) and self.step(fresh)
+                taken = self.step(fresh)
                 self.late += late
                 return taken
-        if not frames:
-            return False
-        values = [np.asarray(frame.values) for frame in frames]
-        self._check(values)
+        values = [*map(np.asarray, given)]
+        buffer.check(values)
         self.catch_up()
-        self._fill(values)
-        self._sequence[self._which] = sequences
-        self._condition(frames)
+        buffer.fill(values)
+        # A new array in each step: the states share it.
+        sequence = np.array(sequences, np.int64) if buffer.whole else self._sequence.copy()
+        if not buffer.whole:
+            sequence[buffer.which] = sequences
+        self._sequence = sequence
+        self._condition(frames, np.array(stamps, np.float64))
         return True
 
     def update(self) -> bool:
@@ -245,31 +241,11 @@ class Conditioner:
             self.estimators[p].rezero(self._memory.statistics[:, self.layout.taxels[p]])
             self._restart(p)
 
-    def _arrange(self, names: list[str]) -> None:
-        """Prepares the arrays for frames of the patches `names`.
-
-        The result is cached, since few combinations of patches occur: slow patches send together with every
-        n-th frame of fast patches.
-        """
-        places = self.layout.places
-        found = self._arranged.get(key := tuple(names))
-        if found is None:
-            for name in names:
-                if name not in places:
-                    raise FrameError(f"no skin patch {name!r}; valid: {', '.join(places) or '(none)'}")
-            which = [places[name] for name in names]
-            sizes = [(self.layout.patches[p].description.channels,) for p in which]
-            if len(self._arranged) >= SETS:
-                self._arranged.clear()
-            found = self._arranged[key] = np.array(which, np.int64), sizes, which == [*range(len(places))]
-        self._which, self._sizes, self._all = found
-        self._names = names
-
     def _step_each(self, frames: Sequence[SkinFrame]) -> bool:
         """Processes several frames of one patch, one after another."""
         for frame in frames:
-            self._arrange([frame.patch])
-            self._check([np.asarray(frame.values)])
+            self._buffer.arrange((frame.patch,))
+            self._buffer.check([np.asarray(frame.values)])
         taken = [self.step([frame]) for frame in frames]  # every one
         return any(taken)
 
@@ -277,67 +253,32 @@ class Conditioner:
         stamp = self._memory.patches[self.layout.places[frame.patch], STAMP]
         return frame.sequence > known or not frame.stamp <= stamp + RESTART
 
-    def _check(self, values: list[NDArray[np.generic]]) -> None:
-        """Raises FrameError unless all frames fit their patches.
-
-        Switches the buffer of raw values to float32 if the dtype of the frames requires float32.
-        """
-        if [one.shape for one in values] != self._sizes:
-            for name, one, size in zip(self._names, values, self._sizes, strict=True):
-                if one.shape != size:
-                    raise FrameError(
-                        f"{name}: frame of shape {one.shape}, expected {size}, one value per channel"
-                    )
-        own = self._raw.dtype
-        others = {one.dtype for one in values if one.dtype is not own}
-        for name, one in zip(self._names, values, strict=True) if others else ():
-            if one.dtype.kind not in "uif":
-                raise FrameError(
-                    f"{name}: frame of type {one.dtype}, expected integers or floating point numbers"
-                )
-        if own != np.float32 and not all(np.can_cast(other, own) for other in others):
-            self._raw, self._last = self._raw.astype(np.float32), self._last.astype(np.float32)
-
-    def _fill(self, values: list[NDArray[np.generic]]) -> None:
-        if self._raw.dtype != np.float32:
-            self._copy(values)
-        else:  # NaN and numbers that are too large become values outside every sensor's range
-            with np.errstate(invalid="ignore", over="ignore"):
-                self._copy(values)
-
-    def _copy(self, values: list[NDArray[np.generic]]) -> None:
-        if self._all:
-            np.concatenate(values, out=self._raw, casting="unsafe")
-        else:
-            for p, one in zip(self._which.tolist(), values, strict=True):
-                self._raw[self.layout.channels[p]] = one
-
-    def _condition(self, frames: Sequence[SkinFrame]) -> None:
-        memory = self._memory
-        ended = _CONDITION[self._raw.dtype](
-            self._raw, self._last, self._which, np.array([frame.stamp for frame in frames], np.float64),
-            self.settings.latency, self.layout.arrays, self.estimates, memory, self._out,
+    def _condition(self, frames: Sequence[SkinFrame], stamps: Array) -> None:
+        memory, buffer = self._memory, self._buffer
+        ended = _CONDITION[buffer.raw.dtype](
+            buffer.raw, buffer.last, buffer.which, stamps, self.settings.latency, self.layout.arrays,
+            self.estimates, memory, self._out,
         )  # fmt: skip
-        which = self._which.tolist()
         if self._masked is not None:
-            self._revive(which)
+            self._revive(buffer.which.tolist())
         if ended:
             status = memory.patches
             self._ended = [
-                p for p in which
+                p for p in buffer.which.tolist()
                 if status[p, ELAPSED] >= status[p, DUE] and status[p, IN_WINDOW] >= status[p, LEAST]
             ]  # fmt: skip
-        for p in self._shears.keys() & {*which}:
-            self._shear(p, frames[which.index(p)])
+        if self._shears:
+            for p, frame in zip(buffer.which.tolist(), frames, strict=True):
+                if p in self._shears:
+                    self._shear(p, frame)
         self.state = self._state()
 
     def _state(self) -> SkinState:
-        out = self._out
-        found = int(out.begin[-1])
+        out, begin = self._out, self._out.begin.copy()
+        found = int(begin[-1])
         return SkinState(
-            self.layout.starts, self._memory.patches[:, STAMP].copy(), self._sequence.copy(),
-            out.begin.copy(), out.active[:found].copy(), out.pressure[:found].copy(), self._vector(),
-            self._masked,
+            self.layout.starts, self._memory.patches[:, STAMP].copy(), self._sequence, begin,
+            out.active[:found].copy(), out.pressure[:found].copy(), self._vector(), self._masked,
         )  # fmt: skip
 
     def _shear(self, p: int, frame: SkinFrame) -> None:

@@ -13,7 +13,7 @@ import tci
 
 ROOT = Path(tci.__file__).parent
 LAYERS = (
-    "reasons errors installed clock frames compile_ahead compiled engine",
+    "reasons errors installed clock frames records compile_ahead compiled engine",
     "contacts",
     "messages",
     "rosmsg",

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.frames import Array, frozen
+from tci.records import quick
 
 _set_writable: Any = np.ndarray.setflags
 """Sets whether an array can be changed. Passing the argument of `setflags` by keyword would take three times
@@ -56,6 +57,7 @@ class Site(NamedTuple):
     """Segment of that part: `upper_arm`, `forearm`; empty for skin on neither of them."""
 
 
+@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class Contacts(Frozen, Sequence["Contact"]):
     """Contacts of one frame as arrays; indexing returns row views. Contacts are in the order of patches, and
@@ -179,6 +181,7 @@ class _Vector(_Number):
         return vector
 
 
+@quick
 @dataclass(frozen=True, slots=True)
 class Contact:
     """A cluster of active taxels (eq. 7). A row view of `Contacts`, whose fields document the numbers."""

@@ -26,6 +26,7 @@ from tci.contacts import Frozen
 from tci.contacts import Site as Site
 from tci.errors import CommandError, UnknownNameError
 from tci.frames import Array, read_only
+from tci.records import quick
 
 
 class Mode(Enum):
@@ -60,6 +61,7 @@ CONTROL_MODES = (Mode.POSITION, Mode.VELOCITY, Mode.TORQUE, Mode.IMPEDANCE)
 them."""
 
 
+@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class JointReading:
     """The robot's joints at one instant, in the order of `Robot.servos`."""
@@ -84,6 +86,7 @@ class JointReading:
     it."""
 
 
+@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinFrame:
     """One frame of one patch, as the robot sent it."""
@@ -98,6 +101,7 @@ class SkinFrame:
     """Raw values (channels,), in the sensor's own units and order."""
 
 
+@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
     """The latest data of one robot: its joints and one frame of every patch."""
@@ -108,6 +112,7 @@ class Reading:
     """Latest frame of each patch that has sent one."""
 
 
+@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinState(Frozen):
     """Pressure on the whole skin at one instant. It lists only active taxels, which are those above their
@@ -182,6 +187,7 @@ class Support:
     loaded soles, or without masses in the model."""
 
 
+@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class Perception:
     """Everything a capability perceives at one instant. Plain data of the same form for every robot.
@@ -210,6 +216,7 @@ def _take_mode(command: GenericCommand | SwitchMode | PlatformSwitch | PlatformC
         object.__setattr__(command, "mode", Mode.of(command.mode))
 
 
+@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class GenericCommand:
     """A capability's command to a generic part."""
@@ -273,6 +280,7 @@ class PlatformSwitch:
         _take_mode(self)
 
 
+@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class PlatformCommand:
     """A command in the robot's own joint space. It contains only servos to which the generic part is

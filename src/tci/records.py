@@ -1,0 +1,46 @@
+"""Faster creation of frozen data classes.
+
+The `__init__` of a frozen data class calls `object.__setattr__` once per field, because the class forbids
+assignments. In a control period of a robot with skin, these calls took more time than most compiled loops.
+"""
+
+from __future__ import annotations
+
+from dataclasses import MISSING, fields
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+
+def quick(kind: type[T]) -> type[T]:
+    """Makes a frozen data class with slots two to four times as fast to create; nothing else changes.
+
+    A new object first has an equal class that permits assignments. After the last assignment it gets its own
+    class. Raises TypeError for a field that is computed, or that only a keyword sets.
+    """
+    cls: Any = kind
+    names, parameters, defaults = [], ["cls"], {}
+    for one in fields(cls):
+        if not one.init or one.kw_only or one.default_factory is not MISSING:
+            raise TypeError(f"{cls.__name__}.{one.name}; valid: a field with at most a default value")
+        names.append(one.name)
+        parameters.append(one.name)
+        if one.default is not MISSING:
+            defaults[f"_{one.name}"] = one.default
+            parameters[-1] += f"=_{one.name}"
+    open_kind = type(cls.__name__, (cls.__base__,), {"__slots__": cls.__slots__})
+    lines = [
+        f"def __new__({', '.join(parameters)}):",
+        "self = _new(_open_kind)",
+        *(f"self.{name} = {name}" for name in names),
+        "self.__class__ = cls",
+        *(["self.__post_init__()"] if hasattr(cls, "__post_init__") else []),
+        "return self",
+    ]
+    room: dict[str, Any] = {"_new": object.__new__, "_open_kind": open_kind, **defaults}
+    exec("\n    ".join(lines), room)
+    cls.__new__ = room["__new__"]
+    del cls.__init__
+    if cls.__reduce__ is object.__reduce__:
+        cls.__reduce__ = lambda self: (type(self), tuple([getattr(self, name) for name in names]))
+    return kind

@@ -1,0 +1,71 @@
+"""Checks that `quick` changes nothing but the time that an object takes."""
+
+import copy
+import pickle
+from dataclasses import FrozenInstanceError, dataclass, field, replace
+from inspect import signature
+
+import numpy as np
+import pytest
+
+from tci.contacts import Contact, Contacts
+from tci.gate.safe_command import SafeCommand
+from tci.messages import Perception, SkinFrame, SkinState
+from tci.records import quick
+
+
+@quick
+@dataclass(frozen=True, slots=True)
+class Pair:
+    first: int
+    second: str = "b"
+
+    def __post_init__(self) -> None:
+        if self.first < 0:
+            raise ValueError("negative")
+
+
+def test_fields_defaults_and_checks_are_those_of_the_data_class() -> None:
+    assert Pair(1) == Pair(first=1, second="b")
+    assert hash(Pair(1)) == hash(Pair(1))
+    assert repr(Pair(1)) == "Pair(first=1, second='b')"
+    assert replace(Pair(1), second="c") == Pair(1, "c")
+    assert list(signature(Pair).parameters) == ["first", "second"]
+    for wrong in ((), (1, "b", 3)):
+        with pytest.raises(TypeError):
+            Pair(*wrong)
+    with pytest.raises(ValueError, match="negative"):
+        Pair(-1)
+
+
+def test_an_object_stays_frozen() -> None:
+    pair, frame = Pair(1), SkinFrame("patch", 0.0, 1, np.zeros(2))
+    with pytest.raises(FrozenInstanceError):
+        pair.first = 2  # type: ignore[misc]
+    with pytest.raises(FrozenInstanceError):
+        frame.stamp = 2.0  # type: ignore[misc]
+    assert type(frame) is SkinFrame
+    assert not hasattr(pair, "__dict__")
+
+
+def test_copies_and_pickles_are_equal() -> None:
+    for other in (copy.copy(Pair(1)), copy.deepcopy(Pair(1)), pickle.loads(pickle.dumps(Pair(1)))):
+        assert other == Pair(1)
+        assert type(other) is Pair
+    frame = pickle.loads(pickle.dumps(SkinFrame("patch", 0.5, 1, np.arange(3))))
+    assert (frame.patch, frame.stamp, frame.sequence, frame.values.tolist()) == ("patch", 0.5, 1, [0, 1, 2])
+
+
+def test_a_computed_field_is_refused() -> None:
+    @dataclass(frozen=True, slots=True)
+    class Computed:
+        values: list[int] = field(default_factory=list)
+
+    with pytest.raises(TypeError, match="values; valid"):
+        quick(Computed)
+
+
+@pytest.mark.parametrize("kind", [SkinFrame, SkinState, Perception, Contacts, Contact, SafeCommand])
+def test_messages_of_each_period_are_quick(kind: type) -> None:
+    assert "__new__" in vars(kind)
+    assert "__init__" not in vars(kind)

@@ -108,8 +108,8 @@ class Frame:
         poses = np.array([self.poses[link] for link in self.layout.links])
         finder = ContactFinder(self.layout)
         self._condition = (
-            conditioner._buffer.last, np.zeros(1, np.int64), np.full(1, np.nan), 0.0, arrays, conditioner.estimates,
-            conditioner._memory, conditioner._out,
+            conditioner._buffer.last, np.zeros(1, np.int64), np.full(1, np.nan), 0.0, arrays,
+            conditioner.estimates, conditioner._memory, conditioner._out,
         )  # fmt: skip
         self._clusters, self._posture = finder._clusters, (poses, self.posture[None, :4].copy())
         self._room = np.full(n, -1), np.zeros(fields), np.zeros(n, np.int64), np.zeros(n)

@@ -30,13 +30,14 @@ LIVE = [
     "viewer",
     "yarpwire",
 ]
-"""Tests with other processes, in real time. A busy machine makes a robot hold, rightly: few of them run at
-once."""
+"""Folders and files of live tests, which use other processes in real time. On a busy machine the gate
+correctly holds the robot, so only few of these tests run at the same time."""
 
 FIRST = ["test_wheel.py", "viewer"]
-"""Longest groups of each half, which start first: at the end, other processors would wait for them."""
+"""Longest groups of each half of `make test`. They start first, because at the end of the run the other
+processors would wait for them."""
 
-# No test measures time: on a shared machine hypothesis' own deadline would fail correct code.
+# Tests with hypothesis have no deadline: on a slow shared machine a deadline would make correct code fail.
 hypothesis.settings.register_profile("untimed", deadline=None)
 hypothesis.settings.load_profile("untimed")
 
@@ -59,7 +60,8 @@ def is_live(path: Path) -> bool:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Leaves out files of the other half of `make test`, which would be imported only to be deselected."""
+    """Ignores files of the other half of `make test`. Otherwise these files would be imported and then
+    deselected."""
     half = config.getoption("markexpr")
     if collection_path.is_dir() or half not in ("live", "not live"):
         return None
@@ -69,7 +71,7 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Marks live tests, which `make test` runs separately, and tests that read skin files or recordings.
 
-    Tests of genuine files only are collected if there is a folder with these.
+    Tests that need genuine files are collected only if the option --data names a folder with these files.
     """
     for item in items:
         if is_live(item.path):
@@ -82,15 +84,16 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_collection_finish() -> None:
-    """Excludes libraries and collected tests from garbage collection, which otherwise takes a twentieth of
-    the time."""
+    """Excludes libraries and collected tests from garbage collection, which would otherwise take 5 % of the
+    time."""
     gc.collect()
     gc.freeze()
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
-    """Removes the group from a test's name where reports are collected: --last-failed knows only the name."""
+    """Removes the name of the group from a test's name in collected reports, because --last-failed knows the
+    test without this name."""
     if "PYTEST_XDIST_WORKER" not in os.environ:
         report.nodeid = without_group(report.nodeid)
 
@@ -102,25 +105,27 @@ def without_group(name: str) -> str:
 
 
 LEFT_OPEN = 100
-"""Files and sockets that a module of tests may leave open: a browser and a library keep theirs for longer."""
+"""Number of files and sockets that a test module may leave open, because a browser and a library close theirs
+late."""
 
 
 @pytest.fixture(scope="module", autouse=True)
 def nothing_stays_open() -> Iterator[None]:
-    """Fails where a module leaves files or sockets open: `select` of others fails beyond a thousand."""
+    """Fails if a module leaves files or sockets open. With more than a thousand open files, `select` fails in
+    later tests."""
     opened = Path("/proc/self/fd")
     before = len([*opened.iterdir()]) if opened.exists() else 0
     yield
     after = len([*opened.iterdir()]) if opened.exists() else 0
     if after - before >= LEFT_OPEN:
-        gc.collect()  # rospy leaves reference cycles, each with a file
+        gc.collect()  # rospy leaves reference cycles, each with an open file
         after = len([*opened.iterdir()])
     assert after - before < LEFT_OPEN, f"{after - before} files and sockets stay open"
 
 
 @pytest.fixture(scope="session")
 def made_data(tmp_path_factory: pytest.TempPathFactory) -> SkinData:
-    """Skin files and recordings made for the tests."""
+    """Returns skin files and recordings that are made for the tests."""
     folder = tmp_path_factory.mktemp("made")
     write_skins(folder)
     write_recordings(folder / "recordings")
@@ -129,20 +134,20 @@ def made_data(tmp_path_factory: pytest.TempPathFactory) -> SkinData:
 
 @pytest.fixture(scope="session")
 def genuine_data(pytestconfig: pytest.Config) -> SkinData:
-    """The folder of --data."""
+    """Returns the folder that the option --data names."""
     return SkinData(pytestconfig.getoption("--data"), genuine=True)
 
 
 @pytest.fixture(scope="session")
 def skin_data(request: pytest.FixtureRequest, pytestconfig: pytest.Config) -> SkinData:
-    """The folder of --data, or made files under the same names."""
+    """Returns the folder of the option --data or, without this option, made files with the same names."""
     made = pytestconfig.getoption("--data") is None
     data: SkinData = request.getfixturevalue("made_data" if made else "genuine_data")
     return data
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Lists the tests that were left out; prints nothing if all ran."""
+    """Lists the tests that did not run. Prints nothing if all tests ran."""
     left_out = terminalreporter.stats.get("skipped", [])
     if not left_out:
         return

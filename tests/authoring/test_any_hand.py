@@ -1,4 +1,5 @@
-"""Hands of all kinds: fingers are proposed right, or refused with what to do."""
+"""Descriptions are proposed for hands of all kinds: the fingers are mapped correctly, or the hand is refused
+with advice."""
 
 from __future__ import annotations
 
@@ -45,7 +46,7 @@ EXPECTED = {
         "index_flexion": "hand_index_0 hand_index_1", "middle_flexion": "hand_middle_0 hand_middle_1",
     },
 }  # fmt: skip
-"""Joints of each generic one, by kind of hand."""
+"""Joints of the model for each generic joint, by kind of hand."""
 
 
 def handed(folder: Path, chains: Sequence[Chain], **changed: object) -> Path:
@@ -53,14 +54,14 @@ def handed(folder: Path, chains: Sequence[Chain], **changed: object) -> Path:
 
 
 def kept(robot: Robot, path: Path) -> Robot:
-    """Returns the robot as its file has it."""
+    """Returns the robot after it was written to a file and read again."""
     target = path.parent / "robot.xml"
     target.write_text(write_robot(robot, file=path.name))
     return read_robot(target)
 
 
 class Bent:
-    """Places of finger tips of one hand by the kinematics, in the torso frame, while its arm hangs as in the
+    """Computes positions of the finger tips of one hand in the torso frame, while the arm hangs as in the
     model."""
 
     def __init__(self, robot: Robot, side: str, ends: Mapping[str, Array]) -> None:
@@ -72,8 +73,8 @@ class Bent:
         self._start[self._map.servos] = initial_position(robot)[self._map.servos]
 
     def moved(self, finger: str, joint: str, by: float, **angles: float) -> Array:
-        """Returns how far (3,) [m] a tip moves when a generic joint turns `by` [rad], others at `angles`
-        [rad]."""
+        """Returns the displacement (3,) [m] of a finger tip when a generic joint turns `by` [rad] while other
+        joints are at `angles` [rad]."""
         generic = self._map.to_generic(self._start)
         for one in self._part.servos:
             generic[one.id] = angles.get(one.name, generic[one.id])

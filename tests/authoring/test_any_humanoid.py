@@ -1,4 +1,5 @@
-"""Humanoids of all kinds: arms, elbows, heads and legs are proposed right, or refused with what to do."""
+"""Descriptions are proposed for humanoids of all kinds: arms, elbows, heads and legs are mapped correctly, or
+the model is refused with advice."""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
 
 
 def joints_of(robot: Robot, part: str) -> dict[str, str]:
-    """Returns the model's joint of each generic joint that has one."""
+    """Returns the name of the model's joint for each generic joint that is mapped."""
     found = {}
     for one in robot.part(part).servos:
         if one.servo is not None:
@@ -53,7 +54,7 @@ def test_a_urdf_and_its_export_as_mjcf_give_one_robot(tmp_path: Path) -> None:
         [servo.limits.lower for servo in second.servos]
     )
     assert second.servos[0].limits.torque == 30.0
-    assert "velocity" in second.servos[0].limits.assumed  # an MJCF has no limit of speed
+    assert "velocity" in second.servos[0].limits.assumed  # MJCF has no attribute for a speed limit
     again = tmp_path / "robot.xml"
     again.write_text(write_robot(second, file="made.xml"))
     assert joints_of(read_robot(again), "left_arm") == joints_of(second, "left_arm")
@@ -83,7 +84,7 @@ def test_a_file_that_is_no_model_is_named(tmp_path: Path) -> None:
 
 
 def test_legs_are_never_arms(tmp_path: Path) -> None:
-    """The arms of this model are fixed, so that its legs are its only limbs."""
+    """The arms of this model are fixed, so its legs are its only moving limbs."""
     path = MadeHumanoid(arm=()).urdf(tmp_path)
     assert "left_hip_pitch,right_hip_pitch are legs" in faults(path)
     unnamed = MadeHumanoid(arm=(), names=False).urdf(tmp_path)
@@ -97,7 +98,8 @@ def test_limbs_without_telling_names_are_told_apart_by_their_place(tmp_path: Pat
 
 
 def test_sides_are_told_by_names_behind_the_limb_as_well(tmp_path: Path) -> None:
-    """The front of ARMAR-4, whose joints are named `arml_sho1`, is none of the usual ones."""
+    """ARMAR-4 names the joints of its left arm `arml_sho1`, and its front direction is not one of the usual
+    directions."""
     path = MadeHumanoid(legs=False, elbow=(-0.1, 2.2)).urdf(tmp_path)
     path.write_text(path.read_text().replace("left_", "armr_").replace("right_", "arml_"))
     assert joints_of(propose(path, name="made"), "left_arm")["elbow_pitch"] == "arml_elbow"
@@ -136,7 +138,8 @@ def test_an_elbow_bends_forward_even_if_its_limits_are_symmetric(
 
 
 def test_an_elbow_that_may_bend_both_ways_is_asked_for(tmp_path: Path) -> None:
-    """The elbow's axis points forward, so that from its zero the shoulder turns by 90 degrees either way."""
+    """The elbow's axis points forward, so the shoulder can turn by 90 degrees in either direction to reach
+    the generic zero."""
     path = MadeHumanoid(elbow=(-2.2, 2.2)).urdf(tmp_path)
     text = path.read_text()
     for side in ("left", "right"):
@@ -275,7 +278,7 @@ def test_a_shape_of_size_zero_names_its_link(tmp_path: Path) -> None:
 
 
 def test_frames_drawn_as_shapes_of_size_zero_are_left_out(tmp_path: Path) -> None:
-    """Published models (ARMAR-4, human-gazebo) mark frames by them."""
+    """Published models (ARMAR-4, human-gazebo) contain shapes of size zero that mark frames."""
     path = MadeHumanoid().urdf(tmp_path)
     usual = propose(path, name="made")
     shapes = ("<sphere radius='0.00'/>", "<box size='0   0 0'/>")
@@ -314,7 +317,7 @@ def test_arms_without_shapes_get_skin_from_their_lengths_and_a_note(tmp_path: Pa
 
 
 def test_limits_of_the_other_side_are_refused(tmp_path: Path) -> None:
-    """The right arm of a published model (simple_humanoid) can only move into the body."""
+    """In a published model (simple_humanoid) the limits let the right arm move only into the body."""
     path = MadeHumanoid().urdf(tmp_path)
     text = path.read_text()
     for side in ("left", "right"):
@@ -328,7 +331,7 @@ def test_limits_of_the_other_side_are_refused(tmp_path: Path) -> None:
 
 
 def test_inertias_in_other_units_are_refused(tmp_path: Path) -> None:
-    """A hand of a published model (orcabot) has 121 kg m2."""
+    """A hand of a published model (orcabot) has an inertia of 121 kg m2."""
     path = MadeHumanoid().urdf(tmp_path)
     text = path.read_text()
     start = text.index("<link name='left_wrist_pitch_link'>")
@@ -340,7 +343,7 @@ def test_inertias_in_other_units_are_refused(tmp_path: Path) -> None:
 
 
 def test_shapes_beside_their_limb_are_refused(tmp_path: Path) -> None:
-    """The meshes of one published iCub lie 7 to 9 cm beside the axes of its arms."""
+    """In one published iCub model, the meshes lie 7 to 9 cm away from the axes of the arms."""
     path = MadeHumanoid().urdf(tmp_path)
     text = path.read_text()
     for side in ("left", "right"):
@@ -356,7 +359,8 @@ def test_shapes_beside_their_limb_are_refused(tmp_path: Path) -> None:
 
 
 def test_the_initial_posture_is_clear_of_the_body(tmp_path: Path) -> None:
-    """A torso as wide as Baxter's: links that touched it in the usual posture could not move."""
+    """The torso is as wide as Baxter's. If an initial posture brought links into contact with the torso,
+    these links could not move."""
     path = MadeHumanoid(legs=False).urdf(tmp_path)
     usual = propose(path, name="made").part("left_arm").initial_posture
     text = path.read_text()
@@ -371,7 +375,7 @@ def test_the_initial_posture_is_clear_of_the_body(tmp_path: Path) -> None:
 
 
 def test_the_initial_posture_does_not_twist_a_shoulder(tmp_path: Path) -> None:
-    """Arms that point forward at the model's zero, whose elbows bend down, as Baxter's."""
+    """At the model's zero the arms point forward and the elbows bend down, as on Baxter."""
     robot = propose(MadeHumanoid(ahead=True, legs=False).urdf(tmp_path), name="made")
     position = initial_position(robot)
     for side in ("left", "right"):

@@ -1,4 +1,5 @@
-"""A patch is calibrated against a force sensor by recordings as they are: biased, and never at rest."""
+"""A patch is calibrated against a force sensor with realistic recordings: the force has a bias, and the patch
+is never unloaded."""
 
 from __future__ import annotations
 
@@ -23,10 +24,10 @@ AXIS, BIAS = np.array([0.1, -0.2, -0.97]), np.array([-30.0, 12.0, -119.0])
 
 
 def stand() -> tuple[np.ndarray, ...]:
-    """Returns gains, stamps, raw values, times and forces of a foot on which a robot sways.
+    """Returns gains, time stamps, raw values, times and forces of a foot on which a robot sways.
 
-    A force/torque sensor with a bias reads the load along an oblique axis. Taxels differ in gain, and their
-    rest values from the description's.
+    A force/torque sensor with a bias measures the load along an oblique axis. The gains of the taxels differ
+    from each other, and their rest values differ from those of the description.
     """
     random = np.random.default_rng(0)
     gains = 1.5 * np.exp(random.normal(0.0, 0.5, TAXELS))
@@ -56,7 +57,7 @@ def test_gains_and_newtons_are_found_without_bias_or_rest() -> None:
 
 
 def test_equal_taxels_keep_one_gain() -> None:
-    """Gains that differ would fit noise."""
+    """All taxels have the same true gain, so a fit with different gains would only fit noise."""
     random = np.random.default_rng(1)
     parts = random.uniform(size=(200, 30)) * random.uniform(size=(200, 1))
     load = 2.0 * parts.sum(axis=1) + 3.0 + random.normal(0.0, 1.0, 200)
@@ -98,7 +99,8 @@ def test_a_gain_is_one_positive_number_a_taxel(gain: tuple[float, ...]) -> None:
 
 @pytest.mark.parametrize("setup", ["01", "08"])
 def test_genuine_feet_are_at_or_below_the_error_of_the_raw_sum(setup: str, genuine_data: SkinData) -> None:
-    """Their force logs are public (jeljaik/extended-kalman-filter, MIT) and may lie beside the skin's."""
+    """The force logs are public (jeljaik/extended-kalman-filter, MIT). The test uses them if they are in the
+    folder of the skin recordings."""
     log = genuine_data.file(f"recordings/icub_right_foot_force_{setup}.log")
     if not log.exists():
         pytest.skip(f"{log.name}: analog:o of backwardTipping/dumperTippingSetup{setup} is not there")
@@ -109,6 +111,7 @@ def test_genuine_feet_are_at_or_below_the_error_of_the_raw_sum(setup: str, genui
     areas = np.full(len(valid), 3.7e-5)
     fit, _, _ = fit_recording(SENSOR, areas, stamps, values, *read_force_log(log))
     print(setup, fit.held_out, fit.held_out_one_gain, fit.held_out_raw_sum)
-    # In setup 08 the sole's sum falls to half while the force stays, so that a constant is best.
+    # In setup 08 the sum over the sole's taxels decreases to half while the force is constant, so the best
+    # fit is a constant.
     assert fit.gains.any() == (setup == "01")
     assert fit.held_out <= (0.5 if setup == "01" else 1.0) * fit.held_out_raw_sum

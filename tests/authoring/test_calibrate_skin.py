@@ -1,4 +1,4 @@
-"""Calibrated with noisy weights, skins of different kinds report equal forces."""
+"""After a calibration with noisy weights, different kinds of skin report equal forces."""
 
 from __future__ import annotations
 
@@ -15,20 +15,23 @@ AREAS = np.full(TAXELS, AREA)
 INVERTED = sensor(8)
 SENSITIVE = Sensor(rest=120.0, pascal_per_count=30.0, lowest=0.0, highest=4095.0)
 THREE_AXES = Sensor(rest=4000.0, pascal_per_count=2.0, lowest=0.0, highest=65535.0, axes=3)
-"""A three-axis sensor's z values; x and y are not calibrated by weights."""
+"""Sensor for the normal component (z) of a three-axis taxel. Weights do not calibrate the tangential
+components x and y."""
 WRONG = 1.4
-"""Factor by which the description's response is wrong, so that an uncalibrated skin fails."""
+"""Factor by which the response in the description is wrong, so that a skin without calibration fails the
+test."""
 
 
 def truth(of: Sensor, pressure: np.ndarray) -> np.ndarray:
-    """Returns the counts of a sensor that saturates gradually: a linear part plus a square root."""
+    """Returns the counts of a sensor that saturates gradually: the sum of a linear term and a square-root
+    term."""
     full = (of.rest - of.lowest) if of.pascal_per_count < 0 else (of.highest - of.rest)
     share = pressure / 60e3
     return np.sign(of.pascal_per_count) * full * (0.7 * share + 0.3 * np.sqrt(share))
 
 
 def frames(of: Sensor, force: float, count: int, generator: np.random.Generator) -> np.ndarray:
-    """Returns raw frames (count, taxels) with `force` [N] on a place of the patch."""
+    """Returns raw frames (count, taxels) with a force `force` [N] on one place of the patch."""
     shape = bump(*generator.uniform((3, 3), (ROWS - 4, COLUMNS - 4)), 1.0, width=generator.uniform(1.2, 1.6))
     pressure = np.where(shape > 0.02, shape, 0.0)
     pressure *= force / (AREA * pressure.sum()) if force else 0.0
@@ -58,8 +61,8 @@ def test_a_held_out_newton_is_a_newton(of: Sensor) -> None:
 
 
 def whole(of: Sensor, values: np.ndarray) -> np.ndarray:
-    """Returns a frame with `values` (taxels,) normal to the skin, and zero tangential values for three
-    axes."""
+    """Returns a frame in which `values` (taxels,) are normal to the skin. For three-axis taxels, the
+    tangential values are zero."""
     frame = np.full((TAXELS, of.axes), of.rest)
     frame[:, -1] = values
     return frame.ravel()

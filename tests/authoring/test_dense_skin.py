@@ -1,4 +1,4 @@
-"""A robot with more skin is otherwise unchanged."""
+"""`with_dense_skin` adds taxels to a robot and changes nothing else."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The judge of proposals, which shares no code with them, takes right ones and refuses wrong ones."""
+"""The judge of proposed descriptions, which shares no code with the proposal, accepts correct descriptions
+and refuses wrong ones."""
 
 from __future__ import annotations
 
@@ -33,7 +34,7 @@ def proposed(tmp_path_factory: pytest.TempPathFactory) -> Robot:
 
 
 def changed(robot: Robot, name: str, joint: str, **changes: object) -> Robot:
-    """Returns the robot with another generic joint."""
+    """Returns the robot with changed values of one generic joint."""
     part = robot.part(name)
     servos = tuple(one.model_copy(update=changes) if one.name == joint else one for one in part.servos)
     return with_part(robot, part.model_copy(update={"servos": servos}), f"{name} {joint} {changes}")

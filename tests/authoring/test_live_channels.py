@@ -1,4 +1,4 @@
-"""Taxels, pads and absent places of a foot are identified from its values alone."""
+"""Taxels, pads and unused channels of a foot are identified from the recorded values alone."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_iCub_s_foot_is_told_from_its_pads_and_absent_places(skin_data: SkinData
 
 
 def test_four_silent_modules_of_the_other_recording_are_all_that_is_missing(skin_data: SkinData) -> None:
-    """In that recording the board of modules 8 to 11 always sends 240, which hides 40 taxels."""
+    """In this recording the board of modules 8 to 11 always sends 240, so 40 taxels can't be identified."""
     values = raw(skin_data, "08")
     assert (values[:, 96:144] == 240.0).all()
     assert agreement(skin_data, values) == pytest.approx(1.0 - 40 / 384)

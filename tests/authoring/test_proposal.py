@@ -31,11 +31,12 @@ def model_file(package: str, file: str) -> Path:
 
 
 FITTED = 1e-4
-"""Tolerance [m, rad]: fits to equal meshes differ by 0.02 mm between processors; a taxel is 6 mm wide."""
+"""Tolerance [m, rad]. Fits to equal meshes differ by 0.02 mm between processors; for comparison, a taxel is 6
+mm wide."""
 
 
 def leaves(value: object, place: str = "") -> Iterator[tuple[str, object]]:
-    """Yields each number and word in nested lists and dictionaries, by its place."""
+    """Yields the path and value of each leaf in nested lists and dictionaries."""
     if isinstance(value, dict | list | tuple):
         for key, one in value.items() if isinstance(value, dict) else enumerate(value):
             yield from leaves(one, f"{place}/{key}")
@@ -56,14 +57,15 @@ def test_the_packaged_robot_comes_out_again(name: str, tmp_path: Path) -> None:
 
 
 def test_an_icub_is_found_as_people_described_it() -> None:
-    """Its root faces backward and its torso link lies on its side; both are recognised."""
+    """The root of the model faces backward and the torso link lies on its side. The proposal recognises
+    both."""
     icub = load_robot("icub")
     assert icub.model is not None
     proposed = propose(Path(icub.model.path), name="icub")
     assert proposed.model is not None
     assert proposed.model.torso_link == icub.model.torso_link
     np.testing.assert_allclose(proposed.model.T_LT[:3, :3], icub.model.T_LT[:3, :3], atol=1e-3)
-    for part in (part for part in icub.parts if part.kind != "fingers"):  # the model has none that move
+    for part in (part for part in icub.parts if part.kind != "fingers"):  # the model has no movable fingers
         for ours, theirs in zip(proposed.part(part.name).servos, part.servos, strict=True):
             assert theirs.servo is not None
             assert ours.servo is not None
@@ -76,8 +78,8 @@ def test_an_icub_is_found_as_people_described_it() -> None:
 
 
 def test_an_icub_gets_its_mount_its_legs_and_its_hands() -> None:
-    """The result agrees with `icub-whole`, written by hand: eq. 1 on a mount of 15 degrees, six joints of a
-    leg, two of a wrist."""
+    """The proposal agrees with the handwritten description `icub-whole`: equation 1 with a mount of 15
+    degrees, six joints of a leg, two joints of a wrist."""
     icub = load_robot("icub-whole")
     assert icub.model is not None
     proposed = propose(Path(icub.model.path), name="icub", mount=True)
@@ -102,7 +104,8 @@ def test_an_icub_gets_its_mount_its_legs_and_its_hands() -> None:
 
 
 def test_hips_of_another_order_are_found_too() -> None:
-    """Talos' and Romeo's hips turn about z, x, y; alex has no legs, and tiago_pro wheels."""
+    """The hips of Talos and Romeo turn about z, x, y. The robot alex has no legs, and tiago_pro has
+    wheels."""
     files = {
         "talos_data/robots/talos_full_v2.urdf": 6,
         "romeo_description/urdf/romeo.urdf": 6,
@@ -125,7 +128,7 @@ def test_skin_goes_around_the_arm() -> None:
 
 
 def test_a_forearm_that_ends_nowhere_is_refused(tmp_path: Path) -> None:
-    """All of the arm's joints are at the elbow."""
+    """All joints of this arm are at the elbow."""
     words = ["<link name='torso'/>"]
     for side, sign in (("left", 1), ("right", -1)):
         above = "torso"

@@ -55,15 +55,16 @@ CENTRES = {(name, f"{side}_arm"): centre(ROBOTS[name], f"{side}_arm") for name, 
 
 
 def ideal_place(generic: Array, side: str, point: str) -> Array:
-    """Returns elbow or hand (3,) [arm lengths] of a generic arm with segments of equal length."""
+    """Returns the position of elbow or hand (3,) [arm lengths] of a generic arm whose segments have equal
+    lengths."""
     down = np.array([0.0, 0.0, -0.5])
     elbow = upper_arm_rotation(generic, side, axial=False) @ down
     return elbow if point == "elbow" else elbow + forearm_rotation(generic, side, axial=False) @ down
 
 
 def judged(robot: Robot, part: str, point: str, position: Array) -> Array:
-    """Returns the place from the model's own frames: the forearm's ends relative to the upper arm's
-    origin."""
+    """Returns the position of hand or elbow (3,) [arm lengths], computed from the frames of the model: the
+    ends of the forearm relative to the origin of the upper arm."""
     words = robot.part(part)
     forearm = words.segment("forearm")
     kinematics = KINEMATICS[robot.name]
@@ -78,7 +79,7 @@ def judged(robot: Robot, part: str, point: str, position: Array) -> Array:
 @pytest.mark.parametrize("point", ["hand", "elbow"])
 @pytest.mark.parametrize(("name", "side"), ARMS)
 def test_places_that_an_arm_can_reach_are_met_to_a_millimetre(name: str, side: str, point: str) -> None:
-    """Targets are 200 places of random postures, solved with the arm's own five joints."""
+    """Targets are 200 positions of random postures. The solver uses only the five joints of the arm."""
     robot, part = ROBOTS[name], f"{side}_arm"
     body, joints = BODIES[name], initial_joints(robot)
     reach = reach_of(robot, part, point)
@@ -102,8 +103,8 @@ def test_places_that_an_arm_can_reach_are_met_to_a_millimetre(name: str, side: s
 
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_the_same_place_is_reached_on_both_robots(side: str) -> None:
-    """Targets are places of an ideal arm, a bit short of its reach, in arm lengths: one command for both
-    robots."""
+    """Targets are positions of an ideal arm, in arm lengths, at 95 % of its reach. Both robots receive the
+    same command."""
     random = np.random.default_rng(4)
     part, worst = f"{side}_arm", 0.0
     for generic in random.uniform(*COMMON_RANGE.T, size=(100, 5)):
@@ -180,7 +181,7 @@ def test_what_makes_no_sense_is_refused(command: CartesianCommand, words: str) -
 
 
 def test_an_arm_without_all_its_joints_is_refused() -> None:
-    """It is refused as an invalid command, so that the robot goes on."""
+    """The command is refused as invalid, and the robot continues."""
     nao = ROBOTS["nao"]
     arm = nao.part("left_arm")
     servos = [one if one.id < 3 else one.model_copy(update={"servo": None}) for one in arm.servos]
@@ -196,7 +197,8 @@ LINKS = {"nao": ("LHand", [0.05775, 0.0, -0.01231]), "icub": ("l_hand", [0.0, 0.
 
 @pytest.mark.parametrize("name", ["nao", "icub"])
 def test_a_point_of_the_description_goes_there_in_metres_and_no_faster_than_it_says(name: str) -> None:
-    """The judge differentiates the place that the model's frames give, not the Jacobian."""
+    """The test differentiates the position of the point in the model's frames, and does not use the Jacobian
+    of TCI."""
     world = World(ROBOTS[name], skin=False)
     driver, body = SimulatedDriver(world.robot, world=world), BODIES[name]
     link, point = LINKS[name]

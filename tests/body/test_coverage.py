@@ -1,4 +1,4 @@
-"""Coverage of a receptive field in the present posture: iCub's forearm skin turns with pronation."""
+"""Coverage of a receptive field in the present posture. The skin of iCub's forearm turns with pronation."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def turned(pronation: float) -> Array:
 
 
 class Feeling:
-    """A body whose forearm fluctuates, some of its taxels far more than the others."""
+    """A body whose forearm taxels have noise. The noise of the taxels `spoilt` is much larger."""
 
     def __init__(self, spoilt: np.ndarray) -> None:
         self.perceiver, self.tick, self.random = Perceiver(BODY), 0, np.random.default_rng(3)
@@ -54,7 +54,7 @@ class Feeling:
 
 
 def inside(pronation: float) -> np.ndarray:
-    """Returns a mask (n,) of the forearm's taxels in the field."""
+    """Returns a mask (n,) of the forearm's taxels that lie in the field."""
     position = turned(pronation)
     u, theta, _ = BODY.skin.limb(PATCH.name, JointReading(0.0, 0, position, np.zeros_like(position)))
     here: np.ndarray = generic_limb_distance(u, theta, FIELD.u, FIELD.theta) < FIELD.radius

@@ -1,4 +1,4 @@
-"""Landmarks and distances along skin that lies on no limb."""
+"""Landmarks, and distances along skin that does not belong to a limb."""
 
 from __future__ import annotations
 
@@ -51,8 +51,8 @@ def test_distances_around_a_head_are_those_of_its_circumference(name: str) -> No
 
 
 def unrolled(cone: TruncatedCone, points: Array) -> Array:
-    """Returns points (n, 3) [m] of a truncated cone as slant height [m] and angle [rad] (n, 2) of its flat
-    sector."""
+    """Returns points (n, 3) [m] of a truncated cone as coordinates (n, 2) in its unrolled sector: slant
+    height [m] and angle [rad]."""
     local = (points - np.array(cone.origin)) @ rotation_rpy(*cone.rpy)
     slope = (cone.r2 - cone.r1) / cone.length
     sine = abs(slope) / np.hypot(1.0, slope)
@@ -73,7 +73,8 @@ def unrolled(cone: TruncatedCone, points: Array) -> Array:
     ],
 )
 def test_distances_are_those_of_the_unrolled_cone(name: str, patch: str, landmark: Landmark) -> None:
-    """On an unrolled cone the shortest path is a straight line, whichever way around."""
+    """On an unrolled cone the shortest path between two points is a straight line, in one of the two
+    directions around the cone."""
     body = BODIES[name]
     words = body.robot.patch(patch)
     cone = words.surface

@@ -14,7 +14,8 @@ from tci.robot.catalogue import load_robot
 from tci.robot.description import GenericServo, Robot
 
 NAO_RIGHT_POSE = (-1.10, 0.04)
-"""Shoulder roll and elbow roll [rad] of Listing 1's NAO: a right arm's, with a left arm's limits."""
+"""Shoulder roll and elbow roll [rad] of the NAO in Listing 1: angles of a right arm, with the limits of a
+left arm."""
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +51,8 @@ def test_the_clamped_value_is_the_one_that_is_sent() -> None:
 
 
 def test_no_limit_is_read_past_the_end() -> None:
-    """As `MIN[DOF]` did: a servo beyond the last is refused."""
+    """In Listing 1, `MIN[DOF]` read past the end of the array. Here a servo beyond the last one is
+    refused."""
     safe = Driven(make_robot(), [0.0] * 6).step(position_command([6], [0.1]))
     assert "valid: 0 to 5" in safe.refusals[0].text
 

@@ -1,4 +1,4 @@
-"""Perceptions are data, a body is immutable, and a Perceiver is the one object that changes."""
+"""Perceptions are plain data, a body is immutable, and only a Perceiver changes."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ COPIED = pytest.mark.parametrize("copied", COPIES.values(), ids=list(COPIES))
 
 
 def course() -> tuple[tci.GenericBody, list[Perception]]:
-    """A recorded course of a robot that is touched at several places."""
+    """Returns a body and a sequence of perceptions of a robot that is touched at several places."""
     robot = TouchedRobot(NAO)
     return robot.body, [robot.perceive(touch, force=4.0) for touch in TOUCHES for _ in range(3)]
 
@@ -54,7 +54,7 @@ def capabilities() -> dict[str, tci.Capability[Any]]:
 
 
 def numbers(value: object) -> Iterator[bytes]:
-    """Returns all content of a message in bytes."""
+    """Yields the content of a message as bytes."""
     if is_dataclass(value):
         for one in fields(value):
             yield from numbers(getattr(value, one.name))
@@ -71,7 +71,7 @@ def numbers(value: object) -> Iterator[bytes]:
 
 
 def callables(value: object, path: str) -> Iterator[str]:
-    """Returns the places in a message that hold something callable."""
+    """Returns the paths of all callable objects in a message."""
     if is_dataclass(value):
         for one in fields(value):
             yield from callables(getattr(value, one.name), f"{path}.{one.name}")
@@ -121,8 +121,8 @@ def test_a_copy_of_the_arguments_changes_no_result(name: str, copied: Callable[[
 
 @COPIED
 def test_a_refusal_stands_in_a_copied_memory(copied: Callable[[Any], Any]) -> None:
-    """A part that stays touched is not judged again in each period, even if its memory was stored
-    meanwhile."""
+    """A refused response to a lasting touch is not judged again in each period, even if the memory is stored
+    and loaded between periods."""
     body, perceptions = course()
     reflex, looks = tci.WithdrawalReflex(), []
 
@@ -172,7 +172,8 @@ def test_a_body_answers_the_same_of_a_copied_perception(copied: Callable[[Any], 
 @COPIED
 @pytest.mark.parametrize("dtype", [np.uint8, np.float64])
 def test_a_copied_perceiver_goes_on_alike(copied: Callable[[Any], Any], dtype: type) -> None:
-    """The copy continues with equal perceptions, bit for bit, and shares no state with the original."""
+    """The copy continues with perceptions that are equal bit for bit, and shares no state with the
+    original."""
     body, random = tci.GenericBody(NAO), np.random.default_rng(6)
     still = np.zeros(len(NAO.servos))
     position = np.array(tci.initial_position(NAO))
@@ -188,7 +189,7 @@ def test_a_copied_perceiver_goes_on_alike(copied: Callable[[Any], Any], dtype: t
         return tci.Reading(tci.JointReading(k * PERIOD, k, position, still), tuple(frames))
 
     one = tci.Perceiver(body)
-    readings = [reading(k) for k in range(330)]  # past the first estimation window
+    readings = [reading(k) for k in range(330)]  # longer than the first estimation window
     for k in range(150):
         one.step(readings[k], k * PERIOD)
     other, spoilt = copied(one), one.copy()
@@ -216,7 +217,7 @@ def test_a_body_does_not_change() -> None:
 
 
 def test_the_kind_of_a_part_is_what_its_description_says() -> None:
-    """The kind does not depend on the part's name or number of joints."""
+    """The kind of a part depends only on its description, not on its name or its number of joints."""
     names = {"left_arm": "port", "head": "left_arm_2", "left_leg": "some_arm"}
     parts = tuple(part.model_copy(update={"name": names.get(part.name, part.name)}) for part in NAO.parts)
     patches = tuple(p.model_copy(update={"part": names.get(p.part, p.part)}) for p in NAO.patches)
@@ -237,7 +238,7 @@ def test_the_kind_of_a_part_is_what_its_description_says() -> None:
 
 
 def test_what_has_five_joints_is_no_arm() -> None:
-    """The reflex requests no mode of a part that merely has as many joints as an arm."""
+    """The reflex requests no control mode for a part that only has as many joints as an arm."""
     tail = NAO.part("left_leg").model_copy(update={"kind": "other"})
     five = tail.model_copy(update={"servos": tail.servos[:5]})
     parts = tuple(five if part.name == "left_leg" else part for part in NAO.parts)

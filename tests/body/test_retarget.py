@@ -1,4 +1,5 @@
-"""Exact retargeting: limbs point the same way in the torso frame, according to the model's own frames."""
+"""Exact retargeting: according to the models' own frames, the limbs of both robots have equal directions in
+the torso frame."""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ ARMS = [(name, side) for name in NAMES for side in SIDES]
 ROBOTS = {name: load_robot(name) for name in NAMES}
 KINEMATICS = {name: KinematicChain(robot) for name, robot in ROBOTS.items()}
 NAO_RANGE = np.deg2rad([[-10, 95.5], [0, 70], [-29.5, 65], [15, 88.5], [-60, 60]])
-"""Generic angles [rad] that NAO reaches, and iCub in its own mount frame."""
+"""Range of generic angles [rad] that NAO reaches. iCub also reaches these angles in its own mount frame."""
 
 
 HANDS = {
@@ -39,7 +40,7 @@ HANDS = {
 def limb_axes(name: str, part: str, position: Array) -> tuple[Array, Array]:
     """Returns unit vectors (3,) along upper arm and forearm in the torso frame, from MuJoCo's joint axes.
 
-    The last shoulder joint turns about the upper arm, the wrist's first joint about the forearm.
+    The last shoulder joint turns about the upper arm. The first wrist joint turns about the forearm.
     """
     generic = ROBOTS[name].part(part)
     upper_arm, forearm = generic.segment("upper_arm"), generic.segment("forearm")
@@ -99,7 +100,7 @@ def assert_within_limits(robot: Robot, position: Array) -> None:
 
 
 def test_the_nearest_posture_is_the_nearest() -> None:
-    """No posture of a fine grid within the limits is closer than the returned one."""
+    """No posture on a fine grid within the limits is closer to the target than the returned posture."""
     robot = ROBOTS["icub"]
     random = np.random.default_rng(5)
     tries = random.uniform(*NAO_RANGE.T, size=(200, 5))
@@ -166,7 +167,7 @@ def test_an_arm_on_its_mount_and_retargeted_in_the_torso_frame_are_the_same_shou
 
 
 def test_slanted_axes_are_solved_too() -> None:
-    """The shoulders' axes are not at right angles, as on a Unitree G1."""
+    """The shoulder axes are not at right angles, as on a Unitree G1."""
     shoulder = Shoulder(ROBOTS["nao"], ROBOTS["nao"].part("left_arm"))
     random = np.random.default_rng(9)
     for _ in range(200):

@@ -1,4 +1,4 @@
-"""Arms with a retargeted shoulder go through the T-pose, where their generic angles are singular."""
+"""Arms with a retargeted shoulder move through the T-pose, where the generic angles are singular."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pressure image, contact shape, shear and events of a made touch."""
+"""Pressure image, contact shape, shear and events of a simulated touch."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Feel = Callable[[np.ndarray], Perception]
 
 
 def three_axes() -> tci.Robot:
-    """Returns a NAO with one sleeve, whose taxels measure three axes in 16 bits."""
+    """Returns a NAO with one skin sleeve, whose taxels measure three axes with 16 bits."""
     nao = tci.load_robot("nao")
     patch = nao.patch(PATCH)
     sensor = patch.sensor.model_copy(
@@ -40,7 +40,8 @@ def body() -> GenericBody:
 
 @pytest.fixture
 def feel(body: GenericBody) -> Feel:
-    """Returns a function from stresses (taxels, 3) [Pa], along x and y and pressing, to a perception."""
+    """Returns a function that converts stresses (taxels, 3) [Pa], along x, along y and normal to the skin, to
+    a perception."""
     perceiver, count = Perceiver(body), 0
     still = read_only(initial_position(body.robot))
     channels = body.skin.surfaces[PATCH].channels
@@ -60,8 +61,8 @@ def feel(body: GenericBody) -> Feel:
 
 
 def stress(body: GenericBody, *, along: float, around: float, shear: float = 0.0) -> np.ndarray:
-    """Returns the stresses (taxels, 3) [Pa] of a Gaussian touch with these standard deviations [m], and a
-    shear along x per pressure."""
+    """Returns the stresses (taxels, 3) [Pa] of a Gaussian touch with these standard deviations [m] and a
+    shear along x as a fraction of the pressure."""
     surface = body.skin.surfaces[PATCH]
     middle = surface.positions[130]
     image = pressure_image(untouched(body), body, PATCH)

@@ -1,7 +1,7 @@
 """Arms of straight segments, to check base motions without a model of the robot.
 
-An ideal arm has its shoulder at the mount's origin, and the robot's segment lengths, elbow offset and limits.
-Its skin is fixed to the segments as the robot's skin is.
+The shoulder of an ideal arm is at the mount's origin. Segment lengths, elbow offset and limits are those of
+the robot. Its skin is fixed to the segments as the robot's skin is.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from tci.robot.generic_arm import (
 COMMON_RANGE = read_only(np.deg2rad([[-10, 95.5], [0, 76], [-29.5, 65], [15, 88.5], [-60, 60]]))
 """Range (5, 2) [rad] of the generic angles that both robots reach."""
 INITIAL = read_only(np.deg2rad([25.0, 25.0, 0.0, 60.0, 0.0]))
-"""Initial generic posture (5,) [rad] of both."""
+"""Initial generic posture (5,) [rad] of both robots."""
 SKIN_RADIUS = 0.04
 """Radius [m] of the skin around a segment's axis, on both robots."""
 
 
 @dataclass(frozen=True)
 class IdealArm:
-    """One arm, seen from its mount frame."""
+    """Model of one arm in its mount frame."""
 
     upper_arm: float
-    """Length [m]."""
+    """Length of the upper arm [m]."""
     forearm: float
-    """Length [m] to the hand, where u is 1."""
+    """Distance [m] from the elbow to the hand, where the coordinate u is 1."""
     elbow_lateral: float
-    """Offset [m] of elbow and forearm to the side; it does not turn with internal rotation."""
+    """Lateral offset [m] of elbow and forearm. Internal rotation does not turn this offset."""
     elbow_anterior: float
-    """Offset [m] of the elbow's axis to the front; forearm and upper arm are in line when straight."""
+    """Forward offset [m] of the elbow's axis. At zero flexion forearm and upper arm are in line."""
     skin_turns: bool
     """True if the skin turns with the segment's axial rotation."""
     lower: tuple[float, ...]
@@ -62,12 +62,12 @@ class IdealArm:
         return placed
 
     def hand(self, posture: Array, side: Side) -> Array:
-        """Returns the distal end (3,) [m] of the forearm, in the mount frame."""
+        """Returns the position (3,) [m] of the forearm's distal end in the mount frame."""
         return self.point("forearm", posture, side, np.array([0.0, 0.0, -self.forearm]), axial=False)
 
     def withdrawal(self, field: ReceptiveField, posture: Array, target: Array, side: Side) -> float:
-        """Returns the displacement [m] of the skin at the field's centre along its inward normal, to
-        `target`."""
+        """Returns the displacement [m] of the skin at the field's centre, along its inward normal, when the
+        arm moves to `target`."""
         length = self.forearm if field.segment == "forearm" else self.upper_arm
         outward_S = limb_direction(field.theta, side)
         p_S = np.array([0.0, 0.0, -field.u * length]) + SKIN_RADIUS * outward_S

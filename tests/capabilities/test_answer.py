@@ -1,4 +1,4 @@
-"""The compiled response of the reflex equals eqs 5-7 in plain Python and NumPy."""
+"""The compiled response of the reflex equals equations 5-7 in plain Python and NumPy."""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
-"""The base motions of the file withdraw, on arms of both robots' sizes, offsets and limits.
+"""The base motions of the fields file withdraw the skin, for arms with the sizes, offsets and limits of both
+robots.
 
-The trials check this on the robots' own models; these tests need no model and no extra package.
+The simulated trials check this on the models of the robots. These tests need no model and no additional
+package.
 """
 
 from __future__ import annotations
@@ -24,14 +26,15 @@ EACH = pytest.mark.parametrize("field", FIELDS, ids=[field.name for field in FIE
 
 
 def postures() -> list[Array]:
-    """Returns a grid of postures, whose pronation alternates between both ends of its range."""
+    """Returns a grid of postures. Successive postures alternate between both ends of the range of
+    pronation."""
     return [np.append(posture, COMMON_RANGE[4, index % 2]) for index, posture in enumerate(GRID)]
 
 
 @ROBOTS
 @pytest.mark.parametrize("side", SIDES)
 def test_the_skin_moves_away_from_the_stimulus(arm: IdealArm, side: Side) -> None:
-    """At most 5 % of the cases may fail, each because of an active limit; printed with -s."""
+    """At most 5 % of the cases may fail, each because of an active limit. The option -s prints the number."""
     excused: dict[str, int] = {}
     for field, posture, gain in product(FIELDS, postures(), GAINS):
         wanted = posture + gain * np.array(field.motion)
@@ -50,7 +53,8 @@ def test_the_skin_moves_away_from_the_stimulus(arm: IdealArm, side: Side) -> Non
 @ROBOTS
 @EACH
 def test_the_full_motion_goes_far_enough(arm: IdealArm, field: ReceptiveField) -> None:
-    """From the initial posture: 30 mm, more than a fingertip follows."""
+    """From the initial posture, the skin must withdraw by 30 mm, which is farther than a fingertip
+    follows."""
     target = INITIAL + np.array(field.motion)
     np.testing.assert_array_equal(arm.clip(target), target)
     for side in SIDES:
@@ -68,7 +72,8 @@ def test_both_hands_go_the_same_way(field: ReceptiveField, gain: float) -> None:
 
 @ROBOTS
 def test_the_opposite_motion_goes_towards_the_stimulus(arm: IdealArm) -> None:
-    """Shows that the first test can fail: the sign of a withdrawal is that of the motion."""
+    """Shows that the test of withdrawal can fail: a motion with the opposite sign moves the skin towards the
+    stimulus."""
     for field, side in product(FIELDS, SIDES):
         target = INITIAL - 0.5 * np.array(field.motion)
         assert arm.withdrawal(field, INITIAL, target, side) < -0.005
@@ -84,8 +89,8 @@ def test_both_sides_are_mirrored(field: ReceptiveField) -> None:
 
 @EACH
 def test_motions_are_few_joints_and_whole_degrees(field: ReceptiveField) -> None:
-    """Pronation is not used: it would move the skin sideways under the finger on iCub, and not at all on
-    NAO."""
+    """Pronation is not used. It would move the skin on iCub sideways under the finger, and would not move the
+    skin on NAO."""
     degrees = np.rad2deg(field.motion)
     np.testing.assert_allclose(degrees, np.round(degrees), atol=1e-9)
     assert np.count_nonzero(degrees) <= 3

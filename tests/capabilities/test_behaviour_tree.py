@@ -25,7 +25,7 @@ from tci.runtime.loop import Tick, run
 
 @dataclass(frozen=True)
 class Go(Capability[int]):
-    """Moves a part to a target, once, and counts its steps."""
+    """Moves a part to a target with one command, and counts its own steps."""
 
     part: str
     where: tuple[float, ...]
@@ -44,7 +44,7 @@ class Go(Capability[int]):
 
 @dataclass(frozen=True)
 class Startle(Capability[bool]):
-    """Moves the left arm while anything touches it."""
+    """Moves the left arm while any skin is touched."""
 
     def init(self, body: GenericBody) -> bool:
         return False

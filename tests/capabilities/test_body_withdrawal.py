@@ -1,4 +1,4 @@
-"""The rules of the body's withdrawal, without a robot."""
+"""Rules of the whole-body withdrawal, without a robot."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def see(
     *contacts: Contact, stamp: float = 0.0, at: Landmark = FACE.landmark, distance: float = 0.0,
     joints: Mapping[str, Array] | None = None, posture: Mapping[str, Array] = POSTURE,
 ) -> tuple[Perception, GenericBody]:  # fmt: skip
-    """Returns the perception of contacts that lie `distance` [m] from one landmark and on no other, and a
-    body with all joints, or with some."""
+    """Returns the perception of contacts at `distance` [m] from one landmark and far from all others, and a
+    body with all joints or only some."""
     body = body_that(
         "nao-whole",
         retreat=away,
@@ -77,7 +77,8 @@ def test_one_touch_is_answered_once() -> None:
     again, memory = step(reflex, see(press("head", 1.0), stamp=0.1), memory)
     assert not again
     harder, memory = step(reflex, see(press("head", 5.0), stamp=0.2), memory)
-    np.testing.assert_allclose(harder[0].values, FACE.motion, atol=1e-12)  # from where it began, not added
+    # counted from the posture at the start of the withdrawal
+    np.testing.assert_allclose(harder[0].values, FACE.motion, atol=1e-12)
     nothing, memory = step(reflex, see(stamp=0.3), memory)
     assert not nothing
     assert list(memory) == ["head"]
@@ -97,7 +98,8 @@ def test_a_lasting_touch_is_answered_once_however_rarely_it_is_seen(refractory: 
         moments += [tick for _ in commands]
     assert moments == [0]
     assert memory["head"].touched == period * 19
-    np.testing.assert_allclose(memory["head"].target, FACE.motion)  # from the posture at its start
+    # counted from the posture at the start of the touch
+    np.testing.assert_allclose(memory["head"].target, FACE.motion)
 
 
 def test_a_withdrawal_in_the_place_of_one_that_is_over_is_sent() -> None:

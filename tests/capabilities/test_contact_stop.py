@@ -26,7 +26,8 @@ TARGET = read_only(POSTURE + 0.3)
 
 @dataclass(frozen=True)
 class Raise(Capability[bool]):
-    """Moves one arm: one command in position mode, one in each step in the other modes."""
+    """Moves one arm: sends a single command in position mode, and a command in each step in the other
+    modes."""
 
     mode: Mode = Mode.POSITION
     target: tuple[float, ...] = tuple(TARGET)
@@ -95,7 +96,7 @@ def test_in_velocity_and_torque_mode_it_sends_zero(mode: Mode) -> None:
 
 @dataclass(frozen=True)
 class Reach(Capability[bool]):
-    """Moves a hand to a place, with one command or one in each step."""
+    """Moves a hand to a position, with a single command or a command in each step."""
 
     always: bool
 
@@ -125,7 +126,7 @@ def test_a_hand_on_its_way_stops_and_goes_on(always: bool) -> None:
 
 
 def peak_force(name: str, *, stops: bool) -> float:
-    """Bends an elbow towards a fixed finger; returns the largest force [N]."""
+    """Bends an elbow towards a fixed finger, and returns the largest contact force [N]."""
     world = World(load_robot(name))
     link = SimulatedDriver(world.robot, world=world)
     field = next(field for field in default_fields() if field.name == "forearm_flexor")

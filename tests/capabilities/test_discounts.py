@@ -1,4 +1,4 @@
-"""Force and distance discounts phi and psi of eq. 5."""
+"""Force discount phi and distance discount psi of equation 5."""
 
 from __future__ import annotations
 

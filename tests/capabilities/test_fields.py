@@ -1,4 +1,5 @@
-"""The file of receptive fields: the one of TCI, and all faults of a file at once."""
+"""The file of receptive fields: the content of TCI's file, and the report of all faults of a wrong file at
+once."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""A light grasp closes a hand whose palm is touched, holds with the force that is asked for, and opens on a
-pull: on every robot with hands, by six motors, nine or one."""
+"""A light grasp closes a hand whose palm is touched, holds the object with the requested force, and opens at
+a pull. Tested on every robot with hands, which have six motors, nine motors or one motor."""
 
 from __future__ import annotations
 
@@ -31,8 +31,9 @@ PART = "left_fingers"
 
 
 def proposed(folder: Path, kind: str) -> Robot:
-    """Returns a made robot with hands of a kind, as `tci new-robot --hand-skin` writes it."""
-    motor = (1.0, 0.5) if kind == "inspire" else (2.0, 6.28)  # its maker's: slow motors push all the same
+    """Returns a made robot with one kind of hand, as `tci new-robot --hand-skin` describes it."""
+    # values of the maker; slow motors also push with full force
+    motor = (1.0, 0.5) if kind == "inspire" else (2.0, 6.28)
     model = with_hands(MadeHumanoid(legs=False).urdf(folder), getattr(made_hands, kind)(), motor=motor)
     target = folder / "robot.xml"
     target.write_text(write_robot(propose(model, name="made", skin_on_hands=True), file=model.name))
@@ -40,7 +41,7 @@ def proposed(folder: Path, kind: str) -> Robot:
 
 
 class Felt:
-    """A hand that is touched in turn, and the state of the reflex."""
+    """A hand that is touched step by step, and the memory of the grasp."""
 
     def __init__(self, name: str) -> None:
         self.touched, self.grasp = TouchedRobot(name), LightGrasp(patience=0.05, quiet=0.1)
@@ -48,7 +49,7 @@ class Felt:
         self.last: GenericCommand | None = None
 
     def feel(self, times: int, patch: str | None = None, force: float = 2.0) -> GenericCommand | None:
-        """Returns the last command for the left hand while it is touched `times` times."""
+        """Touches the robot `times` times and returns the last command for the left hand."""
         for _ in range(times):
             seen = self.touched.perceive(patch, force=force)
             commands, self.memory = self.grasp.step(self.memory, seen, self.touched.body)
@@ -78,7 +79,8 @@ def test_a_touched_palm_closes_all_fingers_of_that_hand_and_no_touch_none(name: 
     ("name", "finger", "stays", "go_on"),
     [
         ("icub-hands", "index", (3,), (1, 5, 7, 9)),
-        ("icub-hands", "little", (7, 9), (1, 3, 5)),  # with the ring finger, by one motor
+        # one motor moves the little finger together with the ring finger
+        ("icub-hands", "little", (7, 9), (1, 3, 5)),
         ("nao-hands", "thumb", (1, 3, 5), ()),
         ("g1-hands", "index", (3,), (1, 5)),
     ],
@@ -101,7 +103,8 @@ def test_a_pull_opens_and_the_next_touch_closes_again(name: str) -> None:
     felt.feel(5, "left_palm")
     felt.feel(2, "left_thumb_tip", force=1.0)
     assert felt.closed
-    command = felt.feel(5, "left_thumb_tip", force=1.0)  # it has left the palm, and the thumb still holds it
+    # the object has left the palm but still touches the thumb
+    command = felt.feel(5, "left_thumb_tip", force=1.0)
     assert not felt.closed
     assert command is not None
     np.testing.assert_array_equal(command.values, felt.touched.robot.part(PART).initial_posture)

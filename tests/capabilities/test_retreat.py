@@ -1,4 +1,5 @@
-"""A motion towards a touch is refused, and an object in the way of a withdrawal ends it."""
+"""A withdrawal that would move towards a touch is refused. An object in the path of a withdrawal ends the
+withdrawal."""
 
 from __future__ import annotations
 
@@ -22,13 +23,14 @@ SKIN = perception("nao").skin
 
 @dataclass(frozen=True)
 class Room:
-    """Displacements [m] of each contact away from the object and along it, for any motion, by identity."""
+    """Displacement [m] of each contact away from the object and along the object's surface, for any motion,
+    by the contact's identity."""
 
     away: Mapping[int, Sequence[float]]
     across: float = 0.0
 
     def retreat(self, perception: Perception, part: str, target: Array, mode: Mode) -> Array:
-        """Stands for `GenericBody.retreat`."""
+        """Replaces `GenericBody.retreat`."""
         inwards = np.array([self.away[contact.identity] for contact in perception.contacts]).T
         return np.stack([inwards, np.full_like(inwards, self.across)])
 
@@ -41,7 +43,7 @@ def touches(*identities: int, force: float = 5.0) -> list[Contact]:
 def seen(
     room: Room, *contacts: Contact, stamp: float = 0.0, posture: Array = POSTURE
 ) -> tuple[Perception, GenericBody]:
-    """Returns the perception of the contacts, and the body."""
+    """Returns the perception of the contacts, and a body whose `retreat` is that of `room`."""
     return see(*contacts, stamp=stamp, posture={"left_arm": posture}), body_that(retreat=room.retreat)
 
 

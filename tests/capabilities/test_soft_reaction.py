@@ -1,4 +1,4 @@
-"""The soft reaction: a pushed arm yields, on both robots; and the Jacobian that it uses."""
+"""The soft reaction: a pushed arm yields, on both robots. Also tests the Jacobian that the reaction uses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The nine properties that a force-distance reflex must have, by number; and steps without side effects."""
+"""The nine properties that a force-distance reflex must have, by number. Also tests that steps have no side
+effects."""
 
 from __future__ import annotations
 
@@ -42,7 +43,7 @@ contacts = st.builds(
 
 
 def motion(reflex: WithdrawalReflex, *touches: Contact, part: str = "left_arm") -> Array:
-    """Returns the generic motion (5,) [rad] of an arm at rest in response to the touches."""
+    """Returns the motion (5,) [rad] of an arm at rest, in generic joints, in response to the touches."""
     commands, _ = reflex.step(reflex.init(BODY), see(*touches), BODY)
     target = {command.part: command.values for command in commands}.get(part, POSTURE)
     return np.asarray(target - POSTURE)
@@ -54,7 +55,7 @@ def gain_of(reflex: WithdrawalReflex, contact: Contact) -> float:
 
 
 def play(reflex: WithdrawalReflex, *frames: Perception) -> list[tuple[str, Array]]:
-    """Returns all commands, as part and target, over successive frames."""
+    """Returns all commands as (part, target) over successive frames."""
     memory, seen = reflex.init(BODY), []
     for frame in frames:
         commands, memory = reflex.step(memory, frame, BODY)
@@ -192,7 +193,8 @@ LEFT_LIMITS = np.deg2rad([[-29.5, 209.5], [-18, 76], [-29.5, 209.5], [2, 88.5], 
 def test_7_the_gate_keeps_posture_plus_motion_within_the_limits(
     shares: list[float], field: ReceptiveField, left: bool
 ) -> None:
-    """Also from a posture at its limits: the gate ensures it, since the reflex does not know the robot."""
+    """The posture may be at its limits. The gate limits the target, because the reflex has no data about the
+    robot's limits."""
     part = "left_arm" if left else "right_arm"
     start = LEFT_LIMITS[:, 0] + np.array(shares) * np.ptp(LEFT_LIMITS, axis=1)
     position = np.zeros(len(NAO.servos))
@@ -256,7 +258,7 @@ def test_9_a_lasting_touch_is_answered_once() -> None:
 
 
 def test_9_what_the_motion_itself_touches_is_not_answered() -> None:
-    """The arm repeatedly withdraws into an object on its other side."""
+    """The arm repeatedly withdraws into an object on the opposite side."""
     frames = [see(poke(FIELD, 5.0), stamp=0.0)]
     frames += [see(poke(OTHER, 5.0, sequence=tick), stamp=0.01 * tick) for tick in range(1, 300)]
     assert len(play(TWO, *frames)) == 1
@@ -301,7 +303,8 @@ def test_9_a_touch_after_the_refractory_period_of_quiet_is_new_though_no_step_ca
 def test_9_the_gain_may_grow_with_the_touch_but_never_beyond_the_base_motion(
     course: list[tuple[float, ReceptiveField]],
 ) -> None:
-    """Over the frames of one touch the targets move outwards on a ray from the posture at its start."""
+    """During one touch, the targets move outwards on a straight line that starts at the posture at the
+    touch's beginning."""
     frames = [
         see(poke(field, force), stamp=0.01 * tick, posture={"left_arm": POSTURE + 0.001 * tick})
         for tick, (force, field) in enumerate(course)
@@ -336,7 +339,7 @@ def test_a_command_is_the_posture_at_the_trigger_plus_the_gain_times_the_base_mo
 
 
 def test_the_weighted_force_is_that_of_eq_7() -> None:
-    """Two taxels 0.3 apart in u, r = 0.3: weights 2 r - d = 0.6 and 0.3."""
+    """Two taxels at a distance of 0.3 in u, with r = 0.3, have the weights 2 r - d = 0.6 and 0.3."""
     contact = touch(0.5, 0.0, [2.5, 1.0], offsets=[0.0, 0.3])
     reflex = WithdrawalReflex(fields=(one_field(measure="weighted"),))
     assert gain_of(reflex, contact) == pytest.approx((2.0 - 1.0) / 2.0)
@@ -369,7 +372,7 @@ def bits(memory: WithdrawalMemory) -> dict[str, tuple[object, ...]]:
 
 @given(st.lists(st.lists(contacts, max_size=3), min_size=1, max_size=5))
 def test_the_same_inputs_give_the_same_outputs_bit_for_bit(course: list[list[Contact]]) -> None:
-    """Also for another object with equal settings, and from a stored memory."""
+    """The outputs are also equal for another object with equal settings, and from a stored memory."""
     reflex, twin = WithdrawalReflex(), WithdrawalReflex()
     memory = reflex.init(BODY)
     for tick, touches in enumerate(course):

@@ -1,4 +1,5 @@
-"""Capabilities that run another one report its faults and notes, so that a blind reflex stops the robot."""
+"""Capabilities that wrap another capability report its faults and notes, so that a reflex without healthy
+skin stops the robot."""
 
 from __future__ import annotations
 
@@ -30,11 +31,11 @@ STILL = Gesture(T, {"left_arm": np.deg2rad(np.array([25.0, 25, 0, 60, 0]) + np.z
 SKIN = perception("nao").skin
 MASKED = replace(see(), skin=replace(SKIN, masked=np.ones(1, bool)))
 BLIND = body_that(coverage=lambda perception, part, places, radius: np.zeros(len(places)))
-"""A body without a healthy taxel."""
+"""A body whose fields contain no healthy taxel."""
 
 
 class Refusing(BodyWithdrawal):
-    """A reflex with a refusal from the beginning."""
+    """A reflex that reports a refusal from the beginning."""
 
     def init(self, body: GenericBody) -> BodyMemory:
         return BodyMemory({}, {"left_leg": Refusal("it carries", b"", 0.0)})
@@ -46,7 +47,8 @@ class Refusing(BodyWithdrawal):
 
 
 class Nod(Capability[dict[str, int]]):
-    """Returns one command instead of a tuple of one. Its memory is empty, as that of a reflex at rest."""
+    """Returns a single command instead of a tuple. Its memory is empty, like the memory of a reflex at
+    rest."""
 
     def init(self, body: GenericBody) -> dict[str, int]:
         return {}
@@ -59,7 +61,7 @@ class Nod(Capability[dict[str, int]]):
 
 
 class Sleepy(Nod):
-    """Returns None."""
+    """Returns None instead of commands and memory."""
 
     def step(self, memory: dict[str, int], perception: Perception, body: GenericBody) -> Any:
         return None

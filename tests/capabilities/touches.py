@@ -1,4 +1,4 @@
-"""Perceptions of touches and postures, made without a robot."""
+"""Makes perceptions of touches and postures without a robot."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ def touch(
     offsets: Sequence[float] | None = None,
     sequence: int = 0,
 ) -> Contact:
-    """Returns a contact centred at (u, theta) whose taxels carry `forces` [N], at `offsets` of u from it."""
+    """Returns a contact with its centre at (u, theta). The taxels have the forces `forces` [N], at distances
+    `offsets` in u from the centre."""
     taxel_u = u + (np.zeros(len(forces)) if offsets is None else np.array(offsets))
     origin, x = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]
     return single_contact(
@@ -51,7 +52,7 @@ def _body(robot: str) -> GenericBody:
 
 
 def body_that(robot: str = "nao", **answers: Callable[..., Any]) -> GenericBody:
-    """Returns a robot's body with some methods replaced by `answers`."""
+    """Returns a robot's body in which `answers` replace some methods."""
     body = object.__new__(GenericBody)
     body.__dict__.update(vars(_body(robot)))
     for name, answer in answers.items():
@@ -61,12 +62,12 @@ def body_that(robot: str = "nao", **answers: Callable[..., Any]) -> GenericBody:
 
 
 def away(perception: Perception, part: str, target: Array, mode: Mode) -> Array:
-    """Stands for `GenericBody.retreat` where every motion leads away from all contacts."""
+    """Replaces `GenericBody.retreat`: every motion moves away from all contacts."""
     return np.ones((2, 1, len(perception.contacts)))
 
 
 BODY = body_that(retreat=away)
-"""A NAO all of whose motions lead away."""
+"""A NAO whose `retreat` says that every motion moves away from the contacts."""
 
 
 def see(*contacts: Contact, stamp: float = 0.0, posture: Mapping[str, Array] = BOTH_ARMS) -> Perception:
@@ -75,7 +76,7 @@ def see(*contacts: Contact, stamp: float = 0.0, posture: Mapping[str, Array] = B
 
 
 def one_field(**changes: Any) -> ReceptiveField:
-    """Returns a field on the forearm's flexor side, with round numbers."""
+    """Returns a field on the forearm's flexor side, with simple numbers."""
     words: dict[str, Any] = {
         "name": "field",
         "segment": "forearm",

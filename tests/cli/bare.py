@@ -1,6 +1,7 @@
-"""Runs commands of `tci` as if some modules and distributions were not installed; a program for tests.
+"""Program for tests: runs commands of `tci` as if some modules and distributions were not installed.
 
-python bare.py HIDDEN[,HIDDEN...] < lists of words as JSON > [status, what it said] of each
+python bare.py HIDDEN[,HIDDEN...] reads a JSON list of commands (lists of words) from stdin, and prints
+[status, output] of each command.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ HIDDEN = set(sys.argv[1].split(","))
 
 
 class Blind:
-    """A finder that does not find the hidden modules and distributions."""
+    """An import finder that does not find the hidden modules and distributions."""
 
     def __init__(self, finder: Any) -> None:
         self.finder = finder

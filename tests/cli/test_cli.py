@@ -1,4 +1,4 @@
-"""The main commands of the command line."""
+"""Tests of the main commands of the command line."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ LISTING = """<generic_robot angle_unit="deg">
 
 
 def tci(*arguments: str, status: int = 0) -> str:
-    """Runs a command in this process, since starting Python and loading kernels takes longer than most
-    commands."""
+    """Runs a command in this process, because the start of Python and the loading of kernels take longer than
+    most commands."""
     out, err = io.StringIO(), io.StringIO()
     before = signal.getsignal(signal.SIGTERM)
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
         patch.setattr(sys, "argv", ["tci", *arguments])
-        patch.setattr(console, "width", 200)  # otherwise line breaks depend on the name of a folder
+        patch.setattr(console, "width", 200)  # otherwise line breaks depend on the length of a folder name
         with pytest.raises(SystemExit) as ended:
             main()
     signal.signal(signal.SIGTERM, before)
@@ -44,7 +44,7 @@ def tci(*arguments: str, status: int = 0) -> str:
 
 
 def process(*arguments: str) -> str:
-    """Runs a command in a process of its own."""
+    """Runs a command in a separate process."""
     command = [sys.executable, "-m", "tci.cli.main", *arguments]
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stdout + run.stderr
@@ -121,7 +121,7 @@ def test_check_says_what_is_valid_and_what_is_not(tmp_path: Path) -> None:
 
 
 def test_a_demo_names_the_next_step(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """After the trials, which are those of `test_view.py`."""
+    """Tests only the text after the trials; `test_view.py` runs the trials."""
     monkeypatch.setattr("tci.cli.demo._run_trials", lambda *words, **options: None)
     text = tci("demo", "nao", "--headless", "--out", str(tmp_path))
     assert f"Next: open {tmp_path / 'demo.png'}, then poke" in text

@@ -25,7 +25,7 @@ from tci.robot.description import Robot
 from tci.runtime.arguments import load_capability
 
 SILENT = {"view", "zenoh router"}
-"""Commands that run until they are interrupted, and have no report."""
+"""Commands that run until an interrupt and print no report."""
 
 
 OWN = """
@@ -42,7 +42,7 @@ class Shrug(tci.Capability):
 
 
 def commands(command: object, before: str = "") -> dict[str, object]:
-    """Returns every command that can be run, by the words that a user types."""
+    """Yields every command that can be run, as the words that a user types."""
     inner = getattr(command, "commands", None)
     if inner is None:
         return {before: command}
@@ -96,7 +96,8 @@ def test_the_robot_is_the_last_word_of_every_command(name: str) -> None:
 
 @pytest.mark.parametrize("name", sorted(COMMANDS))
 def test_help_shows_every_unit_and_default(name: str) -> None:
-    """Rich drops text in brackets, which it reads as a colour, unless the brackets are escaped."""
+    """The library Rich would read text in brackets as a colour and drop it, unless the brackets are
+    escaped."""
     shown = CliRunner().invoke(app, [*name.split(), "--help"], env={"COLUMNS": "400"}).output
     words = " ".join(one.help.replace("\\[", "[") for one in COMMANDS[name].params if one.help)
     for told in re.findall(r"\[[^\]]+\]", words):
@@ -233,7 +234,7 @@ def test_a_capability_runs_from_a_file_beside_the_user(
 
 
 def test_no_option_is_declared_twice() -> None:
-    """Options that several commands share are declared once, in `options`."""
+    """Options that several commands share are declared once, in the module `options`."""
     declared: dict[str, list[str]] = {}
     for path in sorted(Path(cli.__file__).parent.glob("*.py")):
         for node in ast.walk(ast.parse(path.read_text())):

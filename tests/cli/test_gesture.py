@@ -23,7 +23,7 @@ from tci.simulation.world import World
 
 
 class Breaking(SimulatedDriver):
-    """A robot whose angles are not numbers for a while, and which is gone from `END` [s] on."""
+    """A robot whose angles are invalid for some time, and whose connection ends at `END` [s]."""
 
     END = 0.5
 

@@ -46,7 +46,7 @@ def test_record_look_cut_export_and_replay(tmp_path: Path) -> None:
     assert tci("log", "info", "no.mcap", status=1).strip() == "tci: no.mcap: No such file or directory"
     assert "valid: within 0.000 to 0.598 s" in tci("log", "cut", path, f"{path}.x", "--from", "7", status=1)
     assert "valid: 0.000 to 0.598 s" in tci("plot", path, "--from", "7", "--to", "8", status=1)
-    matrices = tmp_path / "touch.npz"  # the suffix selects the format
+    matrices = tmp_path / "touch.npz"  # the suffix of the file name selects the format
     tci("log", "export", path, str(matrices))
     assert matrices.is_file()
     written = tci("log", "export", path, str(tmp_path / "tables"))

@@ -1,4 +1,5 @@
-"""Every command that needs a missing extra says at once how to install it."""
+"""Every command that needs a missing extra (optional dependency) immediately prints how to install the
+extra."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ HIDDEN = (
     "qi", "cyclonedds", "rosbags", "roslibpy", "pyarrow", "viser", "av", "py_trees", "lcm", "zenoh",
     "gymnasium", "trimesh", "collada", "rclpy", "rospy", "yarp", "icub-models", "example-robot-data",
 )  # fmt: skip
-"""Modules, and distributions of models."""
+"""Modules, and distributions that contain robot models, which are hidden in these tests."""
 ELSEWHERE = {
     "ros1": "apt-get install python3-rospy",
     "yarp:bindings": "conda install -c conda-forge yarp-python",
@@ -67,7 +68,8 @@ CASES = {
         words.format(via): told
         for words in WITH_VIA
         for via, told in VIAS.items()
-        if (words, via) != (WITH_VIA[0], "unitree")  # a demo asks first if the middleware carries a NAO
+        # a demo first checks whether the middleware supports a NAO
+        if (words, via) != (WITH_VIA[0], "unitree")
     },
     **{words.format("icub"): advice("icub") for words in WITH_ROBOT},
     **{words.format(name): advice("robots") for words in WITH_ROBOT for name in ("g1", "talos", "alex")},
@@ -75,9 +77,9 @@ CASES = {
 }
 RECORD = "record one.mcap nao --duration 0.1"
 SERVE = "serve nao --via lcm --duration 0.1"
-"""A command that needs no extra: TCI implements LCM itself."""
+"""A command that needs no extra, because TCI implements LCM itself."""
 DOCTOR = "doctor --json"
-pytestmark = pytest.mark.xdist_group("bare")  # of which the fixture runs once
+pytestmark = pytest.mark.xdist_group("bare")  # one group, so that the fixture runs once
 GESTURE = f"time_s,{','.join(f'left_arm.{joint}_deg' for joint in JOINTS)}\n0,0,0,0,10,0\n1,0,0,0,20,0\n"
 URDF = (
     '<robot name="arm"><link name="a"><visual><geometry><mesh filename="a.dae"/></geometry></visual></link>'
@@ -87,7 +89,7 @@ URDF = (
 
 @pytest.fixture(scope="module")
 def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[object, str]]:
-    """Returns exit status and output of every case, run in one process."""
+    """Runs every case in one process, and returns exit status and output by case."""
     folder = tmp_path_factory.mktemp("bare")
     (folder / "wave.csv").write_text(GESTURE)
     (folder / "bag").mkdir()

@@ -16,7 +16,7 @@ def test_from_a_folder_and_from_a_package(tmp_path: Path) -> None:
     assert urdf is not None
     own = (
         tmp_path / "example-robot-data" / "robots" / "g1_description"
-    )  # the package that its mesh paths name
+    )  # the package that the mesh paths contain
     shutil.copytree(urdf.parent.parent, own)
     model = own / "urdf" / urdf.name
     told = json.loads(tci("new-robot", str(model), "--name", "mine", "--json"))

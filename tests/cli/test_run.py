@@ -1,4 +1,4 @@
-"""`tci run`, with injected faults; its output for people and for programs."""
+"""Tests `tci run` with injected faults, and its output as text and as JSON."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_a_person_sees_what_happened_and_why_the_robot_holds() -> None:
 
 
 class Nod(tci.Capability[None]):
-    """Commands its head in every period."""
+    """Commands the head in every period."""
 
     def init(self, body: tci.GenericBody) -> None:
         return None
@@ -100,7 +100,7 @@ def test_what_is_refused_while_the_robot_is_away_is_told_once(capsys: pytest.Cap
 
 
 class Lost(Nod):
-    """Is refused in every period."""
+    """A capability whose command is refused in every period."""
 
     def step(
         self, memory: None, perception: tci.Perception, body: tci.GenericBody
@@ -109,7 +109,7 @@ class Lost(Nod):
 
 
 class Far(Nod):
-    """Is clamped in every period."""
+    """A capability whose command is clamped in every period."""
 
     def step(
         self, memory: None, perception: tci.Perception, body: tci.GenericBody
@@ -163,7 +163,7 @@ def test_a_class_that_its_package_loads_on_first_use_is_found() -> None:
     load = "from tci.runtime.arguments import load_capability as load"
     code = f"{load}; print(load('tci:WithdrawalReflex').refractory)"
     assert subprocess.run([sys.executable, "-c", code], check=True, capture_output=True).stdout == b"0.5\n"
-    valid = r"(\w+, )*WithdrawalReflex\b"  # in case it was loaded before
+    valid = r"(\w+, )*WithdrawalReflex\b"  # in case another test has loaded the module
     with pytest.raises(UnknownNameError, match=rf"did you mean 'WithdrawalReflex'\?\); valid: {valid}"):
         load_capability("tci:WithdrawalRefle")
 
@@ -180,7 +180,7 @@ def test_a_class_that_cannot_be_made_as_it_is(name: str, words: str) -> None:
 
 
 def test_a_rehearsal_lasts_until_the_fault_can_show(tmp_path: Path) -> None:
-    """A minute of a NAO that is commanded at 50 Hz, which takes a third of the time."""
+    """Simulates a minute of a NAO that is commanded at 50 Hz, in about 20 s of real time."""
     folder = tmp_path / "nao"
     shutil.copytree(Path(load_robot("nao").source).parent, folder)
     slow = folder / "slow.xml"

@@ -1,4 +1,4 @@
-"""`tci serve`: output about a robot that others command, and its bounded memory."""
+"""Tests `tci serve`: its output about a robot that other programs command, and its bounded memory."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from tci.drivers.simulated import SimulatedDriver
 from tci.reasons import MOST
 
 AWAY = 400
-"""Number of periods without joint data; each has an age of its own."""
+"""Number of periods without joint data. In each period the age of the data is different."""
 
 
 def served(monkeypatch: pytest.MonkeyPatch, orders: Iterable[tci.GenericCommand], *, as_json: bool) -> None:
-    """Serves a robot whose joint data stops; an order arrives in each period."""
+    """Serves a robot whose joint data stop. An order arrives in each period."""
     driver = FaultInjector(
         SimulatedDriver(tci.load_robot("nao")), [parse_fault(f"dropped-frames@0.1:{AWAY * 0.002}")]
     )

@@ -1,4 +1,4 @@
-"""`tci skin`: cones fitted to skins, and pictures."""
+"""Tests `tci skin`: cones that are fitted to skins, and pictures of skins."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tci.robot.skin_files.file import read_skin_file
 
 FOREARM = (np.cos(np.deg2rad(15.0)), 0.0, np.sin(np.deg2rad(15.0)))
 FIGURES = [
-    # File, axis, origin; then for each kind of fit: length [mm], RMS and largest error [mm].
+    # File, axis and origin; then, for each kind of fit: length [mm], RMS and largest error [mm].
     (
         "icub/positions_pycub/left_forearm.txt", FOREARM, (0.0, 0.0, 0.0),
         {"none": (90, 5.2, 11.8), "centre": (90, 3.2, 7.2), "axis": (99, 2.6, 7.1)},
@@ -63,7 +63,8 @@ def test_cones_through_genuine_skins(
 def test_cones_through_made_skins_lie_midway_between_their_modules(
     name: str, free: Literal["none", "axis"], made_data: SkinData
 ) -> None:
-    """Every second module lies RIPPLE deeper, so a fit lies between both halves."""
+    """Every second module of the made skin lies deeper by RIPPLE, so a fitted cone lies midway between the
+    two groups of modules."""
     made, skin = SKINS[name], read_skin_file(made_data.file(f"{name}.txt"))
     positions = skin.positions[skin.taxels]
     fit = skin_cone(positions, origin=np.zeros(3), axis=np.array([0.0, 0.0, 1.0]), free=free)

@@ -1,4 +1,5 @@
-"""`tci skin calibrate` corrects a wrong response of a description, and the skin uses it from then on."""
+"""`tci skin calibrate` corrects a wrong sensor response in a description, and the skin then uses the
+corrected response."""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ WRONG = 1.4
 
 @pytest.fixture
 def description(tmp_path: Path) -> Path:
-    """Returns a NAO whose description makes its left sleeve less sensitive than it is."""
+    """Returns a NAO whose description gives too low a sensitivity for the left sleeve."""
     shutil.copytree(NAO, tmp_path / "nao")
     path = tmp_path / "nao" / "robot.xml"
     root = etree.parse(path)
@@ -45,7 +46,7 @@ def description(tmp_path: Path) -> Path:
 @pytest.fixture
 def recorded(description: Path, tmp_path: Path) -> tuple[Path, Path]:
     """Returns a recording of a pressed NAO with correct sensors, and the log of a force sensor."""
-    world = World(load_robot("nao"))  # measures with the true response
+    world = World(load_robot("nao"))  # the sensor measures with the true response
     driver = SimulatedDriver(read_robot(description), world=world)
     log = ["time,force"]
     with driver, recorder_for(tmp_path / "loads.mcap", driver, "sim", {}) as recorder:
@@ -83,7 +84,7 @@ def test_weights_in_simulation_give_a_file_and_its_report(tmp_path: Path) -> Non
     written = read_json(out, SkinCalibration)
     assert written.robot == "nao"
     assert written.patches["left_forearm"].report["date"] == written.date
-    # Another patch joins the first one.
+    # A second patch is added to the first one.
     code, _ = run(*["head" if word == "left_forearm" else word for word in words])
     assert set(read_json(out, SkinCalibration).patches) == {"left_forearm", "head"}
 
@@ -104,11 +105,11 @@ def test_a_force_sensor_beside_the_skin_finds_the_wrong_response(
     code, output = run(*words, "--json")
     assert code == 0
     told = json.loads(output)["report"]
-    # All taxels of this sleeve have one area, so that one gain is what the raw sum has too.
+    # All taxels of this sleeve have equal areas, so that one gain gives the same result as the raw sum.
     assert told["held_out_one_gain_N"] == pytest.approx(told["held_out_raw_sum_N"], rel=1e-6)
     assert told["held_out_N"] < 0.5 * told["held_out_one_gain_N"]
     assert told["offset_N"] == pytest.approx(0.0, abs=0.1)
-    # From then on the skin of that description measures newtons.
+    # With the corrected description, the skin measures newtons.
     assert felt(description) == pytest.approx(true_force(), rel=0.05)
 
 

@@ -1,4 +1,4 @@
-"""`tci skin check`: a wrong frame is detected, and its correction printed."""
+"""`tci skin check` detects skin positions in a wrong frame, and prints the correction."""
 
 from __future__ import annotations
 
@@ -59,7 +59,8 @@ def test_files_in_their_links_frame_fit(name: str, link: str, genuine_data: Skin
 
 
 def test_a_file_in_another_frame_is_wrong_and_its_correction_is_printed(tmp_path: Path) -> None:
-    """The file has points of the link itself, displaced. 14 such patches take up to a minute."""
+    """The file contains points in the frame of the link, with an offset. A check of 14 such patches takes up
+    to a minute."""
     surface = link_surface(ICUB, "l_upper_arm")
     points = surface.points[:: len(surface.points) // 192][:192]
     moved = transform(rotation_rpy(0.4, -0.9, 2.0), np.array([0.05, -0.02, 0.08]))

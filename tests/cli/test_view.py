@@ -1,4 +1,4 @@
-"""`tci view`: start, end, and wrong arguments."""
+"""Tests `tci view`: its start, its end, and wrong arguments."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from recording.recorded import record_poke
 
 
 def opened(*words: str) -> tuple[subprocess.Popen[str], str, str]:
-    """Starts a command; returns it once it has printed the address of its page, that address, and all that it
-    said."""
+    """Starts a command and waits until the command has printed the address of its page. Returns the process,
+    the address, and the output."""
     command = [sys.executable, "-m", "tci.cli.main", *words]
     run = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, preexec_fn=_heed_ctrl_c
@@ -33,12 +33,13 @@ def opened(*words: str) -> tuple[subprocess.Popen[str], str, str]:
 
 
 def _heed_ctrl_c() -> None:
-    """Restores SIGINT, which processes in the background, and their children, ignore."""
+    """Restores the default action of SIGINT, because processes in the background and their children ignore
+    SIGINT."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def ended(run: subprocess.Popen[str]) -> str:
-    """Sends Ctrl-C; returns the output."""
+    """Sends Ctrl-C and returns the output."""
     run.send_signal(signal.SIGINT)
     said, _ = run.communicate(timeout=60)
     assert run.returncode == 0, said

@@ -21,8 +21,8 @@ from tci.simulation.world import World
 
 
 class Crossed(SimulatedDriver):
-    """Angle i of the driver is `scale[i]` times angle `order[i]` of the robot: in commands, and also in
-    encoder readings unless the encoders are correct."""
+    """A simulated robot whose driver is wrong. Angle i of the driver is `scale[i]` times angle `order[i]` of
+    the robot. This applies to commands and, unless the encoders are correct, to encoder readings."""
 
     def __init__(
         self, robot: Robot, *, scale: dict[str, float] | None = None, swap: tuple[str, str] | None = None,
@@ -40,9 +40,9 @@ class Crossed(SimulatedDriver):
         self._sound = sound_encoders
         self.start = np.array(self.world.joints().position)
         self.far = np.zeros(len(index))
-        """Largest true motion (n,) [rad] of each servo since the start."""
+        """Largest true displacement (n,) [rad] of each servo since the start."""
         self.now = np.zeros(len(index))
-        """Largest true motion (n,) [rad] of each servo since the last `look`, with its sign."""
+        """Largest true displacement (n,) [rad] of each servo since the last call of `look`, with its sign."""
         self.base = self.start
 
     def _receive(self) -> Reading:
@@ -69,8 +69,8 @@ class Crossed(SimulatedDriver):
 
 
 class Witness:
-    """An operator who answers by the true motion of `driver`; `claimed` is the driver with the
-    description."""
+    """A simulated operator who answers questions according to the true motion of `driver`. `claimed` is the
+    driver whose description is tested."""
 
     def __init__(self, driver: Crossed, claimed: Any) -> None:
         self._driver, self._claimed = driver, claimed
@@ -123,5 +123,5 @@ def _alike(seen: np.ndarray, expected: np.ndarray) -> bool:
 
 
 def world_of(robot: Robot, **posture: list[float]) -> World:
-    """Returns a world in which the generic parts start at angles [degrees]."""
+    """Returns a simulated world in which the generic parts start at these angles [degrees]."""
     return World(robot, posture={part: np.deg2rad(angles) for part, angles in posture.items()})

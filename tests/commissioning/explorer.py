@@ -1,5 +1,5 @@
-"""Random runs of the loop: commands in all modes, faults, an operator. They check invariants that always
-hold."""
+"""Random runs of the loop with commands in all modes, faults and an operator. Invariants that must always
+hold are checked."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
 
 LETHAL = ("sigterm", "thread-fails", "link-lost")
-"""Faults that end the loop, with the robot at rest."""
+"""Faults that end the loop and leave the robot at rest."""
 NAMES = tuple(name for name in INJECTORS if name not in LETHAL)
 EPISODE = 12.0
-"""Length [s] of one run."""
+"""Duration [s] of one run."""
 
 
 @dataclass
 class Seen:
-    """Observations of one run so far."""
+    """Observations so far in one run."""
 
     steps: int = 0
     transitions: Counter[tuple[GateState, GateState]] = field(default_factory=Counter)
@@ -64,7 +64,7 @@ class Restless(tci.Capability[None]):
 
 
 class Explorer:
-    """Runs one loop after the other, each with faults of its own."""
+    """Runs several loops in sequence. Each run has other random faults."""
 
     def __init__(self, seed: int) -> None:
         self.random = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""Findings of the doctor about faulty robots, and none about healthy ones."""
+"""`tci doctor` reports findings about faulty robots, and no findings about healthy robots."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tci.simulation.world import World
 
 
 class Spoilt(SimulatedDriver):
-    """A simulated robot whose readings are changed before they are returned."""
+    """A simulated robot whose readings are changed before the driver returns them."""
 
     change: Callable[[Reading], Reading | None] = staticmethod(lambda reading: reading)
 
@@ -41,7 +41,7 @@ def world() -> World:
 
 def examine(driver: Driver, duration: float = 1.0) -> dict[tuple[str, Level], Finding]:
     findings = judge(driver, observe(driver, duration))
-    # The cost of reading depends on this machine.
+    # The time of a reading depends on this machine.
     return {(f.subject, f.level): f for f in findings if "read_p99_ms" not in f.figures}
 
 
@@ -182,7 +182,8 @@ def test_this_machine_names_drivers_robots_and_its_clock() -> None:
 
 
 def test_another_package_in_the_same_folder_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """PyPI's `tci` also installs a package and a command `tci`; MuJoCo 3 and mujoco-core 4 share a folder."""
+    """The distribution `tci` on PyPI installs a package and a command with the name `tci`. MuJoCo 3 and
+    mujoco-core 4 also install files in the same folder."""
     there = [("tci", "0.1.4", "tci"), ("tactile-capabilities", "0.2.0", "tci"),
              ("mujoco", "3.17.0", "mujoco"), ("mujoco-core", "4.0.1", "mujoco")]  # fmt: skip
     for name, version, module in there:

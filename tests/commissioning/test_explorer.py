@@ -1,4 +1,4 @@
-"""Random exploration violates no invariant of loop and gate."""
+"""Random exploration finds no violated invariant of loop and gate."""
 
 from __future__ import annotations
 

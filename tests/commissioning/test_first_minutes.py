@@ -1,4 +1,4 @@
-"""`tci check --hardware` with robots that are wrong: it finds the fault before a motion of 2 degrees."""
+"""`tci check --hardware` on wrong robots finds the fault before any joint has moved by 2 degrees."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ ROBOT = load_robot("nao")
 UNIT = 180.0 / np.pi
 PATIENCE = 10
 STRAIGHT = {"left_arm": [90.0, 0.0, 90.0, 60.0, 0.0]}
-"""Shoulder pitch and elbow yaw, which have the same limits, both at 0."""
+"""Posture [degrees] in which shoulder pitch and elbow yaw are both at servo angle 0. These two joints have
+equal limits."""
 
 
 def minutes(driver: Driver, crossed: Crossed, *names: str, taxels: int = 0) -> dict[str, Finding]:
@@ -45,7 +46,7 @@ def simulated(*names: str, taxels: int = 0, posture: Any = None, **wrong: Any) -
 def test_a_sound_robot_passes_joint_by_joint_and_taxel_by_taxel() -> None:
     found = simulated(taxels=3)
     wrong = [finding for finding in found.values() if finding.level in (Level.FAULT, Level.WARNING)]
-    # The cost of reading depends on this machine.
+    # The time of a reading depends on this machine.
     assert all("read_p99_ms" in finding.figures for finding in wrong)
     moved = [servo.name for servo in ROBOT.servos if servo.limits.lower is not None]
     assert len(moved) == 14
@@ -198,7 +199,7 @@ def test_names_of_what_is_to_be_checked() -> None:
 
 
 def wide(robot: Any, **limits: tuple[float, float]) -> Any:
-    """Returns the robot with other limits [degrees] of some servos."""
+    """Returns the robot with other limits [degrees] for some servos."""
     servos = []
     for servo in robot.servos:
         if servo.name in limits:
@@ -211,7 +212,7 @@ def wide(robot: Any, **limits: tuple[float, float]) -> Any:
 
 
 def served(crossed: Crossed, via: str, *names: str) -> dict[str, Finding]:
-    """Returns the findings of such a check through a service in front of the wrong robot, by subject."""
+    """Runs the check over a server in front of the wrong robot, and returns the findings by subject."""
     if via == "naoqi":
         needs_qi()
     end = threading.Event()
@@ -239,7 +240,7 @@ def served(crossed: Crossed, via: str, *names: str) -> dict[str, Finding]:
         for _ in range(PATIENCE):
             with connect(ROBOT, address, arm=True) as driver:
                 found = minutes(driver, crossed, *names)
-            # On a machine that is too busy for real time a robot looks too slow.
+            # If the machine is too busy for real time, the robot seems too slow; then the check is repeated.
             if "motion" not in found and not any("the gate" in finding.what for finding in found.values()):
                 break
         return found

@@ -1,4 +1,4 @@
-"""The first touch of a process causes no import and no compilation in the loop."""
+"""The first touch in a process causes no import and no compilation in the loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mistakes that are valid and yet wrong are found, and right descriptions give no doubt."""
+"""Valid but wrong values in descriptions are found, and correct descriptions cause no doubt."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_a_patch_without_taxels_has_no_scale_to_doubt() -> None:
 
 @pytest.mark.parametrize("name", ["nao", "g1"])
 def test_planted_mistakes_are_found_and_nothing_else_is_blamed(name: str, planted: ModuleType) -> None:
-    """One of each kind; `tools/planted.py` plants more of them, on more robots."""
+    """Tests one mistake of each kind. The program `tools/planted.py` tests more mistakes on more robots."""
     robot = load_robot(name)
     assert doubts(robot) == []
     kinds = planted.mistakes(robot)
@@ -88,7 +88,7 @@ def test_a_proposal_gives_no_doubt_and_the_command_shows_one(tmp_path: Path) -> 
 
 
 def damped(folder: Path, damping: float) -> Path:
-    """Returns a humanoid whose joints of 30 N m and 6.28 rad/s resist motion."""
+    """Returns a humanoid whose joints have 30 N m and 6.28 rad/s as limits, and damping."""
     path = MadeHumanoid(legs=False).urdf(folder)
     text = path.read_text()
     path.write_text(text.replace("</joint>", f"<dynamics damping='{damping}' friction='1'/></joint>"))
@@ -96,7 +96,7 @@ def damped(folder: Path, damping: float) -> Path:
 
 
 def test_a_speed_that_damping_makes_impossible_is_lowered_and_doubted(tmp_path: Path) -> None:
-    """A motor of 30 N m does not reach 6.28 rad/s against 10 N m s/rad."""
+    """A motor of 30 N m does not reach 6.28 rad/s against a damping of 10 N m s/rad."""
     light, heavy = tmp_path / "light", tmp_path / "heavy"
     light.mkdir()
     heavy.mkdir()

@@ -1,5 +1,5 @@
-"""Program that moves the NAO at `python commander.py VIA [SILENCE]` until it is killed. It prints
-`moving`."""
+"""Program that moves the NAO at `python commander.py VIA [SILENCE]` until the program is killed. Prints
+`moving` when the NAO moves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Threads and file descriptors of this process, for tests that a driver releases all of them."""
+"""Threads and file descriptors of this process, for tests which check that a driver releases all of them."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from tci.drivers.driver import Driver
 
 
 def held() -> set[object]:
-    """Returns the threads and file descriptors of this process. A socket or pipe counts once, however many
-    descriptors it has: the check of a library's sockets opens a second one for a moment."""
+    """Returns the threads and file descriptors of this process. A socket or pipe counts once, even if it has
+    several descriptors, because a library that checks a socket opens a second descriptor for a moment."""
     found: set[object] = {*threading.enumerate()}
     for number in os.listdir("/proc/self/fd"):
         with suppress(OSError):  # closed in the meantime
@@ -26,8 +26,8 @@ def held() -> set[object]:
 def left_behind(
     make: Callable[[], Driver], use: Callable[[Driver], object], *, patience: float = 30.0
 ) -> set[object]:
-    """Returns the threads and descriptors that were opened with a driver and still exist `patience` [s] after
-    it was closed."""
+    """Returns the threads and descriptors that were opened since a driver was opened, and that still exist
+    `patience` [s] after the driver was closed."""
     before = held()
     driver = make()
     use(driver)
@@ -35,6 +35,6 @@ def left_behind(
     driver.close()
     end = time.monotonic() + patience
     while (left := opened & held()) and time.monotonic() < end:
-        gc.collect()  # each topic of rospy has an epoll descriptor, in a reference cycle
+        gc.collect()  # each topic of rospy has an epoll descriptor, which is part of a reference cycle
         time.sleep(0.05)
     return left

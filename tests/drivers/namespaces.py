@@ -1,4 +1,5 @@
-"""Machines as network namespaces, for tests of data that crosses a network. Nothing leaves them."""
+"""Simulates machines as network namespaces, for tests of data that cross a network. No data leave these
+namespaces."""
 
 from __future__ import annotations
 
@@ -14,7 +15,8 @@ ROUTER = "10.77.0.1"
 
 
 def needs_namespaces() -> None:
-    """Skips the test, and lists it as not run, if no namespace can be created: a container rarely may."""
+    """Skips the test, and lists it as not run, if no namespace can be created. Most containers lack this
+    permission."""
     probe = f"tci{os.getpid()}-probe"
     try:
         subprocess.run(["ip", "netns", "add", probe], check=True, capture_output=True)
@@ -27,7 +29,7 @@ def needs_namespaces() -> None:
 
 
 class Network:
-    """A router with one wire to each of two machines."""
+    """A router with a separate cable to each of two machines."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -63,7 +65,7 @@ class Network:
         return process
 
     def says(self, machine: str, *words: str) -> str:
-        """Returns the output of a process on a machine, after it has ended."""
+        """Runs a process on a machine until its end, and returns the output."""
         return self.start(machine, *words).communicate(timeout=120)[0]
 
     def cut(self, machine: str) -> None:

@@ -1,7 +1,7 @@
 """Program that serves a simulated robot as `tci serve` does, for tests: `python patient.py VIA [SILENCE]`.
 
-By default its timeouts are longer than those of the description, so that a busy machine causes no fault. It
-prints `ready`, then a line for each change of the gate's state, with the time [s] and the reason.
+By default the timeouts are longer than those of the description, so that a busy machine causes no fault. The
+program prints `ready`, then a line for each change of the gate's state, with the time [s] and the reason.
 """
 
 from __future__ import annotations
@@ -19,15 +19,17 @@ from tci.runtime.real_time import real_time_where_permitted
 from tci.runtime.serve import serve
 
 PATIENCE = 0.5
-"""Silence [s] after which connections count as lost in these tests."""
+"""Time [s] without data after which connections count as lost in these tests."""
 
 
 MOTORS = {"Head": 12, "LArm": 15, "RArm": 22}
-"""First motor of a G1 that stands for a joint of a NAO's part in these tests; the others follow it."""
+"""For each part of a NAO: number of the first G1 motor that replaces the part's first joint in these tests.
+The other joints use the following motors."""
 
 
 def patient(name: str, silence: float = PATIENCE) -> Robot:
-    """Returns a robot by name that waits for `silence` [s] before it holds. A NAO has a G1's motors."""
+    """Returns a robot by name that waits for `silence` [s] without data before it holds. A NAO is mapped to
+    the motors of a G1."""
     robot = tci.load_robot(name)
     if name == "nao":
         addresses = tuple(
@@ -54,7 +56,8 @@ def main() -> None:
     with (
         SimulatedDriver(robot, paced=True) as driver,
         open_server(driver, sys.argv[1]) as server,
-        real_time_where_permitted(),  # as on a robot, whose loop waits for no other program
+        # real time as on a robot, where the loop does not wait for other programs
+        real_time_where_permitted(),
     ):
         serve(server, observe=tell)
 

@@ -1,10 +1,11 @@
 """Recorded messages between genuine Player 3.1.1 and TCI, replayed in the tests.
 
-    python tests/drivers/player_exchange.py client PORT     TCI's driver, and a genuine server at PORT
-    python tests/drivers/player_exchange.py server PORT TO  a genuine client at PORT, TCI's server at TO
+python tests/drivers/player_exchange.py client PORT TCI's driver, and a genuine server at PORT python
+tests/drivers/player_exchange.py server PORT TO a genuine client at PORT, TCI's server at TO
 
-record them again. The genuine server has `passthrough` drivers to a NAO of `tci serve nao --via player`
-(opaque:1 is the right forearm), once with TCI's driver as its client, and once as a client of TCI's server.
+record the messages again. The genuine server has `passthrough` drivers, which connect it to the NAO of `tci
+serve nao --via player` (opaque:1 is the right forearm). The server is recorded twice: with TCI's driver as
+its client, and as a client of TCI's server.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from drivers.rosbridge_exchange import narrow
 from tci.drivers.player.wire import GREETING, PLAYER, SUBSCRIBE, Kind, Message, Stream, to_access
 
 MOST_DATA = 20
-"""Number of data messages of each device that are kept."""
+"""Largest number of recorded data messages of each device."""
 FOLDER = Path(__file__).with_name("data")
 
 
@@ -33,13 +34,13 @@ def said(name: str) -> list[tuple[float, str, bytes]]:
 
 
 def read(data: bytes) -> Message:
-    """Returns a whole message."""
+    """Reads a whole message and returns it."""
     (message,) = Stream().feed(data)
     return message
 
 
 def gist(message: Message) -> tuple[object, ...]:
-    """Returns a message without times and ports; of a command only its length."""
+    """Returns a message without times and port numbers. For a command, returns only its length."""
     body: object = len(message.body) if message.kind == Kind.COMMAND else message.body
     if (message.interface, message.subtype) == (PLAYER, SUBSCRIBE):
         body = to_access(message.body)
@@ -47,7 +48,8 @@ def gist(message: Message) -> tuple[object, ...]:
 
 
 class RecordedServer:
-    """Replays the genuine server's answers and, repeatedly, its data; `heard` has the client's messages."""
+    """Replays the genuine server's answers and, repeatedly, its data. `heard` contains the client's
+    messages."""
 
     def __init__(self) -> None:
         self.heard: list[Message] = []
@@ -59,7 +61,7 @@ class RecordedServer:
         self._threads[0].start()
 
     def close(self) -> None:
-        """Closes the server, as if it had been killed."""
+        """Closes the server without a farewell, as if it had been killed."""
         self._closed.set()
         self._listener.close()
         if self._connection is not None:
@@ -68,7 +70,7 @@ class RecordedServer:
             thread.join(5.0)
 
     def send(self, data: bytes) -> None:
-        """Sends any bytes."""
+        """Sends arbitrary bytes."""
         assert self._connection is not None
         self._connection.sendall(data)
 

@@ -1,8 +1,8 @@
 """A robot in genuine ROS 1, run by Debian's Python, which has rospy and no TCI.
 
-    python3 ros1_robot.py '{"joints": {"LArm": [...]}, "position": {...}, "skin": {"left_forearm": 240}}'
+python3 ros1_robot.py '{"joints": {"LArm": [...]}, "position": {...}, "skin": {"left_forearm": 240}}'
 
-It prints a line of JSON for each command, and its joints reach the angles at once.
+The program prints a line of JSON for each command. The joints reach commanded angles immediately.
 """
 
 import json

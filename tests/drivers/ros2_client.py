@@ -1,8 +1,8 @@
-"""Another program in genuine ROS 2 that reads a robot served by TCI, and commands it.
+"""Program for tests that uses genuine ROS 2, without TCI, to read and command a robot that TCI serves.
 
-    python ros2_client.py '{"trajectory": {"topic": ..., "names": [...], "points": [[seconds, [rad, ...]]]}}'
+python ros2_client.py '{"trajectory": {"topic": ..., "names": [...], "points": [[seconds, [rad, ...]]]}}'
 
-It prints its observations as JSON.
+The program prints its observations as JSON.
 """
 
 import json
@@ -53,7 +53,7 @@ def there(goal: dict[str, float]) -> bool:
 
 
 def move(order, goal: dict[str, float]) -> None:
-    """Repeats the order if the robot held because of a pause of the machine."""
+    """Commands a motion. Repeats the order if the robot held because the machine paused."""
     for _ in range(8):
         order()
         wait(lambda: there(goal), within=5.0)

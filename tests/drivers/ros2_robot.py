@@ -1,10 +1,11 @@
-"""A robot in genuine ROS 2, run by the peer's own Python, which has rclpy and no TCI.
+"""A robot in genuine ROS 2. The Python of the environment `.peers/ros2` runs this program; this environment
+has rclpy and no TCI.
 
-It has the topics of ros2_control: those of a joint_state_broadcaster, and for each part those of a controller
-that accepts JointTrajectory and Float64MultiArray. It prints a line of JSON for each command, and its joints
-reach the angles at once.
+The robot has the topics of ros2_control: those of a joint_state_broadcaster and, for each part, those of a
+controller that accepts JointTrajectory and Float64MultiArray. The program prints a line of JSON for each
+command. The joints reach commanded angles immediately.
 
-    python ros2_robot.py '{"joints": {"LArm": [...]}, "position": {...}, "skin": {"left_forearm": 240}}'
+python ros2_robot.py '{"joints": {"LArm": [...]}, "position": {...}, "skin": {"left_forearm": 240}}'
 """
 
 import json

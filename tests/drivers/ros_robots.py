@@ -1,4 +1,4 @@
-"""Common parts of the tests of ROS 1, ROS 2 and rosbridge."""
+"""Code that the tests of ROS 1, ROS 2 and rosbridge share."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Start = Callable[..., "subprocess.Popen[str]"]
 
 
 class Programs:
-    """Programs that a test started. It kills them at the end, since some ignore SIGTERM."""
+    """Programs that a test started. All are killed at the end of the test, since some ignore SIGTERM."""
 
     def __init__(self) -> None:
         self.running: list[subprocess.Popen[str]] = []
@@ -54,7 +54,7 @@ class Programs:
 
 
 def nao_in_ros(**more: Any) -> dict[str, Any]:
-    """Returns the settings with which a robot of ROS is a NAO."""
+    """Returns the settings with which a ROS robot is used as a NAO."""
     robot = tci.load_robot("nao")
     names = {servo.index: servo.joint or servo.name for servo in robot.servos}
     joints: dict[str, list[str]] = {}
@@ -85,7 +85,7 @@ def complete(driver: Driver) -> Reading:
 
 
 def go(driver: Driver, joint: str, angle: float) -> None:
-    """Moves a joint; repeats the order if the robot held because of a pause of the machine."""
+    """Moves a joint. Repeats the order if the robot held because the machine paused."""
     arm = driver.native("LArm")
     end = time.monotonic() + 60.0
     while abs(arm.positions(driver.read().joints)[joint] - angle) > 0.01:
@@ -95,8 +95,8 @@ def go(driver: Driver, joint: str, angle: float) -> None:
 
 
 def is_killed_and_comes_back(via: str, begin: Callable[[], subprocess.Popen[str]]) -> None:
-    """Checks that the gate holds when a robot dies, and that a robot that returns receives nothing before a
-    new command."""
+    """Checks that the gate holds when a robot process dies, and that a restarted robot receives nothing
+    before a new command."""
     process = begin()
     with connect(tci.load_robot("nao"), via, arm=True, wait=60.0) as driver:
         drive(driver, seconds=0.3)
@@ -108,8 +108,8 @@ def is_killed_and_comes_back(via: str, begin: Callable[[], subprocess.Popen[str]
             pending = []
             if safe.state is GateState.HOLD:
                 break
-            # It holds in the first period in which the data is too old, however late a busy machine runs that
-            # period.
+            # The gate holds in the first period in which the data are too old, even if a busy machine runs
+            # this period late.
             assert now - joints.stamp <= driver.gate.stale_after <= 0.1
         assert safe.state is GateState.HOLD
         while np.any(safe.velocity):  # it comes to rest
@@ -125,8 +125,8 @@ def is_killed_and_comes_back(via: str, begin: Callable[[], subprocess.Popen[str]
 
 @cache
 def roscore() -> str:
-    """Returns the address of a master on the loopback interface, one for the whole test run: rospy has one
-    node per process, with one master."""
+    """Returns the address of a ROS master on the loopback interface. All tests of a run share this master,
+    because rospy permits one node per process, and a node has one master."""
     for module, package in (("rospy", "ros-core"), ("sensor_msgs", "python3-sensor-msgs")):
         needs_debian_module(module, package)
     needs_debian_module("trajectory_msgs", "python3-trajectory-msgs")
@@ -150,13 +150,14 @@ def roscore() -> str:
 
 
 def _end_with_its_parent() -> None:
-    """Ends the process with its parent: a worker of pytest-xdist ends without atexit."""
+    """Makes the process end when its parent process ends, because a worker of pytest-xdist ends without
+    running atexit functions."""
     set_parent_death_signal = 1  # prctl's PR_SET_PDEATHSIG
     ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGTERM)
 
 
 def here_only() -> None:
-    """Restricts ROS 2 to nodes of this machine, in a domain of these tests."""
+    """Restricts ROS 2 to nodes on this machine, in a domain that only these tests use."""
     os.environ |= {"ROS_DOMAIN_ID": "90", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 
 
@@ -166,7 +167,7 @@ def anywhere() -> str:
 
 
 def garbage_on(node: RosNode, namespace: str, messages: Iterable[bytes]) -> None:
-    """Sends bytes as states and frames of a TCI process, and joints of wrong lengths."""
+    """Sends random bytes as states and frames of a TCI process, and joint messages of wrong lengths."""
     topics = [f"{namespace}/tci/state", f"{namespace}/tci/frames/left_forearm"]
     senders = [node.advertise(topic, BYTES) for topic in topics]
     joints = node.advertise(f"{namespace}/joint_states", JOINTS)

@@ -1,9 +1,9 @@
 """Recorded messages between a genuine rosbridge server and TCI's client, replayed in the tests.
 
-    python tests/drivers/rosbridge_exchange.py PORT
+python tests/drivers/rosbridge_exchange.py PORT
 
-records them again. It needs rosbridge_server with rosapi at PORT of this machine, and the robot of
-`ros1_robot.py` or `ros2_robot.py` (with only these patches) behind it.
+records the messages again. This needs rosbridge_server with rosapi at PORT of this machine, connected to the
+robot of `ros1_robot.py` or `ros2_robot.py` with only the patches of `narrow`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ PATCHES = ("left_forearm", "right_forearm")
 
 
 def plain(message: dict[str, Any]) -> dict[str, Any]:
-    """Returns a message without the values that differ each time: message numbers, times, and angles."""
+    """Returns a message without the values that differ in each run: message numbers, times and angles."""
     shown = {key: value for key, value in message.items() if key != "id"}
     if shown["op"] == "publish":
         shown["msg"] = json.loads(json.dumps(message["msg"]))
@@ -46,12 +46,12 @@ def narrow() -> Robot:
 
 
 def _key(call: dict[str, Any]) -> str:
-    """Returns the key of a service call: the request without its number."""
+    """Returns the key of a service call, which is the request without its number."""
     return f"{call['service']} {json.dumps(call['args'])}"
 
 
 class RecordedServer:
-    """Replays the genuine server's answers; `heard` has the client's messages."""
+    """Replays the genuine server's answers. `heard` contains the client's messages."""
 
     def __init__(self, port: int = 0) -> None:
         self.heard: list[dict[str, Any]] = []
@@ -65,7 +65,7 @@ class RecordedServer:
         assert self._ready.wait(10.0)
 
     def close(self) -> None:
-        """Closes the server, as if it had been killed."""
+        """Closes the server without a farewell, as if it had been killed."""
         if self._loop.is_closed():
             return
         self._loop.call_soon_threadsafe(self._stop)
@@ -102,7 +102,7 @@ class RecordedServer:
                 self.sendMessage(json.dumps(message).encode())
 
             async def play(self) -> None:
-                """Publishes all recorded messages again and again, with ever later times."""
+                """Publishes all recorded messages repeatedly, with increasing times."""
                 turn, span = 0, published[-1][0] - published[0][0] + 0.01
                 while True:
                     begin = time.monotonic()
@@ -140,7 +140,7 @@ class RecordedServer:
 
 
 def record(port: int) -> None:
-    """Lets the driver move the robot behind a genuine server for a second, and records the messages."""
+    """Connects TCI's driver to a genuine server, moves the robot for a second, and records the messages."""
     from roslibpy.comm import comm_asyncio
 
     lines: list[str] = []

@@ -1,8 +1,8 @@
-"""A rosbridge server without ROS behind it: it passes messages from publishing to subscribing clients.
+"""A rosbridge server without ROS: it passes messages from publishing clients to subscribing clients.
 
-Neither Debian nor PyPI has the genuine server. This one gives the answers of the genuine one that
-`rosbridge_exchange` recorded, and connects topics of its clients. As a program it prints its port, and ends
-with its standard input.
+Neither Debian nor PyPI has the genuine server. This server sends the answers of the genuine server that
+`rosbridge_exchange` recorded, and connects the topics of its clients. Run as a program, it prints its port
+number, and ends when its standard input ends.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from typing import Any
 from autobahn.asyncio.websocket import WebSocketServerFactory, WebSocketServerProtocol
 
 MOST_WAITING = 1 << 20
-"""Bytes that may wait for a slow client before it gets no more."""
+"""Largest number of bytes that may wait for a slow client. Further messages to this client are dropped."""
 
 
 class Client(WebSocketServerProtocol):
-    """One connection."""
+    """Connection to one client."""
 
     everybody: set[Client] = set()  # noqa: RUF012 - one set for the process is intended
 

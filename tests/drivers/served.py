@@ -1,4 +1,4 @@
-"""A robot served by `tci serve` in a process of its own: a genuine peer over a real socket."""
+"""A robot that `tci serve` serves in a separate process, over a real socket."""
 
 from __future__ import annotations
 
@@ -40,20 +40,20 @@ class Served:
 
     @property
     def port(self) -> int:
-        """Port that the process printed."""
+        """TCP port number that the process printed."""
         found = re.search(r"127\.0\.0\.1:(\d+)", self.where)
         assert found is not None, self.where
         return int(found[1])
 
     @property
     def address(self) -> str:
-        """Address for a driver, from the printed NAME:HOST:PORT."""
+        """Address for a driver, from the line NAME:HOST:PORT that the process printed."""
         found = re.search(r"\w+:[\d.]+:\d+", self.where)
         assert found is not None, self.where
         return found[0]
 
     def stop(self) -> Sequence[str]:
-        """Ends the process as an operator does; returns its output."""
+        """Ends the process as an operator does, and returns the output."""
         self.process.terminate()
         rest, _ = self.process.communicate(timeout=60)
         return [*self.said, rest]
@@ -66,7 +66,7 @@ class Served:
 
 @cache
 def served(robot: str, via: str) -> Served:
-    """Returns a process that all tests of a run share, as long as none ends it."""
+    """Returns a process that all tests of a run share until one test ends the process."""
     one = Served(robot, via)
     atexit.register(one.kill)
     return one

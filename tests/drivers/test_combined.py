@@ -1,4 +1,4 @@
-"""Joints over one driver, skin over another."""
+"""Robots with joints over one driver and skin over another driver."""
 
 from __future__ import annotations
 

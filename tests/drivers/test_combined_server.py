@@ -1,4 +1,4 @@
-"""One robot served on several middlewares."""
+"""One robot that is served over several middlewares."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tci.robot.description import Robot
 
 
 class Told(Server):
-    """A server that records what it is told."""
+    """A server that records the calls of its methods."""
 
     def __init__(self, driver: Driver, address: str, order: Order) -> None:
         super().__init__(driver, address)
@@ -74,6 +74,6 @@ def test_each_server_shows_the_robot_and_hears_of_its_own_orders(robot: Robot) -
 
 def test_a_second_server_that_does_not_exist_closes_the_first(robot: Robot) -> None:
     with SimulatedDriver(robot) as driver:
-        for _ in range(2):  # its port would still be taken
+        for _ in range(2):  # otherwise its port would still be in use
             with pytest.raises(UnknownNameError, match="smoke"):
                 open_server(driver, "player:127.0.0.1:16665 + smoke")

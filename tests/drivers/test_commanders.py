@@ -18,7 +18,7 @@ SESSION, SILENCE = 7, 0.08
 
 
 class Robot:
-    """A NAO with its gate, and the messages of two processes to it."""
+    """A NAO with its gate, and the messages of two processes that command the NAO."""
 
     def __init__(self, silence: float = SILENCE) -> None:
         self.robot = tci.load_robot("nao")
@@ -103,7 +103,7 @@ def test_34_what_is_played_again_right_after_its_sender_left_moves_nothing(robot
     assert robot.tick().orders == ()
     assert robot.commanders.rejected == 1
     robot.clock.advance(0.01)
-    robot.say(1, aim(2))  # a controller that starts again
+    robot.say(1, aim(2))  # a controller that has restarted
     assert len(robot.tick().orders) == 1
 
 

@@ -1,4 +1,4 @@
-"""Bounded numbers of connections to a server: silent clients do not keep others out."""
+"""Servers bound their number of connections, so that silent clients do not exclude others."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ from yarpwire.port import Port
 
 pytestmark = pytest.mark.timeout(180)
 Again = Callable[[], object]
-"""Repeats a request over an open connection; raises an error when the connection is closed."""
+"""Function that repeats a request over an open connection. Raises an error when the connection is closed."""
 Ask = Callable[[], Again]
-"""Connects as a genuine client does."""
+"""Function that connects as a genuine client does."""
 
 
 @contextmanager
@@ -193,7 +193,7 @@ SERVERS = {
     "zenoh": over_zenoh, "ros1": ros1,
 }  # fmt: skip
 SILENT = ("zenoh", "ros1")
-"""Middlewares whose clients may be silent for ever."""
+"""Middlewares whose clients may be silent for any time."""
 
 
 @pytest.mark.parametrize("name", SERVERS)
@@ -212,7 +212,7 @@ def test_strangers_who_say_nothing_keep_no_newcomer_out_and_are_let_go(name: str
         assert time.monotonic() - begun < 10.0
         for stranger in strangers:
             with suppress(ConnectionError):  # the connection was closed during a message
-                while stranger.recv(1 << 16):  # a server may send a greeting first
+                while stranger.recv(1 << 16):  # a server may send a greeting before any request
                     continue
         first()
         newcomer()
@@ -222,13 +222,14 @@ def test_strangers_who_say_nothing_keep_no_newcomer_out_and_are_let_go(name: str
 def test_clients_who_asked_once_and_are_idle_keep_no_newcomer_out(name: str) -> None:
     with SERVERS[name]() as (port, ask):
         idle = [ask() for _ in range(MOST)]
-        idle[0]()  # the first has sent a message again, and the second was silent the longest
+        # the first client has sent another message, and the second client was silent for the longest time
+        idle[0]()
         newcomer = ask()
         newcomer()
         idle[0]()
         end = time.monotonic() + 20.0
         while _held(port) > MOST and time.monotonic() < end:
-            time.sleep(0.1)  # a library's server may exceed the bound until the next check
+            time.sleep(0.1)  # the server of a library may exceed the bound until the next check
         assert _held(port) <= MOST
 
 
@@ -288,7 +289,7 @@ def test_a_librarys_connections_are_told_apart_by_what_came() -> None:
         near[0].sendall(b"again")
         monitor.check()
         assert monitor.ended == 2
-        for number in (1, 3):  # the stranger, and the connection that was silent the longest
+        for number in (1, 3):  # the unknown client, and the connection that was silent for the longest time
             assert near[number].recv(1) == b""
         for number in (0, 2):
             far[number].sendall(b"there")
@@ -296,8 +297,9 @@ def test_a_librarys_connections_are_told_apart_by_what_came() -> None:
 
 
 def test_a_look_at_a_socket_leaves_it_as_it_was() -> None:
-    """A Python socket object would make it non-blocking if a default timeout is set, as by rospy."""
-    before = socket.getdefaulttimeout()  # possibly set by rospy in an earlier test
+    """If a default timeout is set, as by rospy, a Python socket object would make the inspected socket
+    non-blocking."""
+    before = socket.getdefaulttimeout()  # an earlier test with rospy may have set a timeout
     try:
         socket.setdefaulttimeout(None)
         with socket.create_server(("127.0.0.1", 0)) as server:

@@ -1,4 +1,5 @@
-"""Contract of every driver. A new middleware adds its other side to `PEERS` in `drivers`."""
+"""Contract that every driver must fulfil. A new middleware adds the program for the other end of its
+connection to `PEERS` in `drivers/wires.py`."""
 
 from __future__ import annotations
 
@@ -28,19 +29,20 @@ from tci.robot.joint_map import initial_position
 from tci.runtime.loop import run
 
 PATIENCE = 20
-"""Number of times that a motion is ordered again; a busy machine may stop it on the way."""
+"""Number of times that a motion is ordered again, because a busy machine may stop the motion early."""
 LATE = re.compile("missed [0-9]+ periods|no message from|stood still")
-"""Reasons to hold on a machine that is too busy for real time."""
+"""Pattern of the gate's reasons to hold on a machine that is too busy for real time."""
 AFTER_THAW = 0.02
 """Distance [rad] that a robot frozen at 0.1 rad/s may travel beyond its last measured and commanded
 position."""
 
-pytestmark = pytest.mark.timeout(120)  # a silent peer must not block the test run
+pytestmark = pytest.mark.timeout(120)  # a peer that sends nothing must not block the test run
 PEERS = PEERS | BINDINGS
 
 
 def group(*names: str) -> list[Any]:
-    """Returns the parameters of these drivers; all tests of one run in the same process, with one peer."""
+    """Returns the test parameters for these drivers. In one run, all tests of a driver use the same process
+    and the same peer (the program at the other end)."""
     return [pytest.param(name, marks=pytest.mark.xdist_group(f"driver-{name}")) for name in names]
 
 
@@ -51,7 +53,8 @@ elsewhere = pytest.mark.parametrize("peer", ELSEWHERE, indirect=True)
 
 @pytest.fixture(scope="module", params=[*ELSEWHERE, *HERE])
 def peer(request: pytest.FixtureRequest) -> Iterator[Peer]:
-    """Yields a peer that all tests of one driver share; it ends before that of the next driver begins."""
+    """Yields the peer that all tests of one driver share. The peer ends before the peer of the next driver
+    starts."""
     made = PEERS[request.param]()
     try:
         made.start()
@@ -62,7 +65,7 @@ def peer(request: pytest.FixtureRequest) -> Iterator[Peer]:
 
 @pytest.fixture(scope="module")
 def shared(peer: Peer) -> Iterator[list[Driver]]:
-    """Yields the driver that tests share, once one of them has opened it."""
+    """Yields the driver that tests share. The first of these tests opens the driver."""
     opened: list[Driver] = []
     yield opened
     for driver in opened:
@@ -71,7 +74,7 @@ def shared(peer: Peer) -> Iterator[list[Driver]]:
 
 @pytest.fixture
 def driver(peer: Peer, shared: list[Driver]) -> Driver:
-    """An armed driver, for tests that neither close it nor open another one. They come first."""
+    """Yields an armed driver for tests that neither close it nor open another one. These tests run first."""
     if not shared:
         shared.append(peer.open(arm=True))
     return shared[0]
@@ -99,7 +102,7 @@ def drive(
     duration: float = 1.0,
     until: Callable[[SafeCommand], bool] = lambda sent: False,
 ) -> SafeCommand:
-    """Runs a loop for `duration` [s], or until a wanted command was sent; returns the last command."""
+    """Runs a loop for `duration` [s], or until a command fulfils `until`. Returns the last command."""
     pending = list(orders)
     for now in driver.ticks(duration=duration):
         sent = driver.write(driver.gate.step(pending, driver.read().joints, now))
@@ -110,8 +113,8 @@ def drive(
 
 
 def drive_until(driver: Driver, arrived: Callable[[], bool], *orders: PlatformOrder) -> bool:
-    """Returns True if the robot arrives. In a simulation it does so at once; on a busy machine the gate may
-    stop it on the way, and the order is repeated."""
+    """Returns True if the robot reaches its target. In a simulation one order is enough. On a busy machine
+    the gate may stop the motion; then the order is repeated."""
     for _ in range(PATIENCE):
         drive(driver, *orders, until=lambda sent: arrived())
         if arrived():
@@ -122,7 +125,7 @@ def drive_until(driver: Driver, arrived: Callable[[], bool], *orders: PlatformOr
 
 
 def judged(driver: Driver, values: dict[str, float]) -> SafeCommand:
-    """Returns the gate's decision on a command, as soon as a busy machine lets it run."""
+    """Returns the gate's decision on a command, as soon as the gate is in state RUN on a busy machine."""
     end = time.monotonic() + 30.0
     while True:
         joints = driver.read().joints
@@ -153,7 +156,7 @@ def test_readings_are_complete_fresh_and_in_order(driver: Driver) -> None:
             assert abs(now - frame.stamp) <= driver.gate.stale_after
         sequences.append(reading.joints.sequence)
     assert sequences == sorted(sequences)
-    # A reading is taken after its tick began; a busy machine may be late, but not always.
+    # A reading is newer than the start of its period. A busy machine may delay some readings, but not all.
     assert min(np.abs(ages)) <= driver.gate.stale_after
 
 
@@ -197,7 +200,7 @@ def test_a_native_command_obeys_the_same_limits(driver: Driver) -> None:
 
 
 class Once(Capability[bool]):
-    """Sends one order, once."""
+    """Sends a single order."""
 
     def __init__(self, order: PlatformOrder) -> None:
         self.order = order
@@ -212,11 +215,13 @@ class Once(Capability[bool]):
 
 
 def test_a_run_after_one_that_ended_in_motion_is_obeyed(driver: Driver) -> None:
-    """A hold at the end of the first run no longer applies, here and in the process that owns the robot."""
+    """A hold at the end of the first run is no longer in force, neither in this process nor in the process of
+    the robot."""
     refused: list[str] = []
     undisturbed = 0
     for _ in range(2 * PATIENCE):
-        away = -1.0 if elbow(driver) < -0.8 else 1.0  # from the middle, then back: no limit is in the way
+        # starts in the middle and returns, so that no limit interferes
+        away = -1.0 if elbow(driver) < -0.8 else 1.0
         first = run(
             driver, Once(bend(driver, np.clip(elbow(driver) + 0.5 * away, -1.5, -0.1), 0.3)), duration=0.3
         )
@@ -230,7 +235,7 @@ def test_a_run_after_one_that_ended_in_motion_is_obeyed(driver: Driver) -> None:
         )
         if not refused and abs(elbow(driver) - goal) < 0.05:
             return
-        # Any number of holds by a busy machine is accepted.
+        # A busy machine may cause any number of holds.
         late = first.report.missed or second.report.missed or LATE.search(" ".join(refused))
         undisturbed += not late
         assert undisturbed < PATIENCE / 4, refused
@@ -263,7 +268,7 @@ def test_28_34_a_peer_that_falls_silent_means_hold_and_comes_back_without_replay
         refused = driver.gate.step([bend(driver, -1.0)], driver.read().joints, driver.clock.now())
         assert "hold" in refused.refusals[0].text
         driver.write(refused)
-        drive(driver, duration=0.5)  # the robot's process was frozen for longer than any data may be old
+        drive(driver, duration=0.5)  # longer than the largest permitted age of data
         frozen = elbow(driver)
     finally:
         peer.thaw()
@@ -274,9 +279,9 @@ def test_28_34_a_peer_that_falls_silent_means_hold_and_comes_back_without_replay
         return sent.state is GateState.RUN
 
     assert drive(driver, duration=10.0, until=seen).state is GateState.RUN
-    # The robot was moving to where it was commanded before it was frozen (a busy machine lags), and holds
-    # from its first period on: it stops between the two. Commands sent from then until the hold here,
-    # 0.05 rad more, are not executed.
+    # Before the freeze, the robot was moving to its commanded position (with a delay on a busy machine).
+    # After the thaw it holds from its first period on, so it stops between these two positions. Commands that
+    # were sent from then until this driver's hold (0.05 rad further) are not executed.
     drive(driver, duration=1.0)
     passed.append(elbow(driver))
     assert min(passed) > min(frozen, led) - AFTER_THAW
@@ -302,7 +307,7 @@ def test_33_garbage_floods_and_wrong_types_change_nothing(peer: Peer, driver: Dr
     sent = drive(driver, bend(driver, -0.3), duration=2.0)
     ended.set()
     sender.join()
-    for _ in driver.ticks(duration=40.0):  # the transport may lag behind the flood
+    for _ in driver.ticks(duration=40.0):  # the transport may be delayed by the flood
         reading, now = driver.read(), driver.clock.now()
         if abs(now - reading.joints.stamp) <= driver.gate.stale_after:
             break
@@ -334,7 +339,8 @@ def test_closing_leaves_nothing_behind(open_driver: Callable[..., Driver]) -> No
     def use(driver: Driver) -> None:
         drive(driver, duration=0.1)
 
-    left_behind(open_driver, use, patience=0.0)  # the first driver also opens what its library keeps for all
+    # the first driver also opens objects that its library keeps for all drivers
+    left_behind(open_driver, use, patience=0.0)
     for _ in range(2):
         assert not left_behind(open_driver, use)
 
@@ -355,7 +361,7 @@ def test_43_a_commander_that_is_killed_leaves_a_robot_at_rest(
     with open_driver(arm=False) as driver:
         driver.clock.sleep_until(driver.clock.now() + 2.0 * SILENCE)
         there = elbow(driver)
-        assert there < -0.5  # on its way, which takes 11 s
+        assert there < -0.5  # in motion for 11 s
         driver.clock.sleep_until(driver.clock.now() + 0.5)
         assert elbow(driver) == pytest.approx(there, abs=0.02)
 
@@ -364,7 +370,7 @@ def test_43_a_commander_that_is_killed_leaves_a_robot_at_rest(
 def test_a_peer_that_is_killed_means_hold_and_closing_works(
     peer: Peer, open_driver: Callable[..., Driver]
 ) -> None:
-    """Must be the last test of each driver: the others need its peer."""
+    """This test must be the last one for each driver, because the other tests need the peer."""
     with open_driver() as driver:
         drive(driver, bend(driver, -0.3), duration=0.3)
         peer.kill()

@@ -1,4 +1,5 @@
-"""The check for threads and descriptors that a driver leaves open finds those that it forgets."""
+"""The check for threads and descriptors that a driver leaves open detects a driver that forgets to close
+them."""
 
 from __future__ import annotations
 

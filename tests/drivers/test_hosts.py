@@ -1,4 +1,4 @@
-"""A host has one name, in whatever form it is typed."""
+"""Different spellings of a host are recognised as the same host."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_a_numeric_address_and_localhost_ask_nobody(monkeypatch: pytest.MonkeyPa
 
 def test_26_a_host_by_two_names_has_one_commander() -> None:
     names = []
-    for host in ("127.0.0.1", "127.1"):  # on some machines `localhost` resolves to nothing
+    for host in ("127.0.0.1", "127.1"):  # on some machines `localhost` has no address
         server = RecordedServer()  # it accepts one client
         try:
             with tci.connect(narrow(), f"player:{host}:{server.port}") as driver:

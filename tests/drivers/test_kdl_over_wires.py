@@ -1,7 +1,8 @@
-"""Kinematic chains of the run-time query, fetched over a driver and built in OROCOS KDL by another process.
+"""Another process requests kinematic chains from a served robot over a middleware, and builds them in OROCOS
+KDL.
 
-That process has no TCI: Debian's Python with rospy, genuine rclpy, Zenoh alone, LCM alone, or a few lines
-that implement Player.
+That process has no TCI. It is Debian's Python with rospy, genuine rclpy, Zenoh alone, LCM alone, or a short
+implementation of Player's protocol.
 """
 
 from __future__ import annotations
@@ -144,7 +145,7 @@ SERVE = (sys.executable, "-m", "tci.cli.main", "serve", "nao", "--duration", "12
 
 
 def asked(*command: str) -> str:
-    """Returns the output of another program that requests the facts."""
+    """Returns the output of another program that requests the facts of the robot."""
     python, script, *rest = command
     done = subprocess.run(
         [python, "-c", script, *rest], capture_output=True, text=True, timeout=90, check=True

@@ -1,4 +1,4 @@
-"""LCM: TCI's receiver, the messages of lcm-gen, and Debian's lcm-logger and lcm-logplayer as peers."""
+"""LCM: TCI's receiver, the messages of lcm-gen, and Debian's programs lcm-logger and lcm-logplayer."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def test_a_message_of_another_version_is_told_from_a_damaged_one() -> None:
 
 
 def test_what_lcm_itself_sends_is_read_whole_or_in_pieces() -> None:
-    url = lcm_url(ttl=1)  # the library can't use the loopback interface
+    url = lcm_url(ttl=1)  # the LCM library can't use the loopback interface
     receiver, sender = Receiver(url), lcm.LCM(url)
     bodies = [b"", b"x" * 1400, b"y" * 100_000, b"z" * LONGEST]
     for body in bodies:
@@ -149,7 +149,7 @@ def test_32_one_look_finds_the_latest_of_all_that_waits() -> None:
     receiver, sender = Receiver(url), Transmitter(url)
     for number in range(150):
         sender.send("a/b", bytes([number]))
-    # Data sent on one machine is at the receiver at once.
+    # Data sent on the same machine arrive without delay.
     assert list(receiver.poll())[-1][:2] == ("a/b", bytes([149]))
     receiver.close()
     sender.close()
@@ -221,7 +221,7 @@ def test_31_declared_sizes_are_refused_before_anything_is_kept() -> None:
 
 
 def test_damaged_datagrams_never_raise() -> None:
-    """Some of them crash LCM's own receiver. TCI_FUZZ_WIRE is their number."""
+    """Some of these datagrams crash LCM's own receiver. TCI_FUZZ_WIRE sets their number."""
     chance, seen = random.Random(2), Datagrams()
     good = [short(1, b"tci/nao/state", WHOLE[0][2]), *pieces(2, WHOLE[1][2] * 3, 3), *pieces(3, b"q" * 50, 2)]
     for _ in range(int(os.environ.get("TCI_FUZZ_WIRE", "20000"))):
@@ -265,7 +265,7 @@ def test_debians_lcm_logger_records_and_its_logplayer_shows_the_robot_again_but_
                 end = time.monotonic() + 30.0
                 while not (
                     log.exists() and log.stat().st_size
-                ):  # messages from before it listens are missing
+                ):  # messages that were sent before the logger listens are missing
                     assert time.monotonic() < end, "it never records"
                     time.sleep(0.01)
                 with peer.open(arm=True) as driver:
@@ -281,7 +281,8 @@ def test_debians_lcm_logger_records_and_its_logplayer_shows_the_robot_again_but_
         assert sum(order.num_orders for order in ordered) >= 1
         assert state_t.decode(channels["tci/nao/state"][-1]).position[0] == pytest.approx(0.0, abs=3.0)
 
-        with peer.open(arm=True) as driver:  # at another place, where the recorded orders arrive once more
+        # moves the robot to another position, so that an effect of the replayed orders would be seen
+        with peer.open(arm=True) as driver:
             assert bend(driver, -0.5) == pytest.approx(-0.5, abs=0.05)
         subprocess.run([player, f"--lcm-url={url}", log], check=True, capture_output=True, timeout=60)
         with peer.open(arm=False) as driver:
@@ -305,7 +306,7 @@ def elbow(driver: Driver) -> float:
 
 
 def bend(driver: Driver, to: float) -> float:
-    """Bends the left elbow and returns its final angle [rad]; repeats the order if a busy machine made the
+    """Bends the left elbow and returns its final angle [rad]. Repeats the order if a busy machine made the
     robot hold."""
     order = driver.native("LArm").command({"LElbowRoll": to})
     pending = [order]

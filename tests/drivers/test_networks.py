@@ -1,7 +1,7 @@
 """Two machines, a router between them, two robots and three behaviours, over Zenoh with TLS and access
 rights.
 
-The machines are network namespaces, so this needs root. Nothing leaves them.
+The machines are network namespaces, so this test needs root. No data leave these namespaces.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from tci.drivers.zenoh.secure import write_files
 
 PORT = 7447
 SILENCE = "0.08"
-"""Stale-after time [s] of the description, which these tests are about."""
+"""Age [s] of data above which the robots hold, as in the description. This test measures its effect."""
 TRIES = 5
-"""Number of attempts. On a busy machine two processes may miss real time; then the robots hold too early,
-never too late."""
+"""Number of attempts. On a busy machine two processes may miss periods; then the robots hold too early, never
+too late."""
 
 pytestmark = [pytest.mark.timeout(300), pytest.mark.xdist_group("namespaces")]
 
@@ -98,16 +98,17 @@ def test_two_machines_a_router_two_robots_three_behaviours_and_a_cut(
     for robot in robots.values():
         heard(robot, "ready")
 
-    # A watcher can read, and its orders do not arrive.
+    # A watcher can read the robot, and its orders do not arrive.
     eye = f"zenoh:hall@{files / 'eye.json5'}"
     assert "sees" in network.says("minds", "-c", SEE, eye)
     said = network.says("minds", "-c", ORDER, eye)
     assert "stays" in said
     assert "nao has not acknowledged orders" in said
     assert "moved" in network.says("minds", "-c", ORDER, f"zenoh:hall@{files / 'porter.json5'}")
-    # A robot for which a user has no rights is not visible.
+    # A user can't see a robot for which the user has no rights.
     others = {"own": files / "eye.json5"}
-    # A certificate of another authority, another user's password and another user's certificate are refused.
+    # Connections with a certificate of another authority, with another user's password or with another user's
+    # certificate are refused.
     strange = keys(tmp_path / "strange")
     wrong = (files / "cook.json5").read_text()
     password = (files / "users.txt").read_text().split("cook:")[1].split()[0]
@@ -119,7 +120,7 @@ def test_two_machines_a_router_two_robots_three_behaviours_and_a_cut(
     for name, text in wrongs.items():
         others[name] = tmp_path / f"{name}.json5"
         others[name].write_text(text)
-    with ThreadPoolExecutor() as together:  # each waits for an answer that does not come
+    with ThreadPoolExecutor() as together:  # each process waits for an answer that does not arrive
         tries = together.map(
             lambda file: network.says("minds", "-c", SEE, f"zenoh:kitchen@{file}"), others.values()
         )
@@ -129,7 +130,7 @@ def test_two_machines_a_router_two_robots_three_behaviours_and_a_cut(
         assert "DriverError" in said, name
         assert "sees" not in said, name
 
-    # Three behaviours; then the cable to their machine is cut: both robots hold within 100 ms.
+    # Three behaviours run. Then the cable to their machine is cut, and both robots hold within 100 ms.
     for attempt in range(TRIES):
         users = (("cook", "kitchen"), ("porter", "hall"))
         minds = [

@@ -1,4 +1,5 @@
-"""Player, against recorded messages of genuine Player 3.1.1 as a server and as a client."""
+"""Player: TCI's driver and server against recorded messages of genuine Player 3.1.1 as server and as
+client."""
 
 from __future__ import annotations
 
@@ -88,7 +89,7 @@ def test_31_35_what_does_not_fit_is_counted_or_ends_the_connection(server: Recor
             before = driver.rejected
             damaged = Message(interface, index, Kind.DATA, 1, now, body).to_bytes()
 
-            def disturb(damaged: bytes = damaged) -> None:  # only the latest message of a device is read
+            def disturb(damaged: bytes = damaged) -> None:  # only the latest message of a device is used
                 server.send(damaged)
                 driver.read()
 
@@ -108,7 +109,8 @@ def wait(do: Callable[[], object], done: Callable[[], bool]) -> None:
 
 
 def play(port: int) -> list[tuple[int, Message]]:
-    """Sends the genuine client's messages on each of its connections; returns the answers of TCI's server."""
+    """Sends the recorded messages of the genuine client on each of its connections, and returns the answers
+    of TCI's server."""
     found = []
     recorded = [(who, data) for _, who, data in said("server")]
     connections = sum(data.startswith(b"Player v.") for _, data in recorded)
@@ -129,7 +131,7 @@ def play(port: int) -> list[tuple[int, Message]]:
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize("bits", ["7fc00000", "7fa00001"], ids=["quiet", "signalling"])
 def test_what_is_not_a_number_is_read_as_such(bits: str) -> None:
-    """The consumer refuses such a value; a signalling NaN made NumPy warn."""
+    """The skin processing refuses a NaN. In an earlier version a signalling NaN caused a warning of NumPy."""
     value = bytes.fromhex(bits)
     assert np.isnan(wire.to_floats(wire.array(value, 1))).all()
     robot = tci.load_robot("nao")
@@ -245,7 +247,8 @@ def test_skin_of_every_type_comes_back(dtype: str, channels: int, seed: int) -> 
 
 
 def test_31_mutated_bytes_are_messages_or_refused() -> None:
-    """Arbitrary bytes take no more memory than arrived, raise no other error, and the server continues."""
+    """Arbitrary bytes use no more memory than was received and raise no other error, and the server
+    continues."""
     good = [data for _, _, data in said("client") + said("server") if not data.startswith(b"Player v.")]
     chance = random.Random(5)
     robot = narrow()

@@ -1,4 +1,5 @@
-"""Messages between TCI processes as bytes: they are decoded unchanged, and damaged ones are refused."""
+"""Messages between TCI processes as bytes: valid messages are decoded without changes, and damaged messages
+are refused."""
 
 from __future__ import annotations
 
@@ -60,7 +61,7 @@ READ = {"S": to_state, "F": to_skin, "O": to_orders}
 
 
 def plain(value: object) -> object:
-    """Returns dataclasses and arrays as tuples, which can be compared."""
+    """Converts dataclasses and arrays to tuples, which can be compared."""
     if dataclasses.is_dataclass(value):
         return type(value), tuple(plain(getattr(value, f.name)) for f in dataclasses.fields(value))
     if isinstance(value, np.ndarray):
@@ -110,7 +111,8 @@ def test_30_a_message_that_was_cut_short_is_refused() -> None:
 
 
 def test_31_spoilt_contents_under_a_sound_check_raise_one_error() -> None:
-    """Messages of a hostile peer: lengths of -1 and 2^31-1, invalid text. TCI_FUZZ_WIRE is their number."""
+    """Messages with a valid checksum and invalid content: lengths of -1 and 2^31-1, invalid text.
+    TCI_FUZZ_WIRE sets their number."""
     chance = random.Random(1)
     for _ in range(int(os.environ.get("TCI_FUZZ_WIRE", "20000"))):
         kind = chance.choice("SFO")

@@ -1,4 +1,4 @@
-"""The behaviour's side of `remote`, with a manual clock and a transport that the test controls."""
+"""The behaviour's side of the module `remote`, with a manual clock and a transport that the test controls."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ HALTED = Reason(Code.HALTED, "halted")
 
 
 class Wire(RemoteDriver):
-    """A driver whose robot's process is the test."""
+    """A driver for which the test plays the role of the robot's process."""
 
     def __init__(self) -> None:
         self.time = ManualClock(100.0)
@@ -30,20 +30,21 @@ class Wire(RemoteDriver):
         self.said: list[Orders] = []
         self.sequence = 0
         self.there = "run"
-        """State of the gate of the robot's process."""
+        """Gate state that the robot's process reports."""
         self.told: tuple[Commander, ...] = ()
-        """Entries of the robot's process for the commanders."""
+        """Commanders that the robot's process reports."""
         self.cut = False
 
     def tell(self, *, late: float = 0.0) -> None:
-        """Delivers a state that was sent `late` [s] ago."""
+        """Delivers a state message that was sent `late` [s] ago."""
         self.sequence += 1
         sent, count = self.time.now() - late, len(self.robot.servos)
         joints = JointReading(sent, self.sequence, np.array(initial_position(self.robot)), np.zeros(count))
         self.inbox.append(State(1, self.sequence, sent, sent, joints, self.there, None, self.told))
 
     def age(self, *, late: float = 0.0) -> float:
-        """Returns the age [s] of the joints that are read after such a state."""
+        """Delivers a state message that was sent `late` [s] ago, and returns the age [s] of the joint data in
+        the next reading."""
         self.tell(late=late)
         return self.time.now() - self.read().joints.stamp
 
@@ -75,7 +76,7 @@ def test_what_was_held_up_is_old_and_a_longer_way_counts_after_a_while(wire: Wir
         assert wire.age(late=0.001) == pytest.approx(0.0)
     for silence in (0.5, 3.0, 60.0):
         wire.time.advance(silence)
-        # Many messages at once, the oldest first.
+        # Many messages arrive at once, the oldest first.
         for left in np.linspace(0.9 * silence, 0.0, 20):
             assert wire.age(late=0.001 + left) == pytest.approx(left)
     ages = []
@@ -87,7 +88,8 @@ def test_what_was_held_up_is_old_and_a_longer_way_counts_after_a_while(wire: Wir
 
 
 def test_what_the_robots_process_holds_for_is_not_said_back_however_often_it_is_read(wire: Wire) -> None:
-    """Otherwise each side would hold because the other does."""
+    """If the hold of one process were reported back as a reason to hold, both processes would hold each other
+    without end."""
     wire.order()
     for states in (("hold",), ("hold", "run"), ("run", "hold"), ("run",)):
         for wire.there in states:
@@ -147,7 +149,8 @@ def test_a_driver_whose_wire_is_cut_is_closed_all_the_same(wire: Wire) -> None:
 
 
 def test_a_driver_that_has_not_read_for_a_while_leaves_with_a_message_that_counts(wire: Wire) -> None:
-    """The robot's process rejects messages that refer to an old state, and the joints would stay reserved."""
+    """The robot's process rejects messages that refer to an old state. Then the joints would stay reserved
+    for this commander."""
     wire.order(wire.native("LArm").command({"LElbowRoll": -1.2}))
     wire.time.advance(5.0)
     wire.tell()

@@ -59,8 +59,8 @@ def test_a_skin_that_sends_changes_only_decides_the_same(tmp_path: Path) -> None
 
 
 def test_a_replay_that_ends_in_motion_is_not_brought_to_rest(tmp_path: Path) -> None:
-    """Nothing moves: stop commands would be compared with the recorded decisions, and consume readings that
-    are left."""
+    """Nothing moves at the end of a replay. Stop commands would be compared with the recorded decisions, and
+    would consume readings that are left."""
     ticks = record_poke(tmp_path / "a.mcap")
     moving = next(i for i, tick in enumerate(ticks) if tick.sent.velocity.any()) + 20
     assert ticks[moving].sent.velocity.any()

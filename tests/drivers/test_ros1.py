@@ -1,4 +1,4 @@
-"""ROS 1 against Debian's roscore and rospy."""
+"""ROS 1: TCI against Debian's roscore and rospy."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ from tci.exports.facts import query, read_facts
 HERE = Path(__file__).parent
 SERVE = (sys.executable, "-m", "tci.cli.main", "serve", "nao", "--duration", "120", "--via")
 pytestmark = pytest.mark.xdist_group("driver-ros1")
-"""rospy has one node per process, and a node has one master."""
+"""All these tests run in one process: rospy permits one node per process, and a node has one master."""
 
 
 @pytest.fixture
 def start() -> Iterator[Start]:
-    """Yields a function that starts programs of this test beside a master."""
+    """Yields a function that starts programs of this test with the same ROS master."""
     roscore()
     programs = Programs()
     yield programs.start
@@ -112,7 +112,7 @@ def test_what_is_said_just_before_leaving_is_heard(start: Start) -> None:
     hears.close()
 
 
-@pytest.mark.timeout(60)  # it waits for a robot, and not for another type
+@pytest.mark.timeout(60)  # the driver waits for a robot, but does not wait after a topic of a wrong type
 def test_35_topics_of_a_wrong_type_are_refused_by_name(start: Start) -> None:
     namespace = anywhere()
     ros_robot(start, namespace, wrong_type=True)

@@ -1,4 +1,4 @@
-"""ROS 2 against the genuine rclpy of Kilted (Fast DDS), on cyclonedds here."""
+"""ROS 2: TCI with cyclonedds against the genuine rclpy of Kilted (Fast DDS)."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ SERVE = (sys.executable, "-m", "tci.cli.main", "serve", "nao", "--duration", "12
 
 @pytest.fixture
 def domain(monkeypatch: pytest.MonkeyPatch, worker_id: str) -> int:
-    """Returns a ROS domain of this test, on this machine only."""
+    """Returns a ROS domain for this test, restricted to this machine."""
     number = 40 + int(worker_id.removeprefix("gw") or 0) if worker_id != "master" else 40
     monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -60,7 +60,7 @@ def start(domain: int) -> Iterator[Start]:
 
 @pytest.fixture
 def namespace() -> str:
-    """Returns a namespace of this test: others on this machine may be in the same domain."""
+    """Returns a namespace for this test, because other tests on this machine may use the same domain."""
     return anywhere()
 
 
@@ -125,7 +125,7 @@ def test_28_a_robot_that_dies_is_held_within_100_ms_and_34_nothing_is_replayed(
     is_killed_and_comes_back(f"ros2:{namespace}", lambda: ros_robot(start, namespace))
 
 
-@pytest.mark.timeout(60)  # it waits for a robot, and not for another type
+@pytest.mark.timeout(60)  # the driver waits for a robot, but does not wait after a topic of a wrong type
 def test_35_topics_of_a_wrong_type_are_refused_by_name(start: Start, namespace: str) -> None:
     ros_robot(start, namespace, wrong_type=True)
     with pytest.raises(
@@ -161,7 +161,7 @@ def test_a_peer_that_cyclone_would_end_the_process_for_is_told(
 
 
 def test_cyclone_gets_addresses_and_no_names(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A machine without /etc/hosts can't resolve `localhost`."""
+    """A machine without /etc/hosts can't resolve the name `localhost`."""
     monkeypatch.setenv("ROS_STATIC_PEERS", "localhost:7410;10.0.0.1")
     peers = re.findall('<Peer address="(.*?)"/>', _settings("LOCALHOST"))
     assert peers == ["127.0.0.1:7410", "10.0.0.1", "127.0.0.1"]
@@ -238,7 +238,8 @@ def test_a_behaviour_elsewhere_commands_a_robot_that_tci_shows(start: Start, nam
 def test_by_genuine_rclpy_it_is_the_same(
     start: Start, namespace: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """TCI uses rclpy where ROS 2 is installed; here one without ROS 2 commands it."""
+    """If ROS 2 is installed, TCI uses rclpy. Here a process with rclpy serves the robot, and a process
+    without ROS 2 commands it."""
     python = peer_python("ros2")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(tci.__file__).parents[1]), *_site_packages()]))
     serve = "import sys; from tci.cli.main import main; sys.argv = ['tci', *sys.argv[1:]]; main()"

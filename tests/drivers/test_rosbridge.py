@@ -1,4 +1,4 @@
-"""rosbridge, against recorded messages of a genuine server (0.11.17, on Debian's rospy)."""
+"""rosbridge: TCI's client against recorded messages of a genuine server (0.11.17, on Debian's rospy)."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_one_who_gave_up_does_not_stay_when_the_server_is_there_later() -> None:
         RosbridgeNode("127.0.0.1", port)
     late = RecordedServer(port)
     try:
-        assert late.left.wait(40.0)  # an attempt in progress may still reach it
+        assert late.left.wait(40.0)  # an attempt to connect that is in progress may still reach the server
     finally:
         late.close()
 
@@ -156,7 +156,7 @@ def test_messages_of_both_kinds_of_ros_come_back_from_their_json(names: tuple[st
 
 
 def _values(kind: object, flat: dict[str, object]) -> list[object]:
-    """Returns values in flat order, from fields by name."""
+    """Returns the values of nested fields as a flat list, in their order."""
 
     def bare(found: object) -> object:
         if isinstance(found, dict):

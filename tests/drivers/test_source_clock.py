@@ -1,4 +1,4 @@
-"""Conversion of a sender's stamps to this process's clock."""
+"""Conversion of a sender's time stamps to this process's clock."""
 
 from __future__ import annotations
 

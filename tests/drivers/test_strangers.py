@@ -1,4 +1,5 @@
-"""Messages of senders that are no part of a robot: on another machine, and on this one."""
+"""Messages from senders that do not belong to the robot, on another machine and on this machine, have no
+effect."""
 
 from __future__ import annotations
 
@@ -65,8 +66,8 @@ print("sees", *seen)
 
 @pytest.fixture
 def network() -> Iterator[Network]:
-    """Yields a network in which the router is the stranger; a robot's machine uses it as its default
-    route."""
+    """Yields a network in which an unknown program runs on the router. A robot's machine uses the router as
+    its default route."""
     needs_namespaces()
     made = Network(f"tcis{os.getpid()}")
     made.ip("-n", made.at("robots"), "route", "add", "default", "via", "10.77.1.1")
@@ -122,7 +123,7 @@ def test_what_a_library_opens_on_every_interface_is_kept_on_loopback() -> None:
 
 
 def test_lcm_hears_nothing_that_comes_in_on_another_interface_of_this_machine() -> None:
-    """This needs no root: data sent to that interface is also received on this machine."""
+    """This test needs no root: data sent to that interface are also received on this machine."""
     others = [
         address.address for name, addresses in psutil.net_if_addrs().items() for address in addresses
         if address.family.name == "AF_INET" and not address.address.startswith("127.")
@@ -134,7 +135,7 @@ def test_lcm_hears_nothing_that_comes_in_on_another_interface_of_this_machine() 
     group, receiver, here = parse_url(url), Receiver(url), Transmitter(url)
     wide = Receiver(
         url.replace("ttl=0", "ttl=1")
-    )  # a program that joins there must not make this one receive from there
+    )  # a program that joins the group on another interface must not make this program receive from there
     for address in others:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
             stranger.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
@@ -148,11 +149,11 @@ def test_lcm_hears_nothing_that_comes_in_on_another_interface_of_this_machine() 
 
 
 TOUCH = SkinFrame("left_forearm", 1.0, 1 << 40, np.full(NAO.patch("left_forearm").channels, 255, np.uint8))
-"""A frame with every taxel pressed, newer than all others."""
+"""A frame in which every taxel is pressed, with a higher sequence number than all other frames."""
 
 
 def test_of_a_served_robot_only_its_own_skin_and_states_count() -> None:
-    """A stranger on this machine may know the session, since it is sent to everybody."""
+    """An unknown program on this machine may have read the session number, which is part of every message."""
     peer = Lcm()
     peer.start()
     url = peer.via.removeprefix("lcm:")
@@ -207,7 +208,7 @@ def test_orders_in_the_name_of_a_commander_count_from_its_own_place_only() -> No
 
 def test_skin_of_another_session_is_counted_and_changes_nothing() -> None:
     wire = Wire()
-    wire.inbox.append(SessionFrame(1, TOUCH))  # before a state shows the session
+    wire.inbox.append(SessionFrame(1, TOUCH))  # before a state message contains the session number
     wire.tell()
     wire.inbox.append(SessionFrame(2, TOUCH))
     assert wire.read().skin == ()
@@ -236,7 +237,7 @@ def test_a_state_of_another_session_ends_a_driver_only_once_its_own_robot_is_sil
 
 
 def test_frames_of_the_session_that_are_older_are_refused() -> None:
-    """Sequence numbers of the session are counted on as before."""
+    """Within a session, sequence numbers only increase."""
     wire = Wire()
     wire.tell()
     for sequence in (5, 4, 6):

@@ -1,4 +1,4 @@
-"""The table of middlewares in the docs has a row for each, and the whole contract in it."""
+"""The table of middlewares in the docs has a row for each middleware, and contains the complete contract."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ WIRES = [name for name in PEERS if name != "sim"]
 
 
 def rows(table: str) -> tuple[list[str], list[list[str]]]:
-    """Returns the head and the rows of a table, without the marks of code."""
+    """Returns the header and the rows of a table, without the marks of code."""
     lines = [line for line in (TABLES / table).read_text().splitlines() if line.startswith("|")]
     head, _, *cells = [[cell.strip(" `") for cell in line.strip("|").split("|")] for line in lines]
     return head, cells

@@ -1,4 +1,5 @@
-"""Torques that a behaviour sends over a wire end with the joint data that they were computed from."""
+"""Torques that a behaviour sends over a middleware end when the joint data from which they were computed
+become too old."""
 
 from __future__ import annotations
 
@@ -23,16 +24,16 @@ from tci.robot.description import Robot
 from tci.runtime.serve import serve
 
 PATIENCE = 20.0
-"""Longest time [s] that a torque may take to go out, on a busy machine."""
+"""Longest time [s] until a torque is sent on a busy machine."""
 END = 0.05
-"""Time [s] after the last reading within which torques end."""
+"""Time [s] after the last reading within which torques must end."""
 PUSH = 0.3
-"""Torque [N m] that the behaviour asks for without an end."""
+"""Torque [N m] that the behaviour requests without end."""
 FAULTS = "repeats", "repeats under new stamps", "raises"
 
 
 def torque_robot() -> Robot:
-    """Returns a NAO whose left elbow has a torque mode."""
+    """Returns a NAO whose left elbow supports torque mode."""
     robot = patient("nao")
     servos = tuple(
         servo.model_copy(update={"modes": (Mode.POSITION, Mode.TORQUE)})
@@ -48,7 +49,7 @@ def elbow(robot: Robot) -> int:
 
 
 class Owner(SimulatedDriver):
-    """The robot's own driver, whose readings can be made to fail; records the torques that go out."""
+    """The robot's own driver, whose readings can be made to fail. Records the torques that are sent."""
 
     fault = "none"
 
@@ -80,7 +81,7 @@ class Owner(SimulatedDriver):
 
 @contextmanager
 def served(owner: Owner, via: str) -> Iterator[tuple[str, threading.Thread]]:
-    """Serves a robot in a thread; yields the address at which it is reached, and that thread."""
+    """Serves a robot in a thread. Yields the address of the robot, and the thread."""
     with TrialDriver(owner) as driver, open_server(driver, via) as server:
 
         def loop() -> None:
@@ -97,13 +98,13 @@ def served(owner: Owner, via: str) -> Iterator[tuple[str, threading.Thread]]:
 
 
 CASES = [("zenoh", fault) for fault in FAULTS] + [(name, FAULTS[0]) for name in ("lcm", "ros2", "yarp")]
-"""Middlewares over which a robot may be in torque mode (ROS 1 and rosbridge share ROS 2's code), with what
-happens to the readings of the robot's process."""
+"""Middlewares over which a robot may be in torque mode, each with a fault of the readings in the robot's
+process. ROS 1 and rosbridge share ROS 2's code."""
 
 
 @pytest.mark.parametrize(("name", "fault"), CASES)
 def test_28_torques_end_with_the_joint_data_of_a_served_robot(name: str, fault: str) -> None:
-    """Its behaviour goes on to ask for a torque, over a wire that works."""
+    """The robot's behaviour continues to request a torque, and the connection works."""
     robot = torque_robot()
     index = np.array([elbow(robot)])
     push = PlatformCommand(Mode.TORQUE, index, np.array([PUSH]), np.ones(1))

@@ -1,4 +1,5 @@
-"""Robots without a binding of their own have the usual values and names of each middleware."""
+"""A robot without a binding to a middleware is served with the usual settings and names of this
+middleware."""
 
 from __future__ import annotations
 
@@ -21,7 +22,7 @@ from tci.robot.description import Address, Binding, Robot
 from tci.runtime.serve import serve
 
 OF_ONE_ROBOT = ("naoqi", "unitree")
-"""Middleware of one make of robots: it carries those that have a binding to it."""
+"""Middleware that only one make of robots uses. It supports only robots with a binding to it."""
 
 
 @pytest.mark.parametrize("name", tci.robot_names())
@@ -49,7 +50,7 @@ def test_an_own_binding_replaces_the_usual_one() -> None:
 
 
 def oddly_named() -> Robot:
-    """Returns a NAO with names that are valid in a description and in no middleware."""
+    """Returns a NAO with names that are valid in a description but in no middleware."""
     nao = tci.load_robot("nao").with_stale_after(0.5)
     servos = tuple(
         servo.model_copy(update={"robot_part": f"{servo.robot_part} / \N{GREEK SMALL LETTER ALPHA}"})
@@ -61,7 +62,8 @@ def oddly_named() -> Robot:
 
 
 def drive(robot: Robot, name: str) -> Driver:
-    """Serves a robot and moves its head over one middleware until joints and all skin have arrived.
+    """Serves a robot and moves its head over one middleware until joint data and frames of all patches have
+    arrived.
 
     Returns the driver, which is closed.
     """
@@ -91,7 +93,7 @@ def drive(robot: Robot, name: str) -> Driver:
 
 @pytest.mark.parametrize("name", ["zenoh", "lcm", "yarp", "player"])
 def test_any_name_in_a_description_becomes_a_valid_one_on_the_wire(name: str) -> None:
-    """Server and driver derive the same names: joints, all skin and commands go through."""
+    """Server and driver derive equal names, so joint data, all skin frames and commands are transmitted."""
     drive(oddly_named(), name)
 
 

@@ -1,4 +1,5 @@
-"""Joints without a command, for a controller that needs all joints of a part: they stay, and never jump."""
+"""Joints without a command, for a controller that needs set-points for all joints of a part: these joints
+stay at their angles and never jump."""
 
 from __future__ import annotations
 
@@ -27,7 +28,7 @@ def test_a_joint_that_nobody_commands_stays_where_it_was_at_first() -> None:
 @pytest.mark.parametrize("commanded", [[1], [0, 1]], ids=["the same", "another one too"])
 @pytest.mark.parametrize("at_rest", [0, 5], ids=["at once", "later"])
 def test_a_joint_that_was_moved_by_hand_does_not_jump_back(at_rest: int, commanded: list[int]) -> None:
-    """After an operator's reset no joint is under command: in a former version the joint was sent back by 34
+    """After an operator's reset no joint is commanded. In an earlier version this joint was sent back by 34
     degrees in one period."""
     driven, parts = Driven(make_robot(coupled=False), [0.0] * 6), WholeParts(make_robot())
 

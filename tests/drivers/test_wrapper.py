@@ -1,5 +1,5 @@
-"""A driver around another one behaves like that one, except for its changes; and no driver skips its base
-class."""
+"""A driver that wraps another driver behaves like the wrapped driver, except for its changes. The constructor
+of every driver calls its base class."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from tci.robot.joint_map import initial_position
 
 FOUND = (Finding(Level.NOTE, "dialect", "4.0"),)
 CLASSMETHODS = {"load_library", "probe"}
-"""Members of a class that are called before there is a driver."""
+"""Members of a driver class that are called before a driver exists."""
 BASES = {"Driver", "RemoteDriver", "RosDriver", "SimulatedDriver", "DriverWrapper"}
 ROOT = Path(__file__).parents[2]
 
 
 class Told(Driver):
-    """A driver that records each call, and answers none as its base class does."""
+    """A driver that records each call and returns other values than its base class."""
 
     def __init__(self) -> None:
         super().__init__(DriverInfo.of(tci.load_robot("nao"), "sim", clock=tci.ManualClock(1.0), armed=True))
@@ -84,7 +84,7 @@ FORWARDED: dict[str, Callable[[Driver, Told], bool]] = {
     "native": lambda driver, told: driver.native("any") is told.part,
     "before_write": lambda driver, told: driver.before_write is told.before_write is None,
 }
-"""A check of each public member of a driver that is called on a connection."""
+"""For each public member of a driver with a connection: a check that a wrapper passes the call on."""
 
 
 def test_each_member_of_a_driver_has_its_check() -> None:
@@ -126,7 +126,7 @@ def calls_base(init: ast.FunctionDef) -> bool:
 
 
 def skips(source: str) -> list[str]:
-    """Returns the names of the drivers of a module whose constructor skips `Driver.__init__`."""
+    """Returns the names of the drivers in a module whose constructor does not call `Driver.__init__`."""
     found = []
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ClassDef) and {ast.unparse(base) for base in node.bases} & BASES:

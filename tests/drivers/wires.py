@@ -1,4 +1,5 @@
-"""Other sides of drivers in the contract suite. A new middleware adds its own to `PEERS`."""
+"""Programs for the other end of each driver's connection in the contract suite. A new middleware adds its
+program to `PEERS`."""
 
 from __future__ import annotations
 
@@ -43,12 +44,12 @@ SERVED = Path(__file__).with_name("patient.py")
 
 
 class Peer(ABC):
-    """The other end of a driver."""
+    """The other end of a driver's connection: a robot that the driver can read and command."""
 
     other_process = True
-    """True if it is another process, which can be lost."""
+    """True if the peer is another process, which can be lost."""
     usual_silence = 0.08
-    """Age [s] of joint data above which a robot of this middleware holds, outside of tests."""
+    """Age [s] of joint data above which a robot of this middleware holds, except in tests."""
 
     @abstractmethod
     def start(self) -> None:
@@ -56,7 +57,8 @@ class Peer(ABC):
 
     @abstractmethod
     def open(self, *, arm: bool, silence: float = PATIENCE) -> Driver:
-        """Opens a driver of the peer's NAO that holds after `silence` [s]."""
+        """Opens a driver of the peer's NAO. The gate of this driver holds after `silence` [s] without
+        data."""
 
     def freeze(self) -> None:
         """Suspends the peer until `thaw`."""
@@ -67,7 +69,7 @@ class Peer(ABC):
         raise NotImplementedError
 
     def kill(self) -> None:
-        """Kills the peer without any farewell."""
+        """Kills the peer, without a farewell message."""
         raise NotImplementedError
 
     def commander(self) -> subprocess.Popen[str]:
@@ -75,7 +77,7 @@ class Peer(ABC):
         raise NotImplementedError
 
     def disturb(self, messages: Iterable[bytes]) -> None:
-        """Sends bytes to wherever the driver listens."""
+        """Sends bytes to the address at which the driver receives."""
         raise NotImplementedError
 
     @abstractmethod
@@ -103,13 +105,13 @@ class Process(Peer):
 
     process: subprocess.Popen[str] | None = None
     script = SERVED
-    """Program that serves it."""
+    """Program that serves the robot."""
 
     def __init__(self, via: Callable[[], str]) -> None:
         self.make_via = via
 
     def prepare(self) -> None:
-        """Starts what a server needs: a master, a relay."""
+        """Starts programs that a server needs, such as a master or a relay."""
 
     def start(self) -> None:
         self.prepare()
@@ -152,7 +154,7 @@ class Process(Peer):
 
 
 class Zenoh(Process):
-    """Over Zenoh."""
+    """A NAO over Zenoh."""
 
     def __init__(self) -> None:
         super().__init__(lambda: f"zenoh:tcp/127.0.0.1:{free_port()}")
@@ -170,7 +172,7 @@ class Zenoh(Process):
 
 
 class Lcm(Process):
-    """Over LCM."""
+    """A NAO over LCM."""
 
     def __init__(self, ttl: int = 0) -> None:
         super().__init__(lambda: f"lcm:{lcm_url(ttl)}")
@@ -185,7 +187,7 @@ class Lcm(Process):
 
 
 class Naoqi(Process):
-    """Over NAOqi."""
+    """A NAO over NAOqi."""
 
     def __init__(self) -> None:
         super().__init__(lambda: f"naoqi:127.0.0.1:{free_port()}")
@@ -205,7 +207,7 @@ class Naoqi(Process):
 
 
 class Yarp(Process):
-    """Over YARP 3.12."""
+    """A NAO over YARP 3.12."""
 
     dialect = "3"
 
@@ -230,13 +232,13 @@ class Yarp(Process):
 
 
 class Yarp4(Yarp):
-    """Over YARP 4.0."""
+    """A NAO over YARP 4.0."""
 
     dialect = "4"
 
 
 class YarpBindings(Yarp):
-    """Over YARP by its own bindings, in their dialect."""
+    """A NAO over YARP's own bindings, in the dialect of the bindings."""
 
     def __init__(self) -> None:
         self.dialect = bindings_dialect() or ""
@@ -254,7 +256,7 @@ class YarpBindings(Yarp):
 
 
 class Player(Process):
-    """By Player's protocol."""
+    """A NAO over Player's protocol."""
 
     def __init__(self) -> None:
         super().__init__(lambda: f"player:127.0.0.1:{free_port()}")
@@ -267,7 +269,7 @@ class Player(Process):
 
 
 class Ros2(Process):
-    """In ROS 2, by cyclonedds."""
+    """A NAO in ROS 2, through cyclonedds."""
 
     def __init__(self) -> None:
         super().__init__(lambda: f"ros2:{anywhere()}")
@@ -280,7 +282,7 @@ class Ros2(Process):
 
 
 class Ros1(Process):
-    """In ROS 1."""
+    """A NAO in ROS 1."""
 
     def __init__(self) -> None:
         super().__init__(lambda: f"ros1:{anywhere()}")
@@ -293,7 +295,7 @@ class Ros1(Process):
 
 
 class Rosbridge(Process):
-    """Behind a rosbridge server."""
+    """A NAO behind a rosbridge server."""
 
     relay: subprocess.Popen[str] | None = None
 
@@ -320,7 +322,7 @@ class Rosbridge(Process):
 
 
 class Unitree(Process):
-    """On the topics of a Unitree G1, which has no skin."""
+    """A NAO on the topics of a Unitree G1, which have no skin data."""
 
     usual_silence = 0.1
 
@@ -336,7 +338,7 @@ class Unitree(Process):
 
 
 def free_port() -> int:
-    """Returns a TCP port of the loopback interface that is free."""
+    """Returns a free TCP port number of the loopback interface."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
@@ -344,14 +346,14 @@ def free_port() -> int:
 
 @cache
 def bindings_server() -> str:
-    """Returns HOST:PORT of the name server for YARP's bindings, which use the first one of a process for
-    ever."""
+    """Returns HOST:PORT of the name server for YARP's bindings. In one process the bindings use only the
+    first name server."""
     return f"127.0.0.1:{free_port()}"
 
 
 @contextmanager
 def bindings_configured() -> Iterator[str]:
-    """Makes YARP's configuration name this name server."""
+    """Writes YARP's configuration so that it contains this name server."""
     with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         Path(folder, "yarp.conf").write_text(f"{bindings_server().replace(':', ' ')} yarp\n")
         patch.setenv("YARP_CONFIG_HOME", folder)
@@ -359,7 +361,8 @@ def bindings_configured() -> Iterator[str]:
 
 
 def lcm_url(ttl: int = 0) -> str:
-    """Returns the URL of a group that no other test uses; by default it stays on this machine."""
+    """Returns the URL of a multicast group that no other test uses. By default the messages stay on this
+    machine."""
     return f"udpm://239.255.76.67:{free_port()}?ttl={ttl}"
 
 
@@ -376,16 +379,17 @@ PEERS: dict[str, Callable[[], Peer]] = {
     "rosbridge": Rosbridge,
     "unitree": Unitree,
 }
-"""Every driver, by name."""
+"""Peer of every driver, by the driver's name."""
 
 BINDINGS: dict[str, Callable[[], Peer]] = {"yarp-bindings": YarpBindings} if bindings_dialect() else {}
-"""The driver over a library that neither Debian nor PyPI has: if it is installed, the contract holds for it
-too."""
+"""Peers of the driver that uses YARP's bindings, which neither Debian nor PyPI has. If the bindings are
+installed, the contract suite tests this driver too."""
 
 
 @contextmanager
 def wire(name: str) -> Iterator[str]:
-    """Yields an address at which a robot can be served, `NAME:WHERE`, with all that its server needs."""
+    """Yields an address `NAME:WHERE` at which a robot can be served. The programs that its server needs are
+    running."""
     peer = PEERS[name]()
     assert isinstance(peer, Process)
     try:

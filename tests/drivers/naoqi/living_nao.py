@@ -1,4 +1,5 @@
-"""A NAO in a process of its own, started with autonomous life on or off. Tests kill and restart it."""
+"""A NAO in a separate process. Autonomous life is on or off at the start. Tests kill and restart this
+process."""
 
 from __future__ import annotations
 
@@ -17,10 +18,11 @@ TESTS = Path(__file__).parents[2]
 
 
 class LivingNao:
-    """A NAOqi service in another process."""
+    """A NAOqi service in a separate process."""
 
     def __init__(self, life: str, port: int = 0, *, late: bool = False) -> None:
-        """Starts in the state `life`; with `late` autonomous life is available only after `go_on`."""
+        """Starts with autonomous life in the state `life`. With `late`, autonomous life is available only
+        after `go_on`."""
         needs_qi()
         self.process = subprocess.Popen(
             [sys.executable, "-m", "drivers.naoqi.living_nao", life, str(port), *(["late"] * late)],
@@ -69,11 +71,11 @@ class LivingNao:
 
 
 def cut(port: int) -> None:
-    """Shuts down each connection of this process to `port`; the listener is not affected."""
+    """Shuts down each connection of this process to `port`. The listening socket stays open."""
     for number in os.listdir("/proc/self/fd"):
         try:
             if not stat.S_ISSOCK(os.fstat(int(number)).st_mode):
-                continue  # a handle that makes no socket would stay open
+                continue  # a descriptor that is not a socket must not stay open
             found = socket.socket(fileno=os.dup(int(number)))
         except OSError:
             continue  # closed in the meantime

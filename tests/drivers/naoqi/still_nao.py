@@ -1,4 +1,4 @@
-"""A NAO without physics behind genuine `qi`: its joints reach commanded angles at once."""
+"""A NAO without physics behind the genuine `qi` library. Its joints reach commanded angles immediately."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tci.robot.joint_map import initial_position
 
 
 class StillNao:
-    """A NAOqi service in this process. Tests set its joints and its skin."""
+    """A NAOqi service in this process. Tests set its joint angles and its skin values."""
 
     def __init__(self, robot: Robot | None = None, port: int = 0, without: tuple[str, ...] = ()) -> None:
         needs_qi()
@@ -57,7 +57,7 @@ class StillNao:
         return f"naoqi://127.0.0.1:{self.port}"
 
     def obey(self) -> list[PlatformCommand]:
-        """Executes the orders that have arrived, at once, and returns them."""
+        """Executes the orders that have arrived, without delay, and returns them."""
         orders = [order for order in self.board.take() if isinstance(order, PlatformCommand)]
         for order in orders:
             values = self.board.stiffness if order.mode is Mode.STIFFNESS else self.board.measured
@@ -66,7 +66,7 @@ class StillNao:
         return orders
 
     def touch(self, patch: str, sequence: int, values: np.ndarray) -> None:
-        """Stores a frame of skin."""
+        """Stores a skin frame."""
         self.board._frames[patch] = SkinFrame(patch, 0.0, sequence, values)
 
     def close(self) -> None:
@@ -82,11 +82,11 @@ class StillNao:
 
 
 AUTHENTICATE = 8
-"""Number of the call with which a client of NAOqi authenticates; its header has 28 bytes."""
+"""Number of the call with which a client of NAOqi authenticates. The header of a call has 28 bytes."""
 
 
 class Doorman:
-    """Front end as in NAOqi 2.9: encryption and a check of the credentials, with a NAO behind it."""
+    """Front end of a NAO that requires encryption and credentials, as NAOqi 2.9 does."""
 
     def __init__(self, nao: StillNao, user: str, password: str, folder: Path) -> None:
         key, certificate = folder / "key.pem", folder / "certificate.pem"
@@ -151,5 +151,5 @@ def _text(text: str) -> bytes:
 
 
 def _dynamic(text: str) -> bytes:
-    """Returns a string in NAOqi's dynamic type."""
+    """Returns a string, encoded as NAOqi's dynamic type."""
     return _text("s") + _text(text)

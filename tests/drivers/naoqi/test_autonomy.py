@@ -1,4 +1,4 @@
-"""A NAO that moves by itself, also after a restart or a gap in the network."""
+"""The driver detects that a NAO moves by itself, also after a restart or a gap in the network."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def step(driver: Driver) -> SafeCommand:
 
 
 def watch(driver: Driver) -> SafeCommand:
-    """Runs one period without a command. This NAO does not move, so the gate would notice a command."""
+    """Runs one period without a command. This NAO does not move, so the gate has no reason to hold."""
     return driver.write(driver.gate.step([], driver.read().joints, driver.clock.now()))
 
 
@@ -74,7 +74,7 @@ def test_a_robot_that_restarts_with_life_on_is_quietened_again_and_restored_at_t
             assert again.life() == "disabled"
             wait_for(lambda: moves(driver))
             driver.close()
-            assert again.life() == "solitary"  # as before the driver, whatever its state in between
+            assert again.life() == "solitary"  # the state before the driver, regardless of later states
 
 
 def test_a_robot_that_restarts_is_not_back_before_its_life_can_be_asked(
@@ -145,7 +145,7 @@ def test_life_that_somebody_switches_on_meanwhile_stops_the_gate() -> None:
 
 
 def test_life_that_comes_after_the_driver_and_is_on_stops_the_gate(monkeypatch: pytest.MonkeyPatch) -> None:
-    """While a robot boots, its services appear one by one."""
+    """While a robot boots, its services become available one after the other."""
     from tci.drivers.naoqi.services import ALAutonomousLife
 
     monkeypatch.setattr("tci.drivers.naoqi.autonomy.EVERY", 0.01)

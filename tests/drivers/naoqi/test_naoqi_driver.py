@@ -1,4 +1,4 @@
-"""The driver of a NAO: skin, touch, autonomy, and a robot that disconnects and returns."""
+"""The driver of a NAO: skin, touch, autonomous life, and a robot that disconnects and connects again."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ from tci.robot.description import Address, Robot
 ROBOT = load_robot("nao")
 ELBOW = next(servo.index for servo in ROBOT.servos if servo.name == "LElbowRoll")
 PATIENCE = 60.0
-"""Time [s] to wait on a busy machine for results that otherwise come at once."""
+"""Time [s] to wait for results on a busy machine. On an idle machine they arrive immediately."""
 
 
 def wait_for(what: Callable[[], bool], driver: Driver | None = None) -> None:
-    """Waits until a condition holds, and reads `driver` meanwhile."""
+    """Waits until a condition is true, and reads `driver` meanwhile."""
     end = time.monotonic() + PATIENCE
     while not what():
         assert time.monotonic() < end, "it never came"
@@ -189,9 +189,9 @@ def test_currents_are_torques_of_joints_whose_motors_constant_is_known(tmp_path:
         nao.board.torque[elbow] = -0.6
         nao.board.commanded[elbow] -= 0.05
         wait_for(lambda: torque() == pytest.approx(-0.6))
-        nao.services["ALMemory"].insertData(current_key("LElbowRoll"), 0.25)  # a key of genuine robots
+        nao.services["ALMemory"].insertData(current_key("LElbowRoll"), 0.25)  # a key that genuine robots have
         wait_for(lambda: torque() == pytest.approx(-0.5))
-        nao.board.commanded[elbow] += 0.1  # the motor pushes towards its commanded angle
+        nao.board.commanded[elbow] += 0.1  # the motor has a torque towards its commanded angle
         wait_for(lambda: torque() == pytest.approx(0.5))
         nao.services["ALMemory"].insertData(current_key("LElbowRoll"), "none")
         wait_for(lambda: bool(np.isnan(torque())))
@@ -307,7 +307,7 @@ def test_43_killed_with_minus_9_the_commander_leaves_a_robot_that_stands() -> No
     try:
         with connect(ROBOT, via) as driver:
             start = driver.read().joints.position[ELBOW]
-            # The motion would take eight seconds; the process is killed during it.
+            # The motion would last eight seconds; the process is killed during the motion.
             wait_for(lambda: driver.read().joints.position[ELBOW] > start + 0.05)
             commander.kill()
             here = [driver.read().joints.position[ELBOW]]
@@ -391,7 +391,7 @@ def test_skin_that_is_published_again_after_a_restart_is_read_as_before(strict: 
         memory._value = value
         memory._live |= own
         with connect(ROBOT, nao.via) as driver:
-            for name in own:  # a NAOqi that restarts has no data that clients inserted
+            for name in own:  # a NAOqi that has restarted lacks data that clients inserted
                 del memory._live[name]
             cut(nao.port)
             wait_for(lambda: driver._poller.generation == 1, driver)

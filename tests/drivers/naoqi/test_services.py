@@ -1,4 +1,4 @@
-"""The served NAO and programs without TCI: genuine `qi`, over a real socket."""
+"""The served NAO and programs without TCI, which use the genuine `qi` library over a real socket."""
 
 from __future__ import annotations
 

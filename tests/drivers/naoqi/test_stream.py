@@ -1,4 +1,4 @@
-"""Smooth motion: the response of a model of ALMotion to the driver's stream, compared with plain
+"""Smooth motion: the response of a model of ALMotion to the driver's stream of targets, compared with plain
 set-points."""
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ class Done:
 
 
 class Motion:
-    """ALMotion as documented: every 20 ms it takes the latest target, moves there at the requested fraction
-    of the top speed, and rests there if no other target has arrived."""
+    """Model of ALMotion as documented. Every 20 ms the model reads the latest target and moves to the target
+    at the requested fraction of the top speed. Without a new target the model rests there."""
 
     def __init__(self, angle: float, *, answers: Any = None) -> None:
         self.angle = self.target = angle
@@ -70,8 +70,8 @@ class Motion:
 
 
 def swing(send: Any) -> tuple[np.ndarray, np.ndarray, Motion]:
-    """Returns the speeds (n,) [rad/s] of the reference and of the robot, and the model, for a swing of the
-    elbow through a gate."""
+    """Returns the speeds (n,) [rad/s] of the reference and of the robot, and the model of ALMotion, for a
+    swing of the elbow through a gate."""
     gate = Gate(ROBOT, period=PERIOD, stale_after=1.0)
     position = np.array(initial_position(ROBOT))
     motion = Motion(float(position[INDEX]))
@@ -140,8 +140,8 @@ def test_a_servo_at_rest_is_left_alone_and_a_moving_one_gets_at_most_a_target_ea
 
 
 def test_where_it_turns_it_is_as_fast_as_from_the_target_before() -> None:
-    """Wherever it is measured, the robot is on its way to the previous target: without another target it must
-    come to rest soon."""
+    """The measured position always lies behind the previous target. Without a new target the robot must soon
+    come to rest."""
     ours, gate = stream(), Gate(ROBOT, period=PERIOD, stale_after=1.0)
     position = np.array(initial_position(ROBOT))
     motion = Motion(float(position[INDEX]))

@@ -1,4 +1,4 @@
-"""Skin frames as text."""
+"""Encoding of skin frames as text."""
 
 from __future__ import annotations
 

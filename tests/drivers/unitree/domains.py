@@ -1,4 +1,4 @@
-"""DDS domains for tests that run side by side."""
+"""DDS domains for tests that run at the same time."""
 
 from __future__ import annotations
 
@@ -7,4 +7,5 @@ import os
 
 _WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
 DOMAINS = itertools.count(100 + 40 * (_WORKER % 3))
-"""Domains that no other test uses: those of ROS 2 are below, and each of three processes has 40."""
+"""Domain numbers that no other test uses: the tests of ROS 2 use lower numbers, and each of three processes
+has 40 numbers."""

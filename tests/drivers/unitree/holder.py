@@ -1,8 +1,9 @@
-"""Program that holds the motors of a robot until it is killed: `python holder.py DOMAIN PERIOD`. It prints
-`asked` once it has asked for them, and `holding` once its targets are followed.
+"""Program that controls the motors of a robot until it is killed: `python holder.py DOMAIN PERIOD`. Prints
+`asked` after it has requested the motors, and `holding` when the robot follows its targets.
 
-`python holder.py -` does so for each such line of its input, in a process of its own, a copy of this one.
-Each tells its domain, its number and a word: `begun`, then those above, and `failed` if it is refused.
+`python holder.py -` reads lines `DOMAIN PERIOD` from its input, and starts a copy of itself for each line.
+Each copy prints its domain, its process ID and a word: `begun`, then the words above, or `failed` if the
+request is refused.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from tci.errors import DriverError
 
 
 def held_motors(place: str, period: float) -> HeldMotors:
-    """Returns motors that are asked for."""
+    """Returns an object that has requested the motors."""
     where = parse_unitree(place)
     held = HeldMotors(where, period, UnitreeNode(where.interface, where.domain), Health())
     held.take()
@@ -33,7 +34,7 @@ def held_motors(place: str, period: float) -> HeldMotors:
 
 
 def hold(domain: int, period: float, tell: Callable[[str], None]) -> None:
-    """Holds the motors, and tells of it."""
+    """Controls the motors, and prints its progress."""
     held = held_motors(f"lo/{domain}", period)
     tell("asked")
     held.wait()
@@ -48,8 +49,9 @@ def hold(domain: int, period: float, tell: Callable[[str], None]) -> None:
 
 
 def copies() -> None:
-    """Holds the motors of the robot of each line in a copy of this process, which has imported all."""
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # they are never waited for
+    """For each input line, controls the robot's motors in a copy (fork) of this process, which has imported
+    all modules."""
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the parent never waits for its child processes
     for line in sys.stdin:
         domain, period = line.split()
         if process := os.fork():

@@ -1,4 +1,5 @@
-"""A G1 of DDS topics alone, in a thread: it has the posture that it is told, and records all commands."""
+"""A simulated G1 that consists only of DDS topics, in a thread. Tests set its posture. It records all
+commands."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ PERIOD = 0.004
 
 
 class Heard(NamedTuple):
-    """One command."""
+    """One received command."""
 
     time: float
     weight: float
@@ -27,7 +28,7 @@ class Heard(NamedTuple):
 
 
 class Puppet:
-    """A robot that does not move by itself."""
+    """A robot without physics, whose posture changes only if a test or `obeys` changes it."""
 
     def __init__(self, domain: int, topic: str = "rt/arm_sdk") -> None:
         self.state: Any = np.zeros((), STATE)
@@ -35,11 +36,11 @@ class Puppet:
         self.state["motor"]["q"][:29] = np.linspace(-0.5, 0.5, 29)
         self.heard: list[Heard] = []
         self.silent = False
-        """True while it sends no states."""
+        """True while the robot sends no states."""
         self.spoilt = False
-        """True while their checksums are wrong."""
+        """True while the checksums of its states are wrong."""
         self.obeys = False
-        """True while it goes at once where commands of full weight want it."""
+        """True while the joints immediately reach the targets of commands with weight 1."""
         self._node = UnitreeNode("lo", domain)
         self._states = self._node.out("rt/lowstate", messages.STATE)
         self._commands = self._node.reader(topic, messages.COMMAND, keep=MOST, reliable=True)
@@ -73,11 +74,11 @@ class Puppet:
 
     @property
     def weights(self) -> list[float]:
-        """Weights of all commands so far."""
+        """Weights of all commands that were received so far."""
         return [heard.weight for heard in self.heard]
 
     def wait(self, condition: Any, patience: float = 15.0) -> None:
-        """Waits until `condition` of this robot is true."""
+        """Waits until `condition(self)` is true."""
         end = time.monotonic() + patience
         while not condition(self):
             assert time.monotonic() < end, (self.weights[-5:], len(self.heard))

@@ -1,4 +1,5 @@
-"""Faults over a G1's topics: a served robot moves, an injector changes its data, gate and loop react."""
+"""Rehearses faults over a G1's topics: a served robot moves, an injector changes its data, and the gate and
+the loop react."""
 
 from __future__ import annotations
 
@@ -19,9 +20,9 @@ from tci.messages import GenericCommand, Mode, Perception
 from tci.runtime.loop import Tick, run
 
 AT, LONG = 0.6, 1.2
-"""Times [s] of the fault, and that the run lasts from there."""
+"""Time [s] at which the fault begins, and duration [s] of the run after this time."""
 SHORT = {"nan-angle": 0.2, "dropped-frames": 0.9, "out-of-order": 0.3, "duplicates": 0.3, "clock-jump": 0.3}
-"""Durations [s] of faults that pass; all others last."""
+"""Durations [s] of temporary faults. All other faults last until the end."""
 EXPECTED = {
     "nan-angle": {GateState.RUN, GateState.HOLD},
     "dropped-frames": {GateState.RUN, GateState.HOLD},
@@ -38,30 +39,32 @@ EXPECTED = {
     "encoder-step": {GateState.STOP},
     "link-lost": {GateState.STOP},
 }
-"""States after the fault has begun, as in the rehearsals without a wire; a robot that is to stop may hold
-before."""
+"""Expected gate states after the beginning of the fault, as in a rehearsal within one process. A robot that
+must stop may hold before."""
 SPEED = 0.3
-"""Speed [rad/s] of the arms, in one direction: at a turn, a busy machine's delay would oppose the command."""
+"""Speed [rad/s] of the arms, always in one direction. If the direction changed, the delay of a busy machine
+would look like a motion against the command."""
 HALF = 1.5
-"""Flexion [rad] of a shoulder from which an arm is lowered: each rehearsal begins where the last ended."""
+"""Shoulder flexion [rad] above which an arm is lowered. Each rehearsal starts in the last posture of the
+previous one."""
 STILL = 0.05
 """Largest speed [rad/s] of a robot at rest."""
 LATE = 0.03
-"""Time [s] without a tick, or age of the robot's own data, above which a machine had no time for the robot.
-Assumed: a quarter of what a gate bears; a fault that it causes itself is none of the rehearsal."""
+"""If the time [s] without a period, or the age [s] of the robot's own data, exceeds this value, the machine
+gave the robot too little processor time. Assumed: a quarter of the delay that the gate tolerates."""
 
 
 class Rehearsed(NamedTuple):
     """Outcome of a rehearsal."""
 
     wrong: str
-    """Difference from what is expected; empty without one."""
+    """Difference from the expected result; empty if there is none."""
     late: bool
-    """True if the machine had no time for loop or robot, beside the fault."""
+    """True if the machine, not the fault, delayed the loop or the robot."""
 
 
 class Raise(Sway):
-    """Raises both arms all the time, or lowers those that are raised."""
+    """Raises both arms continuously, or lowers arms that are raised."""
 
     def step(
         self, memory: None, perception: Perception, body: GenericBody
@@ -77,7 +80,7 @@ def rehearse(peer: Unitree, name: str) -> Rehearsed:
     """Rehearses one fault."""
     try:
         driver = peer.open(arm=True)
-    except DriverError as error:  # it was not connected in time
+    except DriverError as error:  # the driver was not connected in time
         return Rehearsed(str(error), late=True)
     assert isinstance(driver, UnitreeDriver)
     with driver:
@@ -90,7 +93,7 @@ def rehearse(peer: Unitree, name: str) -> Rehearsed:
             ticks.append(tick)
             joints = getattr(
                 driver, "_joints", None
-            )  # those of the robot, which the injector does not change
+            )  # data from the robot, which the injector does not change
             ages.append(0.0 if joints is None else tick.now - joints.stamp)
 
         try:
@@ -98,7 +101,7 @@ def rehearse(peer: Unitree, name: str) -> Rehearsed:
         except DriverError as error:
             lost = str(error)
         begin = ticks[0].now + AT
-        # The loop is late by itself in one of the faults.
+        # In one of the faults, the fault itself makes the loop late.
         judged = begin if name == "overrun" else math.inf
         gaps = np.diff([tick.now for tick in ticks if tick.now < judged])
         late = bool(np.max(gaps, initial=0.0) > LATE or np.max(ages, initial=0.0) > LATE)
@@ -106,7 +109,7 @@ def rehearse(peer: Unitree, name: str) -> Rehearsed:
 
 
 def _difference(driver: Driver, name: str, ticks: list[Tick], lost: str) -> str:
-    """Returns the difference from what is expected of one fault; empty without one."""
+    """Returns the difference from the expected result of one fault; empty if there is none."""
     expected, begin = EXPECTED[name], ticks[0].now + AT
     before = {tick.sent.state for tick in ticks if tick.now < begin - 0.01}
     after = {tick.sent.state for tick in ticks if tick.now > begin + 0.02} | {driver.gate.state}

@@ -1,7 +1,8 @@
-"""Programs on the vendor's own SDKs, each a process: `python sdk_peer.py ROLE DOMAIN`.
+"""Programs with the vendor's own SDKs, each in a separate process: `python sdk_peer.py ROLE DOMAIN`.
 
-The SDK in C++ (`far-unitree-sdk`) knows domain 0 only. Each prints `ready`. A client ends when the robot has
-done what it wants, a robot when its input is closed. It then prints one line of JSON with what it has heard.
+The SDK in C++ (`far-unitree-sdk`) supports only domain 0. Each program prints `ready`. A client program ends
+when the robot has moved as requested. A robot program ends when its input is closed. At its end each program
+prints one line of JSON with the messages that it has received.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import Any
 
 ROLE, DOMAIN = sys.argv[1], int(sys.argv[2])
 LONGEST = 60.0
-"""Time [s] after which a program ends in any case."""
+"""Time [s] after which a program ends even if it has not finished."""
 LOOPBACK = (
     '<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterface name="lo" multicast="false"/>'
     "</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto"
@@ -31,7 +32,7 @@ NO_ANSWER = 3104
 
 
 def times(rate: float) -> Any:
-    """Yields the time [s] since now, `rate` times a second, until the input is closed."""
+    """Yields the time [s] since the call, `rate` times a second, until the input is closed."""
     closed = threading.Event()
     threading.Thread(target=lambda: (sys.stdin.read(), closed.set()), daemon=True).start()
     begin = due = time.monotonic()
@@ -51,7 +52,7 @@ def answer(call: Any) -> Any:
 
 def tell(**heard: Any) -> None:
     print(json.dumps(heard), flush=True)
-    os._exit(0)  # neither SDK ends its threads
+    os._exit(0)  # neither SDK stops its threads
 
 
 def cpp() -> Any:
@@ -61,10 +62,10 @@ def cpp() -> Any:
 
 
 def python() -> Any:
-    sys.modules.setdefault("cv2", types.ModuleType("cv2"))  # only its cameras need OpenCV
+    sys.modules.setdefault("cv2", types.ModuleType("cv2"))  # only the cameras of the SDK need OpenCV
     import cyclonedds.idl._typesupport.DDS.XTypes as xtypes
 
-    xtypes.TK_UINT8 = xtypes.TK_BYTE  # as in the Cyclone that the vendor ships
+    xtypes.TK_UINT8 = xtypes.TK_BYTE  # as in the version of Cyclone DDS that the vendor ships
     import unitree_sdk2py.core.channel as channel
 
     channel.ChannelConfigHasInterface = LOOPBACK
@@ -73,7 +74,7 @@ def python() -> Any:
 
 
 def cpp_robot() -> None:
-    """A robot that is where the latest command of rt/lowcmd wants it."""
+    """A robot whose joints are at the targets of the latest command on rt/lowcmd."""
     sdk, robot = cpp()
     robot.enable_motion_switcher_responder()
     state = sdk.LowState(29)
@@ -93,7 +94,7 @@ def cpp_robot() -> None:
 
 
 def cpp_client() -> None:
-    """A program that moves the left elbow by rt/lowcmd."""
+    """A client that moves the left elbow with rt/lowcmd."""
     _, robot = cpp()
     print("ready", flush=True)
     start = None
@@ -113,7 +114,7 @@ def cpp_client() -> None:
 
 
 def py_robot() -> None:
-    """A robot with rt/arm_sdk and motion switcher."""
+    """A robot with rt/arm_sdk and the motion switcher."""
     channel = python()
     from unitree_sdk2py.idl.default import unitree_hg_msg_dds__LowState_
     from unitree_sdk2py.idl.unitree_hg.msg.dds_ import LowCmd_, LowState_
@@ -145,7 +146,7 @@ def py_robot() -> None:
         states.Write(state)
     end = time.monotonic() + 5.0
     while weights and weights[-1] and time.monotonic() < end:
-        time.sleep(0.1)  # Python is late, by seconds on a busy machine
+        time.sleep(0.1)  # Python may be late, by seconds on a busy machine
     tell(
         commands=len(weights), wrong=wrong, smallest=min(elbow, default=None), last=elbow and elbow[-1],
         largest_weight=max(weights, default=None), weight=weights and weights[-1],
@@ -153,8 +154,8 @@ def py_robot() -> None:
 
 
 def py_log() -> None:
-    """A robot that writes each command of rt/arm_sdk to the file `sdk_peer.py py_log DOMAIN FILE` as the
-    struct of the SDK's checksum, and prints a dot for it."""
+    """A robot that appends each command of rt/arm_sdk to a file, as the struct over which the SDK computes
+    its checksum, and prints a dot per command: `sdk_peer.py py_log DOMAIN FILE`."""
     channel = python()
     from unitree_sdk2py.idl.unitree_hg.msg.dds_ import LowCmd_
     from unitree_sdk2py.utils.crc import CRC
@@ -179,7 +180,7 @@ def py_log() -> None:
 
 
 def py_hands() -> None:
-    """A robot of Dex3 hands beside arms: its fingers are where the latest commands want them."""
+    """A robot with Dex3 hands and arms. Its fingers are at the targets of the latest commands."""
     channel = python()
     from unitree_sdk2py.idl.default import unitree_hg_msg_dds__LowState_
     from unitree_sdk2py.idl.unitree_hg.msg.dds_ import (
@@ -230,7 +231,7 @@ def py_hands() -> None:
 
 
 def py_client() -> None:
-    """A program that asks the motion switcher and moves the left elbow by rt/arm_sdk."""
+    """A client that queries the motion switcher and moves the left elbow with rt/arm_sdk."""
     channel = python()
     from unitree_sdk2py.comm.motion_switcher.motion_switcher_client import MotionSwitcherClient
     from unitree_sdk2py.idl.default import unitree_hg_msg_dds__LowCmd_

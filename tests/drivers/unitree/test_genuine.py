@@ -1,4 +1,4 @@
-"""The vendor's own SDKs, in C++ and Python, as robots and as clients."""
+"""Programs with the vendor's own SDKs, in C++ and Python, as robots and as clients of TCI."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ class Peer:
         self.process = process
 
     def told(self, *, robot: bool = False) -> dict[str, Any]:
-        """Returns what it tells at its end; a robot ends now."""
+        """Ends a robot program, or waits for the end of a client, and returns the printed results."""
         assert self.process.stdout is not None
         if robot:
             assert self.process.stdin is not None
             self.process.stdin.close()
-        said = self.process.stdout.read()  # threads of the SDK print between, even within a line
+        said = self.process.stdout.read()  # threads of the SDK print other text, even within a line
         found: dict[str, Any] = json.JSONDecoder().raw_decode(said, said.index('{"'))[0]
         return found
 
 
 @contextmanager
 def started(*command: str) -> Iterator[Peer]:
-    """Runs a program that says `ready`."""
+    """Runs a program and waits until the program prints `ready`."""
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     with subprocess.Popen(command, text=True, cwd=HERE.parents[1], **pipes) as process:  # type: ignore[call-overload]
         assert process.stdout is not None
@@ -62,7 +62,7 @@ def peer(role: str, domain: int) -> Any:
 
 
 def bend(driver: Driver, by: float, joint: str = ELBOW) -> None:
-    """Moves a joint of the left arm; on a busy machine the gate may stop it on the way."""
+    """Moves a joint of the left arm. Repeats the order if the gate stops the motion on a busy machine."""
     arm = driver.native("left_arm")
     goal = arm.positions(driver.read().joints)[joint] + by
     for _ in range(20):
@@ -121,9 +121,9 @@ def test_fingers_of_the_vendors_python_bend_one_by_one_and_press_sensors_are_ski
 
 
 def test_programs_of_the_vendor_move_a_served_robot() -> None:
-    """It is a NAO on the topics of a G1: two arms and a head."""
+    """The served robot is a NAO on the topics of a G1: two arms and a head."""
     with started(sys.executable, str(HERE.parent / "patient.py"), "unitree:lo/0"):
-        with peer("py_client", 0) as client:  # it switches the robot's own controller off at its end
+        with peer("py_client", 0) as client:  # the client switches the robot's own controller off at its end
             found = client.told()
         assert found["before"] == [0, {"form": "0", "name": "ai"}]
         assert found["wrong"] == 0

@@ -1,4 +1,4 @@
-"""The motors change hands without a step: weights, targets and gains over time."""
+"""The control of the motors changes without a step of weights, targets or gains."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ HERE = np.linspace(-1.0, 1.0, MOTORS)
 
 
 def leading(*, whole: bool = False) -> tuple[Handover, float]:
-    """Returns a handover after its ramp, and the time."""
+    """Returns a handover whose ramp has ended, and the time."""
     handover, now = Handover(gains(whole=whole), whole=whole), 10.0
     handover.take(HERE, now)
     while handover.phase is Phase.TAKING:
@@ -106,7 +106,7 @@ def test_targets_stay_for_motors_that_have_not_left_them_unseen() -> None:
     handover, now = leading()
     handover.follow(ALL, order(0.5), HERE, now)
     sagging, seen = np.full(MOTORS, 0.42), np.full(MOTORS, 0.43)
-    seen[20], seen[21] = 0.25, 0.5  # pushed away, and come up to its target
+    seen[20], seen[21] = 0.25, 0.5  # pushed away from the target, and moved back to the target
     handover.give_unseen(sagging, seen)
     assert handover.phase is Phase.GIVING
     sent = handover.step(now + PERIOD)[Q]

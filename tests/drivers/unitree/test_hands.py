@@ -1,4 +1,4 @@
-"""Press sensors of Dex3 hands arrive as patches of skin."""
+"""Values of the pressure sensors of Dex3 hands arrive as skin patches."""
 
 from __future__ import annotations
 
@@ -25,11 +25,12 @@ from tci.messages import JointReading, Mode, SkinFrame
 from tci.robot.description import Address, Binding, Robot
 
 PADS = 26
-"""Sensors of the hand of these tests: the forearm's patch of the description has 26 x 12 channels."""
+"""Number of sensors of the hand in these tests. The forearm's patch of the description has 26 x 12
+channels."""
 
 
 def handed(side: str = "left") -> Robot:
-    """Returns a G1 whose left forearm's patch stands for that of a hand."""
+    """Returns a G1 whose left forearm patch receives the data of a hand."""
     robot = tci.load_robot("g1")
     own = Binding(
         middleware="unitree", rate=250, stale_after=0.1, addresses=(Address(of="left_forearm", to=side),)
@@ -38,7 +39,7 @@ def handed(side: str = "left") -> Robot:
 
 
 class Sender:
-    """A hand and its reader."""
+    """Sends the data of a simulated hand, and reads them with TCI."""
 
     def __init__(self) -> None:
         domain = next(DOMAINS)
@@ -49,7 +50,7 @@ class Sender:
         self.pads["pressure"] = 100_000.0 + np.arange(12 * PADS).reshape(PADS, 12)
 
     def send(self, data: bytes | None = None) -> SkinFrame:
-        """Returns the frame after the next message."""
+        """Sends messages until a new frame has arrived, and returns the frame."""
         before = self.frames()
         end = time.monotonic() + 10.0
         while time.monotonic() < end:
@@ -121,7 +122,8 @@ def test_a_hand_has_a_side() -> None:
 
 
 def test_a_hand_is_led_by_the_vendors_names_or_by_addresses_and_holds_until_it_is_released() -> None:
-    """One motor is asked for; the others hold the posture in which they are, with the bit that stops them."""
+    """One motor is commanded. The other motors hold their present posture, and their messages contain the bit
+    that stops them on a timeout."""
     robot = tci.load_robot("g1")
     servos = tuple(
         servo.model_copy(update={"name": {0: "left_hand_index_0_joint"}.get(servo.index, servo.name)})
@@ -145,7 +147,7 @@ def test_a_hand_is_led_by_the_vendors_names_or_by_addresses_and_holds_until_it_i
 
     fingers.repeat(time.monotonic())
     one = np.ones(1)
-    safe: Any = SimpleNamespace(  # only a gate makes a SafeCommand
+    safe: Any = SimpleNamespace(  # a substitute, because only a gate can make a SafeCommand
         servos=np.array([0]), modes=(Mode.POSITION,), position=-0.9 * one, velocity=0.2 * one,
         torque=0.0 * one, stiffness={0: 0.5}, damping={},
     )  # fmt: skip
@@ -163,7 +165,7 @@ def test_a_hand_is_led_by_the_vendors_names_or_by_addresses_and_holds_until_it_i
     assert not command["kp"].any()
     time.sleep(0.05)
     latest(heard)
-    fingers.obey(safe)  # a gate that has stopped holds them still
+    fingers.obey(safe)  # after a stop, the gate still sends the present positions
     fingers.repeat(time.monotonic() + 1.0)
     fingers.release()
     time.sleep(0.05)
@@ -174,7 +176,8 @@ def test_a_hand_is_led_by_the_vendors_names_or_by_addresses_and_holds_until_it_i
 
 @pytest.fixture(scope="module")
 def ends() -> Iterator[tuple[Robot, ServedHand, Hand]]:
-    """Both ends of the left hand of a G1 with Dex3 hands, without physics: a served one, and its driver."""
+    """Yields the left hand of a G1 with Dex3 hands without physics: robot, the side of the server and the
+    side of the driver."""
     robot, domain = tci.load_robot("g1-hands"), next(DOMAINS)
     nodes = [UnitreeNode("lo", domain) for _ in range(2)]
     yield robot, ServedHand(robot, "left", nodes[0]), Hand(robot, "left", nodes[1])
@@ -183,7 +186,7 @@ def ends() -> Iterator[tuple[Robot, ServedHand, Hand]]:
 
 
 def within(seconds: float, step: Callable[[], bool]) -> None:
-    """Repeats a step until it is done."""
+    """Repeats a step until the step returns True."""
     end = time.monotonic() + seconds
     while not step():
         assert time.monotonic() < end
@@ -231,7 +234,7 @@ def test_a_served_hand_tells_its_fingers_and_its_sensors(ends: Any) -> None:
     served._state["temperature"][4, 1] = 30
     time.sleep(0.02)
     step()
-    assert hand.fault  # until a person connects again
+    assert hand.fault  # until a person connects the driver again
 
 
 @pytest.mark.parametrize(

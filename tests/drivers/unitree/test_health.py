@@ -1,4 +1,4 @@
-"""States in which a robot may be commanded, and addresses at which it may be reached."""
+"""Robot states in which commands are permitted, and network addresses over which a robot may be commanded."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tci.errors import DriverError
 
 
 def state(**changed: Any) -> Any:
-    """Returns the state of a healthy G1, but for `changed` fields of motor 3."""
+    """Returns the state of a healthy G1 with other values in the fields `changed` of motor 3."""
     made: Any = np.zeros((), STATE)
     made["mode_machine"], made["quaternion"], made["crc"] = 5, (1, 0, 0, 0), 1
     made["motor"]["temperature"] = 30
@@ -115,7 +115,7 @@ def test_only_a_simulation_may_leave_out_checksum_and_variant() -> None:
 def test_variants_are_told_apart_and_do_not_change() -> None:
     made = state()
     made["motor"]["motorstate"][13] = 9
-    made["mode_machine"] = 6  # the waist is fixed: there is no such motor
+    made["mode_machine"] = 6  # the waist of this variant is fixed, so motor 13 does not exist
     health = judged(made)
     assert not health.lasting
     made = state()
@@ -124,7 +124,7 @@ def test_variants_are_told_apart_and_do_not_change() -> None:
 
 
 def fake(tmp_path: Path, *, wireless: bool = False, default: bool = False) -> dict[str, Path]:
-    """Returns folders of a machine with the interface `cable`."""
+    """Returns folders that describe a machine with the network interface `cable`."""
     (tmp_path / "net" / "cable").mkdir(parents=True)
     if wireless:
         (tmp_path / "net" / "cable" / "wireless").mkdir()

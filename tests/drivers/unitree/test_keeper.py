@@ -1,4 +1,5 @@
-"""The process that holds the motors: what a robot hears from it, whatever becomes of the behaviour."""
+"""The keeper is the process that controls the motors. Tests the commands that a robot receives from the
+keeper after faults of the behaviour."""
 
 from __future__ import annotations
 
@@ -36,12 +37,12 @@ from tci.reasons import Code
 pytestmark = pytest.mark.timeout(60)
 ALL = np.ones(MOTORS, dtype=bool)
 STEP = 3 * LONGEST
-"""Largest time [s] between two weights that arrive: a busy machine loses some."""
+"""Largest accepted time [s] between two received weights. On a busy machine some messages are lost."""
 
 
 @pytest.fixture
 def domain() -> int:
-    """A DDS domain that no other test uses."""
+    """Returns a DDS domain that no other test uses."""
     return next(DOMAINS)
 
 
@@ -66,7 +67,7 @@ def lead(held: HeldMotors, angle: float, seconds: float) -> None:
 
 
 def largest_steps(puppet: Puppet) -> tuple[float, float]:
-    """Returns the largest rise and fall of the weight between two commands."""
+    """Returns the largest increase and the largest decrease of the weight between two commands."""
     change = np.diff([0.0, *puppet.weights])
     return float(change.max()), -float(change.min())
 
@@ -101,7 +102,7 @@ def test_a_behaviour_that_is_killed_leaves_a_completed_fade(domain: int, puppet:
     assert puppet.heard[-1].time - killed == pytest.approx(GIVE, abs=0.6)
     assert largest_steps(puppet)[1] <= STEP / GIVE
     assert puppet.heard[-1].motor["q"][20] == np.float32(0.3)
-    assert not puppet.heard[-1].motor["dq"].any()  # it was killed at a speed
+    assert not puppet.heard[-1].motor["dq"].any()  # the keeper was killed during a motion
 
 
 def test_a_keeper_that_is_killed_is_noticed_and_the_behaviour_completes_its_fade(
@@ -116,7 +117,7 @@ def test_a_keeper_that_is_killed_is_noticed_and_the_behaviour_completes_its_fade
             sent = driver.write(driver.gate.step(orders, driver.read().joints, now))
             orders = []
             if count > 20 and np.abs(sent.velocity).max() < 1e-9:
-                break  # a set-point on the way differs from the last one that was heard
+                break  # during a motion, the set-point differs from the last one that the robot received
         time.sleep(0.05)
         assert sent.state is GateState.RUN, sent.reason
         assert driver._held is not None
@@ -158,7 +159,7 @@ def test_legs_are_refused_by_name_and_the_rest_goes_on(domain: int, puppet: Pupp
 
 
 def test_a_variant_obeys_for_the_joints_that_it_has(domain: int, puppet: Puppet) -> None:
-    puppet.state["mode_machine"] = 6  # no waist roll and pitch
+    puppet.state["mode_machine"] = 6  # this variant has no waist roll and no waist pitch
     with tci.connect("g1", f"unitree:lo/{domain}") as driver:
         waist = driver.robot.servos_of("torso")
         whole = PlatformCommand(
@@ -187,8 +188,10 @@ def test_states_that_stop_end_all_and_a_new_start_is_from_zero(domain: int, pupp
         puppet.state["motor"]["q"][21] = -0.25
         puppet.silent = False
         puppet.wait(lambda robot: robot.weights[-1] == 0.0)
-        assert puppet.heard[-1].motor["q"][20] == np.float32(0.7)  # where it is now: no step
-        assert puppet.heard[-1].motor["q"][21] == np.float32(-0.3)  # beside its target by its load
+        # the present position, so that there is no step
+        assert puppet.heard[-1].motor["q"][20] == np.float32(0.7)
+        # differs from the target because of the joint's load
+        assert puppet.heard[-1].motor["q"][21] == np.float32(-0.3)
         puppet.state["motor"]["q"][21] = 0.7
         count = len(puppet.heard)
         lead(held, 0.1, 0.3)
@@ -240,7 +243,7 @@ def test_a_robot_that_is_not_ready_is_not_taken(domain: int, puppet: Puppet, fau
     with closing(other), closing(hold(domain)) as held:
         if fault == "checksum":
             puppet.wait(lambda robot: "wrong checksum" in held.poll().reason)
-            time.sleep(0.7)  # longer than others are looked for before the motors are taken
+            time.sleep(0.7)  # the time of the search for other programs before the motors are taken
             assert held.poll().phase is Phase.WAITING
         else:
             with pytest.raises(DriverError, match=word):

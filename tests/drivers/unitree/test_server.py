@@ -1,4 +1,4 @@
-"""A served G1 moves as the motors of a real one would."""
+"""A served G1 moves like the motors of a real G1."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MOVED = float(np.deg2rad(0.05))
 
 
 class Stream:
-    """Commands of weight 1 in place of those that arrive, one in two periods of the robot."""
+    """Commands of weight 1, one for every second period of the robot. They replace received commands."""
 
     def __init__(self, posture: Array, angles: Array, speeds: Array) -> None:
         self._left = [*zip(angles, speeds, strict=True)][::-1]
@@ -53,7 +53,7 @@ class Stream:
 def references(
     driver: SimulatedDriver, orders: Callable[[Reading], Sequence[Order]], server: UnitreeServer | None = None
 ) -> tuple[Array, Array]:
-    """Returns angles and speeds of the elbow's reference while it obeys orders, one each period."""
+    """Executes orders, one each period, and returns the angles and speeds of the elbow's reference."""
     angles, speeds = [driver.read().joints.position[SERVO]], [0.0]
     for now in driver.ticks(duration=0.8):
         reading = driver.read()
@@ -86,7 +86,8 @@ def test_a_stream_of_set_points_is_followed_without_a_second_start() -> None:
 
 
 def test_a_reading_that_came_once_is_shown_once() -> None:
-    """States have no time of measurement: one that is sent again looks new, and its client moves on."""
+    """State messages contain no time of measurement. A repeated message would look new, and its client would
+    continue to move."""
     shown: list[int] = []
 
     def keep(state: bytes) -> None:

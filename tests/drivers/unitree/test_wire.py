@@ -1,4 +1,4 @@
-"""Unitree's messages as bytes, against a checksum bit by bit and against cyclonedds' own packing."""
+"""Unitree's messages as bytes, compared with a bitwise checksum and with the encoding of cyclonedds."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tci.recording.schemas import CLOUD, SKIN
 
 
 def slow_checksum(data: bytes) -> int:
-    """Returns the checksum as the vendor computes it: bit by bit over 32-bit words."""
+    """Returns the checksum as the vendor computes it: bit by bit, over 32-bit words."""
     crc = 0xFFFFFFFF
     for word in np.frombuffer(data, "<u4").tolist():
         for bit in range(31, -1, -1):
@@ -35,7 +35,7 @@ def slow_checksum(data: bytes) -> int:
 
 
 def test_the_checksum_is_the_vendors() -> None:
-    assert wire.checksum(bytes(range(8))) == 0x9C08808D  # by the vendor's own library
+    assert wire.checksum(bytes(range(8))) == 0x9C08808D  # computed by the vendor's own library
     rng = np.random.default_rng(1)
     for words in (1, 7, 250):
         data = rng.bytes(4 * words)
@@ -43,7 +43,7 @@ def test_the_checksum_is_the_vendors() -> None:
 
 
 def made(kind: np.dtype[np.void], seed: int = 0) -> Any:
-    """Returns a record with a different value in each field."""
+    """Returns a record in which each field has a different value."""
     record: Any = np.zeros((), kind)
     rng = np.random.default_rng(seed)
     fill(record, rng)
@@ -71,7 +71,8 @@ def values(record: Any) -> Iterator[Any]:
 
 
 def sample(kind: Any, flat: Iterator[Any]) -> Any:
-    """Returns a sample of cyclonedds with these values; it has the record's order, and more structures."""
+    """Returns a sample of cyclonedds with these values. The sample has the order of the record, and
+    additional nested structures."""
     if dataclasses.is_dataclass(kind):
         return kind(*[sample(field.type, flat) for field in dataclasses.fields(kind)])
     shape = kind.__metadata__[0]
@@ -114,7 +115,7 @@ def test_a_changed_byte_makes_the_checksum_wrong() -> None:
 
 
 def kinds(node: Any) -> Iterator[int]:
-    """Yields the kinds of all types that a description of types names."""
+    """Yields the kinds of all types in a type description."""
     if isinstance(node, list | tuple):
         for item in node:
             yield from kinds(item)
@@ -130,7 +131,8 @@ def kinds(node: Any) -> Iterator[int]:
     "kind", [messages.COMMAND, messages.STATE, messages.HAND_STATE, *map(_idl, (BYTES, CLOUD, SKIN))]
 )
 def test_cyclone_of_robots_and_of_ros_knows_every_type(kind: Any) -> None:
-    """A program on cyclonedds 0.10.2 that reads TCI's bytes ended with a segmentation fault at TK_UINT8."""
+    """With the type TK_UINT8, a program with cyclonedds 0.10.2 that read TCI's bytes ended with a
+    segmentation fault."""
     assert TK_UINT8 not in kinds(kind.__idl__.get_type_mapping())
 
 
@@ -143,7 +145,7 @@ def test_a_hand_says_how_many_motors_and_pads_it_has() -> None:
     assert hand.pads["pressure"].ravel().tolist() == list(range(108))
     assert len(wire.decode_hand(wire.encode_hand(motors, pads[:7])).pads) == 7
     size = len(data)
-    assert size == 1428  # as the vendor's Python SDK sends it
+    assert size == 1428  # the size of messages of the vendor's Python SDK
 
 
 @given(st.binary(max_size=2100), st.sampled_from([996, 1000, 2088, 2092]))
@@ -157,7 +159,7 @@ def test_damaged_messages_are_refused_or_judged(data: bytes, size: int) -> None:
 
 
 def test_what_the_vendors_programs_sent_is_read(genuine_data: SkinData) -> None:
-    """The Python simulation of the vendor sends no checksum; all other programs do."""
+    """The vendor's Python simulation sends no checksum. All other programs of the vendor send a checksum."""
     folder = genuine_data.file("unitree")
     for name, right, variant in (
         ("lowstate_from_sdk2cpp", True, 5),

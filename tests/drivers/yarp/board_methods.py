@@ -1,7 +1,7 @@
-"""Methods of the remote control board interfaces, as YARP's clients call them, and the page that shows how a
-served board answers each.
+"""Methods of the remote control board interfaces, as YARP's clients call them. Writes the page that shows the
+answer of a served board to each method.
 
-    python tests/drivers/yarp/board_methods.py
+python tests/drivers/yarp/board_methods.py
 
 writes the page.
 """
@@ -39,7 +39,7 @@ SAMPLES: dict[str, Any] = {
 
 
 class Unattended(ServedBoard):
-    """A board without a loop: what it accepts counts as obeyed."""
+    """A board without a control loop. An accepted call counts as executed."""
 
     def awaited(self) -> AbstractContextManager[None]:
         return nullcontext()
@@ -87,12 +87,12 @@ def calls_v4(joint: int = 3) -> Iterator[tuple[str, str, list[Any], list[str]]]:
 
 
 def is_answered(reply: Any, dialect: Dialect) -> bool:
-    """Returns True if a reply says that the call was obeyed."""
+    """Returns True if a reply says that the call was executed."""
     return bool(reply[-1] == OK) if dialect is V3 else reply[0] in (OK, [OK])
 
 
 def _prepare(shown: Unattended, interface: str) -> None:
-    """Switches joints to the mode in which the methods of an interface apply."""
+    """Switches joints to the control mode that the methods of an interface need."""
     mode = {"IPositionDirect": "posd", "IVelocityControl": "vel", "IVelocityDirect": "veld"}.get(interface)
     mode = "torq" if interface == "ITorqueControl" else mode or "pos"
     for joint in range(JOINTS):
@@ -101,7 +101,8 @@ def _prepare(shown: Unattended, interface: str) -> None:
 
 
 def page() -> str:
-    """Returns the table: methods that are answered and refused, by interface and dialect."""
+    """Returns a table of the methods that are executed and of the methods that are refused, by interface and
+    dialect."""
     found: dict[str, dict[tuple[str, bool], dict[str, None]]] = {}
     shown = board()
     for interface, method, call in calls_v3():

@@ -69,7 +69,7 @@ EVENT = [
 
 
 def spoiled(items: Sequence[Any], chance: random.Random) -> list[Any]:
-    """Returns items of which some are replaced, removed or duplicated, at any depth."""
+    """Returns items some of which are replaced, removed or duplicated, in any nested list."""
     found = _copy(list(items))
     for _ in range(chance.randint(1, 2)):
         inner = found
@@ -89,8 +89,8 @@ def spoiled(items: Sequence[Any], chance: random.Random) -> list[Any]:
 
 
 def sent(items: Sequence[Any], dialect: Dialect, chance: random.Random) -> list[Any]:
-    """Returns the items as received, sent as bytes or as text. Raises WireError for items that can't be
-    sent."""
+    """Returns the items as a receiver decodes them, after sending as bytes or as text. Raises WireError if
+    the items can't be sent."""
     if chance.random() < 0.5:
         return from_text(to_text(items).encode(errors="replace").decode())
     return decode_bottle(encode_bottle(items, dialect), dialect)
@@ -142,7 +142,7 @@ def strange_messages(port: Port) -> Callable[[random.Random], None]:
 
 
 class _Nobody(OrderBook):
-    """Drops all orders: no loop would judge them."""
+    """Drops all orders, because there is no loop that could judge them."""
 
     def put(self, order: Order, undo: Callable[[], None] | None = None) -> None:
         pass

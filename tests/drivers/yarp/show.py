@@ -1,4 +1,4 @@
-"""A simulated robot that a thread serves over YARP, with a name server of its own."""
+"""A simulated robot that a thread serves over YARP, together with a name server."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Calls for all joints of a board, as iCub's tutorials make them: fingers, eyes and hands obey, and a joint
-that can't be moved keeps its place."""
+"""Calls for all joints of a board, as in iCub's tutorials. Fingers, eyes and hands obey. A joint that can't
+be moved stays at its angle."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ TUTORIAL = (-30, 30, 15, 60, *[0] * 12)
 LISTING_1 = (-16.1, 83.3, 0, 15.5, -59, -0.45, 0, 0.3, 50, 24, 90, 5, 90, 16, 90, 115)
 """Angles [deg] of the reflex motion of iCub in the paper's Listing 1, as printed."""
 NAO_LISTING_1 = (1.19, -1.10, 2.07, 0.04, 0.0, 0.0)
-"""That of NAO [rad]; its hand is closed."""
+"""Angles [rad] of NAO's reflex motion in Listing 1. The hand is closed."""
 
 
 class Board:
-    """A board of a simulated robot without a wire: calls, the gate and the physics in one thread."""
+    """A board of a simulated robot without a network: calls, gate and physics run in one thread."""
 
     def __init__(self, robot: Robot, part: str) -> None:
         self.driver = SimulatedDriver(robot, world=World(robot, skin=False))
@@ -56,13 +56,13 @@ class Board:
 
 
 def _unawaited(board: ServedBoard) -> ServedBoard:
-    """Lets calls return before the loop, which is in the same thread, has judged them."""
+    """Makes calls return before the loop has judged them, because the loop runs in the same thread."""
     board.book.begin = board.book.settle = lambda: None  # type: ignore[method-assign]
     return board
 
 
 def words(dialect: str, name: str, values: Any) -> list[Any]:
-    """Returns the call for all joints in a dialect."""
+    """Returns the call for all joints in the form of a dialect."""
     v3 = {"modes": [Vocab("set"), Vocab("icmd"), Vocab("cmds")], "move": [Vocab("set"), Vocab("poss")]}
     v4 = {"modes": ["setControlModeAllRPC"], "move": ["positionMoveAllRPC"]}
     return [*(v3 if dialect == "3" else v4)[name], [*values]]
@@ -93,7 +93,7 @@ def test_a_call_for_all_joints_of_a_board_moves_all(dialect: str, robot: str, pa
         low, high = servo.limits.lower, servo.limits.upper
         wanted = 0.0 if low is None or high is None else np.clip(np.deg2rad(angle), low, high)
         assert joints.position[servo.index] == pytest.approx(wanted, abs=np.deg2rad(1.0)), servo.name
-    if angles is not TUTORIAL:  # which asks the thumb for 10 degrees less than it can
+    if angles is not TUTORIAL:  # this call commands the thumb to 10 degrees below its limit
         assert board.served.is_done(None)
 
 

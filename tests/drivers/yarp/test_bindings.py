@@ -1,4 +1,5 @@
-"""YARP's own bindings in place of TCI's library: the choice, and all that can be tested without them."""
+"""YARP's own bindings instead of TCI's library: how they are selected, and tests that are possible without
+them."""
 
 from __future__ import annotations
 
@@ -59,7 +60,7 @@ def test_the_choice_is_a_word_of_the_address() -> None:
 
 
 class Noted:
-    """A Bottle that records what is put into it, with the method names of YARP's Bottle."""
+    """Records the items that are added to a Bottle. Has the method names of YARP's Bottle."""
 
     def __init__(self) -> None:
         self.items: list[tuple[str, Any]] = []

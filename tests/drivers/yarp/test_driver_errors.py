@@ -1,4 +1,4 @@
-"""For every failure in yarpwire, the methods of driver and server raise TCI's errors and no others."""
+"""For every failure in yarpwire, the methods of driver and server raise only errors of TCI."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ pytestmark = [
     pytest.mark.filterwarnings("error::pytest.PytestUnhandledThreadExceptionWarning"),
 ]
 RETURNS: dict[str, type[Any]] = {"port": NamedPort, "writer": Writer, "caller": Caller}
-"""Interface of the object that a method of the network returns."""
+"""Interface of the object that each method of the network returns."""
 CALLS = [
     f"{interface.__name__}.{name}"
     for interface in (Network, *RETURNS.values())
@@ -40,18 +40,19 @@ CALLS = [
 ]
 """All methods of yarpwire's networks that driver and server may call."""
 OF_SERVER = {"NamedPort.write"}
-"""Calls that a driver does not make."""
+"""Calls that only the server makes."""
 
 
 class Case:
-    """One call that fails, from the beginning or later."""
+    """One call that fails, from the first call or from a later call on."""
 
     def __init__(self, call: str) -> None:
         self.call = call
         self.armed = self.reached = False
         self.said: list[TciError] = []
         self.opened: list[Any] = []
-        """Ports, writers and callers, since those whose `close` fails stay open."""
+        """Ports, writers and callers that were opened. They are closed at the end, because objects whose
+        `close` fails stay open."""
 
     def look(self, call: str) -> None:
         if self.armed and call == self.call:
@@ -59,7 +60,7 @@ class Case:
             raise PortError(f"{call} fails")
 
     def attempt(self, act: Callable[[], object]) -> None:
-        """Runs `act` and accepts only TCI's errors."""
+        """Runs `act`. Accepts only errors of TCI."""
         try:
             act()
         except TciError as error:
@@ -67,7 +68,8 @@ class Case:
 
 
 class Failing:
-    """A network, or an object that its methods return: the call of the case raises, the others work."""
+    """A network, or an object that its methods return. The call of the case raises an error; all other calls
+    work."""
 
     def __init__(self, inner: Any, interface: type[Any], case: Case) -> None:
         self._inner, self._interface, self._case = inner, interface, case
@@ -100,7 +102,7 @@ def show(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Show]:
 
 @pytest.fixture(params=CALLS)
 def case(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Case]:
-    """Returns a case whose networks fail, however they are opened."""
+    """Returns a case. All networks that are opened during the test fail as the case says."""
     found, network = Case(request.param), YarpAddress.network
     monkeypatch.setattr(
         YarpAddress, "network", raises_driver_errors(lambda self: Failing(network(self), Network, found))

@@ -1,4 +1,5 @@
-"""Boards with fewer axes than the description, as those of the iCub in Gazebo: arms of 7, a head of 3."""
+"""Boards with fewer axes than the description, like the boards of the iCub in Gazebo: arms with 7 axes, a
+head with 3."""
 
 from __future__ import annotations
 
@@ -30,7 +31,7 @@ AXES = {"left_arm": 7, "right_arm": 7, "head": 3, "torso": 3}
 
 @pytest.fixture(scope="module")
 def show(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Show]:
-    """Yields a served iCub whose boards have the axes of the iCub in Gazebo."""
+    """Yields a served iCub whose boards have the same axes as the iCub in Gazebo."""
 
     def board(part: str, servos: Sequence[Servo]) -> ServedBoard:
         return ServedBoard(part, servos[: AXES[part]])
@@ -99,7 +100,7 @@ def test_doctor_judges_as_the_driver_does(show: Show) -> None:
 
 def test_a_board_without_a_joint_of_the_model_is_refused_by_both(show: Show) -> None:
     def longer(robot: Robot) -> Robot:
-        """Returns the robot with its arms' fourth finger motor as a joint of the model."""
+        """Returns a robot for which the fourth finger motor of the left arm is a joint of the model."""
         servos = [
             servo.model_copy(update={"joint": "l_elbow"}) if servo.name == "l_pinky" else servo
             for servo in robot.servos
@@ -114,7 +115,8 @@ def test_a_board_without_a_joint_of_the_model_is_refused_by_both(show: Show) -> 
 
 
 def test_fingers_are_not_given_to_axes_with_other_names() -> None:
-    """A board of eight axes has a tool beside the arm; no finger drives it."""
+    """A board with eight axes has the axis of a tool in addition to the arm. No finger servo is mapped to
+    this axis."""
     servos = patient("icub").servos_of("left_arm")
     names = [*(servo.name for servo in servos[:7]), "l_extra_tool"]
     found = find_axes(cast(Board, Named(names)), servos)
@@ -125,7 +127,7 @@ def test_fingers_are_not_given_to_axes_with_other_names() -> None:
 
 
 class Named:
-    """A board that only tells the names of its axes."""
+    """A board that only returns the names of its axes."""
 
     prefix = "/icub/left_arm"
 

@@ -1,7 +1,7 @@
 """Ports and calls of YARP's own bindings against yarpwire's, in the bindings' dialect.
 
-Neither Debian nor PyPI has the bindings, so this runs only where they are installed. There the contract of
-every driver, `drivers/test_driver.py`, is also tested over them.
+Neither Debian nor PyPI has the bindings, so these tests run only where the bindings are installed. There the
+contract suite, `drivers/test_driver.py`, also tests the driver with the bindings.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ ITEMS = [Vocab("set"), 1, -2.5e-7, "two words, \u00e9", [3, 4.5, [Vocab("ok")]],
 
 @pytest.fixture
 def dialect() -> Iterator[Dialect]:
-    """Yields the dialect of the bindings, with a name server of yarpwire running."""
+    """Yields the dialect of the bindings, while a name server of yarpwire is running."""
     with bindings_configured() as where, NameServer(*parse_address(where)):
         yield SPOKEN
 
@@ -128,7 +128,7 @@ def test_messages_of_one_period_arrive(dialect: Dialect) -> None:
             taken += sum(writer.offer([period], dialect) for _ in range(3))
             time.sleep(0.002)
         assert until(lambda: len(got) == taken)
-        assert taken > 200  # a busy machine may drop some, but not two of three
+        assert taken > 200  # a busy machine may drop some messages, but not two of three
     finally:
         writer.close()
         port.close()

@@ -1,4 +1,5 @@
-"""Messages of strangers end at most their own connection: not the process, and not the robot."""
+"""Messages of hostile programs end at most the connection on which they arrive: neither the process nor the
+motion of the robot."""
 
 from __future__ import annotations
 
@@ -39,7 +40,7 @@ def names() -> Iterator[Names]:
 
 @pytest.fixture(autouse=True)
 def failed(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[object]]:
-    """Yields the exceptions that ended a thread, for which the loop would stop the robot."""
+    """Yields the exceptions that ended a thread. For such an exception the loop would stop the robot."""
     found: list[object] = []
     monkeypatch.setattr(threading, "excepthook", lambda told: found.append(told.exc_value))
     yield found
@@ -50,7 +51,7 @@ def failed(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[object]]:
 def shown(
     request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> Iterator[YarpServer]:
-    """Yields a server of an unarmed robot on YARP, without its loop."""
+    """Yields a server of an unarmed robot on YARP without a control loop."""
     monkeypatch.setenv("YARP_CONFIG_HOME", str(tmp_path))
     driver = SimulatedDriver(tci.load_robot("nao"), arm=False)
     with YarpServer(driver, f"127.0.0.1:0,dialect={request.param}") as server:

@@ -1,4 +1,5 @@
-"""Every method of the remote control board interfaces gets its whole answer, also where a robot lacks it."""
+"""Every method of the remote control board interfaces returns its complete answer, even if the robot lacks
+the feature."""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ FAILURES = [Vocab("err2")], [Vocab("err5")]
 
 
 def fits(value: Any, kind: str) -> bool:
-    """Returns True if a field can be read as its type: lists of numbers carry their type once."""
+    """Returns True if a field can be read as its type. A list of numbers contains the type of its items
+    once."""
     lists = {"f64s": float, "i32s": int, "map": list, "lists": list, "bottle": object}
     if kind in lists:
         return isinstance(value, list) and all(isinstance(item, lists[kind]) for item in value)
@@ -32,7 +34,8 @@ def fits(value: Any, kind: str) -> bool:
 
 @pytest.mark.parametrize("joint", [3, 99])
 def test_every_method_of_4_0_returns_all_its_fields(joint: int) -> None:
-    """A genuine client reads every field, also of a refusal, and waits for one that does not come."""
+    """A genuine client reads every field, also in the answer to a refused call, and waits for a missing
+    field."""
     shown, wrong, silent = board(), [], []
     for _, method, call, fields in calls_v4(joint):
         for items in (call, call[:1], [*call, 1]):

@@ -208,7 +208,8 @@ def test_a_move_is_cut_to_the_range_and_done_when_it_is_there() -> None:
 
 
 def test_a_joint_without_speed_keeps_its_place_and_the_others_of_its_group_move() -> None:
-    """A program that gives each joint the speed to arrive in one time gives none to one that is there."""
+    """A program may choose speeds so that all joints arrive at the same time. A joint that is at its target
+    then has speed 0."""
     board = ServedBoard("LArm", tci.load_robot("nao").servos_of("LArm"))
     board.set_speeds([0, ELBOW], [5e-16, 30.0])
     board.move([0, ELBOW], [80.0, -40.0])
@@ -342,7 +343,7 @@ def test_55_a_driver_that_is_not_armed_is_read_only(monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("YARP_CONFIG_HOME", str(tmp_path))
     driver = SimulatedDriver(tci.load_robot("nao"), arm=False)
     with YarpServer(driver, "127.0.0.1:0") as server:
-        np.testing.assert_allclose(  # readable before its loop begins
+        np.testing.assert_allclose(  # readable before the loop starts
             np.deg2rad(server.boards["LArm"].state.position),
             driver.read().joints.position[[servo.index for servo in driver.robot.servos_of("LArm")]],
         )
@@ -356,8 +357,8 @@ def test_55_a_driver_that_is_not_armed_is_read_only(monkeypatch: pytest.MonkeyPa
 def test_a_stranger_who_answers_for_the_name_server_is_not_told_of_any_port(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """Without yarp.conf the server starts a name server of its own, and does not search the network for
-    one."""
+    """Without yarp.conf the server starts its own name server, and does not search the network for a name
+    server."""
     monkeypatch.setenv("YARP_CONFIG_HOME", str(tmp_path))
     here = ("127.0.0.1", free_port())
     monkeypatch.setattr(server, "DEFAULT", here)

@@ -1,4 +1,4 @@
-"""Streams of set-points into a served board: for all of them the gate keeps its limits."""
+"""Streams of set-points into a served board: the gate keeps all limits for every stream."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ PERIOD = 0.005
 
 
 def test_whatever_streams_the_gate_keeps_its_limits() -> None:
-    """Steps, zigzags, noise, motions at the limits, repeats, gaps, large numbers (`make soak` runs more)."""
+    """Streams are steps, zigzags, noise, motions at the limits, repetitions, gaps and large numbers. `make
+    soak` runs more cycles."""
     cycles = int(os.environ.get("TCI_SOAK", "6000"))
     random = np.random.default_rng(11)
     driven = Driven(make_robot(), [0.0] * 6)

@@ -1,4 +1,5 @@
-"""Skin over YARP: Vectors of iCub's widths, and YARP 4's skin patches, from served port to driver."""
+"""Skin over YARP, from the served port to the driver: Vectors with the sizes of iCub's ports, and skin
+patches of YARP 4."""
 
 from __future__ import annotations
 
@@ -37,11 +38,11 @@ from yarpwire.wire import Wire
 ICUB = tci.load_robot("icub")
 UPPER_ARM, FOREARM = ICUB.patch("left_upper_arm"), ICUB.patch("left_forearm")
 WIDTHS = {"left_upper_arm": 768, "left_forearm": 384, "right_upper_arm": 768, "right_forearm": 384}
-"""Numbers of values that skinGui's position files of an iCub index."""
+"""Number of values per patch that skinGui's position files of an iCub use as indices."""
 
 
 class Ports:
-    """A name server, and the ports that a test opens at it."""
+    """A name server, and the ports that a test opens there."""
 
     def __init__(self, dialect: Dialect) -> None:
         self.dialect = dialect
@@ -102,7 +103,8 @@ def test_a_frame_arrives_as_it_was_sent_in_a_port_of_the_width_of_an_icub(ports:
 
 
 def test_the_values_of_an_upper_arm_are_those_that_skin_gui_indexes() -> None:
-    """Rows of icub-main's left_arm.txt and right_arm.txt that have a taxel: a module is whole or absent."""
+    """The test uses the rows of icub-main's left_arm.txt and right_arm.txt that contain a taxel. A module has
+    either all its taxels or none."""
     for side, first, count in (("left", 2, 35), ("right", 2, 35)):
         layout = SkinLayout.of(ICUB, ICUB.patch(f"{side}_upper_arm"))
         assert layout.places is not None
@@ -134,7 +136,8 @@ def test_compensated_values_become_counts_around_rest(ports: Ports) -> None:
 def test_the_upper_arm_of_a_real_icub_needs_its_own_skin_file(
     ports: Ports, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """No port answers the run-time query, so the robot is none of TCI's, and the places are not known."""
+    """No port answers the run-time query, so TCI does not serve this robot, and the positions of its taxels
+    are unknown."""
     for patch in ICUB.patches:
         ports.open(patch_port(ICUB, "icub", patch.name))
     with pytest.raises(DriverError, match=r"left_upper_arm are only in the robot's own skin file.*without="):
@@ -167,7 +170,7 @@ def test_several_sensors_of_one_device_are_one_patch_and_a_wrong_number_of_value
 
 
 def test_measures_that_are_sent_again_are_no_new_frame() -> None:
-    """A server stamps each message anew, also while one of its sensors stands still."""
+    """A server writes a new time stamp into each message, even while one of its sensors has no new values."""
     ports = Ports(V4)
     try:
         port = ports.open("/icub/skin/left_forearm/measures:o")
@@ -208,7 +211,8 @@ def test_the_names_of_the_sensors_are_answered_in_yarp_4_only(ports: Ports) -> N
 
 
 def test_names_that_a_crashed_program_left_are_no_ports(ports: Ports) -> None:
-    """Nothing listens at port 1. The facts of a served robot are none of the robot that came after it."""
+    """No program listens at port 1. Facts of a robot that was served earlier are not used for its
+    successor."""
     vector = patch_port(ICUB, "icub", FOREARM.name)
     for name in (facts_port("icub"), f"{vector}/measures:o"):
         ports.network.names.register(Contact(name, "127.0.0.1", 1))

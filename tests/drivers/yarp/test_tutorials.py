@@ -1,4 +1,5 @@
-"""iCub's own first programs move the arm of a served iCub where they say, in both dialects."""
+"""The programs of iCub's tutorials move the arm of a served iCub to the commanded angles, in both
+dialects."""
 
 from __future__ import annotations
 
@@ -47,5 +48,5 @@ def test_the_tutorial_of_impedance_ends_where_it_says_stiff_and_compliant(arm: A
     (there, soft), (back, stiff) = tutorial_arm_joint_impedance(arm)
     assert (soft, stiff) == (COMPLIANT, STIFF)
     np.testing.assert_allclose(there[:3], THERE[:3], atol=1.0)
-    np.testing.assert_allclose(there[3], THERE[3], atol=8.0)  # a soft elbow gives way to gravity
+    np.testing.assert_allclose(there[3], THERE[3], atol=8.0)  # gravity lowers an elbow with low stiffness
     np.testing.assert_allclose(back[:4], BACK, atol=1.0)

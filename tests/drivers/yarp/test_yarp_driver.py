@@ -1,4 +1,5 @@
-"""The driver of a robot on YARP: refusals, joints that it does not command, and the reflex through it."""
+"""The driver of a robot on YARP: refusals, joints that the driver does not command, and the reflex over
+YARP."""
 
 from __future__ import annotations
 
@@ -35,7 +36,7 @@ from yarpwire.name_server import NameServer
 from yarpwire.names import Names
 
 PATIENCE = 5
-"""Number of pokes until one is answered: on a busy machine the gate holds at times."""
+"""Number of pokes until the reflex responds to one. On a busy machine the gate sometimes holds the robot."""
 
 
 @pytest.fixture(scope="module", params=["nao 3", "icub 4"])
@@ -66,7 +67,7 @@ def test_the_dialect_is_probed_and_the_wrong_one_is_refused(show: Show) -> None:
 
 
 def bring_home(driver: YarpDriver, part: GenericPart) -> None:
-    """Moves a part to its initial posture; a busy machine may stop it on the way."""
+    """Moves a part to its initial posture. Repeats the order if a busy machine stops the motion."""
     servos = [servo.servo for servo in part.servos if servo.servo is not None]
     wanted = initial_position(driver.robot)[servos]
     for _ in range(4 * PATIENCE):
@@ -83,7 +84,7 @@ def bring_home(driver: YarpDriver, part: GenericPart) -> None:
 
 
 def test_the_reflex_withdraws_the_arm_over_yarp_and_touches_nothing_else(show: Show) -> None:
-    """The paper's setting: robot and reflex in two loops that only YARP connects."""
+    """The setting of the paper: robot and reflex run in two loops that are connected only by YARP."""
     robot = show.driver.robot
     world = show.driver.world
     arm = next(part for part in robot.parts if part.name == "left_arm")
@@ -103,9 +104,9 @@ def test_the_reflex_withdraws_the_arm_over_yarp_and_touches_nothing_else(show: S
     told: list[object] = []
     for _ in range(PATIENCE):
         seen: list[Tick] = []
-        world.finger.retire()  # a finger that still presses would count as the skin at rest
+        world.finger.retire()  # a finger that still presses would be included in the rest values of the skin
         with driver_to(show) as driver:
-            bring_home(driver, arm)  # an arm that has withdrawn has no room to do it again
+            bring_home(driver, arm)  # an arm that has withdrawn has no room for another withdrawal
             joints = world.joints()
             place = find_place(Skin(robot), "left_arm", site.segment, site.u, site.theta, joints)
 
@@ -174,7 +175,7 @@ def test_set_points_are_ahead_on_the_way_that_the_gate_planned_and_end_where_it_
         for now in driver.ticks(duration=20.0):
             first = [order] if len(planned) == 1 else []
             safe = driver.write(driver.gate.step(first, driver.read().joints, now))
-            if safe.reason:  # it holds, and starts again
+            if safe.reason:  # the gate holds, and the robot starts again
                 planned, sent[:] = [start], [start]
             elif len(sent) > len(planned):
                 planned.append(float(safe.position[0]))
@@ -275,7 +276,8 @@ def test_what_the_description_says_otherwise_is_told(show: Show) -> None:
 
 
 def test_swapped_names_are_followed_by_name(show: Show) -> None:
-    """Servos keep their names and change their ids: the board's names take precedence."""
+    """The names of two servos are kept and their ids are swapped. The driver uses the board's names, not the
+    ids."""
     robot = patient(show.driver.robot.name)
     part = robot.servos[-1].robot_part
     first, second = robot.servos_of(part)[:2]
@@ -383,7 +385,7 @@ def test_28_34_a_robot_that_starts_again_is_found_again_and_nothing_jumps(
 def test_28_a_board_whose_state_stays_away_is_sent_torques_until_they_have_ended(
     show: Show, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It may still receive: a joint in torque mode keeps its last torque."""
+    """The board may still receive commands. A joint in torque mode keeps its last torque."""
     elbow = next(servo for servo in show.driver.robot.servos if "elbow" in servo.name.lower())
     if Mode.TORQUE not in elbow.modes:
         pytest.skip("did not run: this robot has no torque mode")

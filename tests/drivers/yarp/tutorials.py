@@ -1,7 +1,7 @@
 """Two programs that make exactly the calls of iCub's public tutorials, tutorial_arm and
-tutorial_arm_joint_impedance, as YARP's own clients put them on the wire.
+tutorial_arm_joint_impedance, as YARP's own clients send them.
 
-The originals move to and fro for ever; these end after once each way.
+The original programs move back and forth without end. These programs end after one move in each direction.
 """
 
 from __future__ import annotations
@@ -21,18 +21,19 @@ FIRST = (-50.0, 20.0, -10.0, 50.0)
 THERE, BACK = (-50.0, 20.0, -10.0, 60.0), (-20.0, 40.0, -10.0, 30.0)
 ELBOW = 3
 TURN = 50
-"""Readings in each direction, 0.1 s apart."""
+"""Number of readings in each direction, one per 0.1 s."""
 WORDS = {
     "getAxesRPC": "get axes", "setTrajAccelerationsAllRPC": "set accs", "setTrajSpeedOneRPC": "set vel",
     "positionMoveAllRPC": "set poss", "checkMotionDoneAllRPC": "get dons",
     "setImpedanceRPC": "set iimp ipr", "setControlModeOneRPC": "set icmd cmod",
     "setInteractionModeOneRPC": "set intm mode",
 }  # fmt: skip
-"""Words of 3.12 for each method of 4.0."""
+"""Words of YARP 3.12 for each method of YARP 4.0."""
 
 
 class ArmClient:
-    """A client of an iCub's right arm: methods go to its port for calls, state comes from `stateExt:o`."""
+    """A client of an iCub's right arm. Method calls are sent to the call port; the state is read from
+    `stateExt:o`."""
 
     def __init__(self, show: Show, delay: Callable[[float], None]) -> None:
         self.delay = delay
@@ -48,11 +49,11 @@ class ArmClient:
         self._came.set()
 
     def call(self, method: str, *items: Any) -> bool:
-        """Calls a method; returns True if the board obeyed."""
+        """Calls a method. Returns True if the board executed the call."""
         return self._ask(method, items)[1]
 
     def get(self, method: str) -> Any:
-        """Returns the one value that a method returns."""
+        """Returns the single value that a method returns."""
         return self._ask(method, ())[0]
 
     def _ask(self, method: str, items: Sequence[Any]) -> tuple[Any, bool]:
@@ -65,7 +66,7 @@ class ArmClient:
         return (said[2] if len(said) > 2 else None), said[-1] == Vocab("ok")
 
     def encoders(self) -> list[float]:
-        """Returns the angles [deg]; waits for the first ones."""
+        """Returns the angles [deg]. Waits for the first state message."""
         assert self._came.wait(30.0)
         assert self._state is not None
         return [float(angle) for angle in self._state.position]
@@ -98,7 +99,7 @@ def _watch(arm: ArmClient) -> list[float]:
 
 
 def tutorial_arm(arm: ArmClient) -> Iterator[list[float]]:
-    """Yields the angles [deg] at the end of the first move, and of one in each direction."""
+    """Yields the angles [deg] at the end of the first move, then at the end of a move in each direction."""
     _prepare(arm, impedance=False)
     command = arm.encoders()
     command[:4] = FIRST

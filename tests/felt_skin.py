@@ -1,4 +1,4 @@
-"""The skin of a robot without the rest: raw frames to pressure on each patch."""
+"""The skin of a robot without its other parts: raw frames are converted to pressure on each patch."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tci.skin.layout import SkinLayout
 from tci.skin.skin import Skin
 
 AT_ONCE = ContactSettings(isolated=IsolatedSettings(wait=1e-9, frames=1e-9))
-"""Accepts isolated taxels in their first frame."""
+"""Settings that accept isolated taxels in their first frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,8 @@ def patches(skin: Skin, state: SkinState) -> dict[str, PatchFelt]:
 def skin_state(
     layout: SkinLayout, pressures: Mapping[str, Array], *, stamp: float = 0.0, sequence: int = 0
 ) -> SkinState:
-    """Returns a state with these pressures (taxels,) [Pa]; patches that are not named have sent nothing."""
+    """Returns a skin state with these pressures (taxels,) [Pa]. Patches that are not named have sent no
+    frame."""
     dense = [pressures.get(site.patch, np.zeros(0)) for site in layout.sites]
     active = [np.flatnonzero(one > 0.0) for one in dense]
     sent = np.array([site.patch in pressures for site in layout.sites])
@@ -101,7 +102,8 @@ def contacts_of(
     finder: ContactFinder | None = None,
     posture: Mapping[str, Array] | None = None,
 ) -> Contacts:
-    """Returns the contacts in a single state, or the next ones that a `finder` with a history finds."""
+    """Returns the contacts in a single state, or the next contacts of a `finder` that has seen earlier
+    states."""
 
     def poses() -> Array:
         return skin.kinematics.pose_array(joints.position, skin.layout.links)

@@ -1,7 +1,7 @@
-"""Small models of hands of four kinds, for made humanoids.
+"""Small models of four kinds of hands for made humanoids.
 
-Arms hang; the left palm faces right, its thumb is in front. A joint is its name, the step [m] to it, its axis
-and its limits [rad].
+The arms hang. The left palm faces right, and its thumb is in front. Each joint is given by its name, the step
+[m] to the joint, its axis and its limits [rad].
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from tci.frames import Array
 Joint = tuple[str, tuple[float, float, float], tuple[float, float, float], tuple[float, float]]
 Chain = Sequence[Joint]
 BEND, ASIDE, OPPOSE = (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)
-"""Axes of a left hand: they bend its fingers, move them across the palm, and oppose the thumb."""
+"""Joint axes of a left hand that bend the fingers, move them sideways, and oppose the thumb."""
 LONG = (-0.1, 1.6)
 TURN = (-0.3, 0.3)
 
 
 def _row(name: str, x: float, turns: Sequence[str], *, spread: tuple[float, float, float] | None) -> Chain:
-    """Returns a finger at `x` [m] towards the thumb's side, with joints that are named after it."""
+    """Returns a finger at `x` [m] towards the thumb's side. Its joints are named after it."""
     chain: list[Joint] = []
     at = (x, 0.0, -0.09)
     if spread is not None:
@@ -35,7 +35,7 @@ def _row(name: str, x: float, turns: Sequence[str], *, spread: tuple[float, floa
 
 
 def inspire() -> list[Chain]:
-    """Five fingers; the outer joints follow the inner ones."""
+    """Returns a hand with five fingers whose outer joints follow the inner joints."""
     thumb: Chain = [
         ("thumb_proximal_yaw", (0.02, 0.0, -0.03), OPPOSE, (0.0, 1.3)),
         ("thumb_proximal_pitch", (0.02, 0.0, -0.01), ASIDE, (0.0, 0.6)),
@@ -49,7 +49,8 @@ def inspire() -> list[Chain]:
 
 
 def shadow() -> list[Chain]:
-    """Five fingers with spread; the little finger has an arch of the palm, the thumb five joints."""
+    """Returns a hand with five fingers and spread. The little finger has an additional joint in the palm, and
+    the thumb has five joints."""
     names = ("FF", "MF", "RF", "LF")
     rows = [_row(n, 0.033 - 0.022 * i, ("J4", "J3", "J2", "J1"), spread=ASIDE) for i, n in enumerate(names)]
     arch: Joint = ("LFJ5", (-0.033, 0.0, -0.02), (0.57, 0.0, -0.82), (0.0, 0.7))
@@ -67,7 +68,8 @@ def shadow() -> list[Chain]:
 
 
 def allegro() -> list[Chain]:
-    """Three fingers and a thumb without telling names; straight fingers turn about themselves to spread."""
+    """Returns a hand with three fingers and a thumb, whose names do not indicate their function. To spread,
+    straight fingers turn about their own axis."""
     rows = [
         _row(f"joint_{4 * i}", 0.04 - 0.04 * i, ("", "_1", "_2", "_3"), spread=(0.0, 0.0, 1.0))
         for i in range(3)
@@ -82,7 +84,7 @@ def allegro() -> list[Chain]:
 
 
 def dex3() -> list[Chain]:
-    """Two fingers and, opposite in the middle, a thumb."""
+    """Returns a hand with two fingers and, opposite to the middle between them, a thumb."""
     rows = [
         [(f"hand_{name}_{i}", (x, 0.0, -0.08) if i == 0 else (0.0, 0.0, -0.045), (1.0, 0.0, 0.0), (-1.6, 0.0))
          for i in range(2)]
@@ -103,12 +105,12 @@ FOLLOWERS = {
     },
     "thumb_intermediate": ("thumb_proximal_pitch", 1.3),
 }
-"""Joints that follow another one, by a ratio."""
+"""Joints that follow another joint, by a ratio."""
 
 
 def tips(chains: Sequence[Chain]) -> dict[str, Array]:
-    """Returns the end (3,) [m] of each left finger in its last link, by its last joint: in the direction of
-    the last step."""
+    """Returns the end (3,) [m] of each left finger in the frame of its last link: one more step in the
+    direction of the last step."""
     found = {}
     for chain in chains:
         step = np.array(chain[-1][1])
@@ -120,9 +122,10 @@ def with_hands(
     path: Path, chains: Sequence[Chain], *, names: Mapping[str, str] | None = None,
     limits: tuple[float, float] | None = None, motor: tuple[float, float] = (2.0, 6.28),
 ) -> Path:  # fmt: skip
-    """Adds a hand to each wrist of a URDF: joints renamed by `names`, all with the same `limits` if given.
+    """Adds a hand to each wrist of a URDF. `names` renames the joints, and `limits`, if given, replaces the
+    limits of all joints.
 
-    `motor` is the torque limit [N m] and the speed limit [rad/s] of its joints.
+    `motor` is the torque limit [N m] and the speed limit [rad/s] of the joints.
     """
     words, ends = [], tips(chains)
     for side, sign in (("left", 1.0), ("right", -1.0)):

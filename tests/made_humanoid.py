@@ -1,4 +1,4 @@
-"""A small humanoid as a URDF, made for tests of proposals: its joints, limits and shapes are arguments."""
+"""Creates a small humanoid as a URDF for tests of proposals. Its joints, limits and shapes are arguments."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ AXES = {
 AHEAD = {
     "shoulder_pitch": "0 0 1", "shoulder_roll": "0 1 0", "shoulder_yaw": "1 0 0", "wrist_roll": "1 0 0"
 }  # fmt: skip
-"""Axes of arms that point forward at the model's zero, whose elbows bend down, as Baxter's."""
+"""Joint axes of arms that point forward at the model's zero, with elbows that bend down, as on Baxter."""
 
 
 class MadeHumanoid:
-    """Writes the parts of a humanoid, 0.9 m tall, whose root is its pelvis or, `from_torso`, its torso."""
+    """Writes the parts of a humanoid that is 0.9 m tall. Its root is the pelvis or, with `from_torso`, the
+    torso."""
 
     def __init__(
         self,
@@ -45,7 +46,8 @@ class MadeHumanoid:
         else:
             above = self._chain("pelvis", ["waist_yaw"], ["0 0 0.1"], axes=["0 0 1"])
         joints = [f"head_{number}_{axis}" for number, axis in enumerate(head)]
-        # Beside the median plane, on the axis of a joint that pitches: it crosses the plane all the same.
+        # The shape is beside the median plane, but it lies on the axis of a pitch joint, so it still
+        # intersects the plane.
         y = [0.0, *(0.03 if axis == "pitch" else 0.0 for axis in head)]
         aside = [f"0 {y[i + 1] - y[i]} {0.06 if i else 0.4}" for i in range(len(head))]
         self._chain(above, joints, aside, axes=[AXES[axis] for axis in head])
@@ -72,7 +74,7 @@ class MadeHumanoid:
         return path
 
     def mjcf(self, folder: Path) -> Path:
-        """Writes MuJoCo's own export of the URDF into a folder."""
+        """Writes MuJoCo's export of the URDF into a folder."""
         path = folder / "made.xml"
         path.write_text(mujoco.MjSpec.from_file(str(self.urdf(folder))).to_xml())
         return path

@@ -1,4 +1,5 @@
-"""Recordings made for the tests, in the form of yarpdatadumper: a foot's raw values, and contact lists."""
+"""Recordings that are made for the tests, in the format of yarpdatadumper: raw values of a foot, and contact
+lists."""
 
 from __future__ import annotations
 
@@ -13,11 +14,11 @@ REST = 240
 """Raw value of an untouched taxel, and constant value of an absent module."""
 FOOT_FRAMES = {"01": 400, "08": 350}
 SILENT_MODULES = range(8, 12)
-"""Modules whose board fails in recording 08: they always send REST."""
+"""Modules whose board fails in recording 08. They always send REST."""
 
 TOUCHES, HELD = 12, 5
-"""Number of touches of each part in the contact lists, every second one by two fingers, and frames per
-touch."""
+"""Number of touches of each part in the contact lists, and number of frames per touch. Two fingers make every
+second touch."""
 EVENT_FRAMES = 400
 FINGER = 0.008
 """Radius [m] of a fingertip."""
@@ -40,8 +41,8 @@ def write_recordings(folder: Path) -> None:
 
 
 def foot_log(number: str) -> str:
-    """Returns the log of a sole that a person rolls over while its values drift; pads respond to warmth
-    only."""
+    """Returns the log of a sole over which a person's foot rolls while the values drift. Thermal pads respond
+    only to warmth."""
     random, frames = np.random.default_rng(int(number)), FOOT_FRAMES[number]
     made = SKINS["icub/positions/left_foot"]
     positions, _ = places(made)
@@ -62,7 +63,7 @@ def foot_log(number: str) -> str:
 
 
 def contact_log() -> str:
-    """Returns a log in skinManager's form: one finger or two on each part in turn."""
+    """Returns a log in the format of skinManager, in which one or two fingers touch each part in turn."""
     random = np.random.default_rng(1)
     lines: list[str] = [f"{14716 + i} {1412842922.0 + 0.02 * i:.6f}" for i in range(EVENT_FRAMES)]
     for touch in range(TOUCHES):
@@ -90,7 +91,7 @@ def _under_fingers(
 
 
 def _contact(head: str, taxels: NDArray[np.intp], positions: Array, normals: Array, pressure: float) -> str:
-    """Returns a contact with a force of -0.05 N per taxel and unit of pressure, along the mean normal."""
+    """Returns a contact along the mean normal, with a force of -0.05 N per taxel and unit of pressure."""
     centre, normal = positions[taxels].mean(axis=0).round(6), normals[taxels].mean(axis=0).round(6)
     force = -0.05 * len(taxels) * round(pressure, 6) * normal
     vectors = (centre, force, np.zeros(3), centre, normal)

@@ -1,8 +1,8 @@
 """Skin files made for the tests, with the names and peculiarities of genuine ones.
 
-Licences do not allow copies of genuine files, and each origin has a format of its own. Each file here has as
-many channels, modules, taxels and pads as the genuine one, in the same format. Positions are invented: flat
-soles, and cones covered with triangles of ten taxels.
+Licences do not allow copies of genuine files, and each source of files has a different format. Each made file
+has the same numbers of channels, modules, taxels and pads as the genuine file, in the same format. Positions
+are invented: flat soles, and cones covered with triangles of ten taxels.
 """
 
 from __future__ import annotations
@@ -16,28 +16,28 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 PITCH = 6.534e-3
-"""Distance [m] of neighbouring taxels."""
+"""Distance [m] between neighbouring taxels."""
 RIPPLE = 1e-3
-"""Distance [m] by which every other module lies farther in, so that no cone fits a made skin exactly."""
+"""Distance [m] by which every second module lies deeper, so that no cone fits a made skin exactly."""
 PADS = (6, 10)
 ROW = np.sqrt(0.75)
 
 
 @dataclass(frozen=True)
 class Form:
-    """Text format and conventions of one origin."""
+    """Text format and conventions of one source of skin files."""
 
     decimals: int = 6
     between: str = " "
     end: str = "\n"
     pads: tuple[int, ...] = PADS
     placed: bool = False
-    """True if pads have positions; otherwise their rows are zero, like those of absent modules."""
+    """True if pads have positions. Otherwise their rows are zero, like the rows of absent modules."""
     mark: int | None = -2
     """Value of a pad in taxel2Repr; None for that of its module."""
     normals: str = "placeholder"
-    """`placeholder`: 1 0 0 everywhere, `none`: zero, `module`: one for each triangle, `wrong`: these with
-    their axes exchanged, `taxel`: measured ones, which are shorter than 1."""
+    """`placeholder`: 1 0 0 for all taxels; `none`: zero; `module`: one normal for each triangle; `wrong`:
+    these normals with exchanged axes; `taxel`: measured normals, which are shorter than 1."""
 
 
 CAD = Form()
@@ -53,7 +53,7 @@ TURNED = replace(SLEEVE, normals="wrong")
 
 @dataclass(frozen=True)
 class Made:
-    """Skin in one file: `modules` triangles about z, `around` of them per ring."""
+    """Skin of one file: `modules` triangles around the z axis, `around` of them per ring."""
 
     form: Form
     channels: int
@@ -123,7 +123,8 @@ def text_of(made: Made, name: str, *, mirrored: bool) -> str:
 
 
 def places(made: Made, *, mirrored: bool = False) -> tuple[Array, Array]:
-    """Returns positions (channels, 3) [m] and normals (channels, 3) as written; absent rows are zero."""
+    """Returns positions (channels, 3) [m] and normals (channels, 3) as written in the file. Rows of absent
+    modules are zero."""
     form, positions, normals = made.form, np.zeros((made.channels, 3)), np.zeros((made.channels, 3))
     for number, module in enumerate(made.present()):
         strip, place = divmod(number, made.around)
@@ -150,7 +151,7 @@ def places(made: Made, *, mirrored: bool = False) -> tuple[Array, Array]:
 
 
 def _triangle(*, down: bool) -> Array:
-    """Returns the ten taxels and two pads (12, 2) of a module, in steps of an oblique lattice."""
+    """Returns the positions (12, 2) of a module's ten taxels and two pads, in steps of an oblique lattice."""
     taxels = [(i, j) for j in range(4) for i in range(4 - j)]
     if down:
         taxels = [(4 - i, 3 - j) for i, j in taxels]
@@ -160,7 +161,7 @@ def _triangle(*, down: bool) -> Array:
 
 
 def _on_surface(made: Made, flat: Array, *, farther_in: float) -> tuple[Array, Array]:
-    """Returns positions and outward normals (n, 3) of lattice points (n, 2)."""
+    """Returns positions [m] and outward normals (n, 3) on the surface for lattice points (n, 2)."""
     along = (flat[:, 0] + 0.5 * (flat[:, 1] % 4)) * PITCH
     z = flat[:, 1] * ROW * PITCH + PITCH
     if np.isinf(made.r1):

@@ -7,7 +7,7 @@ import struct
 
 
 def mutated(data: bytes, chance: random.Random) -> bytes:
-    """Returns `data` with bytes flipped, cut, doubled, or a hostile word in its middle."""
+    """Returns `data` with changed bytes, a cut or doubled piece, or an extreme integer in its middle."""
     spoiled = bytearray(data)
     for _ in range(chance.randint(1, 4)):
         at = chance.randrange(len(spoiled) + 1)

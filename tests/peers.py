@@ -1,4 +1,4 @@
-"""Programs that tests start as peers. A missing one is reported with advice on how to get it."""
+"""Programs with which tests exchange data. If a program is missing, the test run prints how to install it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def needs_debian_module(module: str, package: str) -> None:
 
 
 def needs_program(name: str, package: str) -> str:
-    """Returns the path of a Debian program; skips the test, with advice, if it is missing."""
+    """Returns the path of a Debian program. Skips the test, with advice, if the program is missing."""
     path = shutil.which(name)
     if path is None:
         pytest.skip(f"did not run: needs {name}; to get it, as root: apt-get install {package}")
@@ -43,13 +43,14 @@ def needs_program(name: str, package: str) -> str:
 
 
 def peer_python(name: str) -> str:
-    """Returns the Python of a peer with its own environment; skips the test, with advice, if it is
-    missing."""
+    """Returns the Python of a peer program that has a separate environment. Skips the test, with advice, if
+    it is missing."""
     return peer_program(name, "python")
 
 
 def peer_program(name: str, program: str) -> str:
-    """Returns a program in a peer's environment; skips the test, with advice, if it is missing."""
+    """Returns a program in the environment of a peer. Skips the test, with advice, if the program is
+    missing."""
     path = ROOT / ".peers" / name / "bin" / program
     if not path.exists():
         pytest.skip(f"did not run: needs .peers/{name}; to get it: python3 tools/peers.py")
@@ -57,7 +58,8 @@ def peer_program(name: str, program: str) -> str:
 
 
 def node_packages(name: str) -> str:
-    """Returns the folder with a peer's Node packages; skips the test, with advice, if it is missing."""
+    """Returns the folder with the Node packages of a peer. Skips the test, with advice, if the folder is
+    missing."""
     folder = ROOT / ".peers" / name
     if not (folder / "installed").exists():
         pytest.skip(f"did not run: needs .peers/{name}; to get it: python3 tools/peers.py")
@@ -65,7 +67,7 @@ def node_packages(name: str) -> str:
 
 
 def needs_pinocchio() -> ModuleType:
-    """Imports Pinocchio; without the system's OpenMP it skips the test or the whole file, with advice."""
+    """Imports Pinocchio. Without the system library OpenMP, skips the test or the whole file, with advice."""
     try:
         return importlib.import_module("pinocchio")
     except ImportError as error:
@@ -96,8 +98,8 @@ def needs_yarp_bindings() -> str:
 
 
 def debian_python(script: str, stdin: str) -> str:
-    """Returns the output of a script that Debian's Python runs; fails the test, with its errors, if it
-    fails."""
+    """Returns the output of a script that Debian's Python runs. If the script fails, fails the test with the
+    script's errors."""
     command = [DEBIAN_PYTHON, "-c", script]
     answer = subprocess.run(command, input=stdin, capture_output=True, text=True, check=False)
     assert answer.returncode == 0, answer.stderr

@@ -1,4 +1,5 @@
-"""The reflex answers pokes anywhere on the arms; `make reliability` does a thousand on each robot."""
+"""The reflex responds to pokes anywhere on the arms. `make reliability` runs a thousand pokes on each
+robot."""
 
 from __future__ import annotations
 
@@ -23,10 +24,10 @@ def test_random_pokes_of_the_arms_are_answered(name: str) -> None:
     trials = pokes(name, WithdrawalReflex(), 8)
     assert not any(trial.towards for trial in trials)
     assert sum(trial.answered for trial in trials) >= 7
-    assert json.dumps([asdict(trial) for trial in trials])  # the scoreboard keeps each of them
+    assert json.dumps([asdict(trial) for trial in trials])  # the scoreboard requires this for each robot
 
 
 def test_the_five_fields_alone_leave_much_of_the_arm_unanswered() -> None:
-    """Shows that the first test can fail."""
+    """Shows that the test of all fields can fail."""
     trials = pokes("nao", WithdrawalReflex(surround=()), 8)
     assert sum(trial.answered for trial in trials) <= 6

@@ -1,4 +1,5 @@
-"""Head, torso, hands and legs withdraw from touches, with the figures of the demo, on both robots."""
+"""Head, torso, hands and legs withdraw from touches on both robots, within the limits that the demo
+reports."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ from tci.robot.catalogue import load_robot
 from tci.simulation.world import World
 
 LACKS = {
-    # No roll of the head, no joints of torso and wrist.
+    # This robot has no roll joint in its head, and no joints in torso and wrist.
     "nao-whole": {"left_cheek", "right_cheek", "chest", "back", "palm", "back_of_hand"},
     "icub-whole": set(),
 }

@@ -1,4 +1,4 @@
-"""The checker detects a gate with wrong, wider limits."""
+"""The checker of limits detects a gate whose limits are wrong and too wide."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tci.robot.description import Limits
 
 
 def motion(limits: Limits = LIMITS, *, coupled: bool = True) -> tuple[list[SafeCommand], list[Array]]:
-    """Returns commands of a gate with `limits`, and the measured angles at each of them."""
+    """Returns the commands of a gate with `limits`, and the measured angles at each command."""
     driven = Driven(make_robot(limits=limits, coupled=coupled), [0.0] * 6)
     sent, measured = [], []
     for tick in range(600):
@@ -31,7 +31,7 @@ def test_what_keeps_the_limits_is_not_accused() -> None:
     [
         ({"upper": 3.0}, None),
         ({"velocity": 6.0}, "velocity"),
-        ({"velocity": 3.35}, "velocity"),  # the gate uses 0.9 of it, 3.015, which is 0.5 % too fast
+        ({"velocity": 3.35}, "velocity"),  # the gate uses 0.9 of this limit: 3.015, which is 0.5 % too fast
         ({"acceleration": 90.0}, "acceleration"),
         ({"jerk": 9000.0}, "jerk"),
     ],
@@ -74,7 +74,8 @@ def test_the_physics_is_watched_too() -> None:
 
 
 def test_a_push_may_make_a_joint_a_little_faster() -> None:
-    """A command may not, however little: see `test_each_limit_is_watched`."""
+    """A push may exceed the speed limit a little. A command may never exceed the limit: see
+    `test_each_limit_is_watched`."""
     robot = make_robot()
     top = robot.servos[4].limits.velocity
     assert top is not None

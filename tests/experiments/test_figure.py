@@ -1,4 +1,4 @@
-"""The demo's figure: it has the right size, and contains its panels pixel by pixel."""
+"""The figure of the demo has the correct size and contains its panels, compared pixel by pixel."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""A gesture recorded on one robot, played on another, and interrupted by the reflex."""
+"""A gesture is recorded on one robot, played on another robot, and interrupted by the reflex."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ARMS = ("left_arm", "right_arm")
 
 
 def wave() -> Gesture:
-    """Returns a greeting with both arms."""
+    """Returns a gesture in which both arms wave."""
     t = np.linspace(0.0, 4.0, 81)
     columns = (
         40 + 25 * np.sin(t),
@@ -54,7 +54,7 @@ def limbs(robot: Robot, kinematics: KinematicChain, position: Array) -> list[Arr
 
 
 def test_recorded_on_nao_played_on_icub() -> None:
-    """At every instant the limbs of both robots point in the same direction in space, to 1 degree."""
+    """At every time the limbs of both robots have equal directions in space, within 1 degree."""
     nao, icub = load_robot("nao"), load_robot("icub")
     seen: list[Tick] = []
     first = follow(
@@ -74,7 +74,7 @@ def test_recorded_on_nao_played_on_icub() -> None:
     )
     assert following.phase is Phase.DONE
     assert max(following.largest.values()) <= np.deg2rad(1.0)
-    # The gesture ends with its clock, so its time follows from the time to the end.
+    # The gesture ends at a known time of its own clock, so the clock follows from the remaining time.
     of = {"nao": KinematicChain(nao), "icub": KinematicChain(icub)}
     end = replayed[-1].now
     worst = 0.0
@@ -121,7 +121,7 @@ def test_the_reflex_interrupts_and_the_gesture_goes_on() -> None:
 
 
 class GoesBlind(WithdrawalReflex):
-    """A reflex whose skin goes blind after a while."""
+    """A reflex that reports that its skin is blind after some time."""
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
         return Reason(Code.SKIN_BLIND, "the field is blind") if perception.stamp > 0.3 else None
@@ -137,7 +137,8 @@ def test_a_reflex_that_goes_blind_stops_the_robot() -> None:
 
 
 def test_a_body_in_the_way_is_told() -> None:
-    """Arms that hang as a person's do would be nearer to iCub's body than the gate permits."""
+    """If the arms hung as a person's arms do, the distance to iCub's body would be smaller than the gate
+    permits."""
     icub = load_robot("icub")
     t = np.linspace(0.0, 1.0, 21)
     angles = np.deg2rad(np.array([25.0, 25, 0, 60, 0]) + np.outer(t, [-35.0, -25, -10, -30, 25]))

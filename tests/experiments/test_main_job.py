@@ -1,4 +1,4 @@
-"""The main job, one reflex on two robots: its required figures, tested on the complete pipeline."""
+"""Main requirement, tested on the complete pipeline: one reflex on two robots, with the required figures."""
 
 from __future__ import annotations
 
@@ -71,7 +71,8 @@ def report(request: pytest.FixtureRequest) -> tuple[float, Report]:
 
 @pytest.mark.xdist_group("stiff-and-soft")
 def test_impedance_presses_less_than_position() -> None:
-    """The peak is lower, or it is that of the finger's impact, before any robot can respond."""
+    """The peak force is lower than in position mode, or equals the peak of the finger's impact, which occurs
+    before any robot can respond."""
     position, impedance = (run_at(50.0, mode).trials for mode in (Mode.POSITION, Mode.IMPEDANCE))
     ratios = {name: [] for name in ROBOTS}
     for stiff, soft in zip(position, impedance, strict=True):
@@ -112,7 +113,8 @@ def test_the_same_stimulus_gets_the_same_answer(report: tuple[float, Report]) ->
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_random_pokes_anywhere_on_the_skin(name: str) -> None:
-    """Pokes 200 places: a taxel of any patch, and up to half a pitch (3.3 mm) beside it."""
+    """Pokes 200 places on all patches. Each place is up to half a taxel pitch (3.3 mm) away from a random
+    taxel."""
     robot = load_robot(name)
     world, body = World(robot, seed=1), GenericBody(robot)
     perceiver = Perceiver(body)
@@ -132,7 +134,7 @@ def test_random_pokes_anywhere_on_the_skin(name: str) -> None:
         depth = random.uniform(5.0, 9.0) / STIFFNESS
         try:
             world.finger.poke(patch, points[0], normals[0], speed=0.2, depth=depth, gap=0.001)
-        except TciError:  # another link lies over this taxel, so no finger gets there
+        except TciError:  # another link covers this taxel, so the finger can't reach it
             covered += 1
             continue
         world.advance(world.time + 0.24)
@@ -152,7 +154,7 @@ def test_random_pokes_anywhere_on_the_skin(name: str) -> None:
     )
     assert np.median(errors) <= 1.0
     assert np.percentile(errors, 95) <= 3.0
-    assert max(ratios) <= 1.02  # gaps between taxels measure nothing
+    assert max(ratios) <= 1.02  # taxels do not measure forces on the gaps between them
     assert abs(np.median(forces) - 1.0) <= 0.06
 
 
@@ -172,7 +174,8 @@ def bare_place(body: GenericBody, joints: JointReading) -> tuple[float, float]:
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("where", ["outside", "soft"])
 def test_no_response_moves_nothing(name: str, where: str) -> None:
-    """A firm poke outside every field, with no surround, and one in a field's centre below the threshold."""
+    """Tests a firm poke outside every field and its surround, and a poke in a field's centre below the
+    threshold."""
     robot = load_robot(name)
     world = World(robot)
     driver, body = SimulatedDriver(robot, world=world), GenericBody(robot)
@@ -195,7 +198,7 @@ def test_no_response_moves_nothing(name: str, where: str) -> None:
 
 
 def test_a_field_that_is_there_makes_the_difference() -> None:
-    """The poke outside every field above is answered if a field is added there."""
+    """If a field is added at the poked place of the previous test, the reflex responds."""
     world = World(load_robot("nao"))
     u, theta = bare_place(GenericBody(world.robot), initial_joints(world.robot))
     field = FIELDS[0].model_copy(update={"name": "there", "u": u, "theta": theta})
@@ -205,7 +208,7 @@ def test_a_field_that_is_there_makes_the_difference() -> None:
 
 
 LEVELS = (5, 5, 5, 5, 2)
-"""Number of angles of each generic joint in the grid, limits included."""
+"""Number of angles of each generic joint in the grid, including the limits."""
 POSTURES = [
     np.array(posture)
     for posture in product(
@@ -217,9 +220,9 @@ POSTURES = [
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_the_skin_moves_away_from_the_stimulus_in_every_posture(name: str, side: str) -> None:
-    """5 fields x 625 postures: at most 5 % may fail, each because of an active limit.
+    """Tests 5 fields in 625 postures. At most 5 % may fail, each because of an active limit.
 
-    The left arm takes every second posture of the grid, the right one the others.
+    The left arm is tested in every second posture of the grid, the right arm in the other postures.
     """
     body = GenericBody(load_robot(name))
     part = f"{side}_arm"
@@ -255,7 +258,8 @@ def limited(
     body: GenericBody, part: str, target: Array, start: JointReading
 ) -> tuple[JointReading, list[str]]:
     """Returns `target` within the gate's joint limits, and the servos whose limits are active."""
-    # Some postures of the grid are inside the robot's own body; those stops do not concern limits.
+    # In some postures of the grid the robot's links overlap. A stop for this reason has no relation to joint
+    # limits.
     gate = Gate(body.robot, period=0.002, stale_after=0.05, settings=GateSettings(self_collision=None))
     command = to_platform(body.robot, GenericCommand(part, Mode.POSITION, target))
     safe = gate.step([command], start, 0.0)

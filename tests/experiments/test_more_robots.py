@@ -1,4 +1,4 @@
-"""The main job on further robots, which are only descriptions: the figures of NAO and iCub hold for them."""
+"""Further robots, which consist only of descriptions, meet the same requirements as NAO and iCub."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tci.robot.catalogue import load_robot
 
 NAMES = ("g1", "alex", "talos")
 TRAVELS = {"talos"}
-"""Robots whose shoulder moves: the first two axes of Talos' shoulder are 137 mm apart."""
+"""Robots whose shoulder centre moves: the first two axes of Talos' shoulder are 137 mm apart."""
 
 
 @pytest.mark.parametrize("name", NAMES)

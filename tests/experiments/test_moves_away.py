@@ -1,4 +1,5 @@
-"""No capability moves the skin towards an object that touches it, as the simulated force shows."""
+"""No capability moves the skin towards an object that touches the skin. The simulated contact force is the
+criterion."""
 
 from __future__ import annotations
 
@@ -14,11 +15,11 @@ from tci.capabilities.soft_reaction import SoftReaction
 from tci.simulation.world import World
 
 PALM = {"centre": np.array([0.07, -0.02, 0.0]), "normal": np.array([0.0, -1.0, 0.0])}
-"""A pad on G1's left palm, in the link of its wrist."""
+"""A pad on G1's left palm, in the frame of the wrist link."""
 
 
 def test_a_pad_on_the_palm_alone_is_never_pushed_into_the_touch(tmp_path: Path) -> None:
-    """The back of the hand has no skin, so its fields must not respond."""
+    """The back of the hand has no skin, so the fields of the hand's back must not respond."""
     robot = with_pad(tci.load_robot("g1"), "left_hand", "left_wrist_yaw_link", tmp_path, **PALM)
     world = World(robot)
     told = [press(world, "pad", taxel, BodyWithdrawal(), depth=0.005, watch=0.2) for taxel in range(0, 25, 3)]

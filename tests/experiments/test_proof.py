@@ -1,4 +1,5 @@
-"""Tests of descriptions in simulation, also of proposed descriptions of humanoids that TCI does not have."""
+"""Tests of descriptions in simulation, including proposed descriptions of humanoids that TCI does not
+contain."""
 
 from __future__ import annotations
 
@@ -44,7 +45,7 @@ def proposed(name: str, file: str, folder: Path) -> Robot:
 
 @pytest.mark.parametrize("name", UNKNOWN)
 def test_a_proposed_robot_is_proved_as_it_is(name: str, tmp_path: Path) -> None:
-    """The proposal passes without a change by hand."""
+    """The proposed description passes without changes."""
     proof = prove(proposed(name, UNKNOWN[name], tmp_path), stimulus=SHORT_POKE)
     print(proof.axes)
     assert not proof.faults
@@ -71,7 +72,7 @@ def test_arms_without_skin_and_with_wrong_limits_are_found_out() -> None:
 
 
 def test_a_wrong_sign_is_found_out() -> None:
-    """Wrong signs of elbow and of pronation, and an offset of 5 degrees."""
+    """Mistakes are a wrong sign of the elbow, a wrong sign of pronation, and an offset of 5 degrees."""
     robot = load_robot("g1")
     arm = robot.part("left_arm")
     good = compare_axes(robot, arm)
@@ -86,7 +87,7 @@ def test_a_wrong_sign_is_found_out() -> None:
 
 
 class Jumpy(WithdrawalReflex):
-    """A reflex that moves a little before a touch, and withdraws at the touch."""
+    """A reflex that already moves a little before a touch, and withdraws at the touch."""
 
     def step(self, memory: Any, perception: Perception, body: GenericBody) -> tuple[tuple[Order, ...], Any]:
         orders, memory = super().step(memory, perception, body)
@@ -111,7 +112,7 @@ def test_a_motion_before_the_touch_is_found_out() -> None:
 def test_every_patch_is_poked_and_a_motion_towards_the_finger_is_found_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A pad on a palm only, and a motion of the wrist that presses it against the finger."""
+    """The robot has a pad only on the palm, and the wrist motion presses the pad against the finger."""
     palm, towards = np.array([0.07, -0.02, 0.0]), np.array([0.0, -1.0, 0.0])
     robot = with_pad(
         load_robot("g1"), "left_hand", "left_wrist_yaw_link", tmp_path, centre=palm, normal=towards

@@ -1,4 +1,5 @@
-"""The main job through a middleware: the reflex in another process, the robot and its gate in this one."""
+"""Main requirement through a middleware: the reflex runs in another process, the robot and its gate in this
+process."""
 
 from __future__ import annotations
 
@@ -22,15 +23,18 @@ from tci.simulation.world import World
 
 WIRES = ("zenoh", "lcm", "naoqi", "player", "ros2", "ros1")
 EVERY_POKE = {"zenoh": "icub"}
-"""Middleware with all ten pokes of one robot. Others differ in their protocol only: one poke of each arm."""
+"""Middleware that is tested with all ten pokes of one robot. The other middlewares differ only in their
+protocol, and are tested with one poke of each arm."""
 WITHOUT_BINDING = {"ros2": ("g1",)}
-"""Further robot: a sample of those whose description names no middleware. `make middleware` runs all."""
+"""Additional robots by middleware, whose description does not mention the middleware. These are a sample;
+`make middleware` tests all robots."""
 TRIES = 4
-"""Number of tries: on a busy machine two processes may miss real time, and then the robot rightly holds."""
+"""Number of attempts. On a busy machine two processes may miss periods, and the gate then correctly holds the
+robot."""
 
 
 def answered(trial: Trial) -> bool:
-    """Returns True if the reflex in the other process responded as it does in this process."""
+    """Returns True if the reflex in the other process responds like a reflex in this process."""
     return (
         trial.responded
         and trial.contact_lost_ms is not None
@@ -82,7 +86,8 @@ def test_a_process_that_ends_in_the_middle_of_a_trial_is_told() -> None:
 
 
 def test_a_head_is_withdrawn_from_another_process() -> None:
-    """The reflex of head, torso and legs too, on a robot without a binding to the middleware."""
+    """Tests the reflex of head, torso and legs in another process, on a robot without a binding to the
+    middleware."""
     robot, reflex = patient("nao-whole"), tci.BodyWithdrawal()
     world, body = World(robot), tci.GenericBody(robot)
     field = next(one for one in reflex.fields.field if one.kind == "head")

@@ -1,4 +1,4 @@
-"""Equal pressure on five robots' skins is perceived as equal force, and the reflex responds alike."""
+"""Equal pressure on the skins of five robots is perceived as equal force, and the reflex responds equally."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def bodies() -> list[GenericBody]:
 
 
 def differences(bodies: list[GenericBody], reflex: WithdrawalReflex) -> tuple[float, float, int]:
-    """Returns the largest ratio of two robots' forces, the largest difference of gains, and the number of
-    touches that can be felt on all skins."""
+    """Returns the largest ratio between the forces of two robots, the largest difference between their gains,
+    and the number of touches that all skins can measure."""
     touches: dict[tuple[float, float], list[tuple[float, float]]] = {}
     for row in same_touch(bodies, reflex):
         print(row)
@@ -34,8 +34,8 @@ def differences(bodies: list[GenericBody], reflex: WithdrawalReflex) -> tuple[fl
 
 
 def test_five_skins_perceive_the_same_touch_alike(bodies: list[GenericBody]) -> None:
-    """All but three of the touches: 0.3 N on 10 mm, 0.3 N and 1 N on 20 mm press iCub's forearm with 1.1, 0.3
-    and 0.9 counts."""
+    """Three touches are left out, because they change the values of iCub's forearm by only 1.1, 0.3 and 0.9
+    counts: 0.3 N on 10 mm, and 0.3 N and 1 N on 20 mm."""
     ratio, gain, felt = differences(bodies, WithdrawalReflex())
     assert ratio <= 1.10
     assert gain <= 0.05
@@ -43,6 +43,6 @@ def test_five_skins_perceive_the_same_touch_alike(bodies: list[GenericBody]) -> 
 
 
 def test_the_mean_of_eq_7_follows_the_area_of_a_taxel(bodies: list[GenericBody]) -> None:
-    """Shows that the bar on the gains can be missed."""
+    """Shows that the test of equal gains can fail."""
     _, gain, _ = differences(bodies, WithdrawalReflex(fields=default_fields(measure="weighted")))
     assert gain > 0.10

@@ -1,4 +1,4 @@
-"""Positions of taxels are found from touches."""
+"""Positions of taxels are estimated from touches."""
 
 from __future__ import annotations
 
@@ -46,7 +46,8 @@ def test_three_taxels_make_no_surface() -> None:
 
 
 def plane(count: int, *, seed: int) -> tuple[np.ndarray, list[ProbeTouch]]:
-    """Returns a flat skin of 8 x 8 taxels with a pitch of 6 mm, and touches with ideal Gaussian responses."""
+    """Returns a flat skin of 8 x 8 taxels with a pitch of 6 mm, and touches to which the taxels respond as
+    ideal Gaussians."""
     generator = np.random.default_rng(seed)
     grid = 0.006 * np.arange(8)
     places = np.array([(x, y, 0.0) for x in grid for y in grid])

@@ -1,4 +1,4 @@
-"""A skin's mount is found from touches by another skin of the robot."""
+"""The mount of a skin on the robot is estimated from touches by another skin of the robot."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def touched(
 
 @pytest.mark.parametrize("name", ["nao", "icub"])
 def test_10_mm_and_5_degrees_are_found_to_2_mm(name: str) -> None:
-    """The bar is for 100 touches; fewer suffice, and are quicker."""
+    """The requirement is for 100 touches. The test uses fewer touches, which are sufficient and faster."""
     found = mount_in_simulation(load_robot(name), "left_forearm", touches=20)
     assert found.before > 0.009
     assert found.after <= 0.002

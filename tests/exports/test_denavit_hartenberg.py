@@ -1,4 +1,4 @@
-"""DH tables agree with the model that they are computed from, and with published ones."""
+"""DH tables agree with the model from which they are computed, and with published tables."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ def test_the_table_reproduces_forward_kinematics(name: str, link: str, conventio
 
 
 def test_naos_arm_has_the_published_lengths() -> None:
-    """Craig's parameters of NAO's left arm are a = 15, d = 105 and 55.95 mm, with all twists right angles."""
+    """Craig's parameters of NAO's left arm are a = 15 mm, d = 105 mm and 55.95 mm, with multiples of 90
+    degrees as twists."""
     _, kinematics = robot_and_kinematics("nao")
     table = denavit_hartenberg(kinematics, "LHand", convention="modified")
     assert np.allclose(np.abs(table.a), [0, 0, 0.015, 0, 0], atol=1e-12)
@@ -47,7 +48,7 @@ def test_both_conventions_share_base_and_tool() -> None:
 
 @pytest.mark.parametrize("convention", ["classic", "modified"])
 def test_random_parallel_and_coincident_axes(tmp_path: Path, convention: Convention) -> None:
-    """Axes are skew, parallel twice, coincident in both directions, intersecting, skew."""
+    """The axes are skew, parallel (twice), coincident in both directions, intersecting, and skew."""
     axes = ["0.3 -0.5 0.8", "0 1 0", "0 1 0", "0 -1 0", "0 -1 0", "1 0 0", "0.1 0.9 -0.4"]
     places = ["0.1 0.2 0.3", "0.1 0 0.2", "0.2 0.3 0", "0.1 0.1 0", "0 0.2 0", "0 0 0", "0.1 0.1 0.2"]
     text = ""

@@ -1,4 +1,4 @@
-"""The run-time query returns every fact, correct, and unchanged by a round trip through JSON."""
+"""The run-time query returns every fact with its correct value, also after a conversion to JSON and back."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Chains of the run-time query, built in OROCOS KDL by another process with Debian's python3-pykdl.
 
 The processes exchange the JSON of `tci describe ROBOT --format kdl`; the lines of docs/kinematics.md build
-from it.
+the chain from this JSON.
 """
 
 from __future__ import annotations
@@ -61,7 +61,8 @@ PARTS = [(name, part) for name in ("nao", "icub") for part in ("left_arm", "righ
 
 
 def documented_lines(folder: Path, part: str, segments: tuple[ChainSegment, ...]) -> str:
-    """Returns the lines of docs/kinematics.md that build a chain, applied to the JSON of this part."""
+    """Executes the lines of docs/kinematics.md that build a chain from the JSON of this part, and returns the
+    result."""
     file = folder / "chains.json"
     file.write_text(json.dumps({part: [segment.model_dump(mode="json") for segment in segments]}))
     lines = PAGE.read_text().split("```python\n")[1].split("```")[0]
@@ -80,7 +81,7 @@ def test_kdl_agrees_on_poses_jacobians_and_inverse_kinematics(name: str, part: s
     postures = random_postures(robot, COUNT, seed=10)
     inverse = InverseKinematics(robot, kinematics, tip)
     targets = [kinematics.poses(posture, [tip])[tip] for posture in postures[:50]]
-    # KDL ignores limits, so it starts near the solution: TCI's own, which it must confirm.
+    # KDL ignores joint limits, so it starts at TCI's solution, which it must confirm.
     ours = [inverse.solve(target, posture + 0.05) for target, posture in zip(targets, postures, strict=False)]
     request = {
         "documented": documented_lines(tmp_path, part, segments),

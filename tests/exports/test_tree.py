@@ -1,4 +1,5 @@
-"""Exports for other programs: links, chains and URDF of models with joints that packaged robots lack."""
+"""Exports for other programs: links, chains and URDF, for models with kinds of joints that no packaged robot
+has."""
 
 from __future__ import annotations
 
@@ -65,7 +66,7 @@ def postures(robot: Robot) -> np.ndarray:
 
 
 def followed(segments: tuple[ChainSegment, ...], position: np.ndarray) -> np.ndarray:
-    """Returns the pose (4, 4) at the end of a chain, computed as KDL does."""
+    """Returns the pose (4, 4) of the end of a chain, with KDL's formula."""
     pose = np.eye(4)
     for segment in segments:
         if segment.servo is not None:

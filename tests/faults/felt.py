@@ -1,4 +1,4 @@
-"""A robot with noisy skin, simulated as fast as possible, and the number of its reflex's answers."""
+"""A robot with noisy skin, simulated as fast as possible. Counts the responses of its reflex."""
 
 from __future__ import annotations
 
@@ -26,17 +26,19 @@ from tci.skin.skin import Skin
 RATE = 50.0
 ROBOT = tci.load_robot("nao")
 PATCH = ROBOT.patches[0]
-"""The patch that injectors change."""
+"""Patch whose frames the injectors change."""
 OTHER = next(p for p in ROBOT.patches if p.part != PATCH.part and p.segment == "forearm")
 JUST_FELT = 40.0
-"""Amplitude [counts] of a touch that the reflex answers."""
+"""Amplitude [counts] of a touch to which the reflex responds."""
 
 
 class NoisySkin(Driver):
-    """A NAO that reaches commanded angles at once. Its skin has noise of one count; `touch` adds a press."""
+    """A NAO that reaches commanded angles immediately. Its skin has noise of one count. `touch` adds a
+    pressed area."""
 
     def __init__(self, *, noise: float = 1.0, body: bool = True) -> None:
-        """Starts the robot; with `body` the gate checks self-collision, which takes most of the time."""
+        """Starts the robot. With `body` the gate checks self-collision, which needs most of the computing
+        time."""
         binding = ROBOT.binding("sim").model_copy(update={"rate": RATE})
         super().__init__(
             DriverInfo.of(
@@ -109,7 +111,7 @@ class NoisySkin(Driver):
 
 
 class Counted(tci.Capability[WithdrawalMemory]):
-    """The withdrawal reflex, which records by arm when it began to answer."""
+    """The withdrawal reflex. It also records, by arm, the times at which a response began."""
 
     def __init__(self, surround: Sequence[tci.ReceptiveField] | None = None) -> None:
         self.reflex = tci.WithdrawalReflex(surround=surround)
@@ -132,7 +134,7 @@ class Counted(tci.Capability[WithdrawalMemory]):
 
 
 class Felt:
-    """A run on that robot with one fault from `at` [s] on."""
+    """A run of this robot with one fault, which begins at `at` [s]."""
 
     def __init__(
         self,
@@ -153,6 +155,6 @@ class Felt:
         ).memory
 
     def answers(self, part: str) -> list[float]:
-        """Returns the times [s] after the fault at which an arm began to withdraw, without those of the
-        beginning, when the noise is still unknown."""
+        """Returns the times [s] after the fault at which an arm began to withdraw. Responses at the beginning
+        of the run, when the noise is still unknown, are left out."""
         return [started - self.at for started in self.reflex.answers[part] if started > self.at - 1.0]

@@ -1,4 +1,4 @@
-"""A run with one fault: arms that swing, in any mode, and an injector that changes the readings."""
+"""A run with one fault: the arms swing in any mode, and an injector changes the readings."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PUSH = 3.0
 
 
 class Sway(tci.Capability[None]):
-    """Swings both arms all the time."""
+    """Swings both arms continuously."""
 
     def __init__(self, mode: Mode = Mode.POSITION) -> None:
         self.mode = mode
@@ -48,7 +48,7 @@ class Sway(tci.Capability[None]):
 
 
 class Rehearsal:
-    """A run with one fault: its ticks and its report."""
+    """A run with one fault. Records its periods and its report."""
 
     def __init__(
         self, driver: SimulatedDriver, name: str, *, lasts: float = math.inf, mode: Mode = Mode.POSITION,
@@ -68,8 +68,8 @@ class Rehearsal:
         return {tick.sent.state for tick in self.ticks}
 
     def stopped_after(self) -> float:
-        """Returns the time [s] from the fault to the stop; checks that the stop lasts and that the references
-        are then at rest."""
+        """Returns the time [s] from the fault to the stop. Checks that the stop lasts and that the references
+        come to rest."""
         first = next(i for i, tick in enumerate(self.ticks) if tick.sent.state is GateState.STOP)
         assert all(tick.sent.state is GateState.STOP for tick in self.ticks[first:])
         assert np.abs(self.ticks[-1].sent.velocity).max() < 1e-9

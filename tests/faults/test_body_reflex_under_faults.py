@@ -1,4 +1,5 @@
-"""Skin faults on head, torso and leg, with the body's withdrawal. Tests are named by the fault's number."""
+"""Skin faults on head, torso and leg, with the whole-body withdrawal. The names of the tests contain the
+number of the fault."""
 
 from __future__ import annotations
 
@@ -29,21 +30,22 @@ from tci.runtime.loop import Tick, run
 LEARNT = 5.0
 """Time [s] after which noise and rest values are estimated."""
 RATE = 25.0
-"""Rate [Hz] of commands and frames: low, as minutes are simulated."""
+"""Rate [Hz] of commands and frames. The rate is low because minutes are simulated."""
 FIELDS = {one.name: one for one in default_body_fields().field}
 PLACES: Mapping[str, tuple[str, str, BodyField]] = {
     "head": ("head", "head_skin", FIELDS["face"]),
     "torso": ("torso", "torso_skin", FIELDS["chest"]),
     "leg": ("left_leg", "left_shank", FIELDS["shank_front"]),
 }
-"""Part, patch and field, by kind. The patch comes first, so it is the one that injectors change."""
+"""Part, patch and field, by kind of part. The patch is the first one of the robot, so the injectors change
+this patch."""
 EACH = pytest.mark.parametrize("kind", PLACES)
 JUST_FELT = 40.0
-"""Amplitude [counts] of a touch that the reflex answers."""
+"""Amplitude [counts] of a touch to which the reflex responds."""
 
 
 def wearing(kind: str) -> Robot:
-    """Returns an iCub with the skin of one place only."""
+    """Returns an iCub that has only the skin of one place."""
     robot = tci.load_robot("icub-whole")
     binding = robot.binding("sim").model_copy(update={"rate": RATE})
     return robot.model_copy(
@@ -52,15 +54,16 @@ def wearing(kind: str) -> Robot:
 
 
 class NoisyBody(Driver):
-    """An iCub that reaches commanded angles at once. Its skin has noise of one count; `touches` are times [s]
-    of presses on the middle of the field, each half a second long."""
+    """An iCub that reaches commanded angles immediately. Its skin has noise of one count. `touches` are the
+    times [s] of presses on the middle of the field, each of which lasts half a second."""
 
     def __init__(self, kind: str, touches: tuple[float, ...] = ()) -> None:
         super().__init__(
             DriverInfo.of(
                 wearing(kind), "sim", clock=ManualClock(), armed=True,
                 lease_name=f"felt:{os.getpid()}:{id(self)}",
-                # The self-collision check takes most of the time and has no effect here.
+                # The check for self-collision would need most of the computing time, and has no effect in
+                # these tests.
                 settings=GateSettings(self_collision=None),
             )
         )  # fmt: skip
@@ -93,7 +96,7 @@ class NoisyBody(Driver):
 
 @dataclass
 class Counted(tci.Capability[BodyMemory]):
-    """The body's reflex, which records when each part began to answer [s]."""
+    """The whole-body withdrawal. It also records the times [s] at which each part began to respond."""
 
     reflex: BodyWithdrawal = field(default_factory=lambda: BodyWithdrawal(stance="supported"))
     answers: list[tuple[float, str]] = field(default_factory=list)
@@ -115,8 +118,8 @@ class Counted(tci.Capability[BodyMemory]):
 def felt(
     kind: str, fault: str, duration: float, *touches: float, lasts: float = np.inf
 ) -> tuple[Array, list[Tick]]:
-    """Returns the times [s] after the fault, which is at LEARNT, at which the part answered, and all
-    ticks."""
+    """Returns the times [s] after the fault at which the part responded, and all periods. The fault begins at
+    LEARNT."""
     ticks: list[Tick] = []
     reflex = Counted()
     driver = NoisyBody(kind, tuple(LEARNT + touch for touch in touches))
@@ -184,8 +187,8 @@ def test_07_a_step_of_the_baseline_is_answered_once(kind: str) -> None:
 
 @pytest.mark.parametrize("name", ["nao-whole", "icub-whole"])
 def test_07_the_weight_of_a_robot_that_stands_is_no_step_of_the_baseline(name: str) -> None:
-    """The weight presses the whole sole for as long as the robot stands, and the leg must not be taken for
-    one that hangs."""
+    """While the robot stands, its weight presses the whole sole. A leg with this weight must not be treated
+    as a hanging leg."""
     robot, random = tci.load_robot(name), np.random.default_rng(5)
     body, reflex = GenericBody(robot), BodyWithdrawal(stance="supported")
     soles = [patch for patch in robot.patches if patch.name.endswith("_sole")]

@@ -1,4 +1,4 @@
-"""The catalogue of faults, its page and the tests that it names agree."""
+"""The catalogue of faults, its page, and the tests that it names are consistent."""
 
 from __future__ import annotations
 

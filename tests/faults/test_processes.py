@@ -1,4 +1,5 @@
-"""Faults between processes, with real ones. Tests are named by the fault's number in the catalogue."""
+"""Faults between processes, tested with real processes. The names of the tests contain the number of the
+fault in the catalogue."""
 
 from __future__ import annotations
 
@@ -44,8 +45,8 @@ while True:
 def test_26_another_process_that_commands_is_named_and_when_it_is_killed_the_robot_is_free(
     variable: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The lease also works if only one of the two processes has the folders of a session, as beside cron or
-    sudo."""
+    """The lease must also work if only one of the two processes has the folders of a user session, as with
+    cron or sudo."""
     monkeypatch.delenv(variable, raising=False)
     with subprocess.Popen(
         [sys.executable, "-c", HOLDER], stdout=subprocess.PIPE, text=True,

@@ -1,5 +1,5 @@
-"""Skin faults from end to end, with the reflex that answers touches. Tests are named by the fault's
-number."""
+"""Skin faults in the complete pipeline, with a reflex that responds to touches. The names of the tests
+contain the number of the fault."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""Faults from end to end: the simulated robot moves, an injector changes its data, gate and loop react.
+"""Faults in the complete pipeline: the simulated robot moves, an injector changes its data, the gate and the
+loop react.
 
-Tests are named by the fault's number in the catalogue.
+The names of the tests contain the number of the fault in the catalogue.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""Joint faults from end to end, in the modes in which a joint may yield: impedance and torque.
+"""Joint faults in the complete pipeline, in the modes in which a joint may yield: impedance and torque.
 
-In these the measured motion need not be the commanded one. Flags in the readings still count.
+In these modes the measured motion may differ from the commanded motion. Fault flags in the readings are still
+used.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ def pushes_after(done: Rehearsal, time: float) -> float:
 def stops(
     driver: SimulatedDriver, name: str, mode: Mode, *, between: tuple[float, float], believed: bool = False
 ) -> Rehearsal:
-    """Checks that torques end, or only brake if angles and velocities can be `believed`."""
+    """Checks that torques end or, if angles and velocities can be `believed`, that torques only brake."""
     done = Rehearsal(driver, name, mode=mode)
     low, high = between
     after = done.stopped_after()
@@ -102,7 +103,7 @@ def test_15_wrong_taxel_count(driver: SimulatedDriver, mode: Mode) -> None:
 
 
 class AnotherRobot(Injector):
-    """Readings of a NAO in place of the robot's own."""
+    """Replaces the robot's readings by the readings of another NAO."""
 
     number = 16
     description = "joints and skin are another robot's"
@@ -130,7 +131,7 @@ def test_16_readings_of_another_robot(
 
 
 class Scattered(Injector):
-    """Single taxels and their neighbours, pressed by something that TCI has no knowledge of."""
+    """Single taxels and their neighbours, pressed by an object of which TCI has no data."""
 
     number = 17
     description = "thirty places are touched at once"
@@ -163,7 +164,7 @@ class Scattered(Injector):
 def test_17_thirty_contacts_at_once(
     driver: SimulatedDriver, mode: Mode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The response of reflex and soft reaction is bounded, and each arm has one answer."""
+    """The commands of reflex and soft reaction stay bounded, and each arm has one response."""
     monkeypatch.setitem(INJECTORS, "scattered", Scattered)
     behaviour = SoftReaction(mode=mode) if mode is Mode.TORQUE else WithdrawalReflex(mode=mode)
     done = Rehearsal(driver, "scattered", mode=mode, behaviour=behaviour)
@@ -185,7 +186,8 @@ def test_20_stale_encoder(driver: SimulatedDriver, mode: Mode) -> None:
 
 
 def test_21_a_joint_that_is_blocked_is_none_that_fails(driver: SimulatedDriver, mode: Mode) -> None:
-    """A person may hold the joint: a command of torque or equilibrium gets no more than that."""
+    """A person may hold the joint. Then the joint gets no more torque than the command (torque or
+    equilibrium) says, and no fault is reported."""
     done = Rehearsal(driver, "stall", mode=mode)
     assert done.states == {GateState.RUN}
     assert pushes_after(done, AT) <= 3.0
@@ -202,7 +204,7 @@ def test_22_servo_off(driver: SimulatedDriver, mode: Mode) -> None:
 
 def test_23_mode_mismatch(driver: SimulatedDriver, mode: Mode) -> None:
     done = stops(driver, "mode-mismatch", mode, between=(0.45, 0.55), believed=True)
-    last = done.ticks[-1]  # 0.1 s later; its data is correct, so moving joints are braked until then
+    last = done.ticks[-1]  # Data are correct until 0.1 s later, so moving joints are braked until then.
     assert AT + done.stopped_after() + 2 * END - 0.005 < last.now
     assert np.abs(last.reading.joints.velocity).max() < 0.002, "it rests"
     assert pushes_after(done, last.now) < 0.01, "and is left alone"

@@ -1,4 +1,5 @@
-"""Hostile commands and false readings around a simulated plant, and a judge of its true motion."""
+"""Hostile commands and false readings around a simulated plant, and a judge that checks the plant's true
+motion."""
 
 from __future__ import annotations
 
@@ -18,51 +19,57 @@ from tci.robot.description import Robot
 BLIND = 0.05
 """Time [s] after the last new reading after which no torque may be sent."""
 OVER = 0.5
-"""Fraction of its speed limit by which a joint may exceed it while its readings are correct or missing."""
+"""Fraction of the speed limit by which a joint may exceed this limit while its readings are correct or
+missing."""
 PRESSED = 0.02
 """Depth [rad] to which a joint may run into its mechanical stops, which are slightly elastic."""
 LIES = 2.5
-"""Multiple of its speed limit that a joint may reach while its readings are wrong under new stamps."""
+"""Multiple of its speed limit that a joint may reach while its readings are wrong but have new time
+stamps."""
 UNSEEN, UNSEEN_FOR = 0.15, 0.2
-"""Distance [rad] of a joint in torque mode from a wrong angle until no torque is sent, and the additional
-time [s] at its speed limit."""
+"""Angle error [rad] of a joint in torque mode above which no torque may be sent, and additional time [s] at
+the speed limit until then."""
 CHANGE = 0.32
 """Fraction of its torque limit by which a torque may change while angle and velocity repeat. A blocked joint
 looks the same, so a constant torque continues."""
 MOVED, TOLD = 0.3, 0.8
-"""Speed [rad/s] that, if it repeats together with an angle, ends torques, and the time [s] until then."""
+"""Speed [rad/s] above which torques end if a reading repeats both this speed and the angle, and the longest
+time [s] until they end."""
 AFTER = 0.5
-"""Time [s] after a wrong reading in which its effects are still tolerated."""
+"""Time [s] after a wrong reading in which effects of the reading are tolerated."""
 REST_IN = 1.0
-"""Time [s] within which all joints must come to rest once nothing may move any more."""
+"""Time [s] within which all joints must come to rest when no motion is permitted any more."""
 SLOW = 0.02
 """Speed [rad/s] below which a joint is at rest."""
 HONEST = ("none", "repeated", "frozen", "late", "reordered", "errors", "spoilt", "calm")
-"""Readings that are correct or visibly faulty; `calm`: correct, while the robot holds."""
+"""Names of faults whose readings are correct or visibly faulty. `calm`: correct readings while the robot
+holds."""
 LYING = ("stale angle", "stuck", "mirrored")
-"""Faults that look correct, under new stamps and sequence numbers."""
+"""Names of faults whose readings look correct, with new time stamps and sequence numbers."""
 SPEEDS = ("no velocity", "mirrored velocity")
-"""Wrong velocities with correct angles, which suffice for a joint to keep its speed limit."""
+"""Names of faults with wrong velocities and correct angles. Correct angles are sufficient to keep the speed
+limit of a joint."""
 
 
 @dataclass(frozen=True)
 class Shown:
-    """Reading that the gate receives in a period, and how it differs from the truth."""
+    """Reading that the gate receives in a period, and its difference from the true state."""
 
     fault: str
     """Name of the fault."""
     lasts: float
-    """Time [s] since its beginning."""
+    """Time [s] since the beginning of the fault."""
     lies: bool
-    """True if a wrong reading looks correct, now or shortly before."""
+    """True if the reading is wrong but looks correct, or if this was the case shortly before."""
     joints: JointReading
-    """The reading; if it is missing or unusable, the last usable one."""
+    """The reading. If it is missing or unusable, the last usable reading."""
     age: float
     """Age [s] of the newest true reading."""
 
 
 class TrueJudge:
-    """Judges the plant's true motion, independent of the gate, given what the gate received."""
+    """Judges the plant's true motion. Uses the readings that the gate received, but no results of the
+    gate."""
 
     def __init__(self, robot: Robot, plant: Plant) -> None:
         self.robot, self.plant = robot, plant
@@ -74,7 +81,7 @@ class TrueJudge:
         self._coasts = np.full(len(robot.servos), np.nan)
         self.faults: list[str] = []
         self.largest: dict[str, float] = {}
-        """Largest ratio of each value to its bound."""
+        """Largest ratio of each quantity to its bound."""
 
     def see(self, safe: SafeCommand, shown: Shown, period: float) -> None:
         """Checks the true motion in a period in which a command was executed."""
@@ -95,10 +102,10 @@ class TrueJudge:
             self._bound("speed at rest", index, np.abs(plant.velocity), SLOW)
 
     def _coasting(self, index: NDArray[np.intp], shown: Shown) -> NDArray[np.intp]:
-        """Returns those of servos (k,) that have been too fast since a wrong reading.
+        """Returns the joints among the servos (k,) that have been too fast since a wrong reading.
 
-        They can't be braked while no reading is trusted, and later braking takes time: they may only lose
-        energy.
+        While no reading is trusted the gate can't brake these joints, and later braking needs time. Therefore
+        these joints must only lose energy.
         """
         plant, speed = self.plant, np.abs(self.plant.velocity) / self._speed
         energy = plant.energy + 0.1 * plant.inertia * self._speed**2
@@ -151,7 +158,7 @@ class TrueJudge:
 
 
 class ClosedLoop(Attack):
-    """Hostile commands in one mode, faulty readings, and joints with unknown masses."""
+    """Sends hostile commands in one mode, with faulty readings, to joints with unknown masses."""
 
     def __init__(self, robot: Robot, seed: int, mode: Mode, *, period: float = 0.002) -> None:
         super().__init__(robot, seed, period=period, body=False, modes=(mode,))
@@ -206,7 +213,7 @@ class ClosedLoop(Attack):
         return safe
 
     def _reset(self) -> None:
-        """Resets the gate as an operator does, who looks at the robot first."""
+        """Resets the gate, like an operator who has checked the robot before."""
         if self._fault not in LYING + SPEEDS:
             super()._reset()
 
@@ -221,7 +228,8 @@ class ClosedLoop(Attack):
         self.begin(fault, lasts=lasts, delay=random.uniform(0.005, 0.1))
 
     def begin(self, fault: str, *, lasts: float, delay: float = 0.0) -> None:
-        """Makes readings faulty for the time `lasts` [s]; late ones arrive with a `delay` [s]."""
+        """Makes readings faulty for the time `lasts` [s]. Readings of the fault `late` arrive with a `delay`
+        [s]."""
         self._fault, self._delay = fault, delay
         self._since, self._until = self.now, self.now + lasts
         self.tried[fault] = self.tried.get(fault, 0) + 1
@@ -269,7 +277,7 @@ class ClosedLoop(Attack):
         return shown
 
     def _spoilt(self, true: JointReading) -> JointReading:
-        """Returns a reading that can't be used."""
+        """Returns a reading that the gate can't use."""
         position = np.array(true.position)
         position[self.random.integers(len(position))] = np.nan
         kinds = (

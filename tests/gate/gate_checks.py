@@ -22,8 +22,8 @@ def make_robot(
     coupled: bool = True,
     modes: tuple[Mode, ...] = (Mode.POSITION,),
 ) -> Robot:
-    """Returns a robot part of `count` servos, the first two coupled; the last one belongs to no generic
-    part."""
+    """Returns a robot part with `count` servos. The first two servos are coupled. The last servo belongs to
+    no generic part."""
     servos = tuple(
         Servo(index=i, robot_part="arm", id=i, name=f"joint{i}", limits=limits, modes=modes)
         for i in range(count)
@@ -60,7 +60,7 @@ def position_command(
 
 
 class Driven:
-    """A gate whose robot follows exactly, with a record of all outputs."""
+    """A gate and a robot that follows its commands exactly. Records all outputs of the gate."""
 
     def __init__(self, robot: Robot, start: Sequence[float]) -> None:
         self.robot = robot
@@ -85,7 +85,7 @@ class Driven:
         raise AssertionError("it never came to rest")
 
     def assert_within_limits(self) -> None:
-        """Checks position, velocity, acceleration, jerk and couplings, from the path alone."""
+        """Checks position, velocity, acceleration, jerk and couplings. Uses only the recorded path."""
         path = np.array(self.path)
         for servo in self.robot.servos:
             limits, angles = servo.limits, path[:, servo.index]

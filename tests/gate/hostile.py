@@ -1,4 +1,4 @@
-"""Hostile commands in every mode, on any robot, and a judge that shares no code with the gate."""
+"""Hostile commands in every mode on any robot, and a judge that shares no code with the gate."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 
 AHEAD = 0.02
-"""Time [s] by which robots receive references in advance."""
+"""Time [s] for which the robots receive references in advance."""
 REST_IN = 3.0
 """Time [s] within which a robot that holds or has stopped must come to rest."""
 BUSY, CYCLE = 700, 1500
-"""Number of steps with commands, and of steps from one rest to the next: modes can only be switched at
+"""Number of steps with commands, and number of steps from one rest to the next. Modes can be switched only at
 rest."""
 WIGGLE = 2e-3
-"""Distance [rad] that a stop may turn back on its way in from outside its bounds."""
+"""Distance [rad] by which a stop may move outwards again while a joint returns from outside its bounds."""
 STILL = 1e-9
-"""Distance [rad] between two readings of a joint at rest that have one stamp."""
+"""Largest distance [rad] between two readings with equal time stamps of a joint at rest."""
 SAG = float(np.deg2rad(0.4))
-"""Distance [rad] of a simulated servo from its reference."""
+"""Distance [rad] between a simulated servo and its reference."""
 
 
 class Judge:
@@ -44,22 +44,24 @@ class Judge:
         self.rates = np.array([[np.nan if r is None else r for r in rate] for rate in rates]).T
         self.torque = np.array([0.0 if x.torque is None else x.torque for x in limits])
         self.steps = np.zeros((4, count))
-        # Least distance of each servo, and each coupling, outside its bounds since it came under command.
+        # Least distance by which each servo was outside its bounds since it was first commanded. `values` is
+        # the same for couplings.
         self.outside = np.full(count, np.nan)
         self.modes: list[Mode | None] = [None] * count
         self.values = np.full(len(robot.couplings), np.nan)
         self.still = 0
         self.peak = -np.inf
-        """Largest excess over a limit, as a fraction of it for rates and torque, in rad for positions."""
+        """Largest excess over a limit: for rates and torque as a fraction of the limit, for positions in
+        rad."""
         self.faults: list[str] = []
 
     def forget(self) -> None:
-        """Follows an operator's reset of the gate: every servo starts again where it is measured."""
+        """Records that an operator has reset the gate: every servo starts again at its measured angle."""
         self.modes = [None] * len(self.modes)
 
     def see(self, safe: SafeCommand, measured: Array, *, moved: bool = True) -> None:
-        """Checks the output of one step, with the robot `measured` (n,) before; `moved` is True if a step was
-        due."""
+        """Checks the output of one step. `measured` (n,) [rad] are the robot's angles before the step.
+        `moved` is True if a step was due."""
         for name in ("position", "velocity", "torque"):
             if not np.isfinite(getattr(safe, name)).all():
                 self._fault(f"{name} is not finite", np.inf)
@@ -83,7 +85,8 @@ class Judge:
         loose = np.array([mode is Mode.TORQUE for mode in safe.modes], dtype=bool)
         position = safe.position[~loose]
         if not moved:
-            # What was read under the same stamp before counts: a joint may have moved since.
+            # Compared with the earlier reading under the same time stamp, because a joint may have moved
+            # since.
             if (np.abs(position - self.steps[3, index]) > STILL * starts[index]).any():
                 self._fault("moved before its time", np.inf)
             return
@@ -102,12 +105,12 @@ class Judge:
         self._rest(safe)
 
     def see_ahead(self, safe: SafeCommand, ahead: Array, time: float) -> None:
-        """Checks the predicted positions in `time` [s], which drivers send to robots that need their path in
-        advance."""
+        """Checks the positions that are predicted for `time` [s] later. Drivers send these to robots that
+        need their path in advance."""
         asked = np.array([mode in (Mode.POSITION, Mode.IMPEDANCE) for mode in safe.modes], dtype=bool)
         index, now, ahead = safe.servos[asked], safe.position[asked], ahead[asked]
         outside = self._outside(index, ahead)
-        # A servo that came under command in a period that was not due is not checked yet.
+        # For a servo that was first commanded in a period that was not due, `outside` is not set yet.
         least = np.fmin(self._outside(index, now), self.outside[index])
         self._note("position ahead", index, outside - np.where(least > 0.0, least + WIGGLE, 0.0))
         self._note("way ahead", index, np.abs(ahead - now) - self.rates[0, index] * time)
@@ -129,7 +132,8 @@ class Judge:
             differences = differences[1:] - differences[:-1]
             bound = self.rates[order - 1, index]
             value = np.abs(differences[-1]) / self.period**order
-            # Angles of a few rad are rounded to 4e-16; a third difference of them over period cubed is more.
+            # Angles of a few rad are rounded to 4e-16. In a third difference divided by the period cubed,
+            # this error is larger.
             rounding = 2.0 ** (order + 1) * largest / self.period**order
             self._note(name, index, (value - rounding - bound) / bound)
 
@@ -170,24 +174,24 @@ class Judge:
 
 @dataclass
 class Counts:
-    """Numbers of attempted commands."""
+    """Numbers of commands that the attacker has sent."""
 
     steps: int = 0
     commands: int = 0
     malformed: int = 0
     """Number of commands that must be refused."""
     passed: int = 0
-    """Number of these that were not refused."""
+    """Number of malformed commands that the gate did not refuse."""
     states: dict[str, int] = field(default_factory=dict)
     modes: set[Mode] = field(default_factory=set)
-    """Control modes in which something was sent."""
+    """Control modes in which the gate has sent a command."""
 
 
 class Attack:
-    """A gate, a robot that follows it, and an attacker."""
+    """A gate, a robot that follows the gate, and an attacker."""
 
     eager = 0.2
-    """Probability of another command in a step."""
+    """Probability that the attacker sends another command in a step."""
     cycle = CYCLE
 
     def __init__(
@@ -199,7 +203,8 @@ class Attack:
         body: bool = True,
         modes: Sequence[Mode] = CONTROL_MODES,
     ) -> None:
-        """Starts an attack; `body` turns on the check for self-collision, `modes` are those switched to."""
+        """Starts an attack. `body` turns on the check for self-collision. `modes` are the modes to which the
+        attacker switches."""
         settings = GateSettings() if body else GateSettings(self_collision=None)
         self.robot, self.period, self.modes = robot, period, modes
         self.gate = Gate(robot, period=period, stale_after=0.05, settings=settings)
@@ -234,7 +239,7 @@ class Attack:
         self.counts.steps += 1
         if random.random() < 0.002:
             when = random.choice([self.now, self.now, np.nan, np.inf, -np.inf, self.now - 1.0])
-            # Time that goes back is a stop, which begins at once.
+            # If time decreases, the gate stops the robot, and the stop begins immediately.
             order, bad = self._order()
             self._pass([order], int(bad), when, moved=bool(-np.inf < when < self.now))
         self.now += self.period
@@ -245,7 +250,8 @@ class Attack:
     def _pass(
         self, orders: Sequence[PlatformOrder], malformed: int, when: float, *, moved: bool = True
     ) -> SafeCommand:
-        """Sends orders, some of them malformed, through the gate, past the judge and to the robot."""
+        """Sends orders, some of them malformed, to the gate. The judge checks the output, and the robot
+        executes it."""
         before = self.angles.copy()
         safe = self.gate.step(orders, self._reading(), when)
         self.gate.check_out(safe)
@@ -331,8 +337,8 @@ class Attack:
         return PlatformCommand(mode, servos, values, speed), bad
 
     def _switches(self) -> list[PlatformOrder]:
-        """Returns switches at rest: each servo to one of its modes, then some of them to another one in the
-        same step."""
+        """Returns mode switches at rest. Each servo is switched to one of its modes. Then some servos are
+        switched to another mode in the same step."""
         random, servos = self.random, self.robot.servos
         able = {s: [mode for mode in servos[s].modes if mode in self.modes] for s in self.movable}
         wanted = {s: modes[random.integers(len(modes))] for s, modes in able.items()}

@@ -1,4 +1,5 @@
-"""Simulated joints that close the loop around a gate, with masses, friction and mechanical stops."""
+"""Simulated joints with masses, friction and mechanical stops, which execute the gate's commands and return
+readings."""
 
 from __future__ import annotations
 
@@ -15,24 +16,29 @@ from tci.robot.description import Robot
 STEP = 2.5e-4
 """Integration step [s]."""
 STOP = 250.0
-"""Natural frequency [rad/s] of a joint on its mechanical stop: as high as the step allows."""
+"""Natural frequency [rad/s] of a joint on its mechanical stop. It is as high as the integration step
+permits."""
 SERVO = 200.0
-"""Natural frequency [rad/s] of a holding servo with a joint of the expected mass."""
+"""Natural frequency [rad/s] of a servo with a joint of the expected mass, while the servo holds its
+position."""
 SPARE = 3.0
-"""Torque of a holding servo, as a multiple of the expected mass's: firmware has a limit of its own."""
+"""Largest torque of such a servo, as a multiple of the torque for the expected mass. The firmware of a servo
+limits the torque."""
 SOFT = 0.3
-"""Fraction of that stiffness in impedance mode."""
+"""Stiffness in impedance mode as a fraction of the stiffness in position mode."""
 FREE, HELD, YIELDING = range(3)
 
 
 class Plant:
     """Joints without coupling: inertia, friction, incompletely compensated weight, and mechanical stops.
 
-    A joint of the expected mass reaches the servo's acceleration limit with its torque limit.
+    With a torque equal to its limit, a joint of the expected mass accelerates at the servo's acceleration
+    limit.
     """
 
     def __init__(self, robot: Robot, position: Array, random: np.random.Generator, *, wrong: float = 0.3):
-        """Makes joints at `position`; `wrong` is the largest relative error of the expected masses."""
+        """Creates joints at `position` (n,) [rad]. `wrong` is the largest relative error of the expected
+        masses."""
         limits, count = [servo.limits for servo in robot.servos], len(robot.servos)
         self.lower = np.array([-np.inf if x.lower is None else x.lower for x in limits])
         self.upper = np.array([np.inf if x.upper is None else x.upper for x in limits])
@@ -44,17 +50,18 @@ class Plant:
         self.dry = self.torque * random.uniform(0.0, 0.02, count)
         """Dry friction (n,) [N m]."""
         self.weight = self.torque * random.uniform(0.0, 0.02, count)
-        """Largest torque (n,) [N m] of uncompensated weight, left by a wrong mass."""
+        """Largest torque (n,) [N m] of the weight that is not compensated because the expected mass is
+        wrong."""
         self.hangs = random.uniform(-np.pi, np.pi, count)
-        """Angle (n,) [rad] at which that weight hangs."""
+        """Angle (n,) [rad] at which this weight hangs down."""
         self.position, self.velocity = np.array(position, dtype=float), np.zeros(count)
         self._modes = np.full(count, HELD)
         self._target, self._speed = self.position.copy(), np.zeros(count)
         self.sent = np.zeros(count)
-        """Torques (n,) [N m] that were sent last; they stay until the next are sent."""
+        """Torques (n,) [N m] that were sent last. They act until the next torques are sent."""
 
     def obey(self, safe: SafeCommand) -> None:
-        """Takes over a command, as the firmware of a robot does."""
+        """Stores a command, as the firmware of a robot does."""
         kinds = {Mode.TORQUE: FREE, Mode.IMPEDANCE: YIELDING}
         modes = np.array([kinds.get(mode, HELD) for mode in safe.modes], dtype=int)
         self._modes[safe.servos] = modes
@@ -76,7 +83,8 @@ class Plant:
 
     @property
     def energy(self) -> Array:
-        """Returns the energy (n,) [J] of each joint: kinetic, of its weight and of its stop."""
+        """Returns the energy (n,) [J] of each joint: kinetic energy and the potential energies of weight and
+        mechanical stop."""
         energy: Array = (
             0.5 * self.inertia * self.velocity**2
             + self.weight * (1.0 - np.cos(self.position - self.hangs))

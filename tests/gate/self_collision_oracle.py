@@ -1,4 +1,5 @@
-"""A slow reference for SelfCollision: it measures every pair of links that is not certainly far apart."""
+"""A slow reference implementation of SelfCollision. Measures the distance of every pair of links unless the
+pair is certainly far apart."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from tci.robot.description import Robot
 
 SIGHT = 0.1
 NOISE = 1e-9
-"""Distance [m] up to which links count as not moving relative to each other."""
+"""Distance [m] up to which links count as at rest relative to each other."""
 
 
 class Oracle:
@@ -25,14 +26,16 @@ class Oracle:
         self._distance = -np.inf
 
     def look(self, position: Array) -> None:
-        """Measures at `position` (n_servos,) [rad]; postures near it may then be covered."""
+        """Measures distances at `position` (n_servos,) [rad]. The results may then be used for postures near
+        this position."""
         self._posture = position
         self._distance = self._clearance.gap(position, within=SIGHT).distance
 
     def fault(self, path: Array) -> Reason | None:
-        """Returns the reason why a motion along `path` (k, n_servos) [rad] must not be made; None if it may.
+        """Returns the reason why a motion along `path` (k, n_servos) [rad] is refused; None if it is
+        permitted.
 
-        Links closer than the margin at the start may move apart, but not closer.
+        Links that are closer than the margin at the start may move apart, but not closer together.
         """
         here = path[0]
         for point in self._refined(path):
@@ -43,7 +46,7 @@ class Oracle:
                 continue
             now, before = self._clearance.gaps(here, within=self.margin), self._seen()
             then, after = self._clearance.gaps(point, within=self.margin), self._seen()
-            # MuJoCo's distances of links at rest vary by up to 1e-7 m.
+            # MuJoCo's distances between links at rest vary by up to 1e-7 m.
             nearer = (then < now) & (np.abs(after - before).max(axis=1) > NOISE)
             if nearer.any():
                 worst = int(np.argmin(np.where(nearer, then, np.inf)))
@@ -57,7 +60,8 @@ class Oracle:
         return None
 
     def _seen(self) -> Array:
-        """Returns the pose (pairs, 12) [m] of the second geom of each pair in the first."""
+        """Returns the pose (pairs, 12) [m] of the second geom of each pair, in the frame of the first
+        geom."""
         data, (first, second) = self._clearance._data, self._clearance.pairs.T
         R = data.geom_xmat.reshape(-1, 3, 3)
         p_12 = np.einsum("pji,pj->pi", R[first], data.geom_xpos[second] - data.geom_xpos[first])
@@ -65,7 +69,8 @@ class Oracle:
         return np.concatenate([p_12, R_12.reshape(-1, 9)], axis=1)
 
     def _refined(self, path: Array) -> Array:
-        """Returns the path with additional points, so that no link moves more than STRIDE between two."""
+        """Returns the path with additional points, so that no link moves farther than STRIDE between two
+        points."""
         steps = np.abs(np.diff(path, axis=0)) @ self._clearance.levers
         counts = np.maximum(1, np.ceil(steps / STRIDE)).astype(int)
         if (counts == 1).all():

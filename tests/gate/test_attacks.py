@@ -1,4 +1,4 @@
-"""Attacks that once made a command pass the gate, or might: none does."""
+"""Attacks that might make the gate pass a forbidden command, or did so in earlier versions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def share(mode: Mode, servo: int, value: float) -> PlatformCommand:
 
 
 def moving(robot: Robot = ROBOT) -> Driven:
-    """Returns a gate in full motion."""
+    """Returns a gate whose reference is moving."""
     driven = Driven(robot, ZERO)
     driven.step(position_command([2], [1.5]))
     for _ in range(80):
@@ -57,7 +57,7 @@ def test_a_time_that_is_none_moves_nothing_and_opens_no_burst(when: float) -> No
     np.testing.assert_array_equal(safe.position, before)
     driven.angles[safe.servos] = before
     path = [driven.angles.copy()]
-    for _ in range(20):  # all at one time: at most one step is due
+    for _ in range(20):  # all calls have the same time: at most one step is due
         safe = driven.gate.step([], reading(driven.angles, driven.time), driven.time)
         path.append(safe.position)
     assert len({tuple(step) for step in path[1:]}) == 1
@@ -171,7 +171,7 @@ def test_stiffness_does_not_throw_a_limp_joint_back_to_its_equilibrium() -> None
     driven.step(share(Mode.STIFFNESS, 2, 0.5), switch([2], Mode.IMPEDANCE))
     driven.step(share(Mode.STIFFNESS, 2, 0.0))
     for _ in range(200):
-        driven.angles[2] += 0.002  # it falls while its equilibrium stays
+        driven.angles[2] += 0.002  # the joint sinks while its equilibrium is constant
         driven.time += PERIOD
         safe = driven.gate.step([], reading(driven.angles, driven.time), driven.time)
     safe = driven.gate.step(

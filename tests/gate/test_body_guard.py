@@ -1,4 +1,4 @@
-"""A robot does not hit itself, even if its joints sag or one part comes to rest before another."""
+"""The robot does not collide with itself, even if joints sag or one part comes to rest before another."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_an_arm_that_is_not_where_it_was_told_keeps_away_from_the_chest(sag: flo
 
 
 class Watched(SelfCollision):
-    """Reports every box as unsafe, and records the paths that it is asked to check."""
+    """A check for self-collision that reports every box as unsafe, and records the paths that it receives."""
 
     def __init__(self) -> None:
         super().__init__(NAO)
@@ -60,7 +60,7 @@ class Watched(SelfCollision):
 
 
 def both_arms(*, away: float = 0.0) -> tuple[Driven, Watched]:
-    """Returns a long motion of one arm, and a short one of the other that has just begun."""
+    """Starts a long motion of one arm, and then a short motion of the other arm."""
     driven, watched = Driven(NAO, initial_position(NAO)), Watched()
     driven.gate._motion.groups.body = BodyGuard(watched, period=PERIOD)
     driven.step(position_command([INDEX["LShoulderPitch"]], [0.0]))
@@ -79,10 +79,10 @@ def test_a_way_ends_when_the_last_part_is_at_rest() -> None:
     for _ in range(2000):
         driven.step()
     left, right = INDEX["LShoulderPitch"], INDEX["RElbowRoll"]
-    # The right arm was checked last, after the left one's step; both then stop as planned.
+    # The right arm was checked last, after the step of the left arm. Both arms then stop as planned.
     assert watched.ways[-1][-1, [left, right]] == pytest.approx(driven.angles[[left, right]], abs=1e-9)
     assert abs(watched.ways[-1][-1, left] - watched.ways[-1][1, left]) > 0.01
-    # While the left arm continues, as many further points are checked, and none twice.
+    # While the left arm continues, equally many further points are checked, and no point is checked twice.
     assert len(watched.ways[-1]) == 2 * LOOKS
     assert np.all(np.diff(watched.ways[-1][1:, left]) < 0.0)
 
@@ -101,7 +101,7 @@ def test_all_parts_are_seen_at_the_same_time() -> None:
     told = driven.gate._motion.reference
     for servo, angle in zip(told.servos.tolist(), told.position.tolist(), strict=True):
         assert last[1, servo] == pytest.approx(angle, abs=1e-12)
-    # The left arm goes first, when the right one has not taken its step yet.
+    # The left arm is checked first, before the step of the right arm.
     right = INDEX["RElbowRoll"]
     assert (told.position[told.servos.tolist().index(right)] - first[0, right]) * (
         first[1, right] - first[0, right]

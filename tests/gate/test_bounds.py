@@ -1,4 +1,5 @@
-"""Velocity-controlled servos can always stop before their limits, according to the formula of the stop."""
+"""Velocity-controlled servos can always stop before their limits, according to the formula of the stopping
+distance."""
 
 from __future__ import annotations
 
@@ -31,7 +32,8 @@ TIED = replace(
 
 
 def stop(speed: Array | float, acceleration: Array | float, jerk: Array | float) -> Array:
-    """Returns the distance [rad] of a stop from `speed` [rad/s] that ramps the acceleration up and down."""
+    """Returns the distance [rad] of a stop from `speed` [rad/s] whose deceleration increases and decreases
+    linearly."""
     a, j = APPROACH * np.asarray(acceleration), APPROACH * np.asarray(jerk)
     way: Array = speed**2 / (2 * a) + speed * a / (2 * j)
     return way
@@ -44,7 +46,8 @@ def test_a_servo_is_as_fast_as_it_can_stop_before_its_limit(way: float, room: fl
     speed = FREE.allowed_velocity(position, np.full(3, 9.0 * way))
     assert np.all(speed * way > 0.0)
     assert stop(np.abs(speed), FREE.acceleration, FREE.jerk) == pytest.approx(room - MARGIN, rel=1e-9)
-    # Away from the limit there is room, and a servo that is slow enough is not slowed down.
+    # Far from the limit there is room to stop, and the velocity of a servo that is slow enough is not
+    # reduced.
     assert FREE.allowed_velocity(position, np.full(3, -0.4 * way)) == pytest.approx(np.full(3, -0.4 * way))
     assert FREE.allowed_velocity(position, 0.9 * speed) == pytest.approx(0.9 * speed)
 
@@ -136,7 +139,8 @@ def test_narrow_limits_and_couplings_leave_their_middle() -> None:
 
 
 def test_where_the_others_leave_no_point_it_is_as_close_as_the_limits_allow() -> None:
-    """Only the first servo may move, and the second one, which is not commanded, is too far."""
+    """Only the first servo may move. The second servo is not commanded, and is too far outside the coupling's
+    bounds."""
     first = np.array([True, False, False])
     short = replace(TIED, lower=np.array([-0.2, -9.0, -9.0]), upper=np.array([0.2, 9.0, 9.0]))
     for far, limit in ((-4.0, -0.2 + MARGIN), (4.0, 0.2 - MARGIN)):

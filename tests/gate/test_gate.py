@@ -1,4 +1,5 @@
-"""The gate: no command passes that violates a limit, and nothing else makes what a driver writes."""
+"""The gate passes no command that violates a limit, and only the gate can create the commands that a driver
+writes."""
 
 from __future__ import annotations
 
@@ -80,8 +81,8 @@ def test_a_coupled_servo_that_nobody_commands_counts_where_it_is() -> None:
 
 
 def test_a_servo_joins_beside_a_coupled_one_that_nobody_commands() -> None:
-    """The other servo counts at its measured position from the start; it counted as 0, and the command was
-    refused."""
+    """The gate uses the measured position of the other servo from the start. An earlier version used 0 and
+    refused the command."""
     driven = Driven(make_robot(), [0.5, 1.0, 0, 0, 0, 0])
     driven.step(position_command([0], [1.7]))
     for _ in range(60):
@@ -118,7 +119,7 @@ def test_start_outside_the_limits_moves_inward_only_and_slowly(mode: Mode) -> No
 
 @pytest.mark.parametrize("mode", [Mode.POSITION, Mode.IMPEDANCE, Mode.VELOCITY])
 def test_a_joint_outside_its_limits_comes_in_though_nobody_says_where_to(mode: Mode) -> None:
-    """It was held where it was, until a command named it."""
+    """In an earlier version such a joint was held at its position until a command named it."""
     driven = Driven(make_robot(modes=(Mode.TORQUE, mode)), [0, 0, 2.3, 0, 0, 0])
     driven.step(PlatformSwitch(np.array([2]), mode))
     for _ in range(60):
@@ -135,7 +136,8 @@ def test_a_joint_outside_its_limits_comes_in_though_nobody_says_where_to(mode: M
 
 
 def test_a_joint_that_a_touch_pressed_outside_comes_no_farther_in_than_its_limit() -> None:
-    """At a tenth of its speed limit it came farther in, against the finger that had pressed it."""
+    """In an earlier version the joint returned at a tenth of its speed limit and moved farther inside,
+    against the finger that had pressed it."""
     driven = Driven(make_robot(modes=(Mode.TORQUE, Mode.VELOCITY)), [0, 0, 2.0002, 0, 0, 0])
     driven.step(PlatformSwitch(np.array([2]), Mode.VELOCITY))
     driven.settle()
@@ -143,7 +145,8 @@ def test_a_joint_that_a_touch_pressed_outside_comes_no_farther_in_than_its_limit
 
 
 def test_a_joint_outside_its_limits_comes_in_slowly_beside_one_in_velocity_mode() -> None:
-    """Its target velocity exceeded the speed of its command, which ruckig refuses, so nothing moved."""
+    """In an earlier version the target velocity exceeded the speed of the command. The library ruckig refuses
+    this, so no joint moved."""
     driven = Driven(make_robot(modes=(Mode.POSITION, Mode.VELOCITY)), [0, 0, 2.3, 0, 0, 0])
     driven.step(position_command([2], [1.5], speed=0.5))
     driven.step(PlatformSwitch(np.array([3]), Mode.VELOCITY))
@@ -158,7 +161,8 @@ def test_a_joint_outside_its_limits_comes_in_slowly_beside_one_in_velocity_mode(
 
 @pytest.mark.parametrize("mode", [Mode.POSITION, Mode.VELOCITY])
 def test_a_joint_that_sags_does_not_wander_outside_however_often_it_starts_anew(mode: Mode) -> None:
-    """A G1's shoulder went out by its sag each time: it began where it had sagged to, and stayed."""
+    """In an earlier version a G1's shoulder moved outwards by its sag at each start: the reference began at
+    the sagged position and stayed there."""
     sag, farthest = 0.005, -np.inf
     driven = Driven(make_robot(modes=(Mode.IMPEDANCE, mode)), [0, 0, 2.0, 0, 0, 0])
     for turn in range(12):
@@ -246,7 +250,8 @@ def test_a_servo_without_a_limit_is_not_moved(missing: str) -> None:
 
 
 def test_a_command_for_a_whole_part_leaves_a_servo_that_can_not_be_moved_where_it_is() -> None:
-    """As programs for control boards command them; one that singles the servo out is refused."""
+    """Programs for control boards send such commands for whole parts. A command only for this servo is
+    refused."""
     whole = make_robot(coupled=False)
     fixed = whole.servos[3].model_copy(update={"limits": Limits()})
     robot = whole.model_copy(update={"servos": (*whole.servos[:3], fixed, *whole.servos[4:])})
@@ -307,8 +312,8 @@ def test_old_joint_data_means_hold_and_clears_by_itself_without_replay() -> None
 
 
 def test_after_a_short_hold_a_command_to_one_joint_does_not_send_others_on() -> None:
-    """The old targets are forgotten when the hold begins, not when the robot has come to rest."""
-    for partner in (2, 3):  # a joint that is under command already, and one that joins
+    """The old targets are dropped when the hold begins, not when the robot has come to rest."""
+    for partner in (2, 3):  # a joint that is already commanded, and a joint that is added
         driven = Driven(make_robot(), ZERO)
         driven.step(position_command([2, 4], [1.5, 1.5]))
         for _ in range(60):
@@ -321,7 +326,8 @@ def test_after_a_short_hold_a_command_to_one_joint_does_not_send_others_on() -> 
 
 
 def test_a_slower_speed_in_full_motion_never_stops_the_loop() -> None:
-    """ruckig finds no synchronised trajectory from some states; the checked stop is taken then."""
+    """From some states ruckig finds no synchronised trajectory. Then the gate executes the stop that it has
+    checked before."""
     random = np.random.default_rng(1)
     driven = Driven(make_robot(), random.uniform(-0.5, 0.5, 6).tolist())
     for _ in range(300):
@@ -421,7 +427,8 @@ def test_hostile_commands_one_joint(orders: list[tuple[int, float, int]]) -> Non
 
 
 def test_hostile_commands_many() -> None:
-    """Random targets, often retargeted in full motion, some of them damaged (`make soak` runs more)."""
+    """Random targets, often changed during full motion, some of them malformed. `make soak` runs more
+    steps."""
     cycles = int(os.environ.get("TCI_SOAK", "6000"))
     random = np.random.default_rng(7)
     driven = Driven(make_robot(), ZERO)
@@ -519,7 +526,7 @@ def test_what_lies_ahead_is_where_the_robot_then_is() -> None:
 
 
 def called_at(times: list[float], caplog: pytest.LogCaptureFixture) -> list[str]:
-    """Returns the log of a gate that is called at these times [s], with new joints and no command."""
+    """Returns the log of a gate that is called at these times [s], with new joint readings and no command."""
     gate = Gate(make_robot(), period=PERIOD, stale_after=10.0)
     for now in times:
         gate.step((), reading(ZERO, now), now)

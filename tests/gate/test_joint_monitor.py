@@ -1,4 +1,5 @@
-"""The joint monitor reports every fault within its time, and none of a robot that follows its reference."""
+"""The joint monitor reports every fault within its time limit, and reports no fault of a robot that follows
+its reference."""
 
 from __future__ import annotations
 
@@ -29,7 +30,7 @@ def still(_: float) -> Array:
 
 
 def turning(time: float) -> Array:
-    """Returns reference angles (6,) [rad] at `time` [s]: all servos turn to and fro, at up to 1 rad/s."""
+    """Returns reference angles (6,) [rad] at `time` [s]. All servos move back and forth at up to 1 rad/s."""
     return np.full(6, 0.5 * np.sin(2.0 * time))
 
 
@@ -56,8 +57,8 @@ def first_fault(
 
 
 def one_servo(change: Callable[[float, float], float], *, servo: int = 2) -> Positions:
-    """Returns measured angles by time: all servos follow `turning` 30 ms late, and `change` alters one of
-    them."""
+    """Returns measured angles by time. All servos follow `turning` with a delay of 30 ms, and `change` alters
+    the angles of one servo."""
 
     def measured(time: float) -> Array:
         position = turning(time - 0.03).copy()

@@ -1,4 +1,4 @@
-"""Control modes through the gate: velocity, torque and impedance within the limits, and switches of mode."""
+"""Control modes of the gate: velocity, torque and impedance within the limits, and changes of mode."""
 
 from __future__ import annotations
 
@@ -237,7 +237,7 @@ def test_hostile_commands_in_mixed_modes(
 
 
 class Loose:
-    """One joint with an inertia, driven by the gate's torques and an external torque."""
+    """One joint with an inertia. The gate's torques and an external torque move it."""
 
     def __init__(self, *, inertia: float, step: float = PERIOD / 4) -> None:
         self.gate = Gate(ROBOT, period=PERIOD, stale_after=0.05)
@@ -269,8 +269,8 @@ class Loose:
 def test_torque_stays_within_limits_of_torque_speed_and_position(
     inertia: float, orders: list[tuple[float, int]]
 ) -> None:
-    """Inertias are such that the torque brakes as fast as the acceleration limit, and that no single period
-    passes the whole range between the commanded and the largest speed."""
+    """The inertias are such that the torque limit gives the acceleration limit, and that no single period
+    covers the whole range between the commanded and the largest speed."""
     loose = Loose(inertia=inertia)
     loose.step(switch([2], Mode.TORQUE))
     for torque, steps in orders:
@@ -384,9 +384,10 @@ def test_settings_of_the_timeout_are_checked() -> None:
 
 
 def yielded(equilibrium: float, measured: float) -> tuple[Gate, JointReading]:
-    """Returns servo 2 in impedance mode, held away from its equilibrium; servo 3 is in position mode."""
+    """Returns a gate with servo 2 in impedance mode, held away from its equilibrium, and servo 3 in position
+    mode."""
     driven = Driven(ROBOT, ZERO)
-    watch = MonitorSettings(encoder_step=1.0)  # the joint yields from one reading to the next
+    watch = MonitorSettings(encoder_step=1.0)  # an external force moves the joint between two readings
     driven.gate = Gate(ROBOT, period=PERIOD, stale_after=0.05, settings=GateSettings(monitor=watch))
     driven.step(switch([2], Mode.IMPEDANCE), position_command([3], [0.2]))
     driven.step(command(Mode.IMPEDANCE, [2], [equilibrium]))
@@ -399,7 +400,7 @@ def yielded(equilibrium: float, measured: float) -> tuple[Gate, JointReading]:
 def stiffen(
     gate: Gate, joints: JointReading, servos: Sequence[int], shares: Sequence[float]
 ) -> tuple[str, ...]:
-    """Returns the texts of the reasons why that is refused."""
+    """Returns the texts of the refusals of a change of stiffness."""
     gate.check_out(safe := gate.step([command(Mode.STIFFNESS, servos, shares)], joints, joints.stamp))
     return tuple(map(str, safe.refusals))
 

@@ -1,4 +1,4 @@
-"""Paths on which a robot would hit itself are reported before they are executed."""
+"""Paths on which a robot would collide with itself are reported before they are executed."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ INDEX = {servo.name: servo.index for servo in NAO.servos}
 
 
 def moved(**angles: float) -> Array:
-    """Returns the initial posture with some joints changed [degrees]."""
+    """Returns the initial posture with other angles [degrees] of some joints."""
     position = initial_position(NAO).copy()
     for name, angle in angles.items():
         position[INDEX[name]] = np.deg2rad(angle)
@@ -76,7 +76,7 @@ def test_what_is_let_pass_keeps_the_margin_at_every_point(seed: int) -> None:
     fine = start + np.linspace(0.0, 1.0, 200)[:, None] * (path[-1] - start)
     least = min(CLEARANCE.gap(point, within=0.1).distance for point in fine)
     fault = GUARD.fault(path)
-    assert fault == SelfCollision(NAO).fault(path)  # earlier checks have no effect
+    assert fault == SelfCollision(NAO).fault(path)  # results of earlier checks do not change this result
     assert fault == Oracle(NAO).fault(path)
     if fault:
         assert least < GUARD.margin + 0.002
@@ -91,7 +91,7 @@ def test_a_margin_that_makes_no_sense_is_refused(margin: float) -> None:
 
 
 def limits(robot: Robot) -> tuple[Array, Array]:
-    """Returns lower and upper limits (n_servos,) [rad]; 0 where there is none."""
+    """Returns lower and upper limits (n_servos,) [rad]; 0 for servos without limits."""
     lower = np.array([servo.limits.lower or 0.0 for servo in robot.servos])
     return lower, np.array([servo.limits.upper or 0.0 for servo in robot.servos])
 
@@ -103,7 +103,7 @@ def test_random_paths_are_judged_as_by_measuring_everything(name: str) -> None:
     lower, upper = limits(robot)
     here = start = initial_position(robot)
     for index in range(PATHS):
-        if index % 10 == 0:  # also from inside another link
+        if index % 10 == 0:  # also if the path starts inside another link
             here = start + rng.uniform() * (rng.uniform(lower, upper) - start)
         some = rng.random(len(lower)) < 0.6
         span = rng.choice([0.02, 0.1, 0.4]) * (rng.uniform(lower, upper) - here) * some
@@ -115,7 +115,7 @@ def test_random_paths_are_judged_as_by_measuring_everything(name: str) -> None:
 
 
 class Both:
-    """The gate's check for self-collision next to the oracle."""
+    """Runs the gate's check for self-collision and the reference implementation on the same paths."""
 
     def __init__(self, robot: Robot) -> None:
         self.guard, self.oracle, self.clearance = SelfCollision(robot), Oracle(robot), Clearance(robot)
@@ -123,8 +123,8 @@ class Both:
         self.paths = self.boxes = 0
 
     def keeps_margin(self, box: Array) -> bool:
-        """Checks that boxes reported as free are free everywhere; for half of them it also checks the
-        path."""
+        """Checks that boxes which are reported as free contain no collision. For half of the boxes, also
+        checks the path."""
         kept = self.guard.keeps_margin(box)
         if kept and self.random.random() < 0.5:
             self.boxes += 1

@@ -1,4 +1,5 @@
-"""Torque mode with a simulated plant: no torque outlives the reading that it was computed from."""
+"""Torque mode with a simulated plant: a torque ends when the reading from which it was computed becomes too
+old."""
 
 from __future__ import annotations
 
@@ -31,7 +32,7 @@ ROBOT = make_robot(limits=LIMITS.model_copy(update={"torque": 5.0}), modes=CONTR
 
 
 class Elbow:
-    """iCub's left elbow in torque mode, with a forearm lighter than its limits imply."""
+    """iCub's left elbow in torque mode, with a forearm whose mass is lower than the limits imply."""
 
     def __init__(self, *, mass: float = 0.38) -> None:
         self.gate = Gate(ICUB, period=PERIOD, stale_after=0.05)
@@ -72,7 +73,7 @@ class Elbow:
         return self.step(PlatformCommand(Mode.TORQUE, index, np.array([torque]), np.ones(1)), joints=joints)
 
     def until_braked(self, torque: float) -> JointReading:
-        """Pushes until the gate brakes before the lower limit; returns the last reading."""
+        """Sends torques until the gate brakes before the lower limit. Returns the last reading."""
         for _ in range(3000):
             joints = self.joints()
             self.push(torque, joints)
@@ -110,7 +111,7 @@ def test_while_it_holds_with_fresh_data_the_gate_goes_on_braking() -> None:
 
 @pytest.mark.parametrize("how", ["same number", "same stamp", "older"])
 def test_readings_that_bring_nothing_new_are_no_readings(how: str) -> None:
-    """At 1.5 N m, with which nothing moves far: the torque ends, and then the robot holds."""
+    """With 1.5 N m the joint moves only a little. The torque ends, and then the robot holds."""
     elbow = Elbow()
     for _ in range(50):
         last = elbow.joints()
@@ -147,7 +148,7 @@ def test_after_a_gap_a_torque_rises_again_in_time() -> None:
 
 
 def test_a_stop_because_of_a_lie_ends_braking_too() -> None:
-    """A wrong encoder must not drive a joint to the other side."""
+    """Otherwise a wrong encoder could drive the joint to the other end of its range."""
     elbow = Elbow()
     last = elbow.until_braked(-1.5)
     for _ in range(400):
@@ -165,7 +166,7 @@ def test_a_stop_because_of_a_lie_ends_braking_too() -> None:
 
 @pytest.mark.parametrize("torque", [-1.5, 1.5, -20.0, 20.0])
 def test_a_velocity_that_stays_at_zero_does_not_let_a_joint_run_away(torque: float) -> None:
-    """The velocity is all that brakes a joint in torque mode."""
+    """In torque mode only the measured velocity lets the gate brake the joint."""
     elbow = Elbow()
     fastest = 0.0
     for _ in range(1500):
@@ -183,7 +184,7 @@ def test_a_velocity_that_stays_at_zero_does_not_let_a_joint_run_away(torque: flo
 def test_a_joint_that_is_lighter_than_its_limits_say_is_braked_without_being_thrown_about(
     mass: float,
 ) -> None:
-    """Its full torque would reverse its motion in each period."""
+    """With full torque the motion of this joint would reverse in each period."""
     elbow = Elbow(mass=mass)
     for _ in range(40):
         elbow.push(0.3)
@@ -225,7 +226,8 @@ def test_a_reset_does_not_let_a_servo_start_where_frozen_data_says() -> None:
 
 
 def test_a_reset_does_not_let_a_reading_that_was_not_believed_count_as_new_later() -> None:
-    """The reading arrived while data was not trusted, and has repeated under new stamps since."""
+    """The reading arrived while the data were not trusted, and was repeated with new time stamps since
+    then."""
     elbow = Elbow()
     last = elbow.until_braked(30.0)
     jumped = replace(elbow.joints(), position=read_only(last.position - np.deg2rad(20.0)))
@@ -313,14 +315,14 @@ def test_a_long_silence_is_no_habit() -> None:
 
 
 def limiter() -> TorqueLimiter:
-    """Returns a limiter of servo 2 of the test robot, with limits of 5 N m, 40 rad/s2 and 2.7 rad/s."""
+    """Returns a limiter for servo 2 of the made robot, with limits of 5 N m, 40 rad/s2 and 2.7 rad/s."""
     made = TorqueLimiter(ROBOT, PERIOD, speed_share=0.9)
     made.set_servos([2])
     return made
 
 
 def states(angle: float, speed: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns angles, velocities, and mean speeds computed from angles."""
+    """Returns angles, velocities, and mean speeds that are computed from the angles."""
     position, velocity = np.zeros(6), np.zeros(6)
     position[2], velocity[2] = angle, speed
     return position, velocity, velocity
@@ -341,7 +343,7 @@ def test_a_torque_is_the_share_of_itself_that_its_data_is_trusted() -> None:
 
 
 def test_older_data_brakes_earlier_and_more_gently() -> None:
-    """It acts as if the joint were already where it will be when the torque takes effect."""
+    """The limiter uses the position that the joint will have when the torque takes effect."""
     near = LIMITS.upper - 0.12
     assert limiter().step(*states(near, 1.5)).tolist() == [0.0]
     assert limiter().step(*states(near, 1.5), age=0.03)[0] < -1.0
@@ -381,7 +383,8 @@ def test_between_two_steps_torques_stay_and_end_with_the_trust_in_their_data() -
 
 @pytest.mark.parametrize("seed", range(3))
 def test_late_readings_let_no_torque_pass_the_limit_of_speed(seed: int) -> None:
-    """iCub's torso gains 0.9 rad/s in the 20 ms for which readings are trusted, and may reach 1.05 rad/s."""
+    """iCub's torso gains 0.9 rad/s in the 20 ms for which a reading is trusted. Its speed limit is 1.05
+    rad/s."""
     loop = ClosedLoop(ICUB, seed, Mode.TORQUE)
     loop.begin("late", lasts=1.0, delay=0.02)
     for _ in range(500):
@@ -401,7 +404,7 @@ def test_a_torque_counts_with_the_speed_that_was_gained_since_the_reading(way: f
     assert abs(sent[-1]) < 4.0
     fresh = float(made.step(*states(0.5, 1.8 * way))[0])
     assert abs(fresh) > abs(sent[-1]), "one that is fresh shows what was gained"
-    for _ in range(12):  # opposite impulses are not credited: a heavier joint would have lost less speed
+    for _ in range(12):  # opposite impulses are not subtracted: a heavier joint would have lost less speed
         made.ask(np.array([2]), np.array([-5.0 * way]))
         turned = float(made.step(*states(0.5, 0.0), age=late)[0])
     assert turned * way < 0.0
@@ -426,7 +429,7 @@ def test_what_was_pushed_longer_ago_than_the_reading_shows_in_it() -> None:
 def test_a_joint_whose_angle_contradicts_its_velocity_is_not_braked(
     slope: float, braked: bool, way: float
 ) -> None:
-    """A velocity that is stuck or has the wrong sign would drive it."""
+    """With a velocity that is constant or has the wrong sign, braking would accelerate the joint."""
     made = limiter()
     position, velocity, told = states(0.5, way * 1.0)
     made.halt()
@@ -531,7 +534,7 @@ def test_24_from_outside_a_torque_leads_inward_slowly(angle: float) -> None:
 @pytest.mark.parametrize("fault", SPEEDS)
 @pytest.mark.parametrize("seed", range(2))
 def test_a_wrong_velocity_lets_no_joint_pass_its_limit_of_speed(fault: str, seed: int) -> None:
-    """iCub's torso accelerates fastest relative to its speed limit."""
+    """iCub's torso has the largest acceleration relative to its speed limit."""
     loop = ClosedLoop(ICUB, seed, Mode.TORQUE)
     loop.begin(fault, lasts=1.0)
     for _ in range(500):

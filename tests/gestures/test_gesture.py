@@ -1,4 +1,4 @@
-"""Gestures: files, and adaptation to another robot."""
+"""Gesture files, and the adaptation of gestures to another robot."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def test_numbers_of_a_gesture_are_read_as_strictly_as_those_of_a_robot(tmp_path:
     (tmp_path / "g.csv").write_text(f"time_s,a.b_deg\n0,1\n1,{word}\n")
     with pytest.raises(DescriptionError, match=r"line 3: \d values; valid: 2 numbers"):
         read_csv(tmp_path / "g.csv")
-    if word == word.strip():  # BVH separates its numbers by spaces
+    if word == word.strip():  # BVH separates numbers by spaces
         text = bvh(waving()[:3], rest=0.0)
         for place in ("0.000000000", "90.000000000", "0.05", "Frames: 3"):
             at = text.rindex(place)
@@ -102,7 +102,7 @@ def test_numbers_of_a_gesture_are_read_as_strictly_as_those_of_a_robot(tmp_path:
 
 
 def repeated(rows: list[str], size: int) -> str:
-    """Returns the rows repeated until they are `size` [bytes] long."""
+    """Returns the rows, repeated until they have `size` [bytes]."""
     block = "\n".join(rows) + "\n"
     return block * (size // len(block))
 
@@ -158,8 +158,8 @@ def test_motion_capture_that_is_not_whole_is_refused(tmp_path: Path, old: str, n
 
 
 def test_a_recording_is_in_the_torso_frame() -> None:
-    """Both arms move along equal paths in space, recorded on iCub, whose shoulders are yawed by 15
-    degrees."""
+    """The gesture was recorded on iCub, whose shoulders are yawed by 15 degrees. Both arms must move along
+    equal paths in space."""
     icub, nao = load_robot("icub"), load_robot("nao")
     gesture = Gesture(TIMES, {"left_arm": waving(), "right_arm": waving()})
     fitted = fit(icub, gesture)
@@ -178,7 +178,7 @@ def test_a_recording_is_in_the_torso_frame() -> None:
 
 
 def test_what_limits_take_off_is_told() -> None:
-    """An iCub's elbow can't extend beyond 15 degrees of flexion."""
+    """An iCub's elbow can't extend beyond a flexion of 15 degrees."""
     angles = waving()
     angles[:, 3] = np.deg2rad(5.0)
     fitted = fit(load_robot("icub"), Gesture(TIMES, {"left_arm": angles}))
@@ -213,16 +213,16 @@ def test_what_does_not_fit_is_refused() -> None:
 
 
 FILE_FROM_TORSO = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
-"""Axes of the BVH file below: x left, y up, z forward, as in most of these files."""
+"""Axes of the made BVH file: x left, y up, z forward, as in most BVH files."""
 
 
 @dataclass(frozen=True)
 class Convention:
-    """Names of an arm's joints in a maker's motion capture, and their axes."""
+    """Names and axes of an arm's joints in the motion capture of one manufacturer."""
 
     collar: str
     arm: tuple[str, str, str]
-    """Names with {side} for Left or Right, {s} for l or r."""
+    """Names of the joints; {side} stands for Left or Right, {s} for l or r."""
     order: str = "ZXY"
     places: bool = False
     """True if every joint has position channels, not only the root."""
@@ -243,9 +243,9 @@ RIGHT = "JOINT mixamorig:RightShoulder"
 
 
 def bvh(angles: Array, *, rest: float, convention: Convention = CONVENTIONS["Mixamo"]) -> str:
-    """Returns motion capture of a person with both arms at generic `angles` (k, 5) [rad].
+    """Returns motion capture of a person whose arms have the generic angles `angles` (k, 5) [rad].
 
-    In the rest pose the arms are `rest` [rad] from hanging.
+    In the rest pose the arms are raised by `rest` [rad] from hanging.
     """
     order = convention.order
     turning = " ".join(f"{axis}rotation" for axis in order)
@@ -294,7 +294,7 @@ def bvh(angles: Array, *, rest: float, convention: Convention = CONVENTIONS["Mix
 @pytest.mark.parametrize("rest", [0.0, np.pi / 2], ids=["arms hanging", "T-pose"])
 @pytest.mark.parametrize("convention", CONVENTIONS)
 def test_motion_capture_becomes_a_gesture(tmp_path: Path, rest: float, convention: str) -> None:
-    """The person leans and turns while waving; only the arms relative to the chest count."""
+    """The person leans and turns while waving. Only the motion of the arms relative to the chest is used."""
     angles = waving()
     (tmp_path / "wave.bvh").write_text(bvh(angles, rest=rest, convention=CONVENTIONS[convention]))
     gesture = read_bvh(tmp_path / "wave.bvh")
@@ -304,7 +304,8 @@ def test_motion_capture_becomes_a_gesture(tmp_path: Path, rest: float, conventio
 
 
 def test_a_rest_pose_before_the_motion_is_left_out(tmp_path: Path) -> None:
-    """CMU's motions begin with a T-pose that nobody could leave within the 50 ms to the next frame."""
+    """CMU's recordings begin with a T-pose. No person could move from this pose to the next frame within 50
+    ms."""
     angles = waving()
     angles[0] = [0.0, np.deg2rad(140.0), 0.0, 0.0, 0.0]
     (tmp_path / "wave.bvh").write_text(bvh(angles, rest=np.pi / 2))
@@ -314,7 +315,8 @@ def test_a_rest_pose_before_the_motion_is_left_out(tmp_path: Path) -> None:
 
 
 def test_a_motion_that_begins_with_straight_arms_to_the_sides(tmp_path: Path) -> None:
-    """Straight elbows do not show the rotation of the upper arms; thumbs are assumed to point forward."""
+    """Straight elbows do not show the rotation of the upper arms, so the thumbs are assumed to point
+    forward."""
     angles = np.zeros((21, 5))
     angles[:, 1] = np.linspace(np.pi / 2, 0.0, 21)
     (tmp_path / "lower.bvh").write_text(bvh(angles, rest=np.pi / 2))

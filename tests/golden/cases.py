@@ -1,10 +1,11 @@
 """Golden recordings: runs of an earlier version with their descriptions, which replay must reproduce.
 
-`python tests/golden/cases.py NAME...` records cases again ("all": all of them). That is right only for an
-intended change of behaviour, which the commit must mention. `... perceived NAME...` keeps the recordings with
-their decisions, and writes anew what is perceived in them.
+`python tests/golden/cases.py NAME...` records cases again ("all": all of them). Do this only after an
+intended change of behaviour, and mention the change in the commit message. `... perceived NAME...` keeps the
+recordings with their decisions, and computes their perceptions again.
 
-Most of them are of the paper's reflex, with the force of eq. 7; those named "total" are of the default one.
+Most cases use the paper's reflex with the force of equation 7. Cases with "total" in their name use the
+default measure of force.
 """
 
 from __future__ import annotations
@@ -42,12 +43,12 @@ FOLDER = Path(__file__).parent
 AT = 0.34
 """Time [s] of a fault, while the arm withdraws."""
 NOT_RECORDED = ("sigterm", "thread-fails", "link-lost", "wrong-type")
-"""Injectors without effect on these recordings: the end of a process, a thread or a connection, and text in
-place of numbers, which format 1 does not hold."""
+"""Injectors without effect on these recordings: the end of a process, a thread or a connection, and text
+instead of numbers, which format 1 can't contain."""
 
 
 def paper() -> tci.WithdrawalReflex:
-    """Returns the reflex with the force of eq. 7."""
+    """Returns the reflex of the paper, which uses the force of equation 7."""
     return tci.WithdrawalReflex(fields=tci.default_fields(measure="weighted"))
 
 
@@ -60,17 +61,17 @@ class Case:
     """One recorded run."""
 
     robot: str
-    """Path of its description, below `robots/`."""
+    """Path of the robot's description, below `robots/`."""
     capability: Callable[[], tci.Capability[Any]] = paper
     poke: Callable[[SimulatedDriver], None] | None = poke_forearm
     duration: float = 0.7
-    """Length [s]."""
+    """Duration [s]."""
     keep_alive: float | None = None
     """Longest time [s] between two frames of a patch that sends only changes; None if every frame is sent."""
     flicker: float = 0.0
     """Noise [counts] on all raw values, which are then sent as float64."""
     fault: str = ""
-    """Injector that starts at `AT`; empty for none."""
+    """Name of the injector that starts at `AT`; empty for none."""
 
 
 CASES: dict[str, Case] = {
@@ -96,8 +97,9 @@ CASES: dict[str, Case] = {
 
 @cache
 def described(robot: str) -> Robot:
-    """Returns the robot of a description that was recorded with, under its digest of then. Its files are
-    copied, because assumed limits have another origin there: `ours`, which the reader knows no more."""
+    """Returns the robot of a description that was used for a recording, with the digest of the original file.
+    The files are copied, because the recorded descriptions contain `origin="ours"`, which the reader no
+    longer accepts."""
     folder = Path(mkdtemp())
     atexit.register(shutil.rmtree, folder)
     shutil.copytree(FOLDER / "robots", folder, dirs_exist_ok=True)
@@ -133,7 +135,7 @@ def record(name: str) -> None:
 
 
 def replayed(name: str) -> list[Tick]:
-    """Returns the periods of a case, replayed."""
+    """Returns the periods of a case after replay."""
     case, ticks = CASES[name], list[Tick]()
     with ReplayDriver(described(case.robot), str(FOLDER / f"{name}.mcap")) as driver:
         run(driver, case.capability(), duration=case.duration, observe=ticks.append)
@@ -141,7 +143,8 @@ def replayed(name: str) -> list[Tick]:
 
 
 def perceived(ticks: Iterable[Tick]) -> dict[str, np.ndarray[Any, Any]]:
-    """Returns the numbers of all perceptions of a run, by name: one row per period, and one per contact."""
+    """Returns the numeric values of all perceptions of a run, by name: one row per period, and one row per
+    contact."""
     periods, contacts = [], []
     for tick in ticks:
         perception = tick.perception

@@ -1,4 +1,4 @@
-"""Recordings of an earlier version replay to equal perceptions and decisions."""
+"""Recordings of an earlier version are replayed, and the perceptions and decisions are equal."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from tci.recording.schemas import DECISION, TEXTS, decision_bytes
 from tci.rosmsg.cdr import decode
 
 ROUNDING = 1e-9
-"""Largest relative difference [1], and absolute [rad, N, m]: processors round sums and sines differently, and
-the gate's motion accumulates that from period to period."""
+"""Largest relative difference [1], and largest absolute difference [rad, N, m]. Processors round sums and
+sines differently, and these differences accumulate in the gate's motion from period to period."""
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -32,8 +32,8 @@ def test_a_recording_replays_to_the_same_numbers(name: str) -> None:
 
 
 def same_decision(a: dict[str, Any], b: dict[str, Any], now: float) -> None:
-    """Asserts that two decisions send equal numbers in equal modes, both with a reason or both without: the
-    wording of texts may change, their presence may not."""
+    """Asserts that two decisions send equal numbers in equal modes, and that both have a reason or neither
+    has one. The wording of the reason may differ."""
     assert a.keys() == b.keys() | {"codes"}  # format 1 has none
     assert len(a["codes"]) == 1 + len(a["refusals"])
     assert (a["codes"][0] != NO_REASON) == bool(a["reason"])
@@ -50,8 +50,8 @@ def same_decision(a: dict[str, Any], b: dict[str, Any], now: float) -> None:
 
 
 def test_the_recordings_hold_what_they_are_for() -> None:
-    """Every recording of a touch has contacts and commands, and every fault is injected while the robot
-    moves."""
+    """Every recording of a touch must contain contacts and commands, and every fault must begin while the
+    robot moves."""
     for name, case in CASES.items():
         contacts = np.load(FOLDER / f"{name}.npz")["contacts"]
         commands = sum(len(tick.commands) for tick in Recording(FOLDER / f"{name}.mcap").ticks())

@@ -1,4 +1,4 @@
-"""A G1 as it is sold, whose arms feel touches through their joints, and pushes on it."""
+"""A G1 without skin, whose arms sense touches through their joints, and pushes on this robot."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FOREARM, UPPER_ARM = f"{ARM}"[:-4] + "_forearm", f"{ARM}"[:-4] + "_upper_arm"
 
 
 def without_skin(robot: Robot, part: str) -> Robot:
-    """Returns a robot whose only surfaces are those of a part, felt through joints."""
+    """Returns a robot whose only surfaces are those of one part, sensed through the joints."""
     worn = [patch for patch in robot.patches if patch.part == part]
     felt = [patch.model_copy(update={"sensor": THROUGH_JOINTS}) for patch in worn]
     return robot.model_copy(update={"patches": tuple(felt)})
@@ -28,15 +28,16 @@ def without_skin(robot: Robot, part: str) -> Robot:
 
 @cache
 def bare_body() -> GenericBody:
-    """Returns a G1 with one arm that feels through its joints, half of whose friction is known."""
+    """Returns a G1 with one arm that senses touches through its joints. Half of the joint friction is
+    known."""
     robot = without_skin(tci.load_robot("g1"), ARM)
     return GenericBody(robot, BodySettings(joint_calibration=calibration(robot)))
 
 
 @cache
 def answered_places(patch: str) -> tuple[int, ...]:
-    """Returns the places of a patch at which the withdrawal reflex answers a touch on skin, with at least a
-    third of its motion."""
+    """Returns the places of a patch at which the withdrawal reflex responds to a touch on skin with at least
+    a third of its motion."""
     body, reflex = bare_body(), WithdrawalReflex()
     position = initial_position(body.robot)
     poses = body.skin.kinematics.pose_array(position, body.layout.links)
@@ -61,8 +62,8 @@ def random_push(
     end: float,
     places: Sequence[int] = (),
 ) -> Push:
-    """Returns a push at one of some places of a patch, by default at any of them, up to 15 degrees from the
-    inward normal."""
+    """Returns a push at a random place of a patch (or at one of the given places), in a direction up to 15
+    degrees from the inward normal."""
     body = bare_body()
     surface = body.skin.surfaces[patch]
     place = random.choice(places or len(surface.positions))

@@ -1,4 +1,5 @@
-"""A plant that the observer does not know: an arm with other masses, friction, noise, and a push on it."""
+"""A simulated arm with masses and friction that differ from the observer's model, with noise, and a push on
+this arm."""
 
 from __future__ import annotations
 
@@ -17,20 +18,21 @@ from tci.robot.model_file import load_spec
 ARM = "left_arm"
 STEP, PERIOD = 0.001, 0.002
 COULOMB, VISCOUS, ROTOR = 0.012, 0.004, 0.0004
-"""Dry friction [N m], viscous friction [N m s/rad] and rotor [kg m2] per N m of a joint's torque limit."""
+"""For each joint, relative to its torque limit [N m]: dry friction [N m], viscous friction [N m s/rad] and
+rotor inertia [kg m2]."""
 STIFFNESS, DAMPING = 8.0, 0.2
-"""Gains [1/rad] and [s/rad] of the position control per N m of a joint's torque limit: of a G1's arm 200 and
-5, between its teleoperation's 80 and 300."""
+"""Gains [1/rad] and [s/rad] of the position control, relative to a joint's torque limit [N m]. For a G1's arm
+they are 200 and 5. G1's teleoperation uses 80 to 300."""
 KNOWN = 0.5
-"""Fraction of the friction that the calibration knows."""
+"""Fraction of the friction that the calibration contains."""
 WRONG = 0.1
-"""Relative error of the masses, and of the rotors."""
+"""Relative error of the masses and of the rotor inertias."""
 NOISE, SPEED_NOISE = 0.008, 0.005
-"""Noise of reported torques, as a fraction of their limit, and of reported speeds [rad/s]."""
+"""Noise of reported torques, as a fraction of the torque limit, and noise of reported speeds [rad/s]."""
 
 
 def calibration(robot: Robot) -> JointCalibration:
-    """Returns what an identification has found: half of the friction, and the rotors."""
+    """Returns the result of an identification: half of the friction, and the rotor inertias."""
     friction = {}
     for servo in robot.servos:
         size = servo.limits.torque or 25.0
@@ -46,19 +48,19 @@ class Push:
 
     link: str
     point: Array
-    """Place (3,) [m] in the link."""
+    """Position (3,) [m] of the point in the link."""
     force: Array
-    """Force (3,) [N] in the link."""
+    """Force (3,) [N] in the frame of the link."""
     begin: float
     end: float
 
     def size(self, time: float) -> float:
-        """Returns the fraction (0..1) of the force at a time [s]: it rises within 50 ms."""
+        """Returns the fraction (0..1) of the force that acts at a time [s]. The force rises within 50 ms."""
         return float(np.clip((time - self.begin) / 0.05, 0.0, 1.0)) if time < self.end else 0.0
 
 
 class Plant:
-    """One arm that follows targets, with springs and dampers like those of a G1's motors."""
+    """One arm that follows targets with springs and dampers, like the motors of a G1."""
 
     def __init__(self, robot: Robot, seed: int, *, amplitude: float = 0.5, hertz: float = 0.5) -> None:
         self.robot = robot
@@ -77,7 +79,7 @@ class Plant:
         self.model = spec.compile()
         signs = self.random.choice([-1.0, 1.0], self.model.nbody)
         if seed % 2:
-            signs[:] = signs[0]  # all links are too heavy, or all too light
+            signs[:] = signs[0]  # either all links are too heavy, or all links are too light
         factor = 1.0 + WRONG * signs
         self.servos = np.array([arm[self.model.joint(j).name].index for j in range(self.model.njnt)])
         self.limit = np.array([robot.servos[s].limits.torque for s in self.servos], dtype=float)
@@ -107,12 +109,12 @@ class Plant:
         mujoco.mj_forward(self.model, self.data)
 
     def reference(self, time: float) -> Array:
-        """Returns the angles (k,) [rad] of the arm's own motion."""
+        """Returns the angles (k,) [rad] of the arm's undisturbed motion."""
         return self.centre + self.amplitude * np.sin(2.0 * np.pi * self.hertz * time + self.phase)
 
     def step(self, push: Push | None = None, *, target: Array | None = None) -> JointReading:
-        """Moves by one control period, towards `target` (k,) [rad], by default the reference; returns what
-        the robot reports."""
+        """Simulates one control period towards `target` (k,) [rad], by default the undisturbed motion.
+        Returns the readings of the robot."""
         model, data = self.model, self.data
         before, self.target = self.target, self.reference(self.time + PERIOD) if target is None else target
         speed = (self.target - before) / PERIOD
@@ -146,7 +148,7 @@ class Plant:
         )
 
     def _weight_by_the_model(self) -> Array:
-        """Returns the torques (k,) [N m] that hold the weight that the controller knows."""
+        """Returns the torques (k,) [N m] that hold the weight in the controller's model."""
         model, held = self.model, np.zeros(self.model.nv)
         self.nominal.qpos[:] = self.data.qpos
         model.body_mass[:] = self.nominal_masses

@@ -1,4 +1,5 @@
-"""Contacts felt through joints, on a plant with wrong masses and unknown friction, and beside skin."""
+"""Contacts that are estimated from joint torques, on a simulated arm with wrong masses and unknown friction,
+and together with skin."""
 
 from __future__ import annotations
 
@@ -62,7 +63,7 @@ def test_an_arm_that_withdraws_from_a_poke_is_not_felt_to_be_touched_by_its_own_
 
 
 def in_motion(robot_body: GenericBody, push: Push, until: float, seed: int = 4) -> list[Perception]:
-    """Returns what is perceived of a push on a plant."""
+    """Returns the perceptions of a push on a simulated arm in motion."""
     plant, perceiver, seen = Plant(robot_body.robot, seed), Perceiver(robot_body), []
     while plant.time < until:
         joints = plant.step(push)
@@ -123,7 +124,8 @@ def test_a_reading_that_repeats_changes_nothing() -> None:
 
 
 def test_a_robot_that_leans_feels_no_touch_if_it_reports_its_gravity() -> None:
-    """Without, its own weight is a push on its arm."""
+    """If the gravity direction were not reported, the robot's own weight would be estimated as a push on its
+    arm."""
     body, count = bare_body(), len(bare_body().robot.servos)
     here = np.array(initial_position(body.robot))
     leaning = STANDARD_GRAVITY * np.array([np.sin(0.5), 0.0, -np.cos(0.5)])
@@ -146,7 +148,7 @@ def test_without_torques_nothing_is_felt() -> None:
 
 
 def both(robot: Robot) -> Robot:
-    """Returns a robot whose arm wears its skin, under which it also feels through its joints."""
+    """Returns a robot whose arm has skin and also senses touches through its joints."""
     bare = without_skin(robot, ARM)
     felt = [patch.model_copy(update={"name": f"{patch.name}_joints"}) for patch in bare.patches]
     worn = [patch for patch in robot.patches if patch.part == ARM]
@@ -154,7 +156,7 @@ def both(robot: Robot) -> Robot:
 
 
 def test_skin_tells_where_and_joints_tell_how_much() -> None:
-    """The skin measures 40 % of the force, at the right place: the joints correct it."""
+    """The skin measures 40 % of the force at the correct place. The joint torques correct the force."""
     calibration = bare_body().settings.joint_calibration
     body = GenericBody(both(tci.load_robot("g1")), BodySettings(joint_calibration=calibration))
     patch, surface = body.robot.patch(FOREARM), body.skin.surfaces[FOREARM]

@@ -1,4 +1,5 @@
-"""Friction of joints, by two slow sweeps: on a plant with wrong masses, and over the simulated driver."""
+"""Identification of joint friction by two slow sweeps, on a simulated arm with wrong masses and over the
+simulated driver."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ from tci.robot.json_file import read_json, write_json
 
 
 def swept(plant: Plant, joint: int) -> list[JointReading]:
-    """Returns the steady readings of two sweeps of a plant's joint."""
+    """Returns the steady readings of two sweeps of one joint of a simulated arm."""
     seen, home = [], plant.target.copy()
     for _ in range(200):
         plant.step(target=home)
@@ -47,7 +48,7 @@ def test_two_slow_sweeps_find_friction_although_masses_are_wrong(joint: int) -> 
 
 
 def test_the_friction_of_simulated_joints_is_written_beside_what_was_known(tmp_path: Path) -> None:
-    """Simulated joints have none. What the robot's own file says of rotors is kept."""
+    """Simulated joints have no friction. The rotor inertias in the robot's file are kept."""
     source = tmp_path / "bare.xml"
     for file in Path(tci.load_robot("g1-bare").source).parent.glob("*.xml"):
         (tmp_path / file.name).write_text(file.read_text())

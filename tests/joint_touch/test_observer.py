@@ -1,4 +1,5 @@
-"""The momentum observer: external torques of an arm whose model, friction and tools are known or are not."""
+"""The momentum observer estimates external torques of an arm, with known and with unknown model, friction and
+tools."""
 
 from __future__ import annotations
 
@@ -30,8 +31,8 @@ HAND = "left_wrist_yaw_link"
 
 
 def exact_motion(dynamics: Dynamics, outside: Array, seconds: float = 0.5) -> list[JointReading]:
-    """Returns readings of an arm that moves by sines; torques by Lagrange's equations in finite differences,
-    less the torque from `outside` (n,) [N m]."""
+    """Returns readings of an arm with sinusoidal motion. The torques are computed from Lagrange's equations
+    with finite differences, minus the external torque `outside` (n,) [N m]."""
     amplitude = np.zeros(COUNT)
     amplitude[ARM_SERVOS] = 0.4
     phase = np.arange(COUNT)
@@ -73,7 +74,8 @@ def test_a_moving_arm_without_errors_has_no_residual_and_a_push_is_a_first_order
         residuals = np.array([one.torque[ARM_SERVOS] for one in found[1:] if one is not None])
         wanted = np.zeros(residuals.shape)
         wanted[:, 3] = torque * (1.0 - np.exp(-50.0 * PERIOD * np.arange(1, len(wanted) + 1)))
-        np.testing.assert_allclose(residuals, wanted, atol=0.06)  # Mdot by difference lags half a period
+        # a difference quotient of the mass matrix has a delay of half a period
+        np.testing.assert_allclose(residuals, wanted, atol=0.06)
         assert abs(residuals[-1, 3] - torque) < 0.04
 
 
@@ -98,7 +100,8 @@ def test_gravity_minus_the_acceleration_of_the_base_holds_the_links() -> None:
     position = np.linspace(-0.3, 0.3, COUNT)
     dynamics, still = Dynamics(ROBOT, NONE), np.zeros(COUNT)
     np.testing.assert_allclose(dynamics.at(position, still)[1], Gravity(ROBOT).torques(position), atol=1e-9)
-    position[[servo.index for servo in ROBOT.servos_of("torso")]] = 0.0  # the torso is parallel to the root
+    # the frame of the torso is parallel to that of the root
+    position[[servo.index for servo in ROBOT.servos_of("torso")]] = 0.0
     leaning = np.array([3.0, 0.0, -9.0])
     wanted = Gravity(ROBOT).torques(position, down=leaning) * np.linalg.norm(leaning) / STANDARD_GRAVITY
     np.testing.assert_allclose(dynamics.at(position, still, leaning)[1], wanted, atol=1e-9)

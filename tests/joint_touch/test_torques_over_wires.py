@@ -1,4 +1,5 @@
-"""Torques of joints as drivers carry them: a joint that reports none is NaN, and the others still count."""
+"""Joint torques as drivers transport them. The torque of a joint that reports none is NaN, and the other
+torques are used."""
 
 from __future__ import annotations
 
@@ -46,7 +47,7 @@ def imu(frame: str, acceleration: tuple[float, float, float], second: int) -> di
 def test_an_imu_of_ros_in_any_link_tells_the_gravity_of_the_root() -> None:
     waist = NAMES.index("waist_yaw_joint")
     position = np.zeros(COUNT)
-    position[waist] = np.pi / 2  # the torso looks to the left
+    position[waist] = np.pi / 2  # the torso is turned to the left
     joints = JointReading(5.0, 1, read_only(position), read_only(np.zeros(COUNT)), read_only(np.ones(COUNT)))
     imus = ImuArrivals(ROBOT)
     assert imus.complete(joints) is joints  # a robot without one
@@ -58,7 +59,8 @@ def test_an_imu_of_ros_in_any_link_tells_the_gravity_of_the_root() -> None:
     imus.receive(imu("", (1.0, 0.0, 9.5), 6), 6.0)
     np.testing.assert_allclose(np.asarray(imus.complete(joints).gravity), (-1.0, 0.0, -9.5))
     late = JointReading(6.2, 2, joints.position, joints.velocity, joints.torque)
-    assert imus.complete(late).torque is None  # the weight that they hold is unknown
+    # the gravity direction is too old, so the torques that hold the weight are unknown
+    assert imus.complete(late).torque is None
     with pytest.raises(FrameError, match="the frame 'gyro'; valid: a link of the model, such as pelvis"):
         imus.receive(imu("gyro", (1.0, 0.0, 9.5), 7), 7.0)
     with pytest.raises(FrameError, match="no acceleration"):

@@ -1,4 +1,4 @@
-"""Trials of touch without skin: pushes on a moving arm, and motion without any."""
+"""Trials of touch without skin: pushes on a moving arm, and motion without a push."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from tci.messages import Contact, Reading
 
 NEWTON = 15.0
 BEGIN, LOOKED_AT, END = 0.3, 0.5, 0.6
-"""Times [s] at which the push begins, the estimate is judged, and the push ends."""
+"""Times [s] at which the push begins, at which the estimate is judged, and at which the push ends."""
 ANSWERED, MOVED, AWAY = 0.5, 0.4, 0.002
-"""Longest time [s] from a push to the answer, time [s] from there in which the arm must have moved, and its
-least displacement [m] along the push."""
+"""Longest time [s] from a push to the response, time [s] after the response within which the arm must have
+moved, and least displacement [m] along the push."""
 
 
 @dataclass(frozen=True)
 class Felt:
-    """A push, and the contact that was felt 0.2 s after its begin."""
+    """A push, and the contact that was estimated 0.2 s after the push began."""
 
     patch: str
     """Patch that was pushed."""
@@ -34,29 +34,30 @@ class Felt:
 
     @property
     def right(self) -> bool:
-        """True if it was felt on the segment that was pushed."""
+        """True if the contact was estimated on the segment that was pushed."""
         return self.contact is not None and self.contact.patch == self.patch
 
     @property
     def error(self) -> float:
-        """Distance [m] of the estimated from the true place; infinite on another segment or if not felt."""
+        """Distance [m] between the estimated and the true place; infinite if the segment is wrong or there is
+        no contact."""
         if self.contact is None or not self.right:
             return float("inf")
         return float(np.linalg.norm(self.contact.p_L - self.push.point))
 
     @property
     def force_error(self) -> float:
-        """Relative error of the force; 1 if it was not felt."""
+        """Relative error of the force; 1 if there is no contact."""
         return 1.0 if self.contact is None else abs(self.contact.force / NEWTON - 1.0)
 
     @property
     def certainty(self) -> float:
-        """Certainty of the contact; 0 if it was not felt."""
+        """Certainty of the contact; 0 if there is no contact."""
         return 0.0 if self.contact is None else self.contact.certainty
 
 
 def pushed(patch: str, seed: int) -> Felt:
-    """Pushes a random place of a moving arm with `NEWTON`."""
+    """Pushes a random place of a moving arm with the force `NEWTON`."""
     body = bare_body()
     plant, perceiver = Plant(body.robot, seed), Perceiver(body)
     push = random_push(patch, np.random.default_rng([seed, 1]), newton=NEWTON, begin=BEGIN, end=END)
@@ -68,7 +69,7 @@ def pushed(patch: str, seed: int) -> Felt:
 
 
 def untouched(seed: int, seconds: float) -> tuple[int, float]:
-    """Moves an arm that nobody touches.
+    """Moves an arm without any touch.
 
     Returns the number of contacts, and the processor time [s] within which 99 % of the perceptions were made.
     """
@@ -86,10 +87,11 @@ def untouched(seed: int, seconds: float) -> tuple[int, float]:
 
 
 def withdrawn(patch: str, seed: int) -> tuple[bool, bool]:
-    """Pushes a moving arm in a receptive field of the withdrawal reflex, whose commands pass the gate.
+    """Pushes a moving arm in a receptive field of the withdrawal reflex, whose commands pass through the
+    gate.
 
-    Returns whether it answered within `ANSWERED`, and whether the place that was pushed then moved away along
-    the push: by `AWAY` more than on an arm that only stops, which the push displaces too.
+    Returns two truth values: if the reflex responded within `ANSWERED`, and if the pushed place then moved by
+    at least `AWAY` farther along the push than on an arm that only stops, which the push also displaces.
     """
     random = np.random.default_rng([seed, 3])
     end, places = BEGIN + ANSWERED + MOVED, answered_places(patch)
@@ -99,9 +101,9 @@ def withdrawn(patch: str, seed: int) -> tuple[bool, bool]:
 
 
 def _displaced(seed: int, push: Push, *, withdraws: bool = False) -> float | None:
-    """Returns the displacement [m] along the push in the time `MOVED` after the reflex answered.
+    """Returns the displacement [m] along the push within `MOVED` after the reflex responded.
 
-    Without `withdraws` the arm stops then. Returns None if the reflex did not answer.
+    Without `withdraws`, the arm stops at this time. Returns None if the reflex did not respond.
     """
     body, reflex = bare_body(), WithdrawalReflex()
     plant, perceiver = Plant(body.robot, seed), Perceiver(body)

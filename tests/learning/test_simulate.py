@@ -1,4 +1,4 @@
-"""Worlds share nothing: their distribution over processes does not change the results."""
+"""Simulated worlds are independent: the distribution of worlds over processes does not change the results."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_cores_do_not_matter_and_seeds_do() -> None:
         np.testing.assert_array_equal(a.positions, b.positions)
     assert [run.world for run in one] == [0, 1, 2, 3]
     assert len({(run.part, run.site, run.first_contact) for run in one}) > 1
-    # Only its number defines a world: the second of seed 0 is the first of seed 1.
+    # A world is defined only by its number: the second world with seed 0 equals the first world with seed 1.
     (alone,) = tci.simulate("nao", worlds=1, duration=0.3, noise=0.5, seed=1)
     np.testing.assert_array_equal(alone.positions, one[1].positions)
 

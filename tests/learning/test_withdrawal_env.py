@@ -1,4 +1,4 @@
-"""The environment satisfies Gymnasium's contract, and its rewards are as documented."""
+"""The environment fulfils Gymnasium's contract, and its rewards are as documented."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def stay(observation: dict[str, np.ndarray]) -> np.ndarray:
 
 
 class Withdraw:
-    """The reflex as a policy: the first contact decides the direction."""
+    """The reflex as a policy: the first contact determines the direction."""
 
     def __init__(self) -> None:
         self.motion = np.zeros(5)
@@ -141,7 +141,7 @@ def test_noise_is_another_in_each_episode_and_the_same_for_a_seed() -> None:
 
 
 def test_a_period_that_the_robot_can_not_keep_is_a_longer_one() -> None:
-    """Velocity and reward refer to the time that passed: commands come every 2 ms."""
+    """Commands are sent every 2 ms. Velocity and reward refer to the time that really passed."""
     env = WithdrawalEnv(period=0.003, rate=500.0)
     assert env.metadata["render_fps"] == 333
     observation, _ = env.reset(seed=1)

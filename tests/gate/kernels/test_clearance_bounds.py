@@ -1,4 +1,4 @@
-"""The compiled bounds on distances hold for MuJoCo's kinematics and distances."""
+"""The compiled bounds on distances are valid for MuJoCo's kinematics and distances."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ bound = njit(lambda shapes, points, frames, pairs, axis, p: at_least(shapes, poi
 
 
 class Side:
-    """A robot's solids, and MuJoCo's own model of them."""
+    """The solids of a robot, and MuJoCo's model of the robot."""
 
     def __init__(self, name: str) -> None:
         self.robot = load_robot(name)
@@ -40,7 +40,7 @@ class Side:
         stand(self.arrays, angles, self.frames, self.data.geom_xpos, self.data.geom_xmat, s.geoms)
 
     def measure(self, pair: int) -> tuple[float, Array]:
-        """Returns the distance [m] of a pair, and the vector from one geom to the other."""
+        """Returns the distance [m] between two geoms, and the vector from one to the other."""
         segment, (one, other) = np.zeros(6), self.clearance.pairs[pair].tolist()
         found = mujoco.mj_geomDistance(self.clearance.model, self.data, one, other, 10.0, segment)
         return found, segment[3:] - segment[:3]
@@ -119,8 +119,8 @@ OVAL = """
 
 
 def test_a_joint_through_the_middle_of_an_oval_shape_turns_it(tmp_path: Path) -> None:
-    """The forearm is 20 mm thick in one direction and 120 mm in the other; its centre lies on its axis of
-    yaw."""
+    """The forearm is 20 mm thick in one direction and 120 mm in the other direction. Its centre lies on its
+    yaw axis."""
     path = tmp_path / "oval.xml"
     path.write_text(OVAL)
     servos = [

@@ -1,4 +1,4 @@
-"""The compiled checks of servos' motion equal plain rules in NumPy."""
+"""The compiled checks of servo motion give the same results as simple rules in NumPy."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def oracle(
     judged: Array, now: Array, before: Array, position: Array, velocity: Array, stamp: float, elapsed: float,
     memory: Array,
 ) -> tuple[int, int]:  # fmt: skip
-    """Returns the fault and its servo, for servos that are all under command."""
+    """Returns the fault and the servo with the fault, for servos that are all commanded."""
     following, lag, patience, opposing, least, repeat, travel = SETTINGS
     error = np.abs(position - now)
     lasted = since(memory[0], judged & (error > following + lag * np.abs(velocity)), stamp)
@@ -75,14 +75,14 @@ def test_it_finds_what_numpy_finds(seed: int) -> None:
 TOLD = np.array([*SETTINGS, 0.5, 0.3])
 LIMITS = np.array([[2.0] * 6, [10.0] * 6])
 Readings = tuple[Array, Array, Array, Array]
-"""Angles now and before [rad], speeds now and before [rad/s]."""
+"""Present and previous angles [rad], present and previous speeds [rad/s]."""
 
 
 def velocity_oracle(
     judged: Array, loose: Array, readings: Readings, torque: Array, stamp: float, elapsed: float,
     memory: Array,
 ) -> tuple[int, int]:  # fmt: skip
-    """Returns the fault and its servo, for servos that are all under command."""
+    """Returns the fault and the servo with the fault, for servos that are all commanded."""
     following, lag, _, _, least, _, travel, forgets, push = TOLD
     now, before, speed, speed_before = readings
     mean, change = 0.5 * (speed + speed_before), now - before

@@ -1,4 +1,4 @@
-"""Planned stops, against those of ruckig in velocity control, and what they pass through."""
+"""Planned stops and the ranges of angles on their paths equal those of ruckig in velocity control."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ NO_COUPLING = np.zeros((0, COUNT)), np.zeros(0), np.zeros(0)
 def planned(
     state: Array, here: Array, lower: Array, upper: Array, jerk: Array, *, most: float = 60.0
 ) -> tuple[Array, bool, bool, float]:
-    """A stop without couplings: its rows; truths: it stays inside, it starts outside; its duration."""
+    """Returns a planned stop without couplings: its rows, True if it stays inside the bounds, True if it
+    starts outside, and its duration [s]."""
     limits = np.array([lower, upper, np.full(len(here), most), jerk])
     stop = np.empty((at.STOP_ROWS, len(here)))
     inside, keeps, outside, duration = plan_stop(
@@ -35,8 +36,8 @@ def test_a_stop_is_the_one_that_ruckig_plans_and_its_span_is_what_it_passes_thro
     turned = outside = plateaus = 0
     for case in range(600):
         start = random.normal(size=(3, COUNT)) * [[1.0], [1.0], [15.0]]
-        start[1:] *= random.random((2, COUNT)) < 0.9  # some rest, or keep their velocity
-        most = 60.0 if case % 2 else 9.0  # less than some accelerations at the start
+        start[1:] *= random.random((2, COUNT)) < 0.9  # some servos are at rest, or have a constant velocity
+        most = 60.0 if case % 2 else 9.0  # 9 is less than some accelerations at the start
         jerk = random.uniform(100.0, 1000.0, COUNT)
         plan.current_position, plan.current_velocity, plan.current_acceleration = start.tolist()
         plan.max_velocity, plan.max_acceleration, plan.max_jerk = [9.0] * COUNT, [most] * COUNT, jerk.tolist()
@@ -79,16 +80,16 @@ def test_who_begins_outside_may_stay_there_and_a_number_that_is_none_never_may()
 
 def test_what_came_inside_does_not_leave_again() -> None:
     jerk, lower, upper = np.array([100.0]), np.array([-1.0]), np.array([1.0])
-    # It begins outside, is taken inside by its speed, and its acceleration brings it back out.
+    # This stop starts outside, its speed takes it inside, and its acceleration takes it outside again.
     here, start = np.array([1.01]), np.array([[1.005], [-0.3], [9.0]])
     stop, inside, _, _ = planned(start, here, lower, upper, jerk)
     assert stop[at.LEAST, 0] < 1.0 < stop[at.END, 0] < here[0]
     assert not inside
-    # One that comes inside and stays there may.
+    # A stop that moves inside and stays there is permitted.
     stop, inside, _, _ = planned(np.array([[1.005], [-0.3], [0.0]]), here, lower, upper, jerk)
     assert stop[at.END, 0] < 1.0
     assert inside
-    # One that stays outside may turn back on its way, no farther than it was.
+    # A stop that remains outside may turn outwards again, but no farther than the joint was before.
     start = np.array([[1.005], [-0.01], [2.0]])
     stop, inside, _, _ = planned(start, np.array([1.05]), lower, upper, jerk)
     assert 1.0 < stop[at.LEAST, 0] < 1.005 < stop[at.END, 0]

@@ -1,4 +1,4 @@
-"""The compiled checks of a command's targets equal those in NumPy and Python."""
+"""The compiled checks of a command's targets give the same results as checks in NumPy and Python."""
 
 from __future__ import annotations
 

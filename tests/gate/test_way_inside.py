@@ -11,7 +11,7 @@ from tci.frames import Array
 from tci.gate.bounds import bounds_of
 from tci.gate.stop_plan import StopTrajectory
 from tci.gate.trajectory import OnlineTrajectory
-from tci.gate.way_inside import CREEP, QUICK, SAGS
+from tci.gate.way_inside import CREEP, OUTSIDE, QUICK, SAGS
 from tci.messages import Mode, PlatformSwitch
 from tci.reasons import Code, Reason
 
@@ -89,7 +89,8 @@ def test_a_way_inside_that_a_coupling_refuses_lets_the_others_keep_their_velocit
     bounds, _ = bounds_of(robot.model_copy(update={"couplings": (tight,)}), [0, 1, 2], speed_share=1.0)
     trajectory = OnlineTrajectory(bounds, np.array([-1.0 - OUT, -0.6, 0.0]), PERIOD)
     trajectory.drive_at([0, 2], np.array([0.0, 0.2]))
-    path, _ = go(trajectory, 1.0)
+    path, told = go(trajectory, 1.0)
+    assert told[:1] == [OUTSIDE]
     assert path[-1, 2] > 0.15
     assert (path[:, 0] - path[:, 1]).max() <= -0.5 + 1e-9
 

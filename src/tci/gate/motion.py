@@ -171,7 +171,7 @@ class Motion:
                 near.append(replace(ended, text=f"stopped on the way: {ended}"))
         if self._torque.servos.size:
             self._torque.relax(np.flatnonzero(now - self._fed > longest))
-        self._tally.near_misses += len(near)
+        self._tally.near_misses += sum(reason.code is Code.SELF_COLLISION for reason in near)
         return near
 
     def torques(self, now: float, *, due: bool) -> Array:

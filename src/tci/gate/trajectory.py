@@ -21,7 +21,7 @@ from tci.frames import Array
 from tci.gate.bounds import MARGIN, Bounds
 from tci.gate.kernels.targets import straight_limits
 from tci.gate.stop_plan import StopPlanner, StopTrajectory
-from tci.gate.way_inside import creeping, was_there
+from tci.gate.way_inside import OUTSIDE, creeping, was_there
 from tci.reasons import Reason
 
 LEAST_SHARE = 1e-6
@@ -229,7 +229,7 @@ class OnlineTrajectory:
             taken, again = self._try()
             if taken and not np.any(self._state[0] != here):  # the others rest
                 self._return_inside()
-            fault = fault or again
+            fault = fault or again or (OUTSIDE if taken else None)
         if fault:
             self.ended = None if self._refused else fault
         self._refused = fault is not None

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from tci.frames import Array
+from tci.reasons import Code, Reason
 
 CREEP = 0.1
 """Speed at which a servo outside its limits moves inward, as a fraction of its speed limit. Assumed: slow
@@ -17,6 +18,8 @@ SAGS = float(np.deg2rad(0.5))
 """Largest angle [rad] by which a reference may lie inside the angle at which its servo was found, to lead a
 servo that has sagged back to this angle. Assumed: a usual deviation of servos. At the length of an arm, this
 angle is a distance below the margin of the check for self-collision, which covers such deviations."""
+OUTSIDE = Reason(Code.LIMITS_EXCEEDED, "a joint outside its limits can't move inward now")
+"""Reason that is reported if the bounds refuse the way inside, such as a coupling."""
 STILL = 1e-9
 """Angle [rad] below which a motion is a rounding error."""
 

@@ -56,11 +56,21 @@ def pressed(tmp_path: Path) -> Path:
     return path
 
 
+def test_a_file_that_is_no_text_is_told_what_can_be_imported(tmp_path: Path) -> None:
+    """An array of NumPy was taken for a damaged contact list."""
+    np.save(tmp_path / "p.npy", np.zeros((5, 240)))
+    (tmp_path / "p.h5").write_bytes(b"\x89HDF\r\n\x1a\n\0\0\0\0" + bytes(80))
+    for name in ("p.npy", "p.h5"):
+        told = tci("log", "import", str(tmp_path / name), str(tmp_path / "a.mcap"), "nao", status=1)
+        assert f"{name} is no text" in told
+        assert ".npz, .mat or .csv" in told
+    assert not (tmp_path / "a.mcap").exists()
+
+
 def test_a_raw_log_imported_with_a_robot_is_plotted_and_replayed(pressed: Path, tmp_path: Path) -> None:
     recording = str(tmp_path / "palm.mcap")
-    words = ["log", "import", str(pressed), recording, "--patch", "left_forearm", "--json"]
-    assert "two robots, icub and --robot nao" in tci(*words, "icub", "--robot", "nao", status=1)
-    assert json.loads(tci(*words, "--robot", "nao"))["frames"] == 400
+    told = tci("log", "import", str(pressed), recording, "nao", "--patch", "left_forearm", "--json")
+    assert json.loads(told)["frames"] == 400
     plotted = json.loads(tci("plot", recording, "--json"))
     (touch,) = plotted["touches"]
     assert (touch["part"], touch["patch"]) == ("left_arm", "left_forearm")

@@ -31,10 +31,6 @@ def import_(
             autocompletion=completion.robots,
         ),
     ] = None,
-    named: Annotated[
-        str | None,
-        typer.Option("--robot", help="ROBOT, as an option.", autocompletion=completion.robots),
-    ] = None,
     patch: Annotated[
         str, typer.Option(help="For a log of raw values: patch of skin that they are of.")
     ] = "skin",
@@ -53,7 +49,7 @@ def import_(
 ) -> None:  # fmt: skip
     """Convert a log of YARP's yarpdatadumper, a ROS bag (extra ros2) or arrays of taxels to a recording.
 
-    Example:  tci log import data.log foot.mcap --robot icub-whole --patch right_sole
+    Example:  tci log import data.log foot.mcap icub-whole --patch right_sole
 
     Example:  tci log import skin_events/data.log touches.mcap icub --tables conf/positions
 
@@ -62,16 +58,13 @@ def import_(
     Example:  tci log import pressure.mat touches.mcap nao --map pressure.toml
     """
     from tci.cli.console import console, written
-    from tci.errors import CommandError, RecordingError
+    from tci.errors import RecordingError
     from tci.recording.arrays import SUFFIXES, import_arrays
     from tci.recording.contact_list import import_contact_list
     from tci.recording.ros_bag import import_ros_bag, is_bag
-    from tci.recording.yarp_log import import_yarp_log, is_contact_list
+    from tci.recording.yarp_log import import_yarp_log, is_contact_list, is_text
     from tci.robot.catalogue import load_robot
 
-    if None not in (robot, named) and robot != named:
-        raise CommandError(f"two robots, {robot} and --robot {named}; valid: one of them")
-    robot = robot or named
     words: Robot | None = None if robot is None else load_robot(robot)
     counts: dict[str, Any]
     fits: tuple[TableFit, ...] = ()
@@ -87,6 +80,10 @@ def import_(
         if mapping is None:
             raise RecordingError(f"{log} holds arrays, whose meaning is unknown; valid: --map FILE.toml")
         counts = {"frames": import_arrays(log, out, mapping, robot=words)}
+    elif not is_text(log):
+        raise RecordingError(
+            f"{log} is no text; valid: a log of YARP, a ROS bag, or arrays as .npz, .mat or .csv"
+        )
     elif is_contact_list(log):
         if words is None:
             raise RecordingError(

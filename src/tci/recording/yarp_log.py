@@ -22,6 +22,12 @@ def log_file(log: Path) -> Path:
     return log / "data.log" if log.is_dir() else log
 
 
+def is_text(log: Path) -> bool:
+    """True if the beginning of the log has no zero byte, which binary files have there."""
+    with log_file(log).open("rb") as file:
+        return b"\0" not in file.read(1024)
+
+
 def is_contact_list(log: Path) -> bool:
     """True if the log contains contact lists of skinManager.
 

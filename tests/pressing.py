@@ -1,6 +1,8 @@
-"""A finger rests on a robot's skin in any posture, a capability responds, and the physics measures the force.
+"""A finger rests on a robot's skin in any posture, a capability responds, and the simulation measures the
+contact force.
 
-The judge is MuJoCo's contact with the finger, which is independent of TCI's normals, Jacobians and limits.
+The criterion is MuJoCo's contact force on the finger, which does not depend on TCI's normals, Jacobians and
+limits.
 """
 
 from __future__ import annotations
@@ -32,11 +34,11 @@ from tci.simulation.world import World
 RESTS = 0.2
 """Time [s] after which a finger that approached at 0.25 m/s rests on the skin."""
 NEXT = 0.02
-"""Time [s] after the first command in which the force must not rise."""
+"""Time [s] after the first command in which the force must not increase."""
 RISE = 1e-3
-"""Increase of the force [N] that is tolerated, since the arm's servos still settle."""
+"""Tolerated increase [N] of the force, because the servos of the arm are still settling."""
 AT_LIMIT = 0.1
-"""Fraction of the servos at each of their two limits."""
+"""Fraction of the servos that are at their lower limit, and equal fraction that are at their upper limit."""
 SHORT_POKE = Stimulus(duration=0.65)
 """Poke of the demo, for less time. Contact begins within 60 ms and must be lost 500 ms later; the rest shows
 that the arm stays away."""
@@ -64,10 +66,11 @@ def press(
     watch: float = NEXT,
     body: GenericBody | None = None,
 ) -> Touched:
-    """Lets a finger come to rest `depth` [m] in the skin over a taxel and then runs a capability.
+    """Presses a finger `depth` [m] into the skin over a taxel, waits until it rests, and then runs a
+    capability.
 
-    It runs for `watch` [s] after its first command. `body` is the robot's, by default a new one. Raises
-    TciError if the finger has no room.
+    The capability runs for `watch` [s] after its first command. `body` is the robot's body, by default a new
+    one. Raises TciError if there is no room for the finger.
     """
     world.reset()
     surface = world.surfaces[patch]
@@ -103,12 +106,12 @@ def _moves(order: Any) -> bool:
 
 
 def capability_for(part: str) -> Capability[Any]:
-    """Returns the reflex that responds to touches of a part."""
+    """Returns the reflex that responds to touches of this part."""
     return WithdrawalReflex() if part.endswith("_arm") else BodyWithdrawal(stance="supported")
 
 
 def any_posture(robot: Robot, chance: np.random.Generator) -> dict[str, Array]:
-    """Returns random generic angles of all parts, with some servos at their limits."""
+    """Returns random generic angles of all parts. Some servos are at their limits."""
     position = np.array(initial_position(robot))
     for servo in robot.servos:
         lower, upper = servo.limits.lower, servo.limits.upper
@@ -123,7 +126,7 @@ def with_pad(
 ) -> Robot:
     """Returns the robot with one more patch: a sheet of taxels on a link of a part.
 
-    Its `centre` (3,) [m] is relative to the link's origin; it faces any direction (3,).
+    Its `centre` (3,) [m] is relative to the link's origin. Its normal may have any direction (3,).
     """
     across = np.linalg.svd(normal[None])[2][1:]
     grid = SPACING * (np.arange(SHEET) - SHEET // 2)
@@ -142,7 +145,7 @@ def with_pad(
 
 
 def any_pad(robot: Robot, chance: np.random.Generator, folder: Path) -> Robot:
-    """Returns the robot with a pad on a random part other than the arms, on a link that the part moves."""
+    """Returns the robot with a pad on a random link that a random part moves. Arms are left out."""
     kinematics = KinematicChain(robot)
     places: list[tuple[GenericPart, str, str]] = []
     for part in robot.parts:
@@ -164,19 +167,20 @@ def any_pad(robot: Robot, chance: np.random.Generator, folder: Path) -> Robot:
 
 @dataclass(frozen=True)
 class Tally:
-    """Result of many touches."""
+    """Results of many touches."""
 
     touches: int
     answered: int
     refused: int
     rises: tuple[str, ...]
-    """Touches whose force rose, as text."""
+    """Touches during which the force increased, as text."""
     worst: float
-    """Largest rise [N]."""
+    """Largest increase [N] of the force."""
 
 
 def tally(name: str, seed: int, count: int, folder: Path) -> Tally:
-    """Touches random taxels of a robot in random postures; every second robot has a pad at a random place."""
+    """Touches random taxels of a robot in random postures. Every second robot has an additional pad at a
+    random place."""
     chance = np.random.default_rng([seed, *name.encode()])
     answered = refused = touches = 0
     worst, rises = 0.0, []

@@ -1,4 +1,4 @@
-"""Folders of skin files and recordings, made or genuine, and small skins."""
+"""Folders of skin files and recordings, made or genuine, and small made skins."""
 
 from __future__ import annotations
 
@@ -15,22 +15,23 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class SkinData:
-    """A folder with the files of FOLDERS and `recordings`."""
+    """A folder that contains the folders in FOLDERS and `recordings`."""
 
     folder: Path
     genuine: bool
-    """True for files from real robots; False for made ones under the same names."""
+    """True for files from real robots, False for made files with the same names."""
 
     def file(self, name: str) -> Path:
         return self.folder / name
 
     def expect(self, *, made: T, genuine: T) -> T:
-        """Returns the figure that holds for these files."""
+        """Returns the expected value for these files: `made` or `genuine`."""
         return genuine if self.genuine else made
 
 
 def cone_file(path: Path, *, normals: str = "1 0 0", modules: int = 16) -> Path:
-    """Writes a skin of `modules` on a cone about z: radius 40 mm at z = 0, 30 mm at z = 100 mm."""
+    """Writes a skin file of `modules` on a cone about z with a radius of 40 mm at z = 0 and 30 mm at z = 100
+    mm."""
     rows = []
     for channel in range(12 * modules):
         if channel % 12 in (6, 10):

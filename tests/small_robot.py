@@ -1,7 +1,7 @@
-"""A small robot for tests of the skin: two thin arms whose servos are the generic joints themselves.
+"""A small robot for tests of the skin, with two thin arms whose servos are the generic joints.
 
-The skin of the left forearm turns with pronation, as an iCub's does, the others do not. The right arm has a
-mount of 0.2 rad. Limbs have a radius of 25 mm.
+The skin of the left forearm turns with pronation, as on an iCub. The other patches do not turn. The right arm
+has a mount of 0.2 rad. The limbs have a radius of 25 mm.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def build(folder: Path) -> Robot:
 
 
 def _arm(letter: str, s: int) -> str:
-    """Returns five hinges as XML: Ry(-g0) Rx(s g1) Rz(-s g2), the upper arm, Ry(-g3) Rz(-s g4)."""
+    """Returns the XML of five hinges: Ry(-g0) Rx(s g1) Rz(-s g2), the upper arm, Ry(-g3) Rz(-s g4)."""
     axes = ("0 -1 0", f"{s} 0 0", f"0 0 {-s}", "0 -1 0", f"0 0 {-s}")
     half = 0.0 if s > 0 else MOUNT / 2
     text = ""
@@ -115,7 +115,8 @@ def joints(position: np.ndarray, *, sequence: int = 0) -> JointReading:
 
 
 def frame(patch: str, pressed: dict[int, int], *, sequence: int = 0, stamp: float | None = None) -> SkinFrame:
-    """Returns a frame in which the channels of `pressed` are that many counts below rest."""
+    """Returns a frame in which each channel in `pressed` is the given number of counts below its rest
+    value."""
     values = np.full(TAXELS, REST, np.uint8)
     for channel, counts in pressed.items():
         values[channel] = REST - counts
@@ -123,5 +124,5 @@ def frame(patch: str, pressed: dict[int, int], *, sequence: int = 0, stamp: floa
 
 
 def reading(*frames: SkinFrame, position: np.ndarray | None = None) -> Reading:
-    """Returns a reading of the whole robot, at zero unless `position` is given."""
+    """Returns a reading of the whole robot, with all joints at zero unless `position` is given."""
     return Reading(joints(np.zeros(10) if position is None else position), frames)

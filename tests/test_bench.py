@@ -1,4 +1,4 @@
-"""The benchmark compares like with like: all versions of the kernel give the same result."""
+"""The benchmark compares implementations that do the same: all versions of the kernel give equal results."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ BENCH = Path(__file__).parents[1] / "tools" / "bench"
 
 @pytest.fixture(scope="module")
 def bench() -> Iterator[None]:
-    """Makes the benchmark's modules importable, once, since one of them compiles a large loop."""
+    """Adds the folder of the benchmark to the import path, once, because one of its modules compiles a large
+    loop."""
     before = set(sys.modules)
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(BENCH.parent))
@@ -36,13 +37,14 @@ def bench() -> Iterator[None]:
     ("taxels", "fields", "contacts"), [(30, 5, 1), (230, 5, 1), (768, 16, 5), (4000, 64, 30)]
 )
 def test_the_kernel_in_c_gives_equal_results(bench: None, taxels: int, fields: int, contacts: int) -> None:
-    """Those of NumPy. The loop that is timed beside it compiles for long, and is compared with both before it
-    is timed."""
+    """The results of the C version must equal those of NumPy. The loop that is timed with it needs a long
+    time to compile, and is compared with both versions when the benchmark runs."""
     frame = importlib.import_module("frame")
     ours = frame.Frame(taxels, fields, contacts)
     theirs = frame.InC(ours)
     assert theirs() > 0
-    # On a cone two faces may be equally near to a contact's mean, and rounding decides between them.
+    # On a cone two faces may have equal distances to the mean of a contact. Then rounding determines which
+    # face is chosen.
     np.testing.assert_allclose(theirs.gains, ours.numpy(), atol=2e-3)
     assert theirs.gains.max() > 0.0
     ours.show(np.full(ours.values.shape[1], 240, np.uint8))

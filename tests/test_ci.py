@@ -1,4 +1,5 @@
-"""CI's command makes a clean copy of any commit that CI has checked out, and runs its tests there."""
+"""The CI command makes a clean copy of the commit that CI has checked out, and runs the tests in this
+copy."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ cd "$2" && echo "make $3 $4: $(ls -A | tr '\\n' ' ')"
 
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
-    """A checkout of one commit, with a built file and a file that is not committed."""
+    """Returns a checkout of one commit, with a built file and a file that is not committed."""
     git = needs_program("git", "git")
     there = tmp_path / "there"
     (there / ".ci").mkdir(parents=True)
@@ -44,7 +45,7 @@ def checkout(tmp_path: Path) -> Path:
 
 
 def said(checkout: Path, **settings: str) -> list[str]:
-    """Returns each goal of `make` with the content of the folder in which it ran."""
+    """Returns each goal of `make` together with the content of the folder in which the goal ran."""
     path = f"{checkout.parent / 'bin'}:{os.environ['PATH']}"
     environment = {**os.environ, "PATH": path, "HOME": str(checkout.parent), **settings}
     ran = subprocess.run(
@@ -84,8 +85,9 @@ def test_genuine_data_is_found_from_where_ci_was_started(checkout: Path) -> None
 
 @pytest.mark.xdist_group("together")
 def test_a_group_of_tests_runs_in_one_process_and_is_found_again(request: pytest.FixtureRequest) -> None:
-    """Versions of pytest and pytest-xdist that do not fit each other ignore the groups silently. With groups
-    in the reports, live tests that failed would not run once more, and would not count."""
+    """If the versions of pytest and pytest-xdist are not compatible, they ignore groups without a message.
+    If a report contained the group, a failed live test would not be repeated, and its failure would not
+    count."""
     config = request.config
     if hasattr(config, "workerinput") and config.getoption("loadgroup", default=False):
         assert request.node.nodeid.endswith("@together")
@@ -98,7 +100,7 @@ def test_each_file_is_in_one_half(pytestconfig: pytest.Config) -> None:
     conftest = pytestconfig.pluginmanager.get_plugin(CONFTEST)
 
     def halves(path: Path) -> list[str]:
-        """Returns the halves of `make test` that collect a file."""
+        """Returns the halves of `make test` (live or not live) that collect a file."""
         found = []
         for half in ("live", "not live"):
             config = SimpleNamespace(getoption={"markexpr": half}.get)

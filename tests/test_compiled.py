@@ -1,4 +1,4 @@
-"""Cached machine code of a compiled loop is valid until one of its sources changes."""
+"""Cached machine code of a compiled loop is valid until one of its source files changes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ WAITS = "tci: another tci process compiles its loops; waiting for it"
 
 
 def test_the_stamp_follows_every_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It covers the loop's own file and all files that it imports, directly or indirectly; no others."""
+    """The stamp covers the file of the loop and all files that this file imports, directly or indirectly, and
+    no other files."""
     monkeypatch.setattr(compiled, "HERE", tmp_path)
     (tmp_path / "kernels").mkdir()
     files = {
@@ -45,11 +46,12 @@ def test_the_stamp_follows_every_source(tmp_path: Path, monkeypatch: pytest.Monk
         (tmp_path / name).write_text(text + "B = 2\n")
         seen.append(stamp())
     assert len(set(seen)) == 4
-    assert seen[-1] == seen[-2]  # of what it does not import
+    assert seen[-1] == seen[-2]  # a change of the file that is not imported
 
 
 def test_numba_compares_our_stamp() -> None:
-    """Numba does so through a name that is not public: a version without it must not go unnoticed."""
+    """Numba compares the stamp through a private attribute. The test fails if a version of Numba lacks this
+    attribute."""
     for loop, module, made_of in (
         (condition.condition, condition, condition),
         (contacts.describe, contacts, nearest),
@@ -105,7 +107,8 @@ print(*(sum(one.stats.cache_hits.values()) for one in (half, twice)))
 
 
 def test_the_first_process_compiles_side_by_side_and_says_so(tmp_path: Path) -> None:
-    """Another one that starts meanwhile waits for it, though it needs the loops of another package."""
+    """Another process that starts meanwhile waits for the first process, although it needs the loops of
+    another package."""
     package = tmp_path / "tci"
     for folder in ("robot", "one", "other"):
         (package / folder).mkdir(parents=True)
@@ -118,7 +121,8 @@ def test_the_first_process_compiles_side_by_side_and_says_so(tmp_path: Path) -> 
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
 
     def use(*folders: str) -> list[str]:
-        """Returns all that processes wrote to stderr that used the loops of one folder each at once."""
+        """Starts processes that each use the loops of one folder, at the same time, and returns their output
+        to stderr."""
         made = [
             subprocess.Popen(
                 [sys.executable, "-c", USE.format(folder)],
@@ -180,5 +184,5 @@ def test_no_loop_takes_more_than_ten_arguments(name: str) -> None:
 
 
 def is_inlined(loop: Any) -> bool:
-    """Returns True for a loop that only compiled loops call."""
+    """Returns True for a loop that is called only by compiled loops."""
     return bool(loop.targetoptions.get("forceinline"))

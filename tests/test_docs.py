@@ -1,4 +1,4 @@
-"""The documentation is complete: every command is listed, and every picture exists."""
+"""The documentation is complete: the pages list every command, and every picture exists."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PAGES = sorted(DOCS.glob("*.md"))
 
 
 def names(command: object, before: str) -> list[str]:
-    """Returns every command below one, as a user types it."""
+    """Returns the names of all commands below a command, as a user types them."""
     found = []
     for name, inner in getattr(command, "commands", {}).items():
         found += [f"{before} {name}", *names(inner, f"{before} {name}")]
@@ -50,7 +50,8 @@ FIRST_PAGES = [DOCS.parent / name for name in ("README.md", "CONTRIBUTING.md", "
 
 @pytest.mark.parametrize("page", [*FIRST_PAGES, *PAGES], ids=lambda page: page.stem)
 def test_links_of_a_page_lead_somewhere(page: Path) -> None:
-    """Links to other sites need a network; Sphinx warns about those of the built pages."""
+    """Links to other sites need a network, so they are not tested. Sphinx reports wrong links within the
+    built pages."""
     links = set(re.findall(r"\]\((?!https?:)([^)\s]+)\)", page.read_text()))
     for link in sorted(links):
         path, _, anchor = link.partition("#")
@@ -61,7 +62,7 @@ def test_links_of_a_page_lead_somewhere(page: Path) -> None:
 
 
 def anchors(page: Path) -> set[str]:
-    """Returns the anchors of all headings of a page, as GitHub and MyST make them."""
+    """Returns the anchors of all headings of a page, in the form that GitHub and MyST create."""
     text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
     headings = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading).lower().replace(" ", "-") for heading in headings}
@@ -84,7 +85,7 @@ def test_the_reference_has_each_public_name_and_the_module_that_it_lives_in() ->
 NAME = re.compile(r"`(tci(?:\.[A-Za-z_][A-Za-z_0-9]*)+)(?:\([^`]*\))?`")
 
 GROUPS = {"tci.robots", "tci.drivers", "tci.servers", "tci.capabilities"}
-"""Entry-point groups, which are no dotted names of modules."""
+"""Entry-point groups, whose names look like modules but are not."""
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
@@ -94,14 +95,14 @@ def test_names_of_the_code_exist(page: Path) -> None:
 
 
 def exists(name: str) -> bool:
-    """Returns True if a dotted name is a module or something in one."""
+    """Returns True if a dotted name is a module or an attribute of a module."""
     parts = name.split(".")
     for length in range(len(parts), 0, -1):
         try:
             found = import_module(".".join(parts[:length]))
         except ModuleNotFoundError as error:
             if error.name is None or error.name.split(".")[0] != "tci":
-                return True  # a middleware that is not installed here
+                return True  # a middleware that is not installed on this machine
             continue
         for rest in parts[length:]:
             if not hasattr(found, rest):
@@ -112,11 +113,11 @@ def exists(name: str) -> bool:
 
 
 USED = re.compile(r"(?:^|`|\$ )(tci [a-z][^`#\n]*)", re.MULTILINE)
-"""A command as it appears in a page: at the start of a line, after a prompt or in back quotes."""
+"""Pattern of a command in a page: at the start of a line, after a prompt or in back quotes."""
 
 
 LAST = "X"
-"""An additional argument: the value of an option that a page only names."""
+"""An additional argument, used as the value of an option that a page mentions without a value."""
 
 
 @pytest.mark.parametrize("page", [DOCS.parent / "README.md", *PAGES], ids=lambda page: page.stem)
@@ -139,7 +140,7 @@ PROGRAM = re.compile(
     r"^```python\n((?:import [^\n]*\n)*import tci\n.*?)^```\n(?:\nIt prints\n\n```text\n(.*?)^```)?",
     re.MULTILINE | re.DOTALL,
 )
-"""A whole program in a page, and the output below it; one without its imports is a fragment."""
+"""Pattern of a complete program in a page and the output below it. A fragment has no import."""
 
 PROGRAMS = [
     pytest.param(program, output, id=f"{page.stem}-{number}")
@@ -156,7 +157,8 @@ def test_programs_of_a_page_run(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """In this process, which has loaded TCI: examples show that it is loaded by a program alone."""
+    """The program runs in this process, which has already loaded TCI. The tests of the examples show that a
+    program can load TCI itself."""
     file = tmp_path / "program.py"
     file.write_text(program)
     monkeypatch.chdir(tmp_path)

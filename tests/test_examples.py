@@ -1,4 +1,4 @@
-"""Every example runs as a user would run it."""
+"""Every example runs without changes, as a user would run it."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ SAID = {
     "02_every_step": "left_arm withdraws",
     "10_test_a_capability": "0.04 s: [('right_forearm', 3.9, 1)], ended: ()\n0.06 s: [], ended: (1,)",
 }
-"""Words that the output of an example contains, by its name."""
+"""Text that the output of an example contains, by the name of the example."""
 
 
 @cache
 def ran(path: Path) -> subprocess.CompletedProcess[str]:
-    """Runs an example once for all tests."""
+    """Returns the output of an example, which runs once for all tests."""
     return subprocess.run([sys.executable, str(path)], capture_output=True, text=True, check=False)
 
 
@@ -66,5 +66,5 @@ def test_the_five_lines_of_the_readme_are_the_first_example() -> None:
 
 
 def words_of(text: str) -> str:
-    """Replaces each number of a text by 0: last digits differ between processors."""
+    """Replaces each number in a text by 0, because the last digits differ between processors."""
     return re.sub(r"\d+(\.\d+)?", "0", text)

@@ -1,4 +1,4 @@
-"""The page on exposure lists the sockets that each server opens, as the system reports them."""
+"""The page on exposure lists the sockets that each server opens, as the operating system reports them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TOOLS = Path(__file__).parents[1] / "tools" / "reliability"
 
 @pytest.fixture
 def exposure(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """The tool that lists sockets."""
+    """Returns the tool that lists sockets, as a module."""
     monkeypatch.syspath_prepend(str(TOOLS.parent))
     monkeypatch.syspath_prepend(str(TOOLS))
     yield importlib.import_module("exposure")
@@ -27,7 +27,7 @@ def exposure(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
 
 def of_page(exposure: Any) -> list[str]:
-    """The rows of the table in the page, without its header."""
+    """Returns the rows of the table in the page, without the header."""
     report = importlib.import_module("report")
     table: str = report.between(exposure.PAGE, exposure.BEGIN, exposure.END)
     head: str = report.markdown(exposure.HEAD, [])

@@ -1,4 +1,4 @@
-"""Import times of `import tci` and `tci --help`: they load nothing heavier than NumPy."""
+"""`import tci` and `tci --help` start fast, because they load no module that is larger than NumPy."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_a_run_of_sleeves_loads_no_graph_algorithms() -> None:
 
 
 def test_the_viewer_loads_no_mesh_library_and_no_optimiser() -> None:
-    """trimesh and what it loads take 20 MB."""
+    """trimesh and the modules that it loads need 20 MB of memory."""
     assert not loaded("import tci.viewer.app") & {"trimesh", "scipy.optimize"}
 
 
@@ -52,7 +52,8 @@ def test_every_public_name_exists(name: str) -> None:
 
 
 def test_without_an_extra_introspection_works_and_an_import_names_the_extra() -> None:
-    """`help`, completion and mocks load each name of `dir(tci)`; an import must still say what to install."""
+    """`help`, completion and mocks load each name in `dir(tci)`. Without the extra this must not fail, but an
+    import of the name must still print how to install the extra."""
     code = (
         "import inspect, sys; sys.modules['py_trees'] = None; import tci\n"
         "found = dict(inspect.getmembers(tci))\n"
@@ -72,7 +73,7 @@ DEEP = re.compile(r"^\s*(?:from tci\.|import tci\.).*$", re.MULTILINE)
 
 @pytest.mark.parametrize("path", [*sorted(ROOT.glob("examples/*.py")), *PAGES], ids=lambda path: path.name)
 def test_examples_and_pages_import_from_tci_only(path: Path) -> None:
-    """All names that a user needs are in `dir(tci)`."""
+    """All names that a user needs are in `dir(tci)`, so examples and pages import no submodule."""
     text = path.read_text()
     shown = [text] if path.suffix == ".py" else re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     assert not [line for code in shown for line in DEEP.findall(code)]

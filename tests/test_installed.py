@@ -1,5 +1,5 @@
-"""Installation advice comes from the metadata of installed packages and never names another project's
-package."""
+"""Installation advice is read from the metadata of installed packages, and never names the package of another
+project."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ Requires-Dist: acme-card ; sys_platform == 'none' and extra == 'elsewhere'
 
 @pytest.fixture
 def acme(tmp_path: Path) -> PathDistribution:
-    """A distribution of another project, with an extra for every machine and one for none."""
+    """Creates the metadata of another project's distribution, with one extra for every machine and one extra
+    for none."""
     folder = tmp_path / "acme_robot-1.0.dist-info"
     folder.mkdir()
     (folder / "METADATA").write_text(METADATA)
@@ -52,7 +53,7 @@ def test_the_distribution_is_the_one_that_brings_the_command() -> None:
     ("files", "wrong"), [(PAGES, {"tci"}), (SOURCES, {"tci", PROJECT["name"]})], ids=["pages", "src"]
 )
 def test_nobody_is_told_to_install_anothers_package(files: list[Path], wrong: set[str]) -> None:
-    """Pages name the distribution; programs ask `advice` for it."""
+    """Pages may contain the name of the distribution. Programs must call `advice` to get the name."""
     for path in files:
         text = path.read_text()
         assert not set(re.findall(r"pip install\s+(?:-\S+\s+)*[\"']?([\w-]+)", text)) & wrong, path
@@ -69,7 +70,8 @@ def test_pages_name_extras_that_there_are() -> None:
 
 def test_advice_is_of_the_distribution_that_lacks_something(acme: PathDistribution) -> None:
     assert advice("acme", of=acme) == "install it with: pip install 'acme-robot[acme]'"
-    assert advice("sim", of=acme) == "install it with: pip install acme-robot"  # it has no such extra
+    # TCI has no extra with this name
+    assert advice("sim", of=acme) == "install it with: pip install acme-robot"
     assert "not made for this machine; valid: sys_platform == " in advice("elsewhere", of=acme)
 
 
@@ -101,7 +103,8 @@ def test_a_module_of_tci_that_is_missing_is_a_bug(monkeypatch: pytest.MonkeyPatc
 def test_a_library_that_another_release_broke_is_told_with_the_cure(
     program: str, first: str, tmp_path: Path
 ) -> None:
-    """mujoco-core 4 over MuJoCo 3: `import mujoco` loads a plugin of 3, whose library is missing."""
+    """mujoco-core 4 was installed over MuJoCo 3: `import mujoco` then loads a plugin of version 3, whose
+    library is missing."""
     for name, version in (("mujoco", "3.17.0"), ("mujoco-core", "4.0.1")):
         folder = tmp_path / f"{name.replace('-', '_')}-{version}.dist-info"
         folder.mkdir()

@@ -1,4 +1,4 @@
-"""The language of docstrings: they begin with a verb or a noun, and every assumed figure has a reason."""
+"""Rules for docstrings: they begin with a verb or a noun, and every assumed value has a reason."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ ROOT = Path(__file__).parents[1]
 FOLDERS_OF_TCI = sorted(path.parent.name for path in (ROOT / "src" / "tci").glob("*/__init__.py"))
 FOLDERS = ("src", "tests", "tools", "examples", "packages")
 OPENING = r"(What|Where|When|Which|Who|Whether|How|Why|Of|The same)\b"
-"""Words that make a first line a clause to be completed by the reader, or refer to another docstring."""
+"""Words that begin a clause without a main verb, or that refer to another docstring."""
 NO_REASON = r"(\bOurs\b|\bAssumed\.[\s\"']*$|no\s+published\s+value)"
-"""Words that say that a figure is assumed, without a reason for its value."""
+"""Words which say that a value is assumed, without a reason for the value."""
 RULES = (
     (
         re.compile(OPENING),
@@ -26,9 +26,9 @@ RULES = (
         "gives no reason; valid: 'Assumed' with the reason for the value, or its consequence",
     ),
 )
-"""Patterns of a docstring's text that are not valid, and advice."""
+"""Patterns of docstrings that are not valid, each with advice."""
 CANDIDATE = re.compile(rf"""["']\s*{OPENING}|{NO_REASON}""", re.MULTILINE)
-"""Matches the text of each file that breaks a rule: only these files are parsed, which saves two seconds."""
+"""Pattern of the files that may break a rule. Only these files are parsed, which saves two seconds."""
 
 
 def docstrings(tree: ast.Module) -> Iterator[ast.Constant]:

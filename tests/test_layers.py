@@ -1,4 +1,5 @@
-"""The architecture as a test: modules import only from layers to their left, and no files form a circle."""
+"""Tests the architecture: modules import only from lower layers, and no files import each other in a
+circle."""
 
 from __future__ import annotations
 
@@ -38,12 +39,13 @@ LAYERS = (
     "viewer",
     "cli",
 )
-"""Files and folders of `tci` from the bottom to the top; those of one layer may import each other."""
+"""Files and folders of `tci` in layers, from the bottom to the top. Files of one layer may import each
+other."""
 RANK = {name: rank for rank, layer in enumerate(LAYERS) for name in layer.split()}
 GENERATED = "tci_lcm"
-"""Folder of code that lcm-gen made."""
+"""Folder of code that lcm-gen generated."""
 WIRE = ROOT.parent / "yarpwire"
-"""The package that does not depend on TCI."""
+"""Package that must not import TCI."""
 
 
 def module_of(path: Path) -> str:
@@ -60,7 +62,8 @@ WIRE_MODULES = {module_of(path): path for path in sorted(WIRE.rglob("*.py")) if 
 
 
 def imported(path: Path) -> set[str]:
-    """Returns the modules that a file imports, including imports inside functions and for types only."""
+    """Returns the modules that a file imports. Includes imports inside functions and imports for types
+    only."""
     names = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
@@ -109,7 +112,8 @@ def test_no_files_import_each_other_in_a_circle(modules: dict[str, Path]) -> Non
 
 
 def folder_of(name: str, modules: dict[str, Path]) -> str:
-    """Returns the folder of a module; a file beside the folders of its package stands for itself."""
+    """Returns the folder of a module. For a file that lies directly in a package with subfolders, returns the
+    file itself."""
     inside = name.count(".") > 1 and modules[name].name != "__init__.py"
     return name.rpartition(".")[0] if inside else name
 
@@ -120,7 +124,7 @@ def test_no_folders_import_each_other_in_a_circle(modules: dict[str, Path]) -> N
     for name, path in modules.items():
         own = folder_of(name, modules)
         others = {folder_of(other, modules) for other in imported(path) & modules.keys()}
-        # What a folder imports from the one that it lies in is inside one concept.
+        # Imports of a subfolder from its parent folder stay within one concept.
         graph.setdefault(own, set()).update(one for one in others if not f"{own}.".startswith(f"{one}."))
     try:
         TopologicalSorter(graph).prepare()

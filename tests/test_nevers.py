@@ -1,4 +1,4 @@
-"""Rules of the design that no other test holds (plain data, layers, reasons and options have their own)."""
+"""Design rules that no other test checks. Plain data, layers, reasons and options have separate tests."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def kernels(tree: ast.Module) -> list[ast.FunctionDef]:
 
 
 def drivers() -> dict[str, ast.ClassDef]:
-    """Returns the classes derived from a driver, by place."""
+    """Returns the classes derived from a driver, by file and name."""
     return {
         f"{file}:{node.name}": node
         for file, tree in FILES.items()
@@ -60,7 +60,7 @@ def test_no_driver_skips_the_facts_of_its_connection() -> None:
 
 @pytest.fixture(scope="module")
 def renamed() -> Robot:
-    """Returns NAO with meaningless names of its parts."""
+    """Returns a NAO whose parts have meaningless names."""
     nao = tci.load_robot("nao")
     names = {part.name: f"part_{number}" for number, part in enumerate(nao.parts)}
     parts = tuple(part.model_copy(update={"name": names[part.name]}) for part in nao.parts)

@@ -1,4 +1,4 @@
-"""The notebook runs from top to bottom and prints what its page shows."""
+"""The notebook runs from top to bottom and prints the output that its page shows."""
 
 from __future__ import annotations
 
@@ -21,6 +21,6 @@ def test_the_notebook_prints_what_it_shows() -> None:
         printed = io.StringIO()
         with contextlib.redirect_stdout(printed):
             exec(compile(code, str(PAGE), "exec"), names)
-        # The last digit is not the same on every processor.
+        # The last digit differs between processors.
         assert NUMBER.sub("0", printed.getvalue()) == NUMBER.sub("0", shown), code
     assert names["path"].with_name("notebook.png").stat().st_size > 5000

@@ -1,4 +1,4 @@
-"""`make quick` finds the tests of changed files, and fails if it can't tell which files changed."""
+"""`make quick` finds the tests of changed files, and fails if it can't determine which files have changed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TOOL = Path(__file__).parent.parent / "tools" / "quick.py"
 
 @pytest.fixture
 def quick(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """The tool in a folder with one module that one test uses through another module."""
+    """Returns the tool in a folder with two modules and a test that uses one module through the other."""
     spec = importlib.util.spec_from_file_location("quick", TOOL)
     assert spec is not None
     assert spec.loader is not None

@@ -1,4 +1,4 @@
-"""Reasons: codes are stable, and no decision depends on a text."""
+"""Reasons: the numbers of codes are stable, and no decision of the program depends on a text."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tci.reasons import NO_REASON, Code, Reason, number_of, reason_of, text_of
 
 SOURCE = Path(tci.__file__).parent
 NAMES = {"reason", "refusal", "fault", "halt", "why"}
-"""Names that hold a reason in modules that import `Reason`."""
+"""Names of variables that contain a reason, in modules that import `Reason`."""
 MATCHES = {"startswith", "endswith", "find", "index", "count", "search", "match", "fullmatch", "partition"}
 """Methods and functions that search for words in a text."""
 
@@ -35,7 +35,8 @@ NUMBERS = {
     "MOVED_BY_ITSELF": 609, "ROBOT_REFUSES": 610,
     "MOVED_WRONG_WAY": 700, "MOVED_TOO_FAR": 701, "MOVED_ANOTHER": 702, "NOT_ARRIVED": 703,
 }  # fmt: skip
-"""Numbers that recordings and other versions contain. Lines may be added, but none changed."""
+"""Numbers that recordings and other versions of TCI contain. Lines may be added, but no line may be
+changed."""
 
 
 def test_a_code_keeps_its_number() -> None:
@@ -61,7 +62,7 @@ def test_an_error_is_a_reason_with_its_code() -> None:
 
 
 def is_reason(node: ast.expr) -> bool:
-    """Returns True if an expression is a reason or its text, judged by its name."""
+    """Returns True if the name of an expression indicates that it is a reason or the text of a reason."""
     if isinstance(node, ast.Call):
         return ast.unparse(node.func) in ("str", "text_of") and any(map(is_reason, node.args))
     if isinstance(node, ast.Subscript):

@@ -1,4 +1,4 @@
-"""The scoreboard calls a row met only after a run of full size, and continues an interrupted run."""
+"""The scoreboard marks a row as met only after a run of full size, and continues an interrupted run."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ TOOLS = Path(__file__).parents[1] / "tools" / "reliability"
 
 @pytest.fixture
 def tool(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """A module of tools/reliability, by its name."""
-    for folder in (TOOLS.parent, TOOLS.parents[1] / "tests", TOOLS):  # the last one is searched first
+    """Returns a module of tools/reliability by its name."""
+    # the folder that is inserted last is searched first
+    for folder in (TOOLS.parent, TOOLS.parents[1] / "tests", TOOLS):
         monkeypatch.syspath_prepend(str(folder))
     yield lambda name: importlib.import_module(name)
     for name, module in [*sys.modules.items()]:

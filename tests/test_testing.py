@@ -1,4 +1,4 @@
-"""The public helper for tests of capabilities: the perceived touch is the requested one."""
+"""The public helper for tests of capabilities: the perceived touch equals the requested touch."""
 
 from __future__ import annotations
 

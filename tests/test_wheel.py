@@ -1,5 +1,5 @@
-"""The wheel runs the demo with NAO in a new environment without the icub extra; the sdist builds the same
-wheel."""
+"""The wheel runs the demo with NAO in a new environment without the extra `icub`, and the sdist builds an
+equal wheel."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 OURS = ("tci", "tactile", "icub")
-"""Words in the names of packages that are not lent to the new environment."""
+"""Words in the names of packages that are not linked into the new environment."""
 
 
 def run(*command: object) -> subprocess.CompletedProcess[str]:
-    """Runs a command that must succeed, with access to installed packages only."""
+    """Runs a command that must succeed. The command can use only installed packages."""
     words = [str(word) for word in command]
     clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     done = subprocess.run(words, capture_output=True, text=True, check=False, env=clean)
@@ -38,7 +38,8 @@ def build(kind: str, source: Path, folder: Path) -> Path:
 
 
 def lend_machine_code(there: Path) -> None:
-    """Copies numba's caches of the loops: they are valid for equal sources, and compiling takes a minute."""
+    """Copies numba's caches of the loops, because compiling takes a minute. The caches are valid for equal
+    sources."""
     here = ROOT / "src" / "tci"
     for cache in [path for path in here.rglob("__pycache__/*") if path.suffix in (".nbi", ".nbc")]:
         copy = there / cache.relative_to(here)
@@ -47,8 +48,8 @@ def lend_machine_code(there: Path) -> None:
 
 
 def bare(folder: Path, lent: Callable[[str], bool]) -> tuple[Path, Path]:
-    """Makes a new environment with the packages from here that may be `lent`; returns its Python and their
-    folder."""
+    """Creates a new environment and links those packages of this environment for which `lent` is true.
+    Returns the Python and the package folder of the new environment."""
     venv.create(folder, with_pip=False)
     python = folder / "bin" / "python"
     there = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").stdout.strip())
@@ -81,7 +82,8 @@ def test_the_sdist_makes_the_same_wheel(wheel: Path, tmp_path: Path) -> None:
 
 @pytest.mark.xdist_group("wheel")
 def test_it_installs_elsewhere_and_runs(wheel: Path, tmp_path: Path) -> None:
-    # Dependencies are copied from here, so that the test needs no network; TCI and icub-models are not.
+    # Dependencies are linked from this environment, so that the test needs no network. TCI and icub-models
+    # are not linked.
     python, _ = bare(tmp_path / "venv", lambda name: not any(ours in name for ours in OURS))
     install(python, wheel)
     place = Path(run(python, "-c", "import tci; print(tci.__file__)").stdout.strip())

@@ -1,4 +1,4 @@
-"""Captured connections between real YARP 3.12.3 and 4.0 programs: lists of (direction, bytes)."""
+"""Captured connections between programs of real YARP 3.12.3 and 4.0, as lists of (direction, bytes)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The figure of a recording, and the film of a run: correct numbers, and visible content."""
+"""The figure of a recording and the film of a run contain correct numbers and visible content."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_lines_are_those_of_the_recording(recorded: Path) -> None:
     assert np.array_equal(series.forces["left_forearm"], forces)
     commanded = np.isfinite(series.sent[part]).all(axis=1)
     assert commanded.any()
-    # The reference leads the motion, and the arm reaches it in the end.
+    # The reference moves ahead of the measured angle, and the arm finally reaches the reference.
     assert np.abs(series.sent[part][-1] - series.measured[part][-1]).max() < np.deg2rad(1.0)
     (other,), right = collect(robot, periods, part="right_arm")
     assert other == "right_arm"

@@ -1,4 +1,5 @@
-"""Portraits of a poked robot show pressure, fields and finger at the places of the physics."""
+"""Portraits of a poked robot show pressure, receptive fields and finger at the positions of the
+simulation."""
 
 from __future__ import annotations
 
@@ -34,7 +35,8 @@ def moment(world: World) -> Moment:
 
 
 def view(world: World, portrait: Portrait, kept: Moment, taxel: int) -> Camera:
-    """Returns a close view, 50 degrees from the taxel's normal, so that the finger does not hide it."""
+    """Returns a close view from a direction 50 degrees away from the taxel's normal, so that the finger does
+    not hide the taxel."""
     point, normal = world.skin_point(PATCH, taxel)
     aside = np.cross(normal, [0.0, 0.0, 1.0])
     outward = np.cos(0.9) * normal + np.sin(0.9) * aside / np.linalg.norm(aside)
@@ -51,7 +53,7 @@ def view(world: World, portrait: Portrait, kept: Moment, taxel: int) -> Camera:
 
 
 def warm(picture: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Returns a mask of the pixels of pressed taxels: much red, little blue."""
+    """Returns a mask of the pixels of pressed taxels, which are red and contain little blue."""
     values = picture.astype(int)
     found: NDArray[np.bool_] = (values[..., 0] > 140) & (values[..., 0] - values[..., 2] > 90)
     return found

@@ -1,4 +1,4 @@
-"""Pictures by ray casting are compared with geometry, not with other pictures."""
+"""Pictures that are computed by ray casting are compared with geometry, not with other pictures."""
 
 import subprocess
 import sys
@@ -46,7 +46,8 @@ def camera(size: int = 200) -> Camera:
 
 
 def test_no_two_threads_cast_on_the_same_data(monkeypatch: pytest.MonkeyPatch) -> None:
-    """MuJoCo's working memory belongs to the data: sharing it killed the process now and then."""
+    """MuJoCo's working memory belongs to its data object. When two threads shared the object, the process
+    sometimes crashed."""
     model, data = scene(SPHERE)
     together, used, plain = threading.Barrier(2), [], mujoco.mj_multiRay
 
@@ -67,7 +68,7 @@ def test_sphere_has_its_size_distance_and_normal() -> None:
     model, data = scene(SPHERE)
     view = camera()
     hits = Caster(model, data, BALL).cast(view, pixel_centres(view))
-    # A sphere of radius r at distance d covers a cone of half angle asin(r / d).
+    # A sphere of radius r at distance d fills a cone with the half angle asin(r / d).
     radius = view.focal * np.tan(np.arcsin(0.1))
     assert set(hits.geom) == {-1, 0}
     assert np.count_nonzero(hits.geom == 0) == pytest.approx(np.pi * radius**2, rel=0.005)
@@ -124,7 +125,7 @@ def test_colours_choose_what_is_drawn() -> None:
     assert list(model_colours(model)[:, 3]) == [1.0, 0.0, 0.0]
     colours = np.array([[0.2, 0.6, 0.3, 1.0], [0.5, 0.5, 0.5, 0.0], [0.8, 0.1, 0.1, 1.0]])
     drawn = render(model, data, camera(50), colours=colours)[25, 25].astype(int)
-    assert drawn[0] > 3 * drawn[1]  # the shell, although the model makes it invisible
+    assert drawn[0] > 3 * drawn[1]  # the shell is shown although the model makes it invisible
 
 
 def test_glass_shows_what_is_behind_it() -> None:
@@ -138,8 +139,8 @@ def test_glass_shows_what_is_behind_it() -> None:
         assert level == pytest.approx((1 - alpha) * levels[0] + alpha * levels[4], abs=2.0)
     colours[2, 3] = 0.5
     through = render(model, data, camera(), colours=colours)
-    assert through[100, 145, 0] > through[100, 145, 1]  # beside the ball, inside the shell
-    # Glass behind an opaque ball is not seen.
+    assert through[100, 145, 0] > through[100, 145, 1]  # beside the ball and inside the shell
+    # Transparent objects behind an opaque ball are not visible.
     model, data = scene(TWO)
     colours = np.array([[0.2, 0.6, 0.3, 1.0], [0.8, 0.1, 0.1, 0.5]])
     front = look_at((0.3, 0, 0), azimuth=0.0, elevation=0.0, distance=1.0, width=50, height=50)
@@ -167,7 +168,7 @@ def test_projection_undoes_the_rays(azimuth: float, elevation: float, distance: 
     assert found == pytest.approx(pixels, abs=1e-6)
     assert depth == pytest.approx(reach * (directions @ view.T_WC[:3, 2]), rel=1e-9)
     assert np.isnan(project(view, view.T_WC[:3, 3] - directions)[0]).all()
-    # The aim of the camera is in the middle of the picture, and up is up.
+    # The target point of the camera is in the middle of the picture, and the upward direction points up.
     (centre, above), _ = project(view, np.array([[0.3, -0.2, 1.0], [0.3, -0.2, 1.01]]))
     assert centre == pytest.approx([160, 100], abs=1e-6)
     assert above[1] < centre[1]
@@ -189,7 +190,7 @@ def test_a_fit_shows_all_and_fills_the_picture(azimuth: float, elevation: float,
 def test_right_is_right() -> None:
     view = look_at((0, 0, 0), azimuth=0.0, elevation=0.0, distance=1.0)
     left_of_robot, _ = project(view, np.array([[0.0, 0.1, 0.0]]))
-    assert left_of_robot[0, 0] > view.width / 2  # seen from the front, its left is on the right
+    assert left_of_robot[0, 0] > view.width / 2  # seen from the front, the robot's left is on the right
 
 
 @pytest.mark.parametrize(
@@ -219,7 +220,7 @@ def test_taxels_are_drawn_where_they_are_seen() -> None:
     model, data = scene(TWO)
     view = look_at((0, 0, 0), azimuth=0.0, elevation=0.0, distance=2.0, fov=0.5, width=300, height=300)
     front = np.array([[1.0, 0.0, 0.0]])
-    # One on the ball, one on the wall beside it, one on the wall behind the ball.
+    # One point on the ball, one on the wall beside the ball, one on the wall behind the ball.
     taxels = np.array([[0.4, 0.0, 0.0], [-0.49, 0.3, 0.2], [-0.49, 0.0, 0.0]])
     pressure = np.full(1, 5e4)
     for taxel, shown in zip(taxels, (True, True, False), strict=True):
@@ -269,7 +270,8 @@ def test_fields_are_painted_on_the_side_where_they_are() -> None:
     assert shares["lateral"][1] > 100
     assert shares["lateral"][0] < 0.3 * shares["flexor"][0]
     assert shares["extensor"][0] == 0
-    assert shares["extensor"][1] < 0.2 * shares["lateral"][1]  # only its rim, seen edge-on
+    # only the rim of the disc, which is seen edge-on
+    assert shares["extensor"][1] < 0.2 * shares["lateral"][1]
 
 
 def test_no_graphics_library_is_needed() -> None:

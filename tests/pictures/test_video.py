@@ -1,4 +1,4 @@
-"""A film as MP4 has a format that players support, the right length, and the right pictures."""
+"""The MP4 film has a format that common players support, the correct length, and the correct pictures."""
 
 from __future__ import annotations
 

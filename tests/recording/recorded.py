@@ -1,4 +1,4 @@
-"""Recordings for tests: of a real run, and of invented skins of any size."""
+"""Recordings for tests: of a simulated run, and of artificial skins of any size."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def record_poke(
     keep_alive: float | None = None,
     rate: float | None = None,
 ) -> list[Tick]:
-    """Records the reflex of a poked robot; returns what the loop read.
+    """Records the reflex of a poked robot, and returns the readings of the loop.
 
-    With a `keep_alive` [s] its skin sends only changes.
+    With `keep_alive` [s], the skin sends frames only on change, and at least once in this time.
     """
     ticks: list[Tick] = []
     with (
@@ -56,14 +56,16 @@ LIKE_LISTING_2 = """<generic_robot angle_unit="deg">
 
 
 def two_parts(folder: Path) -> Robot:
-    """Returns a robot as in Listing 2, without a model; its servos are named servo0, servo0 and servo1."""
+    """Returns a robot as in Listing 2 of the paper, without a model. Its servos are named servo0, servo0 and
+    servo1."""
     path = folder / "two.xml"
     path.write_text(LIKE_LISTING_2)
     return load_robot(str(path))
 
 
 def made_up(count: int, *, taxels: int = 768, servos: int = 12) -> list[tuple[float, Reading]]:
-    """Yields readings at 100 Hz: 8-bit skin with a moving touch and some noise, joints that swing."""
+    """Yields readings at 100 Hz: 8-bit skin with a moving touch and some noise, and joints that move back and
+    forth."""
     random = np.random.default_rng(1)
     readings = []
     for number in range(count):
@@ -81,7 +83,7 @@ def made_up(count: int, *, taxels: int = 768, servos: int = 12) -> list[tuple[fl
 
 
 def equal_readings(a: Reading, b: Reading) -> bool:
-    """Returns True if readings are equal in every bit."""
+    """Returns True if the readings are equal bit for bit."""
     arrays = [(a.joints.position, b.joints.position), (a.joints.velocity, b.joints.velocity)]
     arrays += [(a.joints.torque, b.joints.torque), (a.joints.powered, b.joints.powered)]
     arrays += [(x.values, y.values) for x, y in zip(a.skin, b.skin, strict=True)]

@@ -1,4 +1,4 @@
-"""Frames of taxels from arrays of other programs, with a mapping file."""
+"""Taxel frames are imported from the arrays of other programs, with a mapping file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PLAIN = '[skin.left_forearm]\nvalues = "p"\n'
 
 
 def written(folder: Path, suffix: str) -> tuple[Path, Path]:
-    """Writes VALUES with times [ms], as programs with that kind of file do, and the mapping."""
+    """Writes VALUES with times [ms] in one kind of file, as other programs do, and writes the mapping."""
     file, mapping = folder / f"frames{suffix}", folder / "map.toml"
     words = 'time = "t"\nseconds = 0.001\n' + PLAIN
     if suffix == ".npz":
@@ -102,7 +102,7 @@ def test_files_that_are_damaged_or_too_large_take_no_memory(tmp_path: Path) -> N
     ):
         p.write(b"\0")
     bomb_bytes = bytearray((tmp_path / "bomb.npz").read_bytes())
-    where = bomb_bytes.index(b"PK\x01\x02") + 24  # uncompressed size in the central directory
+    where = bomb_bytes.index(b"PK\x01\x02") + 24  # uncompressed size in the central directory of the zip file
     bomb_bytes[where : where + 4] = (LARGEST + 1).to_bytes(4, "little")
     (tmp_path / "bomb.npz").write_bytes(bomb_bytes)
     (tmp_path / "cut.npz").write_bytes(written(tmp_path, ".npz")[0].read_bytes()[:200])

@@ -1,4 +1,5 @@
-"""A contact list imports with a word about the table of taxels that it was recorded with."""
+"""The import of a contact list reports which skin file (table of taxel positions) was used for the
+recording."""
 
 from __future__ import annotations
 
@@ -26,10 +27,10 @@ def test_the_recorded_centres_tell_which_table_was_used(tmp_path: Path, skin_dat
         "right_arm": "right_arm_mesh.txt",
     }.items():  # fmt: skip
         assert table in parts[part]["tables"]
-        # Made tables of the two versions of a part are the same.
+        # The made skin files of the two versions of a part are equal.
         assert len(parts[part]["tables"]) == 1 or not skin_data.genuine
     assert parts["torso"]["tables"] == skin_data.expect(made=["torso.txt"], genuine=[])
-    # The packaged forearm has the second version of the skin, the recorded robot had the first.
+    # The packaged forearm has the second version of the skin. The recorded robot had the first version.
     assert [parts[part]["verdict"] for part in ("left_forearm", "left_hand")] == ["wrong", "no patch"]
     assert parts["left_forearm"]["off_mm"] > 1.0
     assert "left_forearm was recorded with another table" in Recording(tmp_path / "a.mcap").about["source"]

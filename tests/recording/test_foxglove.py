@@ -1,4 +1,5 @@
-"""A recording can be read by the packages with which Foxglove reads MCAP: every message of every topic."""
+"""The Node packages with which Foxglove reads MCAP files can read every message of every topic of a
+recording."""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ def test_foxglove_s_own_packages_read_every_message(tmp_path: Path) -> None:
     assert all(topic["encodings"] == ["ros2msg", "cdr"] for topic in topics.values())
     counts = {name: topic["count"] for name, topic in topics.items() if name != "/skin/points"}
     assert counts == Recording(path).counts()
-    # Required by its 3D panel for a point cloud: see docs.foxglove.dev, ROS 2 messages.
+    # Fields that Foxglove's 3D panel requires for a point cloud: see docs.foxglove.dev, ROS 2 messages.
     cloud = topics["/skin/points"]
     assert cloud["schema"] == "sensor_msgs/msg/PointCloud2"
     assert [(field["name"], field["datatype"]) for field in cloud["cloud"]["fields"]] == [

@@ -1,4 +1,4 @@
-"""Files of other programs that can't be what they are said to be are refused by one sentence."""
+"""Files of other programs with a wrong format are refused with a one-sentence message."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CSV = "t,p,q\n0,1,2\n1,1,2\n"
 
 
 def skin(*names: str) -> str:
-    """Returns the part of a mapping that gives patches these values."""
+    """Returns the part of a mapping that assigns these values to patches."""
     sides = ("left_forearm", "right_forearm")
     return "".join(f'[skin.{side}]\nvalues = "{name}"\n' for side, name in zip(sides, names, strict=False))
 

@@ -1,4 +1,5 @@
-"""Perceptions computed from a recording equal those of the loop; touches and latencies are found in them."""
+"""Perceptions that are computed from a recording equal those of the loop. Touches and latencies are found in
+these perceptions."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ from tci.skin.skin import Skin
 
 
 class Poked:
-    """A recording of a poke, and what the loop read."""
+    """A recording of a poke, and the readings of the loop."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

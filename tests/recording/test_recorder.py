@@ -50,7 +50,7 @@ def test_gravity_is_read_back_and_its_end_too(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("values", [["touch", "none"], [b"touch"], [True, False], [1.5]])
 def test_a_frame_that_no_robot_should_send_is_read_back_too(values: list[object], tmp_path: Path) -> None:
-    """The gate refuses frames of text (fault 35); the recording must show them."""
+    """The gate refuses frames that contain text (fault 35). The recording must contain these frames."""
     robot, path = two_parts(tmp_path), tmp_path / "a.mcap"
     zeros = np.zeros(len(robot.servos))
     joints = JointReading(0.0, 0, zeros, zeros)

@@ -120,7 +120,7 @@ def test_58_a_bomb_is_refused_before_it_unpacks(tmp_path: Path) -> None:
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize("chunks", [0, 47])
 def test_58_gigabytes_of_nothing_end_soon(chunks: int, tmp_path: Path) -> None:
-    """A recording continues as a hole of 3 GB, with and without chunks that lie in it."""
+    """The recording ends with 3 GB of zero bytes (a hole in the file), with and without chunks inside."""
     path = tmp_path / "a.mcap"
     write(path, 30, closed=False)
     raw, end = path.read_bytes(), 8

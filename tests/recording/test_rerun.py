@@ -1,4 +1,4 @@
-"""A recording in rerun, an independent viewer, which reads joints and skin by itself."""
+"""A recording opened in rerun, an independent viewer with its own reader of joint and skin messages."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from peers import peer_python
 from recording.recorded import record_poke
 
 SHOWN = 4
-"""Number of values of a row that are printed in full: rerun abbreviates long rows."""
+"""Number of values per row that are printed completely, because rerun abbreviates long rows."""
 ROW = re.compile(r"row_\w+ [^\[]*\[((?:[-0-9.e]+, ){4})")
 
 
 def rerun(home: Path, *words: str) -> str:
-    """Returns the output of rerun's own program."""
+    """Returns the output of rerun's command-line program."""
     program = Path(peer_python("rerun")).with_name("rerun")
     environment = {**os.environ, "HOME": str(home), "NO_COLOR": "1"}
     command = [str(program), *words]

@@ -1,4 +1,4 @@
-"""Bags written by an independent library, in the formats of ROS 1 and ROS 2."""
+"""Import of bags that an independent library has written, in the formats of ROS 1 and ROS 2."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ def write_bag(
 ) -> Path:
     """Writes the readings of a run as a bag, with joints in reversed order, since ROS guarantees none.
 
-    Its times and its headers that are `stamped` count from `epoch` [s]; skin frames also have the sender's
-    own time.
+    Message times, and the times in the headers that are `stamped`, count from `epoch` [s]. Skin frames also
+    contain the sender's own time.
     """
     robot = load_robot("nao")
     types = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)

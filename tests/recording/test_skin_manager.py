@@ -1,4 +1,4 @@
-"""iCub's conventions for contacts, checked with a contact list of an iCub's skinManager."""
+"""iCub's conventions for contacts, checked with a contact list from the skinManager of an iCub."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ FILES = {
     "right_forearm": "right_forearm_mesh",
     "right_arm": "right_arm_mesh",
 }
-"""Position file of each part of the recorded robot."""
+"""Position file for each part of the recorded robot."""
 LINE = (
     "14739 1412842922.723273 ((1848 4 2 6) (0.06 -0.029 0.009) (-0.4 0.0 0.0) (0 0 0) (0 0 0) (1 0 0) "
     "(47) 9.3)"
@@ -40,7 +40,7 @@ LINE = (
 
 @pytest.fixture(scope="module")
 def recorded(skin_data: SkinData) -> dict[str, list[list[SkinContact]]]:
-    """Contacts of each part, frame by frame."""
+    """Returns the contacts of each part, frame by frame."""
     parts: dict[str, list[list[SkinContact]]] = defaultdict(list)
     for _, contacts in read_skin_events(skin_data.file("recordings/icub_skin_events.log")):
         frame: dict[str, list[SkinContact]] = defaultdict(list)
@@ -131,7 +131,7 @@ def test_damaged_lines_are_one_error_with_the_line(tmp_path: Path, damaged: str)
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 60))
 def test_a_partition_is_single_link(seed: int, count: int) -> None:
-    """By definition, taxels are in one contact if a chain of short steps connects them."""
+    """In single-link clustering, two taxels belong to one contact if a chain of short steps connects them."""
     random = np.random.default_rng(seed)
     positions = random.uniform(0.0, 0.06, (count, 3))
     together = np.linalg.norm(positions[:, None] - positions[None], axis=2) <= NEIGHBOUR

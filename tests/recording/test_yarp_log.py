@@ -43,7 +43,8 @@ def test_a_folder_of_the_dumper_and_a_log_that_is_no_skin(tmp_path: Path) -> Non
 
 @pytest.fixture
 def pressed(tmp_path: Path) -> Path:
-    """Log of a NAO's sleeve at 100 Hz: 1 s at rest with noise, then 3 s under a palm of 20 taxels."""
+    """Returns a log of a NAO's sleeve at 100 Hz: 1 s of noise without touch, then 3 s in which a palm presses
+    20 taxels."""
     patch = load_robot("nao").patch("left_forearm")
     random = np.random.default_rng(0)
     lines = []
@@ -75,7 +76,7 @@ def test_a_raw_log_imported_with_a_robot_is_plotted_and_replayed(pressed: Path, 
     (touch,) = plotted["touches"]
     assert (touch["part"], touch["patch"]) == ("left_arm", "left_forearm")
     assert touch["began_s"] == pytest.approx(1e9 + 1.0, abs=0.05)
-    # The recorded joints do not move, so that the gate stops the reflex that the palm has caused.
+    # The joints in the log do not move, so the gate stops the robot when the reflex responds to the palm.
     answered = json.loads(tci("run", "withdrawal", "nao", "--via", f"replay:{recording}", "--json", status=1))
     assert list(answered["touched_N"]) == ["left_forearm"]
     forces = tmp_path / "force.csv"

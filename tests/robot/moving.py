@@ -1,4 +1,4 @@
-"""Shared by tests of kinematics: both robots, links at the ends of limbs, random postures."""
+"""Code that several tests of kinematics share: two robots, links at the ends of limbs, random postures."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ ENDS = [
     ("icub", "head"),
     ("icub", "l_foot"),
 ]
-"""Robots, and links at the ends of limbs; iCub's torso depends on servos that do not move a foot."""
+"""Robots, and links at the ends of their limbs. The pose of iCub's foot in the torso also depends on the
+torso's servos."""
 HANDS = [end for end in ENDS if "and" in end[1]]
 
 

@@ -1,4 +1,4 @@
-"""Kinematics by MuJoCo, which the compiled loops must equal."""
+"""Kinematics computed by MuJoCo. The compiled loops must give equal results."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tci.robot.kinematics import bare_model
 
 
 class Oracle:
-    """Poses, Jacobians and the centre of mass of one robot, in work space of its own."""
+    """Poses, Jacobians and centre of mass of one robot, computed with a separate MuJoCo data object."""
 
     def __init__(self, robot: Robot) -> None:
         assert robot.model is not None
@@ -29,14 +29,14 @@ class Oracle:
         self.torso = self.model.body(robot.model.torso_link).id
 
     def move(self, position: Array) -> Array:
-        """Moves to `position` (n_servos,) [rad]; returns `T_WT` (4, 4)."""
+        """Moves to `position` (n_servos,) [rad]. Returns the pose `T_WT` (4, 4) of the torso in the world."""
         self.data.qpos[self.addresses] = position[self.servos] * self.ratio + self.shift
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
         return self.pose_of(self.torso) @ self.T_LT
 
     def pose_of(self, body: int) -> Array:
-        """Returns `T_WL` (4, 4)."""
+        """Returns the pose `T_WL` (4, 4) of a link in the world."""
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = self.data.xmat[body].reshape(3, 3), self.data.xpos[body]
         return pose

@@ -1,4 +1,4 @@
-"""`cartesian_actuator`: reading, writing and the faults of one that makes no sense."""
+"""The XML element `cartesian_actuator`: reading, writing, and errors for meaningless values."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PALM = 'name="palm" link="LHand" xyz="0.05775 0 -0.01231" frame="torso" speed="0
 
 
 def nao_with(folder: Path, actuator: str, *, part: str = "left_arm") -> Path:
-    """Returns a description that adds an actuator to a part of the NAO."""
+    """Returns a description that adds a Cartesian actuator to a part of the NAO."""
     own = Path(load_robot("nao").source)
     path = folder / "robot.xml"
     text = re.sub(r'\s*<cartesian_actuator name="palm"[^>]*>', "", own.read_text(encoding="utf-8"))

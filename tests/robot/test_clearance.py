@@ -1,4 +1,5 @@
-"""Distances between links equal the simulation's contacts, and levers bound their change."""
+"""Distances between links agree with the contacts of the simulation, and lever lengths bound the change of
+distances."""
 
 from __future__ import annotations
 
@@ -30,8 +31,8 @@ def posture(robot: Robot, rng: np.random.Generator) -> Array:
 
 
 def simulated_contact(world: World, position: Array) -> float:
-    """Returns the deepest penetration [m] between arm and body at a posture in the simulation; inf for
-    none."""
+    """Returns the deepest penetration [m] between arm and body at a posture in the simulation; infinite if
+    there is none."""
     for servo in world.robot.servos:
         if servo.joint is not None:
             world.data.qpos[world.model.joint(servo.joint).qposadr] = position[servo.index]

@@ -1,4 +1,4 @@
-"""Gravity torques equal the derivative of potential energy, and a case computed by hand."""
+"""Gravity torques equal the derivative of the potential energy, and agree with a case computed by hand."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tci.robot.model_file import load_spec
 
 
 def weights(robot: Robot) -> list[tuple[str, float, np.ndarray]]:
-    """Returns name, mass [kg] and centre of mass [m] of each body that the model gives a mass."""
+    """Returns name, mass [kg] and centre of mass [m] of each body whose mass the model contains."""
     assert robot.model is not None
     bodies = load_spec(robot.model).bodies
     return [(body.name, body.mass, body.ipos.copy()) for body in bodies if body.explicitinertial]
@@ -40,7 +40,8 @@ def test_torques_are_the_transposed_jacobians_times_the_weights(name: str) -> No
 
 
 def test_a_stretched_nao_arm_weighs_what_its_masses_say() -> None:
-    """With arms forward, the torque is weight times forward distance of all links beyond the shoulder."""
+    """With arms forward, the torque is the sum over all links beyond the shoulder: weight times forward
+    distance."""
     robot, kinematics = robot_and_kinematics("nao")
     held = Gravity(robot).torques(np.zeros(len(robot.servos)))
     moment = 0.0
@@ -49,7 +50,7 @@ def test_a_stretched_nao_arm_weighs_what_its_masses_say() -> None:
             T_TL = kinematics.poses(np.zeros(len(robot.servos)), [link])[link]
             moment += mass * (T_TL[:3, :3] @ centre + T_TL[:3, 3])[0]
     pitch = next(s.index for s in robot.servos if s.joint == "LShoulderPitch")
-    # ShoulderPitch turns the arm down: it must push the other way.
+    # Positive ShoulderPitch lowers the arm, so the torque that holds the arm has the opposite sign.
     assert held[pitch] == pytest.approx(-moment * STANDARD_GRAVITY, abs=1e-9)
     assert 0.1 < -held[pitch] < 1.0
 

@@ -1,4 +1,5 @@
-"""Hands in a model: joints that follow a servo, attached models, and descriptions that extend another one."""
+"""Models of hands: joints that follow a servo, hand models that are attached to a robot, and descriptions
+that extend another description."""
 
 from __future__ import annotations
 
@@ -21,7 +22,7 @@ HANDS = ("icub-hands", "nao-hands", "g1-hands")
 
 
 def fist(robot: Robot, share: float) -> np.ndarray:
-    """Returns the angles (n_servos,) [rad] of a robot with its left hand closed by a fraction 0..1."""
+    """Returns the angles (n_servos,) [rad] of a robot whose left hand is closed by a fraction 0..1."""
     position = np.array(initial_position(robot))
     for servo in joint_map(robot, "left_fingers").servos.tolist():
         limits = robot.servos[servo].limits
@@ -33,8 +34,8 @@ def fist(robot: Robot, share: float) -> np.ndarray:
 
 @pytest.mark.parametrize("name", HANDS)
 def test_fingers_are_where_the_physics_has_them(name: str) -> None:
-    """Palm and tips are at equal places by the robot's kinematics and in the simulation, after the servos
-    moved."""
+    """After the servos have moved, palm and finger tips are at equal positions in the robot's kinematics and
+    in the simulation."""
     robot = load_robot(name)
     world = World(robot, skin=False)
     kinematics = KinematicChain(robot)
@@ -69,7 +70,7 @@ def test_the_jacobian_of_a_tip_is_its_derivative(name: str) -> None:
 
 
 def test_an_arm_does_not_wait_for_fingers_on_its_board() -> None:
-    """A motion of the elbow takes as long beside a motion of the fingers as alone."""
+    """A motion of the elbow takes equally long with and without a simultaneous motion of the fingers."""
     robot = load_robot("icub")
 
     def duration(others: bool) -> int:

@@ -1,4 +1,4 @@
-"""A model without what only pictures need collides as the whole one."""
+"""A model without the elements that only pictures need has the same collisions as the complete model."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MJCF = """
 
 
 def stl(path: Path, corners: NDArray[np.float64]) -> None:
-    """Writes triangles (n, 3, 3) [m]."""
+    """Writes triangles (n, 3, 3) [m] to an STL file."""
     rows = [struct.pack("<12fH", 0, 0, 0, *corner.ravel(), 0) for corner in corners]
     path.write_bytes(bytes(80) + struct.pack("<I", len(rows)) + b"".join(rows))
 
@@ -50,7 +50,7 @@ def spec_of(folder: Path, light: str) -> mujoco.MjSpec:
 
 
 def distances(model: mujoco.MjModel, geom: str) -> list[float]:
-    """Returns distances [m] of the probe from a geom, from many sides."""
+    """Returns the distances [m] of a probe from a geom, measured from many sides."""
     data, found = mujoco.MjData(model), []
     probe = model.geom("probe").id
     for place in np.random.default_rng(3).uniform(-0.6, 0.9, size=(100, 3)):

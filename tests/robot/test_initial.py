@@ -1,4 +1,4 @@
-"""Initial postures must satisfy the robot's limits and couplings, whatever the transform."""
+"""Initial postures must satisfy the robot's limits and couplings, for every kind of joint transform."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Inverse kinematics finds, within limits, targets that forward kinematics reach."""
+"""Inverse kinematics finds solutions within the limits for targets that forward kinematics can reach."""
 
 from __future__ import annotations
 
@@ -78,7 +78,8 @@ def test_a_small_motion_of_the_target_is_a_small_motion_of_the_arm(name: str, li
 @pytest.mark.parametrize("kind", ["position", "pose"])
 @pytest.mark.parametrize(("name", "link"), HANDS)
 def test_answers_are_near_the_present_posture(name: str, link: str, kind: str) -> None:
-    """The solution is hardly ever farther from it than the posture that made the target."""
+    """In nearly all cases the solution is at least as close to the present posture as the posture from which
+    the target was computed."""
     robot, kinematics = robot_and_kinematics(name)
     inverse = InverseKinematics(robot, kinematics, link)
     chosen = list(inverse.servos)
@@ -97,7 +98,7 @@ def test_out_of_reach_is_an_answer_at_the_nearest_place() -> None:
     shoulder = np.array([0.0, 0.098, 0.1])
     answer = inverse.solve(shoulder + np.array([1.0, 0.0, 0.0]), initial_position(robot))
     assert not answer.reached
-    # The arm's length to the wrist is 161.6 mm (105, 15 and 55.95 mm with a bent elbow of 2 degrees).
+    # The length of the arm to the wrist is 161.6 mm: 105, 15 and 55.95 mm, with the elbow bent by 2 degrees.
     assert answer.error == pytest.approx(1.0 - 0.1616, abs=1e-3)
 
 

@@ -1,4 +1,5 @@
-"""Transforms of a description in both directions: tables, couplings and mixtures, and faults in them."""
+"""Transforms between servos and generic joints in both directions: tables, couplings and mixtures, and faults
+in them."""
 
 from __future__ import annotations
 
@@ -146,8 +147,8 @@ def test_each_fault_is_named(tmp_path: Path, old: str, new: str, words: str) -> 
 
 @pytest.mark.parametrize("name", ["icub", "nao"])
 def test_fingers_that_share_motors_bend_together(name: str) -> None:
-    """A flexion of all fingers is reached exactly, by nine motors or one; one that the motors can't make is
-    met with the least error."""
+    """An equal flexion of all fingers is reached exactly, with nine motors or one motor. If the motors can't
+    reach a flexion, the error is minimal."""
     robot = load_robot(name)
     part, joints = robot.part("left_fingers"), joint_map(robot, "left_fingers")
     here = np.array(initial_position(robot))

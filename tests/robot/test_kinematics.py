@@ -1,4 +1,4 @@
-"""Jacobians equal differences of the forward kinematics; chains list the right servos."""
+"""Jacobians equal difference quotients of the forward kinematics. Chains contain the correct servos."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poses and Jacobians of compiled loops equal MuJoCo's, and threads may share a chain."""
+"""Poses and Jacobians from the compiled loops equal MuJoCo's, and several threads may use one chain."""
 
 from __future__ import annotations
 

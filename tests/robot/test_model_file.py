@@ -1,4 +1,4 @@
-"""Kinematic models as others publish them, and damaged files."""
+"""Kinematic models in the forms in which others publish them, and damaged files."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def mjcf(tmp_path: Path, *, before: str = "", geom: str = "", after: str = "") -
 
 
 def test_a_floating_base_and_its_keyframe_are_left_out(tmp_path: Path) -> None:
-    """Models of MuJoCo's own collection have them."""
+    """Models of MuJoCo's own collection (Menagerie) have a floating base and a keyframe."""
     robot = mjcf(tmp_path, after=HOME)
     kinematics = KinematicChain(robot)
     assert robot.model is not None
@@ -70,7 +70,7 @@ def test_a_floating_base_and_its_keyframe_are_left_out(tmp_path: Path) -> None:
 
 
 def test_a_model_is_compiled_once_and_anew_when_its_file_changes(tmp_path: Path) -> None:
-    """Changes that one object makes to its model, as Gravity does, do not affect others."""
+    """If one object, such as Gravity, changes its model, other objects are not affected."""
     robot = mjcf(tmp_path)
     assert robot.model is not None
     before = bare_model(robot.model)

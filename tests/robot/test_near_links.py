@@ -1,4 +1,5 @@
-"""Links that stay near each other whatever the posture are so by construction; links that meet are not."""
+"""Pairs of links that are close together in every posture are not checked for collision. Pairs that meet only
+in some postures are checked."""
 
 from __future__ import annotations
 
@@ -15,8 +16,9 @@ from tci.robot.joint_map import initial_position
 
 
 def shoulders(folder: Path, *, above: float, aside: float) -> tuple[set[tuple[str, str]], float]:
-    """Returns the pairs that are checked, and the least distance [m] at the start, of a humanoid whose
-    shoulders' second links are balls, `aside` [m] from their joints, with a torso's ball `above` [m] each."""
+    """Returns the checked pairs of links, and the least distance [m] in the initial posture, for a made
+    humanoid. The second link of each shoulder is a ball at `aside` [m] from its joint. The torso has another
+    ball at `above` [m] over each of these balls."""
     path = MadeHumanoid(legs=False).urdf(folder)
     text = path.read_text()
     for side, sign in (("left", 1.0), ("right", -1.0)):
@@ -38,7 +40,7 @@ RADIUS = 0.02
 
 
 def ball(place: str) -> str:
-    """Returns a shape of a link."""
+    """Returns the XML of a spherical collision shape."""
     shape = f"<geometry><sphere radius='{RADIUS}'/></geometry>"
     return f"<collision><origin xyz='{place}'/>{shape}</collision>"
 
@@ -52,7 +54,7 @@ def test_links_that_are_near_whatever_the_posture_do_not_collide(tmp_path: Path)
 
 
 def test_links_that_meet_by_moving_do(tmp_path: Path) -> None:
-    """The ball of the shoulder's second link is carried around, past that of the torso."""
+    """A motion of the shoulder moves the ball of its second link past the ball of the torso."""
     pairs, near = shoulders(tmp_path, above=-0.012, aside=-0.05)
     assert ("torso", "left_shoulder_roll_link") in pairs
     assert 0.0 < near < NEAR

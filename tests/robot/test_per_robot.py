@@ -1,4 +1,5 @@
-"""Results of a robot are computed once, kept apart from its description, and released with it."""
+"""Results that are computed once per robot are stored outside of its description, and are released with the
+robot."""
 
 from __future__ import annotations
 
@@ -34,7 +35,8 @@ def test_a_result_is_computed_once_for_each_robot_and_other_arguments() -> None:
 
 @pytest.mark.parametrize("name", ["nao", "icub-whole"])
 def test_what_is_computed_of_a_robot_is_released_with_it_and_no_part_of_its_pickle(name: str) -> None:
-    robot = tci.load_robot(name).model_copy()  # others may hold the one that the name stands for
+    # other objects may still refer to the robot that `load_robot` returns for this name
+    robot = tci.load_robot(name).model_copy()
     generic = postures(robot).to_generic(initial_position(robot))
     for part in robot.parts:
         assert np.array_equal(

@@ -1,4 +1,5 @@
-"""Forward kinematics, Jacobians and gravity equal Pinocchio's, which reads the exported URDF."""
+"""Forward kinematics, Jacobians and gravity torques equal those of Pinocchio, which reads the exported
+URDF."""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ COUNT = 1000
 
 
 class Peer:
-    """A robot in Pinocchio."""
+    """A robot in Pinocchio, loaded from the exported URDF."""
 
     def __init__(self, name: str) -> None:
         self.robot, _ = robot_and_kinematics(name)
@@ -36,7 +37,7 @@ class Peer:
         pinocchio.updateFramePlacements(self.model, self.data)
 
     def pose(self, link: str) -> np.ndarray:
-        """Returns `T_TL` (4, 4)."""
+        """Returns the pose `T_TL` (4, 4) of a link in the torso."""
         T_WT = self.data.oMf[self.torso]
         return (T_WT.inverse() * self.data.oMf[self.model.getFrameId(link)]).homogeneous
 

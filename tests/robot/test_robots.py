@@ -28,7 +28,7 @@ from tci.skin.surfaces import build_surface
 COMMON_RANGE = np.deg2rad([[-10, 95.5], [0, 76], [-29.5, 65], [15, 88.5], [-60, 60]])
 SIDES = ("left", "right")
 LACKING = {"nao-h21": ["elbow_yaw"]}
-"""Generic joints that the arms of a robot lack."""
+"""Generic joints that the arms of some robots lack."""
 
 
 @pytest.fixture(scope="module", params=robot_names())
@@ -55,26 +55,27 @@ class ModelArm:
 
     @property
     def R_MW(self) -> Array:
-        """Rotation (3, 3) of the world in the arm's mount frame."""
+        """Rotation (3, 3) from world frame to the mount frame of the arm."""
         assert self.robot.model is not None
         R_WT = self.data.xmat[self.torso].reshape(3, 3) @ self.robot.model.T_LT[:3, :3]
         result: Array = self.part.R_TM.T @ R_WT.T
         return result
 
     def joint(self, generic: int) -> int:
-        """Returns MuJoCo's number of the joint behind a generic one."""
+        """Returns MuJoCo's index of the joint that a generic joint is mapped to."""
         servo = self.part.servos[generic].servo
         assert servo is not None
         return int(self.model.joint(self.robot.servos[servo].joint).id)
 
     def axis(self, generic: int) -> Array:
-        """Returns the axis (3,) of a generic joint in the mount frame, in its positive direction."""
+        """Returns the axis (3,) of a generic joint in the mount frame, pointing in the positive direction of
+        rotation."""
         sign = np.sign(self.part.servos[generic].scale)
         result: Array = self.R_MW @ self.data.xaxis[self.joint(generic)] * sign
         return result
 
     def along(self) -> Array:
-        """Returns the axis (3,) of internal rotation in the mount frame, towards the elbow."""
+        """Returns the axis (3,) of internal rotation in the mount frame, pointing towards the elbow."""
         first, second = self.joint(2), self.joint(3)
         axis = self.data.xaxis[first]
         way = self.data.xanchor[second] - self.data.xanchor[first]
@@ -82,7 +83,7 @@ class ModelArm:
         return result
 
     def hand(self) -> Array:
-        """Returns the orientation (3, 3) in the mount frame of the link behind the pronation joint."""
+        """Returns the orientation (3, 3), in the mount frame, of the link that the pronation joint moves."""
         body = self.model.jnt_bodyid[self.joint(4)]
         result: Array = self.R_MW @ self.data.xmat[body].reshape(3, 3)
         return result
@@ -90,13 +91,14 @@ class ModelArm:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_axes_of_nao_and_icub_agree_in_their_mount_frames(side: Side) -> None:
-    """In 1000 postures, the axes of upper arm and forearm and the thumb side agree to 0.01 degrees."""
+    """In 1000 postures, the axes of upper arm and forearm and the direction of the thumb agree within 0.01
+    degrees."""
     sign = side_sign(side)
     arms = [ModelArm(load_robot(name), side) for name in ("nao", "icub")]
     thumbs_H = []
     for arm in arms:
         arm.at(np.zeros(5))
-        thumbs_H.append(arm.hand().T[:, 0])  # the thumb side is forward at generic zero
+        thumbs_H.append(arm.hand().T[:, 0])  # at the generic zero, the thumb points forward
     worst = 0.0
     for posture in np.random.default_rng(2).uniform(*COMMON_RANGE.T, size=(1000, 5)):
         # Internal rotation turns about the upper arm and pronation about the forearm.
@@ -122,7 +124,7 @@ def test_axes_of_nao_and_icub_agree_in_their_mount_frames(side: Side) -> None:
 @pytest.mark.parametrize("side", ["left", "right"])
 @pytest.mark.parametrize("name", robot_names())
 def test_axes_agree_with_the_generic_arm_in_the_torso_frame(name: str, side: Side) -> None:
-    """In 1000 postures, upper arm and forearm agree within 0.5 degrees wherever the limits allow."""
+    """In 1000 postures, the axes of upper arm and forearm agree within 0.5 degrees if the limits permit."""
     robot = load_robot(name)
     part = f"{side}_arm"
     if any(robot.part(part).mount):
@@ -142,7 +144,7 @@ def test_axes_agree_with_the_generic_arm_in_the_torso_frame(name: str, side: Sid
             (arm.along(), -upper_arm_rotation(posture, side, axial=False)[:, 2]),
             (arm.axis(3), -upper_arm_rotation(posture, side, axial=True)[:, 1]),
         ]
-        if robot.part(part).servos[4].servo is not None:  # an H21 has no wrist
+        if robot.part(part).servos[4].servo is not None:  # the NAO H21 has no wrist
             pairs.append((arm.axis(4) * sign, -forearm_rotation(posture, side, axial=False)[:, 2]))
         worst = max(worst, *(float(np.rad2deg(angle_between(a, b))) for a, b in pairs))
     print(f"{name}, {side}: {tried} of 1000 postures within limits, at most {worst:.1e} degrees off")
@@ -186,7 +188,7 @@ def test_left_and_right_mirror_each_other(robot: Robot) -> None:
     for a, b in zip(left.servos, right.servos, strict=True):
         assert a.transform == b.transform
         if a.transform == "retarget":
-            continue  # what limits mean for a shoulder depends on all three joints
+            continue  # the limits of a shoulder restrict all three joints together
         assert (a.servo is None) == (b.servo is None)
         if a.servo is None:
             continue
@@ -221,7 +223,8 @@ def test_the_schema_accepts_the_description(robot: Robot) -> None:
 
 
 def test_head_and_torso_turn_as_their_convention_says(robot: Robot) -> None:
-    """Pitch is positive about y, roll about x, yaw about z of the torso, whatever the robot's signs."""
+    """Pitch is positive about the torso's y axis, roll about x, yaw about z, for all signs of the robot's
+    servos."""
     assert robot.model is not None
     model = load_spec(robot.model).compile()
     data = mujoco.MjData(model)
@@ -236,8 +239,9 @@ def test_head_and_torso_turn_as_their_convention_says(robot: Robot) -> None:
 
 
 def test_legs_and_hands_turn_as_their_convention_says(robot: Robot) -> None:
-    """Straight legs and hanging arms: flexion, abduction, internal rotation, knee flexion, toes up, sole
-    inwards; the wrist flexes towards the body and deviates towards the thumb."""
+    """Positive directions, with straight legs and hanging arms: flexion, abduction and internal rotation of
+    the hip, knee flexion, toes up, sole inwards; the wrist flexes towards the body and deviates towards the
+    thumb."""
     assert robot.model is not None
     axes = {
         "leg": [(0, -1, 0), (1, 0, 0), (0, 0, -1), (0, 1, 0), (0, -1, 0), (-1, 0, 0)],

@@ -1,4 +1,4 @@
-"""Retargeted shoulders of a robot whose servos are the generic joints."""
+"""Retargeting of shoulders, for a made robot whose servos are the generic joints."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ELBOWS = [
     {"transform": "table", "table": ((-2.0, 2.0), (2.0, -2.0))},
     {"transform": "coupled", "terms": (Term(servo=3, factor=-1.0),)},
 ]
-"""Descriptions of an elbow that flexes when its servo's angle falls."""
+"""Descriptions of an elbow that flexes when the angle of its servo decreases."""
 
 
 def retargeted(tmp_path: Path, *, elbow: dict[str, object], forearm: tuple[float, float, float]) -> Robot:
@@ -38,8 +38,8 @@ def retargeted(tmp_path: Path, *, elbow: dict[str, object], forearm: tuple[float
 def test_which_way_the_elbow_flexes_is_taken_from_its_transform(
     tmp_path: Path, elbow: dict[str, object]
 ) -> None:
-    """The small robot's elbow bends backward when its angle falls: its upper arm is rotated by half a
-    turn."""
+    """The elbow of the small robot bends backward when its angle decreases, because the upper arm is rotated
+    by half a turn."""
     robot = retargeted(tmp_path, elbow=elbow, forearm=(0.0, 0.0, 0.0))
     generic = joint_map(robot, "left_arm").to_generic(POSITION)
     expected = [*POSITION[:2], POSITION[2] + np.pi, -POSITION[3], POSITION[4]]

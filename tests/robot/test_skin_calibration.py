@@ -1,4 +1,4 @@
-"""A calibration lies next to the description; an invalid one is refused."""
+"""A calibration file is stored next to the description. An invalid calibration is refused."""
 
 from __future__ import annotations
 
@@ -71,7 +71,8 @@ def test_without_a_measured_response_the_description_s_curve_holds(tmp_path: Pat
         one = measured.patches[name].model_copy(update={"response": response})
         skin = FeltSkin(robot, calibration=measured.model_copy(update={"patches": {name: one}}))
         state = skin.update(small_robot.reading(small_robot.frame(name, {7: 25})))
-        assert state[name].pressure.max() == pytest.approx(pressure)  # 15 counts from the measured rest
+        # 15 counts above the measured rest value
+        assert state[name].pressure.max() == pytest.approx(pressure)
 
 
 def test_calibration_of_another_skin_is_refused(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Readers of skin calibration files: the peculiarities of each origin, and damaged files."""
+"""Readers of skin calibration files: the irregularities of each source of files, and damaged files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tci.skin.triangulation import triangulate
 HEAD = "name\tdemo\nspatial_sampling taxel\n"
 ROW = "0.01 0.02 0.03 0 0 1\n"
 
-# Channels with a position, taxels among them, and channels in all.
+# Number of channels with a position, number of taxels among these, and number of all channels.
 COUNTS = {
     "icub/positions/left_forearm_V2.txt": (240, 240, 384),
     "icub/positions/left_forearm_mesh.txt": (276, 230, 384),

@@ -1,4 +1,5 @@
-"""Tables, plain rows and URDF sensors give equal skins; damaged files give one error with the line."""
+"""Tables, plain rows and URDF sensors give equal skins. A damaged file gives one error that names the
+line."""
 
 from __future__ import annotations
 
@@ -129,7 +130,7 @@ def test_tactile_sensors_of_a_urdf(tmp_path: Path) -> None:
     path = written(tmp_path, ARRAY, "robot.urdf")
     palm, tip = read_tactile_sensors(path)
     assert (palm.name, palm.link, palm.data, palm.rate) == ("palm", "l_hand", "hand", 100.0)
-    # Row-major: index 4 is row 1, column 1.
+    # Row-major order: index 4 is row 1, column 1.
     local = np.array([0.004, 0.005 - 0.001, 0.0])
     R = rotation_rpy(0.0, 1.5707963, 0.0)
     np.testing.assert_allclose(palm.layout.positions[4], R @ local + [0, 0, 0.01], atol=1e-12)

@@ -1,4 +1,4 @@
-"""A patch defined by a skin calibration file works like any other."""
+"""A patch that a skin calibration file defines has the same features as any other patch."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NAO = Path(tci.robot.__file__).parent / "robots" / "nao"
 
 
 def nao_with(folder: Path, file: Path, *, channels: int, form: str = "icub") -> Robot:
-    """Returns the NAO, read from XML, with the file as the skin of its left forearm."""
+    """Returns the NAO, read from XML, whose left forearm uses the file as its skin."""
     shutil.copytree(NAO, folder / "nao")
     shutil.copy(file, folder / "nao" / "skin.txt")
     robot = folder / "nao" / "robot.xml"

@@ -1,4 +1,5 @@
-"""Robot descriptions: valid ones load, and every fault gives one clear message with its line."""
+"""Robot descriptions: valid descriptions load, and every fault causes one clear message with its line
+number."""
 
 from __future__ import annotations
 
@@ -106,16 +107,17 @@ def changed(old: str, new: str) -> str:
 
 NAO = Path(tci.robot.__path__[0]) / "robots" / "nao" / "robot.xml"
 WORD = re.compile(r"(?<=[ \n])\w+(?==\")|(?<=<)\w+(?=[^<>]*/>)")
-"""Name of an attribute, or of an element without content."""
+"""Pattern of the name of an attribute, or of an element without content."""
 
 
 def nao() -> str:
-    """Returns the description of a NAO without its model, which needs files beside it."""
+    """Returns the description of a NAO without its model, because the model needs other files."""
     return re.sub("<model .*>", "", NAO.read_text())
 
 
 def misspelt() -> list[str]:
-    """Returns the description of a NAO with one misspelt word, for each word in each element that has it."""
+    """Returns copies of a NAO's description with one misspelt word, for each word in each element that
+    contains it."""
     text = nao()
     found: dict[tuple[str, str], str] = {}
     for word in WORD.finditer(text, text.index("<robot_part")):
@@ -302,7 +304,7 @@ MODELS = {
 
 @pytest.mark.parametrize("format", ["mjcf", "urdf"])
 def test_what_a_servo_or_a_link_of_the_model_can_be(tmp_path: Path, format: str) -> None:
-    """Faults that the kinematics would find later are reported here, with their line."""
+    """Without these messages, the kinematics would find these faults later. Each message names the line."""
     (tmp_path / "model").write_text(MODELS[format])
     model = f'<model format="{format}" file="model" torso_link="chest"/>'
     text = changed('<robot_part name="LArm">', model + '<robot_part name="LArm">')
@@ -331,7 +333,8 @@ def test_a_model_of_a_package_that_is_not_installed_says_what_to_install(tmp_pat
 
 
 def damage(data: bytes, chance: random.Random) -> bytes:
-    """Returns the data after one to four random edits: a byte changed, a piece cut, doubled or moved."""
+    """Returns the data after one to four random edits: a changed byte, or a piece that is cut, doubled or
+    moved."""
     pieces = [b"nan", b"-1", b"1e999", b"<", b"&x;", b'"', b"\xff"]
     for _ in range(chance.randint(1, 4)):
         if not data:
@@ -350,7 +353,7 @@ def damage(data: bytes, chance: random.Random) -> bytes:
 
 
 def test_damaged_files_never_raise_anything_else(tmp_path: Path) -> None:
-    """Tests random damage (`make fuzz` runs more)."""
+    """Tests random damage. `make fuzz` runs more cases."""
     chance = random.Random(3)
     for _ in range(int(os.environ.get("TCI_FUZZ", "400"))):
         path = write(tmp_path, damage(GOOD.encode(), chance))

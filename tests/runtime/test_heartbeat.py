@@ -1,4 +1,4 @@
-"""Heartbeats: silence is detected in time, and arbitrary bytes do no harm."""
+"""Heartbeats: a silent process is detected in time, and arbitrary bytes are ignored."""
 
 from __future__ import annotations
 

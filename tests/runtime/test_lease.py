@@ -1,4 +1,5 @@
-"""Two commanders of one robot, with every manipulation of the file that names the commander."""
+"""Two commanders of one robot, and every manipulation of the lease file, which names the present
+commander."""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def file_in(folder: Path) -> Path:
-    """Returns the file of the only lease that was taken in the folder."""
+    """Returns the file of the only lease in the folder."""
     (file,) = folder.iterdir()
     return file
 
@@ -40,13 +41,13 @@ def refused(words: str) -> None:
 
 @pytest.fixture
 def forked() -> Iterator[Callable[[Callable[[], None]], int]]:
-    """Yields a function that forks a child, which runs something and then waits; the child is killed at the
-    end."""
+    """Yields a function that forks a child process, which runs a function and then waits. The child is killed
+    at the end."""
     children: list[int] = []
 
     def fork(act: Callable[[], None]) -> int:
         child = os.fork()
-        if child == 0:  # no code of pytest may run in here
+        if child == 0:  # the child process must not execute code of pytest
             try:
                 act()
                 time.sleep(60.0)

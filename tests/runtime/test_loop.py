@@ -1,4 +1,5 @@
-"""Faults of the loop: it counts, holds and stops, and never ends with the robot in motion."""
+"""Faults of the loop: the loop counts faults, holds or stops the robot, and never ends while the robot
+moves."""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ from tci.simulation.world import World
 
 
 class Swing(tci.Capability[int]):
-    """Commands the head far away at once, and may run an action at its `at`-th step."""
+    """Commands the head to a distant target immediately, and may run an action in step number `at`."""
 
     def __init__(self, at: int = -1, what: Callable[[], object] = int) -> None:
         self.at, self.what = at, what
@@ -178,7 +179,8 @@ def test_42_a_signal_brings_the_robot_to_rest(
 def test_42_more_signals_do_not_interrupt_the_stop(
     driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Ctrl-C is often pressed twice, or a wrapper forwards it: the last written command was at full speed."""
+    """Users often press Ctrl-C twice, or a wrapper forwards the signal. In an earlier version, the last
+    command then had full speed."""
     read, write, sent = driver.read, driver.write, []
 
     def interrupt() -> None:
@@ -203,7 +205,7 @@ def test_42_more_signals_do_not_interrupt_the_stop(
 
 
 class Spin(Swing):
-    """Drives the head at a velocity, in every step."""
+    """Moves the head at a constant velocity, with a command in each step."""
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[SwitchMode, ...]:
         return (SwitchMode("head", Mode.VELOCITY),)
@@ -224,7 +226,7 @@ def test_a_run_that_is_over_leaves_no_joint_in_motion(
     capability: Swing,
     until: Callable[[int], bool] | None,
 ) -> None:
-    """Otherwise nothing would end it: YARP continues a velocity for ever."""
+    """Otherwise the joint would continue to move: over YARP a velocity command has no end."""
     write, sent = driver.write, []
 
     def watched(safe: SafeCommand) -> SafeCommand:
@@ -254,7 +256,7 @@ def test_a_run_that_is_over_leaves_no_joint_in_motion(
 def test_what_holds_a_robot_elsewhere_is_over_when_a_run_has_ended(
     driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The process that owns the robot learns of the end later."""
+    """The process of the robot receives the end of the hold later."""
     read, reads = driver.read, 0
 
     def held() -> Reading:
@@ -273,7 +275,8 @@ def test_what_holds_a_robot_elsewhere_is_over_when_a_run_has_ended(
 def test_a_robot_that_does_not_come_to_rest_is_not_waited_for(
     driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The loop waits neither for rest nor for the end of a hold: `REST` each, here none at all."""
+    """The loop normally waits up to `REST` for rest and up to `REST` for the end of a hold. Here `REST` is
+    0."""
     monkeypatch.setattr("tci.runtime.loop.REST", 0.0)
     report = LoopReport()
     run(driver, Spin(), duration=0.1, report=report)
@@ -297,7 +300,8 @@ def test_a_step_that_gives_no_pair_is_told_what_to_give(driver: SimulatedDriver,
 def test_a_run_that_writes_nothing_does_not_begin_when_it_fails(
     driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its references moved while the robot did not: it would jump."""
+    """The gate's references moved but the robot did not, so the robot would jump if a later run began at the
+    references."""
     sent: list[SafeCommand] = []
     monkeypatch.setattr(driver, "write", sent.append)
     with pytest.raises(ZeroDivisionError):
@@ -412,7 +416,7 @@ def test_40_what_was_there_before_a_run_costs_no_collection_in_it(driver: Simula
     run(driver, Swing(3, lambda: looked_at.append(len(gc.get_objects()))), duration=0.05)
     run(driver, Swing(900, lambda: looked_at.append(len(gc.get_objects()))), duration=2.0)
     assert len(ballast) < len(gc.get_objects())
-    assert max(looked_at) < 20_000  # and it does not grow
+    assert max(looked_at) < 20_000  # and the number does not grow
 
 
 def test_the_report_tells_quantiles_in_milliseconds() -> None:
@@ -451,7 +455,7 @@ def test_45_loops_side_by_side_all_see_a_failing_thread() -> None:
     with ExitStack() as first:
         one = first.enter_context(interruptions())
         with interruptions() as other:
-            first.close()  # the first one ends while the second continues
+            first.close()  # the first sound ends while the second continues
             thread = threading.Thread(target=lambda: 1 / 0, name="helper")
             thread.start()
             thread.join()
@@ -583,7 +587,7 @@ def test_10_skin_that_stands_still_makes_the_robot_hold(monkeypatch: pytest.Monk
 
 def test_41_every_period_counts_once_wherever_in_it_the_loop_wakes() -> None:
     class Shaky(tci.ManualClock):
-        """A clock that advances with every reading and wakes late, by up to two periods."""
+        """A clock that advances with every reading and whose waits end late, by up to two periods."""
 
         def now(self) -> float:
             self.advance(2e-5)
@@ -594,7 +598,7 @@ def test_41_every_period_counts_once_wherever_in_it_the_loop_wakes() -> None:
             super().sleep_until(stamp + driver.period * (0.999 if almost else 2.0 * random.random() ** 4))
 
     class Standing(Driver):
-        """A robot that does not move."""
+        """A simulated robot that does not move."""
 
         count = 0
 

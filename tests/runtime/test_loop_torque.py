@@ -1,4 +1,4 @@
-"""The end of a run in torque mode: the last torque that is written is zero."""
+"""The end of a run in torque mode: the last torque that is sent is zero."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ END = 0.05
 
 
 class Push(tci.Capability[None]):
-    """Pushes one joint until the gate brakes it, and continues."""
+    """Sends a torque to one joint until the gate brakes the joint, and longer."""
 
     def init(self, body: GenericBody) -> None:
         return None
@@ -39,7 +39,7 @@ class Push(tci.Capability[None]):
 
 
 class Sent(list[tuple[float, float]]):
-    """Times [s] and torques [N m] written to the elbow, recorded on the way to a driver."""
+    """Times [s] and torques [N m] that were sent to the elbow."""
 
     def __init__(self, driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch) -> None:
         write = driver.write
@@ -52,7 +52,7 @@ class Sent(list[tuple[float, float]]):
         monkeypatch.setattr(driver, "write", noted)
 
     def since(self, time: float) -> np.ndarray:
-        """Returns the torques that were written from `time` [s] on."""
+        """Returns the torques that were sent from `time` [s] on."""
         return np.array([torque for stamp, torque in self if stamp >= time - 1e-9])
 
 
@@ -78,7 +78,7 @@ def test_28_reading_that_fails_where_writing_works_ends_with_no_torque(
 
     def observe(tick: Tick) -> None:
         braked = bool(sent) and sent[-1][1] < -0.2
-        if braked:  # by the gate, against the command
+        if braked:  # the gate brakes against the commanded torque
             monkeypatch.setattr(driver, "_receive", cut)
 
     with pytest.raises(DriverError, match="on purpose"):
@@ -92,7 +92,7 @@ def test_28_reading_that_fails_where_writing_works_ends_with_no_torque(
 def test_joint_data_that_keeps_a_torque_up_does_not_outlive_the_run(
     driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A joint that keeps swinging is braked, and free of torque before the loop ends."""
+    """A joint that keeps moving back and forth is braked, and its torque is zero before the loop ends."""
     sent, receive = Sent(driver, monkeypatch), driver._receive
 
     home = read_only(driver.world.joints().position.copy())
@@ -115,12 +115,12 @@ def test_joint_data_that_keeps_a_torque_up_does_not_outlive_the_run(
 def test_writing_that_fails_does_not_end_the_way_to_rest(
     driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch, failures: int
 ) -> None:
-    """One board of several refuses: the others are still told that torques end."""
+    """One of several boards refuses a command. The other boards must still receive the end of the torques."""
     sent, send, failed = Sent(driver, monkeypatch), driver._send, []
 
     def refuse(safe: SafeCommand) -> None:
         send(safe)
-        if failed or sent[-1][1] < -0.2:  # braked by the gate, against the command
+        if failed or sent[-1][1] < -0.2:  # the gate brakes against the commanded torque
             failed.append(safe.stamp)
         if 0 < len(failed) <= failures:
             raise DriverError("writing fails, on purpose")

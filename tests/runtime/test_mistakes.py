@@ -1,4 +1,4 @@
-"""Mistakes of beginners: each is accepted, or answered with a sentence that lists what is valid."""
+"""Mistakes of beginners: TCI either accepts each of them, or raises an error that lists the valid choices."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 class Ask(tci.Capability[int]):
-    """A capability that returns its given answer in each period."""
+    """A capability that returns a fixed value in each period."""
 
     def __init__(self, answer: Any = ()) -> None:
         self.answer = answer
@@ -36,14 +36,14 @@ class Ask(tci.Capability[int]):
 
 
 class Settings(Ask):
-    """A capability that can't be created without an answer."""
+    """A capability whose constructor has a required argument."""
 
     def __init__(self, answer: Any) -> None:
         super().__init__(answer)
 
 
 def refusals(driver: SimulatedDriver, answer: Any) -> str:
-    """Returns the texts of a result whose every command was refused."""
+    """Returns the refusal texts of a result whose every command was refused."""
     result = tci.run(driver, Ask(answer), duration=0.01)
     assert not result
     return str(result)
@@ -161,7 +161,7 @@ def test_7_a_class_in_place_of_an_instance(driver: SimulatedDriver) -> None:
     ids=["init", "step"],
 )
 def test_7_a_method_without_the_body(own: dict[str, Any], words: str) -> None:
-    """As capabilities were written before the body became an argument."""
+    """Capabilities had this form before `body` became an argument."""
     with pytest.raises(TciError, match=words):
         type("Old", (Ask,), own)
 

@@ -1,4 +1,4 @@
-"""A loop in real time if the system permits it; afterwards the former settings are restored."""
+"""A loop runs in real time if the system permits this. Afterwards the previous settings are restored."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tci.runtime.real_time import PRIORITY, real_time, real_time_where_permitted
 
 
 def now() -> tuple[int, int, set[int]]:
-    """Returns policy, priority and processors of this thread."""
+    """Returns scheduling policy, priority and processors of this thread."""
     return os.sched_getscheduler(0), os.sched_getparam(0).sched_priority, os.sched_getaffinity(0)
 
 

@@ -1,4 +1,4 @@
-"""The report of a run: its result, and the log."""
+"""The report of a run: the result object, and the log."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tci.runtime.loop_report import LoopReport
 
 
 class Ask(tci.Capability[int]):
-    """A capability that sends its given commands in each period."""
+    """A capability that sends fixed commands in each period."""
 
     def __init__(self, command: Callable[[int], tci.GenericCommand]) -> None:
         self.command = command
@@ -125,7 +125,7 @@ def test_a_run_that_ends_stopped_is_false_and_says_why(
 def test_a_stop_after_the_last_period_is_said_too(
     driver: SimulatedDriver, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """The robot is brought to rest at the end, and errors during that are reported too."""
+    """The robot is brought to rest at the end of the run. Errors during this time are reported too."""
     periods = iter(range(50))
 
     def until(memory: int) -> bool:

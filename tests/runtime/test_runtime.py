@@ -20,7 +20,7 @@ from tci.simulation.world import World
 
 
 class Nod(tci.Capability[int]):
-    """Nods once, then counts."""
+    """Moves the head down and up once, then only counts its steps."""
 
     def init(self, body: GenericBody) -> int:
         return 0
@@ -40,7 +40,7 @@ def test_the_loop_runs_a_capability_of_ones_own() -> None:
         assert tci.run(driver, Nod(), duration=0.5, observe=seen.append).memory == 250
         start, end = seen[0].perception.posture["head"], seen[-1].perception.posture["head"]
         assert end[0] - start[0] == pytest.approx(0.2, abs=0.002)
-        assert set(seen[-1].sent.servos) == {1, 0}  # NAO's HeadPitch and HeadYaw; it has no roll
+        assert set(seen[-1].sent.servos) == {1, 0}  # a NAO has the servos HeadPitch and HeadYaw, and no roll
 
 
 def test_after_a_tick_that_came_a_period_late_there_is_none_in_the_same_period() -> None:
@@ -63,7 +63,7 @@ def test_ticks_are_skipped_never_caught_up() -> None:
 
 def test_a_clock_that_has_run_for_days_serves_each_period_once() -> None:
     for start in np.random.default_rng(0).integers(10**12, 10**15, 50) * 1e-9:
-        clock = ManualClock(float(start))  # wakes exactly at the time, which is rounded
+        clock = ManualClock(float(start))  # a clock that wakes exactly at the given time, which is rounded
         served = [now - start for now in itertools.islice(ticks(clock, 0.001), 300)]
         assert served == pytest.approx(np.arange(300) * 0.001)
 

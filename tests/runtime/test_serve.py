@@ -1,4 +1,4 @@
-"""A served robot: external orders pass the gate of the serving process, or are refused."""
+"""A served robot: orders of other processes either pass the gate of the serving process or are refused."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from tci.runtime.watchdogs import PILED_UP
 
 
 class Desk(Server):
-    """A server whose clients are the test: orders by the number of the period in which they arrive."""
+    """A server for which the test defines the received orders, by the number of the period in which they
+    arrive."""
 
     def __init__(self, driver: Driver, orders: dict[int, Sequence[Order]]) -> None:
         super().__init__(driver)

@@ -1,4 +1,5 @@
-"""Watchdogs around the loop, one by one: silent skin, stalls, signals, threads, the lease's folder."""
+"""Watchdogs of the loop, each tested separately: silent skin, stalls, signals, threads, the folder of the
+lease."""
 
 from __future__ import annotations
 
@@ -34,7 +35,7 @@ PATCHES = [patch.name for patch in NAO.patches]
 
 
 def reading(**sequences: int) -> Reading:
-    """Returns joints, and a frame of each named patch with its sequence number."""
+    """Returns a reading with joints, and with a frame of each named patch that has its sequence number."""
     zeros = np.zeros(len(NAO.servos))
     frames = (SkinFrame(name, 0.0, number, np.zeros(4)) for name, number in sequences.items())
     return Reading(JointReading(0.0, 0, zeros, zeros), tuple(frames))
@@ -227,7 +228,7 @@ def test_threads_get_their_turn_and_it_is_as_before_afterwards(usual: float) -> 
 def test_26_no_lease_is_cleared_away_while_it_is_held(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """systemd-tmpfiles removes old files, but nothing below a folder that it can't lock."""
+    """The program systemd-tmpfiles removes old files, except in a folder that another process has locked."""
     monkeypatch.setenv("TCI_LEASES", str(tmp_path))
     tmp_path.chmod(0o700)
     handle = os.open(tmp_path, os.O_RDONLY)

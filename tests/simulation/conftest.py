@@ -1,4 +1,5 @@
-"""Worlds that tests share, since building one takes longer than most tests. A test gets a reset one."""
+"""Simulated worlds that tests share, because building a world takes longer than most tests. Each test gets a
+world after a reset."""
 
 from __future__ import annotations
 
@@ -14,13 +15,13 @@ ROBOTS = ("nao", "icub")
 
 @pytest.fixture(scope="session")
 def worlds() -> dict[str, World]:
-    """A world of each packaged robot."""
+    """Returns a world of each packaged robot."""
     return {name: World(load_robot(name)) for name in ROBOTS}
 
 
 @pytest.fixture(params=ROBOTS)
 def world(request: pytest.FixtureRequest, worlds: dict[str, World]) -> Iterator[World]:
-    """Each robot's world in turn."""
+    """Returns the worlds of the robots, one robot per test."""
     found = worlds[request.param]
     found.reset()
     yield found
@@ -29,6 +30,6 @@ def world(request: pytest.FixtureRequest, worlds: dict[str, World]) -> Iterator[
 
 @pytest.fixture
 def nao(worlds: dict[str, World]) -> World:
-    """The NAO's world."""
+    """Returns the world of the NAO."""
     worlds["nao"].reset()
     return worlds["nao"]

@@ -1,4 +1,4 @@
-"""Distribution of a force over taxels in plain NumPy, which the compiled loop must equal."""
+"""Distribution of a force over taxels in plain NumPy. The compiled loop must give equal results."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ def _tangents(normal: Array) -> Array:
 
 
 def _centred(logarithms: Array, offsets: Array) -> Array:
-    """Returns weights proportional to exp(logarithms + offsets . tilt), with the tilt that centres them at 0.
+    """Returns weights proportional to exp(logarithms + offsets . tilt), with the tilt for which the weighted
+    mean offset is 0.
 
     Uses Newton's method on the convex function log(sum) + softness / 2 * tilt^2, whose gradient is the
     weighted mean offset except for the softness.

@@ -1,4 +1,4 @@
-"""Random pokes all over a robot's skin, and the frames that they cause."""
+"""Random pokes on all of a robot's skin, and the resulting frames."""
 
 from __future__ import annotations
 
@@ -22,25 +22,27 @@ class Poked:
 
     patch: str
     edge: bool
-    """True if the contact is closer to the surface's border than a taxel's pitch."""
+    """True if the distance between the contact and the border of the surface is less than the taxel pitch."""
     force: float
-    """Contact force [N] of the physics."""
+    """Contact force [N] in the simulation."""
     felt: float
-    """Sum of the taxels' forces [N], from the frame."""
+    """Sum of the taxels' forces [N], computed from the frame."""
     error: float
-    """Distance [m] along the skin from the taxels' centre of force to the physics' contact point."""
+    """Distance [m] along the skin between the centre of force of the taxels and the contact point of the
+    simulation."""
     saturated: bool
-    """True if a taxel sent the largest pressure that it can send."""
+    """True if a taxel sent the largest pressure of its sensor."""
 
 
 def straight_arms(robot: Robot) -> dict[str, Array]:
-    """Returns the initial posture with elbows at 20 degrees, in which a finger reaches all of the skin."""
+    """Returns the initial posture with elbow angles of 20 degrees, in which a finger can reach all of the
+    skin."""
     arms = [part for part in robot.parts if part.kind == "arm"]
     return {part.name: np.array([*part.initial_posture[:3], np.deg2rad(20.0), 0.0]) for part in arms}
 
 
 def pressures(patch: Patch, surface: Surface, frame: SkinFrame) -> Array:
-    """Returns the pressure (taxels,) [Pa] by the description's own formula."""
+    """Returns the pressure (taxels,) [Pa], computed with the formula in the description."""
     raw = frame.values[surface.channels].astype(float)
     return np.maximum(0.0, (raw - patch.sensor.rest) * patch.sensor.pascal_per_count)
 
@@ -51,7 +53,8 @@ def frame_of(world: World, patch: str) -> SkinFrame:
 
 
 def random_place(surface: Surface, pitch: float, generator: np.random.Generator) -> Array:
-    """Returns a point (3,) [m] of the surface: a taxel's place, moved by up to half a pitch along the skin.
+    """Returns a point (3,) [m] of the surface: the position of a taxel, displaced by up to half a pitch along
+    the skin.
 
     All taxels are equally likely, including those of the border. A point beyond the border is moved back onto
     it.
@@ -64,22 +67,23 @@ def random_place(surface: Surface, pitch: float, generator: np.random.Generator)
 
 
 def pitch_of(surface: Surface) -> float:
-    """Returns the median distance [m] of a taxel to the nearest other one."""
+    """Returns the median distance [m] between a taxel and its nearest neighbour."""
     apart = np.linalg.norm(surface.positions[:, None] - surface.positions[None], axis=-1)
     np.fill_diagonal(apart, np.inf)
     return float(np.median(apart.min(axis=1)))
 
 
 def border(surface: Surface) -> Array:
-    """Returns the places (k, 3) [m] of the taxels on the surface's border: on an edge of only one face."""
+    """Returns the positions (k, 3) [m] of the taxels on the border of the surface: an edge there belongs to
+    only one face."""
     edges = np.sort(surface.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     unique, count = np.unique(edges, axis=0, return_counts=True)
     return surface.positions[np.unique(unique[count == 1])]
 
 
 def poke_anywhere(world: World, count: int, *, seed: int) -> tuple[list[Poked], int]:
-    """Makes `count` static pokes of 5 to 9 N, on the patches in turn; also counts pokes without room for the
-    finger."""
+    """Makes `count` static pokes of 5 to 9 N, one patch after the other. Also counts the pokes for which the
+    finger has no room."""
     generator = np.random.default_rng(seed)
     patches = [patch for patch in world.robot.patches if world.robot.limb_segment(patch)]
     pitches = {name: pitch_of(surface) for name, surface in world.surfaces.items()}

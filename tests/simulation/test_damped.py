@@ -1,4 +1,4 @@
-"""Servos of joints with much damping of their own follow as others do."""
+"""Servos of joints with large damping follow their commands as well as other servos."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from tci.simulation.world import World
 
 
 def test_a_servo_reaches_its_speed_against_the_damping_of_its_joint(tmp_path: Path) -> None:
-    """ergoCub's wrist, with 2 N m s/rad and almost no inertia, moved at half its speed and was stopped."""
+    """In an earlier version ergoCub's wrist, with 2 N m s/rad and almost no inertia, moved at half its speed
+    and the gate stopped the robot."""
     path = MadeHumanoid(legs=False).urdf(tmp_path)
     damped = "<dynamics damping='3' friction='0'/></joint>"
     path.write_text(path.read_text().replace("</joint>", damped).replace("'.01'", "'.0001'"))

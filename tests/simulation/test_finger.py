@@ -1,4 +1,4 @@
-"""The finger: its approach, its force, and that it stays until it is retired."""
+"""The simulated finger: its approach, its force, and its rest on the skin until it is retracted."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_depth_gives_the_spring_s_force_and_the_contact_stays(world: World) -> N
             truth = world.contact_truth(patch.name)
             assert world.finger.touching
             assert world.finger.contact_lost is None
-            # The skin yields by some tenths of a millimetre: the servos are stiff, not rigid.
+            # The skin yields by some tenths of a millimetre, because the stiffness of the servos is finite.
             assert 0.85 * STIFFNESS * depth < truth.force < 1.05 * STIFFNESS * depth
             assert truth.force == pytest.approx(world.finger.force, rel=1e-3)
             assert truth.vector @ truth.normal == pytest.approx(-truth.force, rel=1e-6)
@@ -57,7 +57,7 @@ def test_the_contact_does_not_chatter(world: World) -> None:
 
 
 def test_contact_is_lost_when_the_arm_goes_away_and_the_finger_does_not_follow(nao: World) -> None:
-    # The left arm's upper side; lowering the shoulder takes it away.
+    # The finger is on the upper side of the left arm. Lowering the shoulder moves the arm away.
     patch = "left_forearm"
     taxels = range(len(nao.surfaces[patch].positions))
     top = max(taxels, key=lambda taxel: nao.skin_point(patch, taxel)[1][2])
@@ -76,7 +76,7 @@ def test_contact_is_lost_when_the_arm_goes_away_and_the_finger_does_not_follow(n
 
 
 def test_skin_that_comes_late_is_pressed_at_the_same_speed(nao: World) -> None:
-    """The finger waits in the air, at the end of its path, for an arm that returns to it."""
+    """The finger waits in the air, at the end of its path, until the arm returns."""
     servo = next(servo for servo in nao.robot.servos if servo.name == "LShoulderPitch").index
     here = nao.joints().position[servo]
     nao.finger.poke("left_forearm", 5, speed=0.02, depth=0.008, gap=0.006)

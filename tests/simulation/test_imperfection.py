@@ -1,4 +1,4 @@
-"""Cross-talk, creep, hysteresis and warmth of a simulated sensor."""
+"""Cross-talk, creep, hysteresis and thermal drift of a simulated sensor."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_usual_imperfections_are_no_touch() -> None:
     for period in range(1, 200):
         world.advance(0.02 * period)
         contacts = perceiver.step(Reading(world.joints(), world.frames()), world.time).contacts
-        # Noise of half a count throws switches.
+        # Noise of half a count changes the state of switches.
         seen += sum(one.segment != "" for one in contacts) if period > 100 else 0
     assert seen == 0
 

@@ -22,11 +22,11 @@ ROBOTS = {name: load_robot(name) for name in ("nao-whole", "icub-whole")}
 NAMES = pytest.mark.parametrize("name", ROBOTS)
 SHIN = Landmark("shank", (1.0, 0.0, 0.0))
 LEAN = {"nao-whole": 20.0, "icub-whole": 11.0}
-"""Angle [degrees] of hips and ankles that shifts the weight over the right foot."""
+"""Angle [degrees] of hips and ankles that moves the weight over the right foot."""
 
 
 def standing(name: str, *, lean: float = 0.0) -> World:
-    """Returns a world with the robot standing at rest, leaning to its right by `lean` [rad]."""
+    """Returns a world in which the robot stands at rest and leans to its right by `lean` [rad]."""
     robot = ROBOTS[name]
     legs = {side: np.array(robot.part(f"{side}_leg").initial_posture) for side in ("left", "right")}
     legs["left"] += lean * np.array([0, 1, 0, 0, 0, 1])
@@ -42,7 +42,8 @@ def tilt(world: World) -> float:
 
 
 def poke_the_shin(world: World, reflex: BodyWithdrawal, part: str) -> tuple[set[str], str]:
-    """Pokes a leg's shin for a second; returns the commanded parts, and the reason why the leg stays."""
+    """Pokes the shin of a leg for a second. Returns the parts that the reflex commanded, and the reason if
+    the leg must not move."""
     robot = world.robot
     body = GenericBody(robot)
     place = body.landmark(part, SHIN)
@@ -83,7 +84,7 @@ def test_the_soles_feel_the_weight_where_the_physics_has_it(name: str) -> None:
         total, moment = total + force, moment + force * centre
     mass = float(world.model.body_subtreemass[1])
     assert total == pytest.approx(mass * 9.81, rel=0.02)
-    # At rest the centre of pressure is under the centre of mass.
+    # At rest the centre of pressure is vertically below the centre of mass.
     off = moment / total - Gravity(world.robot).centre_of_mass(reading.joints.position)
     off = world.torso[:3, :3] @ off
     assert np.linalg.norm(off[:2]) <= 0.005
@@ -116,7 +117,8 @@ def test_a_poked_sole_knows_where(name: str) -> None:
 @NAMES
 @pytest.mark.parametrize("stance", ["standing", "supported"])
 def test_a_leg_that_the_robot_stands_on_stays(name: str, stance: str) -> None:
-    """It stays even if the robot is declared to be supported: its soles are trusted."""
+    """The leg does not withdraw even if the capability is told that the robot is supported, because the soles
+    measure its weight."""
     world = standing(name)
     moved, why = poke_the_shin(world, BodyWithdrawal(stance=stance), "left_leg")
     assert not moved
@@ -149,8 +151,8 @@ def test_a_leg_without_weight_answers_while_the_other_one_carries(name: str) -> 
 
 
 def test_where_the_centre_of_mass_would_be_is_told() -> None:
-    """NAO has little weight on the left foot, but its centre of mass is not over the right one: it would
-    fall."""
+    """The left foot of the NAO carries little weight, but the centre of mass is not over the right foot.
+    Without the left foot the robot would fall."""
     world = standing("nao-whole", lean=np.deg2rad(11.0))
     reading = SimulatedDriver(world.robot, world=world).read()
     body = GenericBody(world.robot)

@@ -1,4 +1,4 @@
-"""A NAO without sleeves: the switches on its head, hands and feet are skin like any other."""
+"""A NAO without skin sleeves: the switches on its head, hands and feet are skin patches like any other."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ def world() -> World:
 
 @pytest.fixture(scope="module")
 def whole() -> World:
-    """A NAO with legs."""
+    """Returns the world of a NAO with legs."""
     return World(tci.load_robot("nao-whole"), skin=(*SWITCHES, *BUMPERS))
 
 
 def pressed(world: World, patch: str, taxel: int) -> Perception:
-    """Returns the perception while a finger presses a switch."""
+    """Presses a switch with the finger and returns the perception."""
     world.reset()
     world.finger.poke(patch, taxel, speed=0.1, depth=0.004)
     perceiver = Perceiver(GenericBody(world.robot))
@@ -47,7 +47,7 @@ def check_press(world: World, patch: str, taxel: int) -> None:
     truth = world.contact_truth(patch)
     np.testing.assert_allclose(contact.p_T, truth.center, atol=0.012)  # anywhere on the switch
     assert contact.n_T @ truth.normal > 0.9
-    assert contact.force == pytest.approx(1.0, rel=0.01)  # a switch reports only that it is pressed
+    assert contact.force == pytest.approx(1.0, rel=0.01)  # a switch reports only if it is pressed
     assert np.isnan([contact.u, contact.theta, *contact.taxel_u, *contact.taxel_theta]).all()
 
 
@@ -64,7 +64,8 @@ def test_a_foot_that_bumps_into_something_feels_with_which_side(whole: World, pa
 
 
 def test_bumpers_are_at_the_tips_of_the_feet_the_left_one_on_the_left() -> None:
-    """Published for the standing robot: 87.6 mm before the ankle, 35.3 mm below it."""
+    """The published position of the bumpers of a standing robot is 87.6 mm in front of the ankle and 35.3 mm
+    below it."""
     robot = tci.load_robot("nao-whole")
     skin = GenericBody(robot).skin
     ankle = {"left_bumper": "LFoot", "right_bumper": "RFoot"}
@@ -80,7 +81,8 @@ def test_a_bumper_pushes_with_the_jacobian_of_its_leg(whole: World) -> None:
     seen = pressed(whole, "right_bumper", 0)
     jacobian = GenericBody(whole.robot).jacobian(seen, seen.contacts[0])
     assert jacobian.shape == (3, 6)
-    assert np.linalg.norm(jacobian[:, 0]) > 0.1  # the hip's pitch moves the foot, the hip's yaw is held
+    # the pitch joint of the hip moves the foot, its yaw joint is held
+    assert np.linalg.norm(jacobian[:, 0]) > 0.1
     assert not jacobian[:, 2].any()
 
 

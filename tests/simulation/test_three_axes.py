@@ -1,4 +1,4 @@
-"""Skin that measures the direction of a force reports the force of the physics."""
+"""Skin that measures the direction of a force reports the force vector of the simulation."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PATCH = "left_forearm"
 
 @pytest.fixture(scope="module")
 def robot() -> Robot:
-    """A NAO whose left sleeve has three axes, in 16 bits."""
+    """Returns a NAO whose left sleeve measures three axes with 16 bits."""
     nao = tci.load_robot("nao")
     patch = nao.patch(PATCH)
     sensor = patch.sensor.model_copy(
@@ -30,7 +30,7 @@ def robot() -> Robot:
 
 @pytest.mark.parametrize(("servo", "by"), [("", 0.0), ("LShoulderPitch", 0.1), ("LElbowYaw", 0.03)])
 def test_the_force_of_a_contact_has_the_physics_direction(robot: Robot, servo: str, by: float) -> None:
-    """A finger presses, then the arm moves a little below it."""
+    """A finger presses the skin, then the arm moves a little under the finger."""
     world = World(robot)
     world.finger.poke(PATCH, 130, speed=0.1, depth=0.01)
     perceiver = Perceiver(GenericBody(robot))
@@ -67,7 +67,7 @@ def test_rest_values_are_learnt_and_bad_values_are_rest(robot: Robot) -> None:
     surface = World(robot, skin=(PATCH,)).surfaces[PATCH]
     shear = Shear(robot.patch(PATCH), surface)
     taxels = len(surface.positions)
-    offset = np.full(3 * taxels, 30250.0)  # every x and y has an offset of 250 counts
+    offset = np.full(3 * taxels, 30250.0)  # every x and y value has an offset of 250 counts
     for frame in range(5):
         assert not shear.force(offset, np.zeros(taxels), 0.01 * frame).any()
     pressure = np.zeros(taxels)

@@ -1,4 +1,5 @@
-"""Contacts to frames: the kernel, the raw values, and pokes all over the skin."""
+"""Conversion of simulated contacts to skin frames: the kernel, the raw values, and pokes on all of the
+skin."""
 
 from __future__ import annotations
 
@@ -78,10 +79,10 @@ def test_pokes_anywhere_give_the_physics_force_and_place(name: str) -> None:
     assert np.percentile(errors, 95) <= 3.0
     assert sum(poke.edge for poke in pokes) >= 10
     assert np.percentile([poke.error * 1e3 for poke in pokes if poke.edge], 95) <= 3.0
-    # A taxel that is pressed beyond its sensor's range sends its largest value: the excess is unknown.
+    # A taxel that is pressed beyond its sensor's range sends its largest value, so the excess is unknown.
     unclipped = [poke for poke in pokes if not poke.saturated]
     assert len(unclipped) >= 0.97 * len(pokes)
-    # Taxels measure nothing of what presses the gaps between them and what lies beyond the border.
+    # Taxels do not measure forces on the gaps between them or beyond the border of the skin.
     shares = np.array([poke.felt / poke.force for poke in unclipped])
     assert shares.max() <= 1.02
     assert np.median(shares) >= 0.7
@@ -165,8 +166,8 @@ def test_noise_comes_from_the_seed() -> None:
 
 @given(st.integers(0, 100_000))
 def test_the_compiled_loop_equals_numpy(seed: int) -> None:
-    """Places are on a sheet, on a cone and beside the edge. Farther away, where nothing can touch, Newton's
-    method ends at the rounding of its line search."""
+    """Places are on a sheet, on a cone and beside the edge. At larger distances, where no contact is
+    possible, Newton's method ends at the rounding error of its line search."""
     random = np.random.default_rng(seed)
     positions = random.uniform(-0.05, 0.05, (random.integers(1, 300), 3)) * [
         1.0,
@@ -184,7 +185,7 @@ def test_the_compiled_loop_equals_numpy(seed: int) -> None:
 
 
 def test_a_list_of_taxels_around_a_contact_hides_none(nao: World) -> None:
-    """The finger slides over the skin, which turns below it."""
+    """The finger slides over the skin while the skin turns under the finger."""
     patch = nao.robot.patches[0]
     nao.finger.poke(patch.name, len(nao.surfaces[patch.name].positions) // 2, speed=0.1)
     spots = nao._taxels.arrays[11]

@@ -1,4 +1,4 @@
-"""The world: time, servos, self-collision and determinism."""
+"""The simulated world: time, servos, self-collision and determinism."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tci.simulation.world import World, start_angles
 
 
 def arm_servos(world: World, part: str = "left_arm") -> list[int]:
-    """Returns the indices of the servos of an arm that have a joint."""
+    """Returns the indices of the servos of an arm that move a joint of the model."""
     return [servo.servo for servo in world.robot.part(part).servos if servo.servo is not None]
 
 
@@ -46,8 +46,8 @@ def test_time_is_at_least_what_was_asked_for_in_whole_steps(nao: World) -> None:
 
 
 def test_frames_of_skin_change_nothing_that_moves_even_where_joints_are_moved_from_outside() -> None:
-    """A frame computes the next step except for its motion, and again if joints or forces are changed
-    afterwards."""
+    """For a skin frame, the simulation computes the next step without its motion. The step is computed again
+    if joints or forces are changed afterwards."""
     robot = load_robot("nao")
     ends = []
     for rate in (1000.0, 45.0):
@@ -71,7 +71,7 @@ def test_frames_of_skin_change_nothing_that_moves_even_where_joints_are_moved_fr
 
 
 def test_torques_that_are_read_are_those_that_move_the_joints() -> None:
-    """At a constant speed nothing accelerates, whether a frame of skin or a picture was taken or not."""
+    """At a constant speed no joint accelerates, with and without a computed skin frame or picture."""
     world = World(load_robot("nao"), period=0.002)
     servos = arm_servos(world, "left_arm")[:1]
     home = world.joints().position[servos]
@@ -105,7 +105,7 @@ def test_same_calls_give_the_same_bits_and_looking_changes_nothing() -> None:
     results = []
     for look in (False, True):
         world = World(robot)
-        for _ in range(2):  # the second time after a reset
+        for _ in range(2):  # the second run follows a reset
             world.reset()
             patch = robot.patches[0].name
             world.finger.poke(patch, 100)
@@ -121,8 +121,8 @@ def test_same_calls_give_the_same_bits_and_looking_changes_nothing() -> None:
 
 
 def stream(world: World, part: str, goal: Array, duration: float) -> tuple[Array, Array]:
-    """Follows a jerk-limited path to `goal` (k,) [rad]; returns velocities and errors (ticks, k), 500 per
-    second."""
+    """Follows a jerk-limited path to `goal` (k,) [rad]. Returns velocities and errors (periods, k), at 500
+    Hz."""
     servos = arm_servos(world, part)
     limits = [world.robot.servos[servo].limits for servo in servos]
     planner, wanted, planned = (
@@ -150,7 +150,7 @@ def stream(world: World, part: str, goal: Array, duration: float) -> tuple[Array
 
 def test_a_set_point_stream_is_followed_within_the_speed_limit(world: World) -> None:
     generator = np.random.default_rng(5)
-    # Raised and spread arms: the path is free.
+    # With raised and spread arms the path is free of collisions.
     low, high = np.deg2rad([[20, 30, -20, 15, -40], [90, 70, 40, 60, 40]])
     for _ in range(6):
         part = world.robot.part("left_arm")
@@ -260,7 +260,8 @@ def test_the_present_pose_is_told_not_that_of_the_step_before(nao: World) -> Non
 
 
 def test_the_library_is_that_of_the_module_beside_another_release(tmp_path: Path) -> None:
-    """MuJoCo 3 and mujoco-core 4 install into one folder, so both libraries are in it."""
+    """MuJoCo 3 and mujoco-core 4 install their files in the same folder, so this folder contains both
+    libraries."""
     for version in ("3.17.0", "4.0.1"):
         (tmp_path / f"libmujoco.so.{version}").touch()
     for version in ("3.17.0", "4.0.1"):
@@ -270,7 +271,7 @@ def test_the_library_is_that_of_the_module_beside_another_release(tmp_path: Path
 
 
 def test_an_arm_that_is_driven_into_the_body_is_stopped_by_it(world: World) -> None:
-    # Arm down, turned inward, elbow bent: the hand would go through the belly.
+    # Arm down, turned inward, elbow bent: without collision the hand would pass through the belly.
     through = {"nao": [0.0, -15.0, 80.0, 80.0, 0.0], "icub": [0.0, 5.0, 75.0, 80.0, 0.0]}[world.robot.name]
     part = world.robot.part("left_arm")
     servos = arm_servos(world)
@@ -284,19 +285,21 @@ def test_an_arm_that_is_driven_into_the_body_is_stopped_by_it(world: World) -> N
         speeds.append(np.abs(world.joints().velocity[servos]))
     assert touched
     assert np.abs(world.joints().position[servos] - goal).max() > np.deg2rad(2.0)
-    # Released, it does not jump.
+    # The hand does not jump when it is released.
     world.set_position_targets(servos, start_angles(world.robot, {})[servos])
     for tick in range(1500, 2200):
         world.advance(tick * 0.002)
         speeds.append(np.abs(world.joints().velocity[servos]))
     top = np.array([world.robot.servos[servo].limits.velocity for servo in servos])
-    # Pressed against the body, the arm slides off it a little faster: 3 to 6 %, depending on the depth.
+    # An arm that is pressed against the body slides along the body at a speed that is 3 to 6 % higher,
+    # depending on the depth.
     assert (np.array(speeds) <= 1.07 * top).all()
     assert world.joints().position == pytest.approx(start_angles(world.robot, {}), abs=1e-3)
 
 
 def test_an_arm_that_was_pushed_away_does_not_rush_back(nao: World) -> None:
-    """It gets no targets meanwhile: pushed away and released it is no faster than with them."""
+    """The arm receives no targets while it is pushed. After its release it must not be faster than with
+    targets."""
     top = np.array([servo.limits.velocity or np.inf for servo in nao.robot.servos])
     nao.advance(0.05)
     home = nao.joints().position

@@ -1,4 +1,5 @@
-"""Rest values and noise of a patch by NumPy, for the kernel that updates them."""
+"""Rest values and noise of a patch, computed with NumPy. The kernel that updates them must give equal
+results."""
 
 from __future__ import annotations
 
@@ -11,10 +12,10 @@ from tci.skin.kernels.baseline import NOISE_GAIN, Window
 
 
 class NumpyBaseline(Baseline):
-    """A baseline whose windows are processed by NumPy."""
+    """Estimator of rest values that processes its windows with NumPy."""
 
     def update(self, window: Window, healthy: NDArray[np.bool_]) -> None:
-        """Updates rest values and noise from a window, by its `healthy` taxels (n,) only."""
+        """Updates rest values and noise from a window. Uses only the `healthy` taxels (n,)."""
         s = self.settings
         fluctuating = window.changes >= s.fluctuating
         noise = np.where(fluctuating, window.second_difference / NOISE_GAIN, 0.0)
@@ -37,7 +38,8 @@ class NumpyBaseline(Baseline):
             self.offset += drift
             deviation -= drift
         self._follow(window.elapsed, deviation, quiet, healthy & ~low, taught)
-        # Noise is cut off at the end of the range: an estimate from there may only raise it.
+        # At the end of the sensor's range the noise is cut off, so an estimate from there may only increase
+        # the noise.
         cut = window.mean - np.maximum(4.0 * self.noise, 1.0) < self._floor
         contributes = quiet & fluctuating & ~(cut & initialised & (noise < self.noise))
         share = np.where(initialised, 1.0 - np.exp(-window.elapsed / s.noise), 1.0)
@@ -45,16 +47,16 @@ class NumpyBaseline(Baseline):
         initialised |= contributes
         rested |= quiet
         self.typical_noise = float(np.median(self.noise[rested] if rested.any() else self.noise))
-        # A window has too few frames to show that a taxel is quieter than its patch.
+        # A window contains too few frames to show that a taxel has less noise than its patch.
         self.threshold[:] = s.threshold * np.maximum(self.noise, self.typical_noise)
 
     def _follow(
         self, elapsed: float, deviation: Array, quiet: NDArray[np.bool_], loud: NDArray[np.bool_],
         taught: NDArray[np.bool_],
     ) -> None:  # fmt: skip
-        """Tracks each taxel's own rest value.
+        """Tracks the rest value of each taxel.
 
-        The weak edge of a touch looks quiet, so neighbours of touched taxels are excluded.
+        At the weak edge of a touch the values look like noise, so neighbours of touched taxels are excluded.
         """
         s = self.settings
         own = quiet & ~near(loud & (deviation > 0.0), self._neighbours)

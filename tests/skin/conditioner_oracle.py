@@ -1,5 +1,5 @@
-"""Conditioning of one patch in plain NumPy, which the compiled loop for all patches must equal bit for
-bit."""
+"""Conditioning of one patch in plain NumPy. The compiled loop for all patches must give results that are
+equal bit for bit."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SINGLE = np.float32
 
 
 class OneConditioner:
-    """Processes every taxel in every frame, for one patch."""
+    """Conditioner of one patch that processes every taxel in every frame."""
 
     def __init__(self, patch: SkinPatch, settings: ConditioningSettings, phase: float) -> None:
         sensor, count = patch.description.sensor, len(patch.surface.areas)
@@ -47,7 +47,7 @@ class OneConditioner:
         self.total, self.peak, self.bend, self.changes = np.zeros((4, len(self.signal)), SINGLE)
 
     def see(self, values: np.ndarray, stamp: float) -> np.ndarray:
-        """Returns the pressure (n,) [Pa] in the next frame."""
+        """Processes the next frame and returns the pressure (n,) [Pa]."""
         self.update()
         gap = 0.0 if math.isnan(self.stamp) else min(max(stamp - self.stamp, 0.0), GAP)
         self.stamp, sensor = stamp, self.patch.description.sensor

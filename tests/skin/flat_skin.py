@@ -28,7 +28,7 @@ def skin_patch(
     segment: str = "forearm",
     calibration: PatchCalibration | None = None,
 ) -> SkinPatch:
-    """Returns a patch with taxels in a row, in a frame of `width` values."""
+    """Returns a patch whose taxels lie in a row, in a frame with `width` values."""
     count = len(channels)
     description = PATCH.model_copy(
         update={
@@ -55,7 +55,7 @@ def dense(state: SkinState, layout: SkinLayout, p: int) -> np.ndarray:
 
 
 class OnePatch:
-    """A conditioner of a single patch that takes raw values."""
+    """A conditioner of a single patch, which accepts raw values."""
 
     def __init__(self, patch: SkinPatch, settings: ConditioningSettings | None = None) -> None:
         self.whole = Conditioner(SkinLayout.of([patch]), settings or ConditioningSettings())

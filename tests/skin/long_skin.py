@@ -1,4 +1,5 @@
-"""A patch of skin for long runs: noise, nearly common drift, and touches, in blocks of frames."""
+"""A skin patch for long runs, with noise, drift that is nearly equal for all taxels, and touches. Frames are
+processed in blocks."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ RATE = 50.0
 
 
 def grid() -> np.ndarray:
-    """Returns pairs of neighbouring taxels: 12 x 20, four neighbours each."""
+    """Returns pairs of neighbouring taxels in a grid of 12 x 20, in which each taxel has up to four
+    neighbours."""
     index = np.arange(TAXELS).reshape(ROWS, COLUMNS)
     across = np.stack([index[:, :-1].ravel(), index[:, 1:].ravel()], axis=1)
     down = np.stack([index[:-1].ravel(), index[1:].ravel()], axis=1)
@@ -25,7 +27,7 @@ def grid() -> np.ndarray:
 
 
 def sensor(bits: int = 8) -> Sensor:
-    """Returns an inverted sensor with its rest value at 15/16 of its range."""
+    """Returns a sensor whose values decrease with pressure, with a rest value at 15/16 of its range."""
     highest = 2.0**bits - 1
     return Sensor(
         rest=round(0.94 * highest),

@@ -1,4 +1,5 @@
-"""Drift, noise and masks over hours of simulated frames: every touch is found, and no false one."""
+"""Drift, noise and masks over hours of simulated frames: every touch is detected, and nothing else is
+reported as a touch."""
 
 from __future__ import annotations
 
@@ -30,18 +31,20 @@ def conditioner(sensor: Sensor = FALLING, **settings: float) -> OnePatch:
 
 
 def raw(counts: Array) -> Array:
-    """Returns raw values of a falling 8-bit sensor for deviations (n,) from rest."""
+    """Returns raw values of an 8-bit sensor, whose values decrease with pressure, for deviations (n,) from
+    rest."""
     return np.clip(np.rint(240.0 - counts), 0, 255).astype(np.uint8)
 
 
 def play(subject: OnePatch, counts: Array, start: float = 0.0) -> Array:
-    """Returns the pressures (frames, n) [Pa] of deviations (frames, n) [counts], one frame per period."""
+    """Processes deviations (frames, n) [counts], one frame per period. Returns the pressures (frames, n)
+    [Pa]."""
     return np.array([subject.pressure(raw(row), start + i * PERIOD) for i, row in enumerate(counts)])
 
 
 def test_an_hour_of_drift_with_a_touch_of_half_an_hour() -> None:
-    """The drift is 20 % of the range, common to the patch with 2 % scatter; the force of the touch stays
-    within 10 %."""
+    """The drift is 20 % of the range. It is common to the patch, with 2 % scatter between taxels. The force
+    of the touch must stay within 10 %."""
     random = np.random.default_rng(1)
     seconds = np.arange(0.0, 3600.0, 1.0)
     slope = 0.2 * 255.0 * (1.0 + 0.02 * random.standard_normal(COUNT)) / 3600.0
@@ -64,7 +67,7 @@ def test_an_hour_of_drift_with_a_touch_of_half_an_hour() -> None:
 
 
 def test_hours_of_noise_and_drift_invent_no_touch() -> None:
-    """Simulates every frame of three hours, or of TCI_SOAK_HOURS."""
+    """Simulates every frame of three hours, or of the number of hours in TCI_SOAK_HOURS."""
     import os
 
     hours = float(os.environ.get("TCI_SOAK_HOURS", "0.5"))
@@ -113,7 +116,8 @@ def test_time_constants_do_not_depend_on_the_frame_rate(period: float) -> None:
 def test_below_rest_is_tracked_quickly() -> None:
     subject = conditioner()
     play(subject, np.full((60, COUNT), -12.0) * (np.arange(COUNT) == 5))
-    assert subject.baseline.offset[5] == pytest.approx(-12.0, abs=2.0)  # 3 s, until it counts as quiet
+    # 3 s, after which the taxel counts as quiet
+    assert subject.baseline.offset[5] == pytest.approx(-12.0, abs=2.0)
     touch = np.where(np.arange(COUNT) == 5, 28.0, 0.0)
     assert subject.pressure(raw(touch), 10.0)[5] / PASCAL == pytest.approx(40.0, abs=2.5)
 
@@ -179,7 +183,8 @@ def test_smoothing_is_no_later_than_it_says() -> None:
 
 
 def test_a_response_curve_gives_the_same_pressure_on_another_sensor() -> None:
-    """A sensor of 12 bits whose counts grow with the square root of pressure, and the falling one."""
+    """Compares a 12-bit sensor whose values grow with the square root of pressure with the 8-bit sensor whose
+    values decrease with pressure."""
     pascal = np.linspace(0.0, 60e3, 30)
     points = tuple(zip(np.sqrt(pascal) * 8.0, pascal, strict=True))
     rising = Sensor(rest=100.0, pascal_per_count=1.0, lowest=0.0, highest=4095.0, response=points)
@@ -212,7 +217,7 @@ def test_the_median_is_numpys(values: list[float]) -> None:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_the_kernel_estimates_as_numpy_does(seed: int) -> None:
-    """Windows with drift, touches, values below rest, constant and masked taxels, and new rest values."""
+    """Windows contain drift, touches, values below rest, constant and masked taxels, and new rest values."""
     random = np.random.default_rng(seed)
     pairs = random.integers(0, COUNT, (150, 2))
     pairs = pairs[pairs[:, 0] != pairs[:, 1]]

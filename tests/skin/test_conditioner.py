@@ -1,4 +1,5 @@
-"""Conditioning all patches at once equals plain NumPy patch by patch, bit for bit, over several windows."""
+"""Conditioning of all patches in one loop gives the same results as plain NumPy for each patch, bit for bit,
+over several windows."""
 
 from __future__ import annotations
 
@@ -39,7 +40,7 @@ def patches(seed: int) -> list[SkinPatch]:
 
 
 def frame(one: SkinPatch, random: np.random.Generator, before: np.ndarray, kind: int) -> np.ndarray:
-    """Returns a frame that is unchanged, fluctuating, touched, random, or partly NaN."""
+    """Returns a frame that is unchanged, noisy, touched, random, or partly NaN."""
     size, sensor = one.description.channels, one.description.sensor
     values = np.full(size, sensor.rest)
     if kind == 0:
@@ -108,7 +109,7 @@ def test_all_at_once_is_each_alone(
 
 
 def readings(count: int) -> list[list[SkinFrame]]:
-    """Returns frames of all patches: noise, with a touch now and then."""
+    """Yields frames of all patches, with noise and some touches."""
     random, made = np.random.default_rng(3), patches(3)
     return [
         [

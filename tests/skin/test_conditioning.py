@@ -1,4 +1,4 @@
-"""Raw frames become pressures; invalid values never do."""
+"""Raw frames are converted to pressures. Invalid values never become pressures."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ RISING = Sensor(rest=10.0, pascal_per_count=50.0, lowest=0.0, highest=4095.0)
 
 
 def conditioner(sensor: Sensor) -> OnePatch:
-    """Returns a conditioner of ten taxels in a frame of 12 channels: 6 and 10 are thermal pads."""
+    """Returns a conditioner of ten taxels in a frame of 12 channels. Channels 6 and 10 are thermal pads."""
     return OnePatch(skin_patch(sensor, np.array([0, 1, 2, 3, 4, 5, 7, 8, 9, 11]), width=12))
 
 

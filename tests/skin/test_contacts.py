@@ -1,4 +1,4 @@
-"""Contacts: their taxels, their centre, and one force for a receptive field (eq. 7)."""
+"""Contacts: their taxels, their centre, and their force for a receptive field (equation 7)."""
 
 from __future__ import annotations
 
@@ -52,13 +52,13 @@ def skin(tmp_path_factory: pytest.TempPathFactory) -> FeltSkin:
 
 
 def contacts_at(skin: FeltSkin, pressure: np.ndarray, *, position: np.ndarray | None = None) -> Contacts:
-    """Returns the contacts of the left forearm at these pressures (taxels,) [Pa]."""
+    """Returns the contacts of the left forearm for these pressures (taxels,) [Pa]."""
     at = joints(np.zeros(10) if position is None else position)
     return contacts_of(skin, skin_state(skin.layout, {PATCH: pressure}, stamp=0.25, sequence=7), at)
 
 
 def find_clusters(forces: np.ndarray, pairs: np.ndarray) -> list[np.ndarray]:
-    """Returns the taxels (k,) of each cluster on a patch with these neighbours."""
+    """Returns the taxels (k,) of each cluster on a patch whose neighbourhood is given."""
     layout = SkinLayout.of([skin_patch(NAO_SENSOR, np.arange(len(forces)), neighbours=pairs)])
     clusters = ContactFinder(layout)._clusters
     state = skin_state(layout, {"skin": forces / layout.arrays.taxel[:, 6]})
@@ -69,8 +69,8 @@ def find_clusters(forces: np.ndarray, pairs: np.ndarray) -> list[np.ndarray]:
 
 
 def press(skin: FeltSkin, *pokes: tuple[float, float, float]) -> np.ndarray:
-    """Returns pressures (taxels,) [Pa] of pokes (u, theta [rad], force [N]), distributed as in the simulated
-    skin."""
+    """Returns the pressures (taxels,) [Pa] of pokes (u, theta [rad], force [N]), distributed over taxels as
+    in the simulation."""
     surface = skin.surfaces[PATCH]
     pressure = np.zeros(TAXELS)
     for u, theta, force in pokes:
@@ -81,7 +81,7 @@ def press(skin: FeltSkin, *pokes: tuple[float, float, float]) -> np.ndarray:
 
 
 def in_counts(skin: FeltSkin, pressure: np.ndarray) -> np.ndarray:
-    """Rounds pressures [Pa] as an 8-bit sensor that resolves 0.026 N does."""
+    """Rounds pressures [Pa] like an 8-bit sensor with a resolution of 0.026 N."""
     areas = skin.surfaces[PATCH].areas
     return np.clip(np.round(pressure * areas / NEWTON_PER_COUNT), 0, 240) * NEWTON_PER_COUNT / areas
 
@@ -132,7 +132,8 @@ def test_clusters_are_disjoint_seeded_and_complete(skin: FeltSkin, pressure: np.
 
 @given(theta=st.floats(-np.pi, np.pi), u=st.floats(0.2, 0.7))
 def test_touches_on_both_sides_of_a_thin_limb_stay_two(skin: FeltSkin, u: float, theta: float) -> None:
-    """The radius is 25 mm: their common centre would be on the axis, inside the limb."""
+    """The limb has a radius of 25 mm. The common centre of the two touches would be on the axis inside the
+    limb."""
     found = contacts_at(skin, press(skin, (u, theta, 6.0), (u, theta + np.pi, 6.0)))
     assert len(found) == 2
     for contact in found:
@@ -191,7 +192,7 @@ def test_impossible_settings_are_refused(touch: float, light: float, floor: floa
 
 @given(pokes)
 def test_nothing_of_a_touch_is_lost(skin: FeltSkin, poke: tuple[float, float, float]) -> None:
-    """Each count of a coarse sensor is in the contact, including its weak edge."""
+    """Each count of a coarse sensor belongs to the contact, also at the weak edge of the contact."""
     pressure = in_counts(skin, press(skin, poke))
     (contact,) = contacts_at(skin, pressure)
     assert contact.taxel_forces.sum() == pytest.approx((pressure * skin.surfaces[PATCH].areas).sum())
@@ -212,7 +213,8 @@ def test_force_of_random_pokes_is_within_two_percent(skin: FeltSkin) -> None:
 def test_centre_is_where_the_finger_is(
     skin: FeltSkin, poke: tuple[float, float, float], position: np.ndarray
 ) -> None:
-    """The centre in the link is the place of the poke; the skin follows the limb, turned by pronation."""
+    """The centre in the link's frame is the poked place. The coordinates on the limb include the rotation by
+    pronation."""
     (contact,) = contacts_at(skin, press(skin, poke), position=position)
     place = np.array([RADIUS * np.cos(poke[1]), RADIUS * np.sin(poke[1]), -poke[0] * LOWER])
     assert np.linalg.norm(contact.p_L - place) < 0.002
@@ -233,7 +235,7 @@ def test_centre_lies_on_the_surface(skin: FeltSkin, pressure: np.ndarray) -> Non
 
 
 def test_wide_touch_does_not_sink_into_the_limb(skin: FeltSkin) -> None:
-    """A grip covers half of the limb: the mean of eq. 7 is 9 mm below the skin."""
+    """A grip covers half of the limb, so the mean position of equation 7 is 9 mm below the skin."""
     surface = skin.surfaces[PATCH]
     pressure = np.where(surface.positions[:, 0] > 0.0, 5000.0, 0.0)
     (contact,) = contacts_at(skin, pressure)
@@ -243,7 +245,7 @@ def test_wide_touch_does_not_sink_into_the_limb(skin: FeltSkin) -> None:
 
 
 def shuffle(skin: FeltSkin, order: np.ndarray) -> FeltSkin:
-    """Returns a skin whose taxel i is taxel `order[i]` of the given one."""
+    """Returns a skin in which taxel i is taxel `order[i]` of the given skin."""
     surface, place = skin.surfaces[PATCH], np.argsort(order)
     shuffled = FeltSkin(skin.robot)
     turned = replace(
@@ -271,7 +273,7 @@ def test_order_of_the_taxels_does_not_matter(skin: FeltSkin, pressure: np.ndarra
     for contact in other:
         twin = same[frozenset(order[contact.taxels].tolist())]
         assert contact.force == pytest.approx(twin.force)
-        # On a symmetric limb two points may be equally near to the mean; each of them will do.
+        # On a symmetric limb two points may have equal distances to the mean. Both results are correct.
         mean = centre_of_pressure(skin.surfaces[PATCH].positions[twin.taxels], twin.taxel_forces)
         assert np.linalg.norm(contact.p_L - mean) == pytest.approx(np.linalg.norm(twin.p_L - mean), abs=1e-9)
 
@@ -306,7 +308,7 @@ def test_nobody_can_change_a_contact(skin: FeltSkin) -> None:
 def contact_of(
     u: list[float], theta: list[float], forces: list[float], *, at: tuple[float, float]
 ) -> Contact:
-    """Returns a contact with these taxels on the generic limb, and its centre at (u, theta)."""
+    """Returns a contact on the generic limb with these taxels and with its centre at (u, theta)."""
     nowhere = np.zeros(3)
     return single_contact(
         Site(PATCH, "left_arm", "forearm"), np.arange(len(forces)), forces, u=at[0], theta=at[1], taxel_u=u,
@@ -316,7 +318,7 @@ def contact_of(
 
 def test_weighted_force_is_equation_7() -> None:
     contact = contact_of([0.5, 0.6, 0.4], [0.0, 0.0, 0.0], [2.0, 1.0, 1.0], at=(0.5, 0.0))
-    # Weights 2 r - |P_t - P| with r = 0.2: 0.4, 0.3, 0.3.
+    # Weights 2 r - |P_t - P| with r = 0.2: 0.4, 0.3 and 0.3.
     assert weighted_force(contact, 0.2) == pytest.approx((0.4 * 2 + 0.3 + 0.3) / 1.0)
 
 
@@ -335,7 +337,7 @@ def test_peak_among_weak_taxels_is_diluted_but_not_in_peak_and_total() -> None:
 
 
 def test_taxel_beyond_the_field_has_no_weight() -> None:
-    """Read literally, eq. 7 gives it a negative weight, and a result of -1."""
+    """Read literally, equation 7 gives this taxel a negative weight, and the result would be -1."""
     contact = contact_of([0.5, 0.8], [0.0, 0.0], [1.0, 2.0], at=(0.5, 0.0))
     assert weighted_force(contact, 0.1) == 1.0
 
@@ -380,7 +382,7 @@ def test_distance_on_the_generic_limb(u: float, a: float, v: float, b: float, tu
 
 @pytest.mark.parametrize("name", ["nao", "icub"])
 def test_skin_of_each_packaged_patch_hangs_together(name: str) -> None:
-    """A finger on a gap between modules makes one contact, on an iCub's forearm too."""
+    """A finger on a gap between modules causes one contact, also on an iCub's forearm."""
     skin = FeltSkin(load_robot(name))
     for patch, surface in skin.surfaces.items():
         if skin.robot.limb_segment(skin.robot.patch(patch)) is None:

@@ -1,4 +1,5 @@
-"""Estimates that are updated in periods without a frame equal those that are updated at once."""
+"""Estimates that are updated step by step in periods without a frame equal estimates that are updated in one
+step."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ REST = np.zeros(len(NAO.servos))
 
 
 def readings(count: int) -> list[Reading]:
-    """Returns noise at 50 Hz with a touch in between; one arm sends bytes, all other patches floats."""
+    """Yields readings with noise at 50 Hz and one touch. One arm sends bytes, all other patches send
+    floats."""
     random = np.random.default_rng(4)
     joints = JointReading(0.0, 0, np.array(initial_position(NAO)), REST)
     found = []

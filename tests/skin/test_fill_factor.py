@@ -17,7 +17,8 @@ RADIUS, PITCH = 0.04, 0.006
 
 @pytest.fixture(scope="module")
 def sleeve() -> Surface:
-    """A cylinder without gaps: square taxels of 6 mm on a radius of 40 mm, 180 mm long."""
+    """Returns a cylinder without gaps, with square taxels of 6 mm, a radius of 40 mm and a length of 180
+    mm."""
     around, along = round(2.0 * np.pi * RADIUS / PITCH), 30
     theta, x = (
         grid.ravel() for grid in np.meshgrid(np.arange(around) * 2 * np.pi / around, np.arange(along))
@@ -41,7 +42,8 @@ def test_a_skin_without_gaps_has_a_fill_factor_of_one_but_at_its_ends(sleeve: Su
 
 
 def test_gaps_are_seen_at_the_width_of_the_touch(sleeve: Surface) -> None:
-    """Every second strip of 18 mm is bare: a sharp touch of the skin misses no gap, a wide one half of it."""
+    """Every second strip of 18 mm has no taxels. A narrow touch on a strip with taxels touches no gap. Half
+    of the area of a wide touch is gaps."""
     on = (sleeve.positions[:, 2] / PITCH).round().astype(int) // 3 % 2 == 0
     some = replace(
         sleeve, positions=sleeve.positions[on], normals=sleeve.normals[on], areas=sleeve.areas[on],

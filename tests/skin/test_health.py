@@ -1,4 +1,4 @@
-"""Untrustworthy taxels are masked and reported, and are used again once they work."""
+"""Faulty taxels are masked and reported. They are used again when they work again."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ RATE = 10.0
 
 
 class Bench:
-    """A patch with noise of one count, fed at 10 Hz."""
+    """A patch with noise of one count, which receives frames at 10 Hz."""
 
     def __init__(self) -> None:
         self.subject: OnePatch = conditioner()
@@ -23,7 +23,7 @@ class Bench:
         self.feed(30.0)
 
     def feed(self, seconds: float, **raw: float | np.ndarray) -> np.ndarray:
-        """Feeds frames in which the taxels `t12=...` send that value; returns the pressures (frames,
+        """Processes frames in which the taxels `t12=...` send this value. Returns the pressures (frames,
         taxels)."""
         felt = []
         for _ in range(int(seconds * RATE)):
@@ -56,7 +56,7 @@ def test_taxel_stuck_high_is_masked_and_comes_back(bench: Bench) -> None:
 
 
 def test_taxel_stuck_anywhere_all_alone_is_masked_after_two_windows(bench: Bench) -> None:
-    bench.feed(11.0, t100=200.0)  # a window is 50 frames, 5 s
+    bench.feed(11.0, t100=200.0)  # a window contains 50 frames, which is 5 s
     assert dict(bench.subject.health.masked) == {100: "stuck"}
     bench.feed(5.0, t100=bench.subject.patch.sensor.rest)
     assert bench.subject.health.coverage == 1.0
@@ -109,7 +109,8 @@ def test_the_same_frames_give_the_same_bits() -> None:
 @pytest.mark.parametrize("begins", [0.0, 1.2, 3.7])
 @pytest.mark.parametrize("lasts", [12.0, 91.3])
 def test_a_taxel_that_was_frozen_keeps_its_rest_value(bench: Bench, begins: float, lasts: float) -> None:
-    """It freezes at a value beyond rest that no pressure gives, at any time of an estimation window."""
+    """The taxel freezes at a value that no pressure can cause. The fault begins at different times of an
+    estimation window."""
     bench.feed(begins)
     known = bench.subject.baseline.offset[100]
     bench.feed(lasts, t100=252.0)
@@ -119,8 +120,8 @@ def test_a_taxel_that_was_frozen_keeps_its_rest_value(bench: Bench, begins: floa
 
 
 def test_a_taxel_quieter_than_its_patch_is_at_rest_or_pressed(bench: Bench) -> None:
-    """A step of its rest value lies below its patch's threshold and above seven standard deviations of its
-    own."""
+    """A change of the rest value of this taxel is smaller than the threshold of its patch, and larger than
+    seven standard deviations of the taxel's own noise."""
     quiet = bench.subject.patch.sensor.rest + 0.4 * bench.generator.standard_normal(900)
     for place, value in enumerate(quiet):
         bench.feed(0.1, t100=np.rint(value - (4.5 if place > 200 else 0.0)))
@@ -141,8 +142,8 @@ def test_grid_is_one_patch() -> None:
 @pytest.mark.parametrize("share", [0.5, 0.7, 0.85])
 @pytest.mark.parametrize("segment", ["foot", "forearm"])
 def test_a_start_under_load_masks_no_sound_taxel(segment: str, share: float) -> None:
-    """A robot stands on its sole, or lies on its skin, before the first frame. The rest values of its taxels
-    differ from the description's."""
+    """A robot stands on its sole or lies on its skin before the first frame. The rest values of its taxels
+    differ from those of the description."""
     subject, chance = conditioner(segment=segment), np.random.default_rng(2)
     sensor = subject.patch.sensor
     load = np.where(np.arange(TAXELS) < share * TAXELS, chance.uniform(20.0, 120.0, TAXELS), 0.0)

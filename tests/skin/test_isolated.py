@@ -1,4 +1,4 @@
-"""Contacts of a single taxel: touches, or sensor defects."""
+"""Contacts of a single taxel are either touches or sensor defects."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from tci.skin.skin import Skin
 ARM = "left_forearm"
 PERIOD = 0.02
 ISOLATED = 100
-"""A taxel with six neighbours around it."""
+"""A taxel that has six neighbours."""
 LIGHT, FIRM = 0.3, 6.0
-"""Two forces [N]."""
+"""Forces [N] of a light and of a firm touch."""
 
 
 class Felt:
-    """Frames of one patch of a robot, and the contacts found in them."""
+    """Processes frames of one patch of a robot, and finds the contacts in these frames."""
 
     def __init__(self, robot: str = "nao", patch: str = ARM) -> None:
         self.skin, self.patch = FeltSkin(tci.load_robot(robot)), patch
@@ -44,7 +44,7 @@ class Felt:
         return sorted({int(i) for pair in pairs if taxel in pair for i in pair} - {taxel})
 
     def see(self, forces: dict[int, float]) -> Sequence[Contact]:
-        """Returns the contacts of the next frame, with forces [N] on some taxels."""
+        """Returns the contacts of the next frame, in which some taxels have forces [N]."""
         force = np.zeros(len(self.surface.positions))
         force[list(forces)] = list(forces.values())
         still = np.zeros(len(self.skin.robot.servos))
@@ -63,7 +63,7 @@ class Felt:
 
 
 def beside_one() -> Felt:
-    """Returns a skin where a taxel has a single neighbour."""
+    """Returns a skin in which one taxel has a single neighbour."""
     felt = Felt()
     pairs = np.array([[ISOLATED, felt.beside(ISOLATED)[0]]])
     patches = [
@@ -76,15 +76,15 @@ def beside_one() -> Felt:
 
 
 def noise_of(sensor: Sensor, counts: float) -> float:
-    """Returns a noise [counts] that a sensor can have: a switch has next to none."""
+    """Returns a noise [counts] that is realistic for a sensor: a switch has nearly no noise."""
     return min(counts, 0.01 * (sensor.highest - sensor.lowest))
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.0, 2.0])
 @pytest.mark.parametrize("name", [name for name in tci.robot_names() if "bare" not in name])
 def test_more_force_is_never_felt_less(name: str, noise: float) -> None:
-    """A press of one taxel on each skin of each robot, from below the threshold to the end of the range,
-    where a constant value can't be told from a stuck taxel's."""
+    """Presses one taxel on each skin of each robot, with forces from below the threshold to the end of the
+    range, where a constant value could also be that of a stuck taxel."""
     skin, chance = FeltSkin(tci.load_robot(name)), np.random.default_rng(1)
     still = np.zeros(len(skin.robot.servos))
     joints = JointReading(0.0, 0, still, still)

@@ -1,4 +1,4 @@
-"""Hours of noise and drift: every touch is found, and no false one."""
+"""Hours of noise and drift: every touch is detected, and nothing else is reported as a touch."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ TOUCHES = 10_000 if SOAK else 500
 
 @pytest.mark.parametrize("noise", [0.0, 1.0])
 def test_a_contact_of_half_an_hour_keeps_its_force_while_the_skin_drifts(noise: float) -> None:
-    """The drift is 20 % of the range in an hour, with 2 % scatter between taxels; frames come at 5 Hz to save
-    time."""
+    """The drift is 20 % of the range in an hour, with 2 % scatter between taxels. The frame rate is 5 Hz to
+    save computing time."""
     generator = np.random.default_rng(1)
     subject, rate = conditioner(), 5.0
     slope = 0.2 * 255.0 / 3600.0 * (1.0 + 0.02 * generator.standard_normal(TAXELS))
@@ -31,7 +31,7 @@ def test_a_contact_of_half_an_hour_keeps_its_force_while_the_skin_drifts(noise: 
         for stamp, here, pressure in zip(times, held, felt_now, strict=True):
             if here:
                 shares.append(pressure[touch > 3.0].sum() / PASCAL)
-            elif stamp > 20.0:  # the noise is estimated first
+            elif stamp > 20.0:  # the noise is estimated before the touch
                 false = max(false, pressure.max())
     felt = np.array(shares).reshape(30, -1).mean(axis=1)
     assert np.abs(felt / touch[touch > max(7.0 * noise, 3.0)].sum() - 1.0).max() < 0.10
@@ -42,7 +42,7 @@ def test_a_contact_of_half_an_hour_keeps_its_force_while_the_skin_drifts(noise: 
 
 @pytest.mark.parametrize(("period", "hours"), [(7200.0, HOURS), (2400.0, 0.7)])
 def test_no_false_contact_in_noise_and_drift(period: float, hours: float) -> None:
-    """The drift is so large that raw values are cut off at the end of the range for a while."""
+    """The drift is so large that raw values reach the end of the sensor's range for some time."""
     generator = np.random.default_rng(2)
     subject = conditioner(None)
     noise = generator.uniform(0.5, 1.5, TAXELS)
@@ -52,7 +52,7 @@ def test_no_false_contact_in_noise_and_drift(period: float, hours: float) -> Non
         times = 60.0 * minute + np.arange(int(60 * RATE)) / RATE
         drift = 0.1 * 255.0 * np.sin(2 * np.pi * times / period)[:, None] * scatter
         for stamp, pressure in zip(times, block(subject, drift, times, noise, generator), strict=True):
-            false += bool(pressure.any()) and stamp > 10.0  # the noise is estimated first
+            false += bool(pressure.any()) and stamp > 10.0  # the noise is estimated before the test
     assert false == 0
     assert subject.health.coverage == 1.0
 

@@ -1,4 +1,5 @@
-"""Senders that send only changes: perceptions are equal, bit for bit."""
+"""Senders that send frames only on change: the perceptions are equal bit for bit to those of a constant frame
+rate."""
 
 from __future__ import annotations
 
@@ -24,7 +25,7 @@ from tci.skin.skin import Skin
 
 KEEP_ALIVE = 0.5
 RATE = 64.0
-"""Frames per second. Their times are exact binary numbers, so the sender's sums and the receiver's are
+"""Frames per second. The times of the frames are exact in binary, so the sums in sender and receiver are
 equal."""
 PACKAGED = load_robot("nao")
 NAO = PACKAGED.model_copy(
@@ -36,7 +37,7 @@ PATCHES = [patch.name for patch in NAO.patches]
 
 
 def sensor(robot: Robot, seed: int, seconds: float) -> list[tuple[SkinFrame, ...]]:
-    """Yields the readings of all patches: long rests, touches, flicker, and values that are NaN."""
+    """Yields the readings of all patches with long rests, touches, flicker, and values that are NaN."""
     random = np.random.default_rng(seed)
     values = {patch.name: np.full(patch.channels, 240.0) for patch in robot.patches}
     frames = []
@@ -86,7 +87,8 @@ def felt(seen: Perception) -> dict[str, PatchFelt]:
     return patches(SKIN, seen.skin)
 
 
-@settings(max_examples=15)  # each is 4 s of noise on all patches: more seeds show no more
+# each seed simulates 4 s of noise on all patches; further seeds show no further cases
+@settings(max_examples=15)
 @given(st.integers(0, 10_000))
 def test_what_is_perceived_is_the_same(seed: int) -> None:
     body = tci.GenericBody(NAO)
@@ -115,7 +117,7 @@ def test_what_is_perceived_is_the_same(seed: int) -> None:
 
 
 def test_the_reflex_does_the_same_on_an_event_driven_skin() -> None:
-    """A poke in simulation causes equal commands at equal times."""
+    """A simulated poke causes equal commands at equal times."""
 
     def commands(keep_alive: float | None) -> list[tuple[float, str, list[float]]]:
         seen: list[tuple[float, str, list[float]]] = []
@@ -144,7 +146,8 @@ def test_unchanged_patches_are_only_counted() -> None:
     for k in range(60):
         skin.conditioner.step(held.fill(frames, k / RATE))
         noted += skin.conditioner._memory.patches[:, CONSTANT] <= 0.0
-    # Three frames to settle, and two after the shorter first window of some patches.
+    # Three frames until the values have settled, and two frames after the shorter first window of some
+    # patches.
     assert noted.max() <= 5
 
 
@@ -188,10 +191,10 @@ def test_a_frame_that_was_refused_is_not_repeated() -> None:
     assert step(0.0, 0, rest, 0.0) == (0.0, 0)
     with pytest.raises(FrameError, match="shape"):
         step(0.25, 16, rest[1:], 0.25)
-    assert step(0.25, 16, rest, 0.25) == (0.25, 16)  # sent again, as it should be
+    assert step(0.25, 16, rest, 0.25) == (0.25, 16)  # this frame is sent again, as required
     with pytest.raises(FrameError, match="shape"):
         step(9.0, 99, rest[1:], 0.3)
-    assert step(0.25, 16, rest, 0.375) == (0.375, 24)  # the last good frame goes on
+    assert step(0.25, 16, rest, 0.375) == (0.375, 24)  # the last valid frame is repeated
 
 
 def test_a_buffer_that_is_written_again_is_a_new_frame() -> None:

@@ -1,4 +1,4 @@
-"""The skin in space: places in link, limb and torso coordinates; frames to states."""
+"""Positions of the skin in coordinates of link, limb and torso; conversion of frames to skin states."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def fresh(skin: FeltSkin) -> FeltSkin:
 
 
 def turned(angle: np.ndarray) -> np.ndarray:
-    """Returns the angle in -pi..pi."""
+    """Returns the equivalent angle in the range -pi..pi."""
     return np.angle(np.exp(1j * angle))
 
 
@@ -136,8 +136,8 @@ def test_dropped_values_are_counted(fresh: FeltSkin) -> None:
 
 @pytest.mark.parametrize("name", ["nao", "icub"])
 def test_frames_of_bytes_are_felt_like_any_numbers(name: str) -> None:
-    """Frames of bytes give the same pressures as floats: on patches of all kinds, missing or late, after a
-    restart of the sender, and with values out of range."""
+    """Frames of bytes and frames of floats give equal pressures: on all kinds of patches, with missing or
+    late frames, after a restart of the sender, and with values out of range."""
     robot = load_robot(name)
     quick, slow = FeltSkin(robot), FeltSkin(robot)
     random = np.random.default_rng(1)
@@ -152,7 +152,7 @@ def test_frames_of_bytes_are_felt_like_any_numbers(name: str) -> None:
             if random.random() < 0.5:
                 values[: random.integers(1, 20)] = random.integers(least, most + 1)
             if k == 200:
-                values[0] = 200.0  # more than a switch can send
+                values[0] = 200.0  # larger than the largest value of a switch
             jump = int(random.choice([1, 1, 1, 1, 2, -2, -90]))
             sequences[patch.name] += jump
             values = np.clip(values, 0.0, 255.0)
@@ -261,7 +261,8 @@ def test_theta_turns_with_pronation_only_where_the_skin_does(skin: FeltSkin, pos
 
 @given(hnp.arrays(np.float64, 5, elements=st.floats(-1.5, 1.5)))
 def test_one_place_is_mirrored_on_the_other_arm(skin: FeltSkin, posture: np.ndarray) -> None:
-    """Places with equal (u, theta, r) on the left and right arm differ by a mirror image and the mount."""
+    """Positions with equal (u, theta, r) on the left and right arm differ by a mirror image and by the
+    mount."""
     at = joints(np.concatenate([posture, posture]))
     beside = {}
     sides: tuple[tuple[Side, float], ...] = (("left", 0.0), ("right", small_robot.MOUNT))
@@ -275,7 +276,7 @@ def test_one_place_is_mirrored_on_the_other_arm(skin: FeltSkin, posture: np.ndar
     frame_at = np.array([-u * LOWER, RADIUS * np.sin(theta), RADIUS * np.cos(theta)]).T
     u, theta, others = beside["right"]
     other_at = np.array([-u * LOWER, RADIUS * np.sin(theta), RADIUS * np.cos(theta)]).T
-    # The same rigid motion takes the limb's coordinates to the space beside the body on either side.
+    # The same rigid motion maps the limb's coordinates to the coordinates beside the body on each side.
     motion, *_ = np.linalg.lstsq(np.c_[frame_at, np.ones(TAXELS)], points, rcond=None)
     np.testing.assert_allclose(np.c_[other_at, np.ones(TAXELS)] @ motion, others, atol=1e-9)
 
@@ -300,7 +301,8 @@ def test_the_projection_of_each_taxel_is_the_taxel(name: str) -> None:
 
 
 def test_neighbours_are_as_far_apart_as_the_description_or_the_lattice_says(tmp_path: Path) -> None:
-    """On a dense skin two touches 12 mm apart are two contacts; 15 mm for every skin joined them."""
+    """On a dense skin two touches at a distance of 12 mm are two contacts. An earlier version used 15 mm for
+    every skin and joined them."""
     x, y = np.meshgrid(np.arange(12) * 3e-3, np.arange(12) * 3e-3)
     places = np.column_stack([x.ravel(), y.ravel(), np.zeros(144)])
     normals = np.tile([0.0, 0.0, 1.0], (144, 1))
@@ -386,8 +388,8 @@ def test_packaged_skin_looks_outward(packaged: FeltSkin) -> None:
 @settings(max_examples=20)
 @given(share=st.floats(0.1, 0.9))
 def test_forearm_skin_rides_as_facts_say(packaged: FeltSkin, share: float) -> None:
-    """iCub's forearm skin turns with pronation and its upper-arm skin with the yaw; NAO's sleeves do not
-    turn."""
+    """The skin of iCub's forearm turns with pronation, and the skin of its upper arm turns with the yaw. The
+    sleeves of NAO do not turn."""
     robot = packaged.robot
     low, high = at_zero(packaged), at_zero(packaged)
     for patch in filter(robot.limb_segment, robot.patches):

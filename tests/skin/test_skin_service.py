@@ -1,4 +1,5 @@
-"""Readers of one skin, each at its own rate; none delays another or the acquisition."""
+"""Several readers use one skin at different rates. No reader delays another reader or the acquisition of
+frames."""
 
 from __future__ import annotations
 
@@ -21,7 +22,7 @@ def skin() -> FeltSkin:
 
 
 def state(skin: FeltSkin, sequence: int, forces: dict[str, dict[int, float]] | None = None) -> SkinState:
-    """Returns a state with forces [N] on some taxels."""
+    """Returns a skin state in which some taxels have forces [N]."""
     pressures = {}
     for name, surface in skin.surfaces.items():
         force = np.zeros(len(surface.positions))

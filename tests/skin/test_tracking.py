@@ -1,4 +1,5 @@
-"""A contact keeps its identity while it lasts, moves over the skin, or flickers; no other ever gets it."""
+"""A contact keeps its identity while it lasts, moves over the skin or flickers. No other contact ever has
+this identity."""
 
 from __future__ import annotations
 
@@ -24,7 +25,7 @@ def places(*x: float) -> np.ndarray:
 def follow(
     tracker: Tracker, patch: str, centres: np.ndarray, stamp: float
 ) -> list[tuple[float, float, float]]:
-    """Returns identity, onset and displacement of contacts of one taxel each."""
+    """Returns identity, onset and displacement of contacts that consist of one taxel each."""
     made = empty_contacts(len(centres), len(centres))
     made.site[:], made.p_L[:] = ("arm", "hand").index(patch), centres
     made.begin[:], made.taxel[:] = np.arange(len(centres) + 1), np.arange(len(centres))
@@ -56,7 +57,8 @@ def test_what_is_too_far_is_new_and_what_is_left_has_ended() -> None:
     tracker = Tracker()
     assert identities(tracker, 0.0, at=0.0) == [1]
     assert identities(tracker, 0.05, at=0.02) == [2]
-    assert identities(tracker, 0.0, 0.05, at=0.04) == [1, 2]  # within `linger` it is the same again
+    # within the time `linger` the contact keeps its identity
+    assert identities(tracker, 0.0, 0.05, at=0.04) == [1, 2]
     assert identities(tracker, at=0.06) == []
     assert identities(tracker, 0.0, at=0.2) == [3]
 

@@ -1,4 +1,4 @@
-"""A real browser with the viewer's page, for tests."""
+"""Opens the viewer's page in a real browser, for tests."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from tci.viewer.figure import Figure
 from tci.viewer.pick import pick
 
 PATIENCE = 120.0
-"""Time [s] to wait for events that must happen. Long, since software draws the page and no test measures
-time."""
+"""Longest time [s] to wait for events. It is long because the page is drawn without a graphics card, and no
+test measures time."""
 COARSE = 0.25
-"""Drawn pixels per pixel of the page's layout: software draws a sixteenth of the picture, on the processors
-that the robots need."""
+"""Drawn pixels per pixel of the page's layout. Without a graphics card the page is drawn by the processors
+that the robots need, so only a sixteenth of the pixels is drawn."""
 
 
 def wait_for(what: Callable[[], object], said: str) -> None:
-    """Waits until `what` is true. Fails with the text `said` if it never is."""
+    """Waits until `what()` is true. Fails with the text `said` if this takes too long."""
     end = time.monotonic() + PATIENCE
     while not what():
         assert time.monotonic() < end, f"never happened: {said}"
@@ -39,7 +39,7 @@ def wait_for(what: Callable[[], object], said: str) -> None:
 
 @contextmanager
 def running(viewer: Viewer) -> Iterator[Viewer]:
-    """Runs the viewer, with its sessions, for the duration of the block."""
+    """Runs the viewer and its sessions within the context."""
     thread = threading.Thread(target=viewer.run, name="viewer")
     for source in viewer.sources.values():
         source.start()
@@ -54,7 +54,7 @@ def running(viewer: Viewer) -> Iterator[Viewer]:
 
 @contextmanager
 def page_of(viewer: Viewer) -> Iterator[Page]:
-    """Opens the viewer's page in headless Chromium, ready to be clicked."""
+    """Opens the viewer's page in headless Chromium and waits until the page can be clicked."""
     chromium = needs_program("chromium", "chromium")
     flags = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
     with sync_playwright() as playwright:
@@ -76,7 +76,7 @@ def canvas_of(page: Page) -> tuple[float, float, float, float]:
 
 
 def on_screen(viewer: Viewer, points: Array, canvas: Sequence[float]) -> Array:
-    """Returns the pixels (n, 2) of the page at which points (n, 3) [m] of the scene are drawn."""
+    """Returns the pixels (n, 2) of the page that show the points (n, 3) [m] of the scene."""
     camera = next(iter(viewer.server.get_clients().values())).camera
     left, top, width, height = canvas
     rotation = np.zeros(9)
@@ -90,8 +90,8 @@ def on_screen(viewer: Viewer, points: Array, canvas: Sequence[float]) -> Array:
 def skin_on_screen(
     viewer: Viewer, key: str, patch: str, canvas: Sequence[float], *, outside: bool = False
 ) -> tuple[float, float, Place]:
-    """Returns a pixel of the page that shows a receptive field on `patch`, or skin `outside` all of them, and
-    the place there."""
+    """Returns a pixel of the page that shows a receptive field on `patch` (or, with `outside`, skin outside
+    all fields), and the place on the skin."""
     camera = next(iter(viewer.server.get_clients().values())).camera
     figure = viewer.figures[key]
     surface = figure.skin.surfaces[patch]
@@ -121,7 +121,8 @@ def _others(viewer: Viewer, figure: Figure) -> list[Figure]:
 
 
 def field(page: Page, label: str) -> Locator:
-    """Returns the input of the first control labelled `label`; for a slider, its number."""
+    """Returns the input element of the first control with the label `label`; for a slider, its number
+    field."""
     row = page.locator(f"xpath=(//label[text()='{label}'])[1]/ancestor::div[.//input][1]")
     return row.locator("input:not([type=hidden])").last
 

@@ -30,7 +30,7 @@ def test_a_slider_is_heard_before_the_viewer_moves_it_back(tmp_path: Path) -> No
     server._connected_clients[0] = Mock()
     free = threading.Event()
     for _ in range(server._thread_executor._max_workers):
-        server._thread_executor.submit(free.wait)  # all of viser's threads are busy
+        server._thread_executor.submit(free.wait)  # all threads of viser are busy
     _, roll = controls._sliders["left_arm"][1]
     moved = _messages.GuiUpdateMessage(roll._impl.uuid, {"value": 60.0})
     told = server.gui._handle_gui_updates(0, moved)

@@ -1,4 +1,4 @@
-"""Receptive fields on the page: membership of places, and the names in the legend."""
+"""Receptive fields on the page: which places belong to a field, and the names in the legend."""
 
 from __future__ import annotations
 

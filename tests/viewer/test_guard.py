@@ -1,4 +1,4 @@
-"""Faults 53 and 54: access to the viewer's server."""
+"""Faults 53 and 54: protection of the viewer's server from other programs and web sites."""
 
 from __future__ import annotations
 
@@ -21,14 +21,15 @@ PROTOCOL = f"viser-v{viser.__version__}"
 
 
 class Opened:
-    """A running server, with requests to it."""
+    """A running server. Methods send requests to it."""
 
     def __init__(self, host: str) -> None:
         self.server, self.guard, self.address = open_server(host, 0, label="test", title="a <b> - TCI")
         self.port = int(self.address.split("?")[0].rstrip("/").rsplit(":", 1)[1])
 
     def get(self, path: str = "/", **headers: str) -> http.client.HTTPResponse:
-        """Returns the response to a GET with these headers; Host is the loopback's unless given."""
+        """Returns the response to a GET request with these headers. The default Host is the loopback
+        address."""
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
         connection.putrequest("GET", path, skip_host=True)
         for name, value in {"Host": f"127.0.0.1:{self.port}", **headers}.items():
@@ -37,7 +38,7 @@ class Opened:
         return connection.getresponse()
 
     def socket_opens(self, *, origin: str | None, path: str = "/", **headers: str) -> bool:
-        """Returns True if a web socket from a page of `origin` is accepted."""
+        """Returns True if the server accepts a web socket from a page of `origin`."""
         try:
             with connect(
                 f"ws://127.0.0.1:{self.port}{path}", origin=origin, subprotocols=[PROTOCOL],
@@ -66,7 +67,8 @@ def test_53_only_the_loopback_listens_by_default(local: Opened) -> None:
     assert local.get().status == 200
     assert "token" not in local.address
     with closing(socket.socket(socket.AF_INET, socket.SOCK_STREAM)) as elsewhere:
-        # The server does not listen on another address of this machine, even on loopback.
+        # The server does not listen on any other address of this machine, not even on another loopback
+        # address.
         assert elsewhere.connect_ex(("127.0.0.2", local.port)) != 0
 
 
@@ -157,7 +159,7 @@ def test_the_page_is_told_what_is_set_while_its_sender_goes_to_sleep(
 
 
 def told(window: str | bytes) -> str:
-    """Returns the texts in viser's messages, which consist of two lengths, messages and arrays."""
+    """Returns the texts in the messages of viser. A message consists of two lengths, messages and arrays."""
     assert isinstance(window, bytes)
     length, packed = (int.from_bytes(window[start : start + 8], "little") for start in (0, 8))
     return zstandard.decompress(window[16 : 16 + packed], max_output_size=length).decode(errors="replace")

@@ -1,4 +1,4 @@
-"""Plots keep every peak between two samples, and the latest sample."""
+"""Plots contain every peak between two drawn samples, and the latest sample."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A robot of another process in the viewer: shown, and moved only if armed."""
+"""The viewer shows a robot of another process, and moves the robot only if it is armed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def wait_for(what: Callable[[], object]) -> None:
 
 @contextmanager
 def serving() -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """Serves a NAO for the duration of the block; yields its address and process."""
+    """Serves a NAO within the context. Yields the address and the process."""
     with socket.create_server(("127.0.0.1", 0)) as found:
         port = found.getsockname()[1]
     via = f"zenoh:tcp/127.0.0.1:{port}"
@@ -78,7 +78,7 @@ def test_an_armed_one_follows_the_sliders(via: str) -> None:
     target[1] += 0.3
 
     def there() -> bool:
-        # On a machine too busy for real time the gate holds, and refuses orders meanwhile.
+        # If the machine is too busy for real time, the gate holds and refuses orders meanwhile.
         session.move("left_arm", target)
         return session.view is not None and abs(session.view.posture["left_arm"][1] - target[1]) < 0.02
 

@@ -1,4 +1,4 @@
-"""Shapes of links as triangles: closed, seen from outside, and as large as MuJoCo's."""
+"""Triangle meshes of link shapes are closed, face outward, and have the same size as MuJoCo's shapes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_a_primitive_is_a_closed_surface_of_its_volume(kind: str) -> None:
     )
     (mesh,) = body_meshes(model, set())
     a, b, c = mesh.vertices[mesh.faces].transpose(1, 0, 2)
-    inside = float(np.einsum("fi,fi->f", a, np.cross(b, c)).sum()) / 6.0  # negative if seen from inside
+    inside = float(np.einsum("fi,fi->f", a, np.cross(b, c)).sum()) / 6.0  # negative if the faces point inward
     assert inside == pytest.approx(volume, rel=0.02)
     places = np.unique(mesh.vertices.round(9), axis=0, return_inverse=True)[1].ravel()[mesh.faces]
     edges = Counter((int(face[k]), int(face[k - 1])) for face in places for k in range(3))

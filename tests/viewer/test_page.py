@@ -1,4 +1,4 @@
-"""The page in a real browser: click the skin, move a slider, cause a fault, record."""
+"""Tests of the page in a real browser: a click on the skin, a moved slider, a fault, a recording."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_a_touch_outside_all_fields_is_told(viewer: Viewer, page: Page) -> None:
     page.mouse.click(x, y)
     session, figure = viewer.sessions["nao"], viewer.figures["nao"]
     wait_for(lambda: session.view is not None and session.view.contacts, "the skin feels it")
-    session.pace = 0.02  # the finger stays until the page has been looked at
+    session.pace = 0.02  # the finger presses until the page has been inspected
     wait_for(lambda: figure._outside.visible, "it stands beside the finger")
     page.get_by_text("touched outside all fields: left upper arm").first.wait_for()
     session.pace = 1.0

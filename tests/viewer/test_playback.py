@@ -1,4 +1,4 @@
-"""Recordings of different lengths, shown side by side at one time."""
+"""Recordings of different lengths, which are shown side by side at the same time."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ PATIENCE = 40.0
 
 @pytest.fixture(scope="module")
 def players(tmp_path_factory: pytest.TempPathFactory) -> tuple[Player, Player]:
-    """Two players: the first ends after 0.39 s, the second after 0.99 s; both are touched after 0.3 s."""
+    """Two players. The first recording ends after 0.39 s, the second after 0.99 s. Both contain a touch after
+    0.3 s."""
     folder: Path = tmp_path_factory.mktemp("lengths")
     record_poke(folder / "short.mcap", duration=0.4)
     record_poke(folder / "long.mcap", duration=1.0)
@@ -52,7 +53,7 @@ def updated(playback: Playback) -> None:
 
 
 def join(work: Callable[[], None]) -> None:
-    """Runs `work` in another thread meanwhile."""
+    """Runs `work` in another thread while the viewer continues."""
     thread = threading.Thread(target=work)
     thread.start()
     thread.join()
@@ -75,7 +76,7 @@ def test_a_time_that_a_person_sets_is_heard_before_the_slider_follows(
 ) -> None:
     server, slider = playback._server, playback.slider
     server._connected_clients[0] = Mock()
-    # The viewer's thread runs when viser has taken the value but not reported it yet.
+    # The viewer's thread runs after viser has stored the new value and before viser has reported it.
     slider._impl.sync_cb = lambda *_: join(playback.update)
     told = server.gui._handle_gui_updates(0, _messages.GuiUpdateMessage(slider._impl.uuid, {"value": 0.3}))
     asyncio.run_coroutine_threadsafe(told, server.get_event_loop()).result(PATIENCE)

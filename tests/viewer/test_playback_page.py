@@ -1,4 +1,4 @@
-"""A recording in a real browser: play, pause, move the slider."""
+"""Playback of a recording in a real browser: play, pause, move the slider."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ def page(viewer: Viewer) -> Iterator[Page]:
 
 
 def test_play_pause_and_scrub(player: Player, page: Page) -> None:
-    # One second is over before the page is open.
+    # One second of recording would end before the page is open.
     wait_for(lambda: player.time == player.end, "it plays to the end")
     page.get_by_text("touched: left forearm").first.wait_for()
     page.get_by_role("button", name="Play").wait_for()
 
     time = field(page, "time [s]")
-    # Text typed while the viewer still moves the slider is appended to its number.
+    # If the viewer still moves the slider, typed text is appended to its number.
     wait_for(lambda: time.input_value() == f"{player.end - player.begin:.2f}", "the slider is at the end")
     time.fill("0.1")
     time.press("Enter")

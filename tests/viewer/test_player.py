@@ -1,4 +1,4 @@
-"""A recording as views, which do not depend on the order in which moments are shown."""
+"""A recording is shown as views. A view does not depend on the order in which moments are shown."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def test_touches_of_an_icubs_contact_list_play(tmp_path: Path, skin_data: SkinDa
     log = skin_data.file("recordings/icub_skin_events.log")
     done = import_contact_list(log, path, tci.load_robot("icub"))
     periods = done.periods
-    # The others are on parts and modules that the model lacks.
+    # The other contacts are on parts and modules that the model lacks.
     assert (periods, done.left_out) == skin_data.expect(made=(400, 380), genuine=(3479, 1024))
     recording = Recording(path)
     robot = recorded_robot(recording)
@@ -128,7 +128,8 @@ def test_touches_of_an_icubs_contact_list_play(tmp_path: Path, skin_data: SkinDa
 def test_two_periods_of_one_time_are_one_event(
     poked: tuple[Path, list[Tick]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Lists of contacts have equal stamps. The second period here has no contact."""
+    """Contacts in contact lists may have equal time stamps. Here the second of two periods with equal stamps
+    has no contact."""
 
     def twice(recording: Recording, robot: tci.Robot) -> Iterator[Perceived]:
         for period in perceive(recording, robot):

@@ -1,4 +1,4 @@
-"""Descriptions of a fault and of the gate's response."""
+"""Texts that describe a fault and the gate's response to it."""
 
 from __future__ import annotations
 

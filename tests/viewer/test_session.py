@@ -1,4 +1,4 @@
-"""A robot in a thread of its own: pokes, orders, faults, pauses, recordings, and a restart."""
+"""A robot in a separate thread: pokes, orders, faults, pauses, recordings and a restart."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def test_a_fault_ends_the_loop_and_a_reset_begins_it_again(session: Session) -> 
     world = session.world
     assert world is not None
     over = world.time + 0.3
-    wait_for(lambda: world.time > over)  # time goes on, and the fault ends
+    wait_for(lambda: world.time > over)  # time continues until the fault ends
     session.reset()
     wait_for(lambda: not session.ended)
     before = session.report.ticks

@@ -1,6 +1,8 @@
-"""Runs the first program of yarpwire's README beside a port that sends one message; prints its output.
+"""Runs the first program of yarpwire's README together with a port that sends one message, and prints the
+output.
 
-It needs only the package. It takes the part of a robot's name server, of the robot and of a person.
+Only the package yarpwire is needed. This program replaces the name server, the robot and the person that
+presses Enter.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Bottles and messages: refusals, and unchanged meaning of what is accepted."""
+"""Bottles and messages: invalid data are refused, and accepted data keep their meaning."""
 
 from __future__ import annotations
 
@@ -130,7 +130,8 @@ def holds_floats(items: list[Any]) -> bool:
 
 
 def test_mutated_messages_are_read_or_refused_and_nothing_else() -> None:
-    """Decoded values account for every byte; numbers of one dialect are never read in the other."""
+    """The decoded values account for every received byte. Numbers of one dialect are never read as numbers of
+    the other dialect."""
     messages = [(data, DIALECTS[name]) for name in DIALECTS for one in binary(name) for way, data in one
                 if way == ">" and len(data) > 30]  # fmt: skip
     chance = random.Random(20261121)

@@ -1,4 +1,4 @@
-"""Recorded traffic of genuine YARP: decoded, encoded again, and equal byte by byte."""
+"""Recorded messages of genuine YARP are decoded and encoded again, and are equal byte by byte."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FAST_TCP = 3
 
 
 def again(blocks: list[bytes], dialect: Dialect) -> bytes:
-    """Returns a message encoded from its decoded values."""
+    """Decodes a message, and returns the message that is encoded from the decoded values."""
     command, body = message.unpack_command(b"".join(blocks))
     head = message.pack_command(command.kind, str(command.stamp or ""))
     if not body:

@@ -1,4 +1,4 @@
-"""Messages that a feed keeps of a port, and the times at which it waits for more."""
+"""Messages of a port that a feed keeps, and the times at which the feed waits for the next message."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from yarpwire.network import Network
 from yarpwire.wire import Wire
 
 EVERY = 0.05
-"""Time [s] between two messages by their stamps."""
+"""Time [s] between the stamps of two messages."""
 
 
 class Writer:
@@ -64,7 +64,7 @@ def test_a_message_that_is_due_is_waited_for(writer: Writer, monkeypatch: pytest
 def test_what_comes_often_or_is_not_due_or_never_came_is_not_waited_for(
     writer: Writer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(feeds, "LATE", 1e6)  # a wait would never end
+    monkeypatch.setattr(feeds, "LATE", 1e6)  # otherwise a wait would never end
     writer.feed.await_due(1e9, 0.005)
     for _ in range(3):
         writer.write()

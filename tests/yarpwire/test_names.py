@@ -1,4 +1,4 @@
-"""Name server and its client: against recorded sessions of genuine ports, and against each other."""
+"""Name server and its client: tested with recorded sessions of genuine ports, and with each other."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def server() -> Iterator[NameServer]:
 def test_real_ports_hear_from_our_name_server_what_they_heard_from_the_real_one(
     name: str, server: NameServer
 ) -> None:
-    """Earlier registrations are made first, since a session joined others that were running."""
+    """Registrations that existed before the recording are made first."""
     answered = 0
     for connection in naming(name):
         request, real = connection[0][1].decode(), connection[1][1].decode()
@@ -96,7 +96,7 @@ def test_who_knows_the_key_is_answered_and_nobody_else() -> None:
     "said", [b"", b"no", b"n\xffnce\nand mac", b"registration name /a ip 1.2.3.4 port 1 type tcp\r\n"]
 )
 def test_an_answer_without_its_end_is_none(said: bytes) -> None:
-    """A nonce of eight bytes and its MAC contain a line feed now and then."""
+    """A nonce of eight bytes and its MAC sometimes contain a line feed."""
 
     def hang_up(sock: socket.socket, connection: AcceptedConnection) -> None:
         sock.recv(100)

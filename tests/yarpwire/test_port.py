@@ -1,4 +1,4 @@
-"""Ports, carriers and calls, over real sockets."""
+"""Ports, carriers and calls, tested over real sockets."""
 
 from __future__ import annotations
 
@@ -132,13 +132,14 @@ def test_a_call_goes_on_after_the_port_came_back(make: Callable[..., Port], name
 
 
 def test_a_listener_that_is_closed_leaves_no_thread() -> None:
-    """A thread that outlives the program keeps its objects, and their library tells of a leak."""
+    """A thread that does not end keeps its objects in memory. Their library would report a memory leak at the
+    end of the program."""
     served, left = threading.Event(), threading.Event()
 
     def serve(sock: socket.socket, connection: AcceptedConnection) -> None:
         served.set()
         sock.recv(1)
-        left.wait(0.02)  # as if another thread had its turn
+        left.wait(0.02)  # simulates a switch to another thread at this point
         left.set()
 
     listener = Listener("127.0.0.1", 0, serve, name="a port")
@@ -291,7 +292,7 @@ def test_what_the_receiver_raises_ends_the_connection_only(make: Callable[..., P
 
 
 def test_what_a_person_types_first_is_answered(make: Callable[..., Port], names: Names) -> None:
-    """The orders of `yarp admin rpc PORT` and `yarp name help`."""
+    """Tests the orders of `yarp admin rpc PORT` and `yarp name help`."""
     port = make("/asked", receive=lambda delivery: None)
 
     def order(*items: object) -> str:

@@ -1,4 +1,5 @@
-"""YARP 4's measures of several sensors: the bytes of a genuine `multipleanalogsensorsserver`, both ways."""
+"""Measures of YARP 4's devices with several sensors: bytes of a genuine `multipleanalogsensorsserver` are
+decoded and encoded."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ from yarpwire.sensors import (
 )
 
 CAPTURED = json.loads((Path(__file__).parent / "data" / "sensors.json").read_text())
-"""Said by YARP 4.0.0's `MultipleAnalogSensorsServer` with a device of two skin patches of four values."""
+"""Messages that YARP 4.0.0's `MultipleAnalogSensorsServer` sent for a device with two skin patches of four
+values."""
 STREAMED, ANSWERED = (bytes.fromhex(CAPTURED[what]) for what in ("measures", "metadata"))
 
 

@@ -1,5 +1,5 @@
-"""Connections over udp, whose end only a quit message shows: a genuine sender closes its handshake at
-once."""
+"""Connections over udp. Only a quit message ends such a connection, because a genuine sender closes the TCP
+connection of its handshake immediately."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from yarpwire.values import Vocab
 
 
 class Reader:
-    """A port, and the messages that arrived."""
+    """A port, and the messages that it received."""
 
     def __init__(self, names: Names) -> None:
         self.came: queue.Queue[Delivery] = queue.Queue()
         self.port = Port("/r", names, V3, receive=self.came.put)
 
     def dial(self, sender: str) -> Callable[[bytes], object]:
-        """Returns a function that sends bytes as YARP's own sender does, after its handshake is complete and
-        closed."""
+        """Returns a function that sends bytes like YARP's own sender, after the handshake over TCP has
+        ended."""
         sock, _, port = outgoing.dial(self.port.contact, sender, UDP, None)
         sock.close()
         datagrams = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -63,7 +63,7 @@ def reader(names: Names) -> Iterator[Reader]:
 
 def test_a_silent_sender_stays_and_an_empty_datagram_ends_nothing(reader: Reader) -> None:
     send = reader.dial("/quiet")
-    for empty in (b"", b"\0" * 7, b"\0" * 10):  # with the last one YARP interrupts itself
+    for empty in (b"", b"\0" * 7, b"\0" * 10):  # YARP sends the last of these to interrupt itself
         send(empty)
     send(datagram("there"))
     assert reader.came.get(timeout=40).items(V3) == ["there"]
@@ -99,7 +99,8 @@ def test_a_reader_that_is_gone_is_not_told_goodbye(
     writer = Port("/w", names, V3)
     writer.connect("/r", "udp")
     reader.port.close()
-    monkeypatch.setattr(outgoing, "dial", None)  # the loop that writes would wait for it
+    # otherwise the loop that writes would wait for the connection
+    monkeypatch.setattr(outgoing, "dial", None)
 
     def gone() -> bool:
         writer.write([1])
@@ -164,7 +165,8 @@ def test_a_sender_that_greets_while_its_port_closes_is_let_go(
 def test_a_silent_port_looks_now_and_then_whether_it_was_closed(
     reader: Reader, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A lost wake-up then costs seconds, and no thread for good."""
+    """A port checks at intervals if it has been closed. If a wake-up is lost, the thread then ends some
+    seconds later."""
     ended, run = threading.Event(), Incoming.run
 
     def watched(incoming: Incoming) -> None:

@@ -1,4 +1,4 @@
-"""Contacts in plain NumPy, which the compiled loops must equal."""
+"""Contacts in plain NumPy. The compiled loops must give equal results."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tci.skin.surfaces import Surface
 
 
 def connected(count: int, pairs: np.ndarray) -> np.ndarray:
-    """Returns the label (count,) of each node: the smallest node that `pairs` (m, 2) connect it with
+    """Returns the label (count,) of each node: the smallest node that is connected with it by `pairs` (m, 2)
     (Shiloach and Vishkin 1982)."""
     labels = np.arange(count)
     one, other = pairs[:, 0], pairs[:, 1]
@@ -45,7 +45,7 @@ def clusters(forces: np.ndarray, neighbours: np.ndarray, settings: ContactSettin
 
 
 def project(surface: Surface, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Computes `Surface.project` from the faces near the nearest corner."""
+    """Computes `Surface.project` from the faces that are near the nearest vertex."""
     corners = surface.positions[surface.faces]
     edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
     distances = np.linalg.norm(surface.positions - point, axis=1)[surface.faces]
@@ -61,7 +61,7 @@ def contacts(
     posture: Mapping[str, np.ndarray],
     settings: ContactSettings,
 ) -> list[SimpleNamespace]:
-    """Returns the contacts in a first state, on limbs."""
+    """Returns the contacts in a first state, on patches that belong to limbs."""
     found = []
     poses = skin.kinematics.poses(joints.position, skin.kinematics.links)
     for place, patch in enumerate(skin.robot.patches):
@@ -107,14 +107,15 @@ def fill_factor(surface: Surface, taxels: np.ndarray, forces: np.ndarray) -> flo
 
 
 class Tracks:
-    """Tracks of contacts in plain Python: the nearest pairs of a track and a contact are matched first."""
+    """Tracking of contacts in plain Python: the closest pairs of a track and a contact are matched first."""
 
     def __init__(self, reach: float, linger: float) -> None:
         self.reach, self.linger, self.next = reach, linger, 1
         self.known: list[dict[str, Any]] = []
 
     def follow(self, site: np.ndarray, p_L: np.ndarray, first: np.ndarray, stamps: np.ndarray) -> list[tuple]:
-        """Returns identity, onset and displacement of each contact; `first` is the first taxel of each."""
+        """Returns identity, onset and displacement of each contact. `first` is the first taxel of each
+        contact."""
         self.known = [
             t for t in self.known
             if t["site"] not in site or stamps[t["site"]] - t["seen"] <= self.linger

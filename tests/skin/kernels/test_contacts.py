@@ -1,4 +1,4 @@
-"""The compiled contacts equal their NumPy twin, on the packaged skins and on unusual ones."""
+"""The compiled contact loops give the same results as NumPy, on the packaged skins and on unusual skins."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def skin_of(name: str) -> FeltSkin:
 
 
 def touched(skin: FeltSkin, seed: int) -> tuple[SkinState, JointReading]:
-    """Returns random blobs, single taxels and grips on all patches, in a random posture."""
+    """Presses random groups of taxels, single taxels and wide grips on all patches, in a random posture."""
     random = np.random.default_rng(seed)
     position = random.uniform(-1.0, 1.0, len(skin.robot.servos))
     pressures = {}
@@ -49,7 +49,7 @@ def touched(skin: FeltSkin, seed: int) -> tuple[SkinState, JointReading]:
 
 
 def limbs(skin: FeltSkin) -> dict[str, Surface]:
-    """Returns the patches that the oracle supports: those on limbs."""
+    """Returns the patches that the NumPy implementation supports, which are those on limbs."""
     robot = skin.robot
     return {patch.name: skin.surfaces[patch.name] for patch in robot.patches if robot.limb_segment(patch)}
 
@@ -66,7 +66,7 @@ def test_contacts_equal_numpy(robot: str, seed: int) -> None:
     for one, other in zip(found, expected, strict=True):
         surface = skin.surfaces[one.patch]
         mean = np.average(surface.positions[one.taxels], axis=0, weights=one.taxel_forces)
-        # Two points of a skin may be equally near to the mean inside it.
+        # Two points of a skin may have equal distances to the mean position inside the limb.
         apart = [np.linalg.norm(contact.p_L - mean) for contact in (one, other)]
         assert apart[0] == pytest.approx(apart[1], abs=1e-12)
         twin = np.linalg.norm(one.p_L - other.p_L) > 1e-9
@@ -84,7 +84,7 @@ def test_contacts_equal_numpy(robot: str, seed: int) -> None:
 @pytest.mark.parametrize("robot", ["nao", "icub"])
 @given(seed=st.integers(0, 100_000))
 def test_identities_equal_python(robot: str, seed: int) -> None:
-    """Touches stay, come and go on all patches, some of which send no new frame."""
+    """Touches continue, appear and disappear on all patches. Some patches send no new frame."""
     skin, random = skin_of(robot), np.random.default_rng(seed)
     settings = TrackSettings()
     finder = ContactFinder(skin.layout, AT_ONCE)
@@ -127,7 +127,7 @@ def project(
 @pytest.mark.parametrize("robot", ["nao", "icub"])
 @given(seed=st.integers(0, 100_000))
 def test_nearest_point_is_that_of_the_whole_surface(robot: str, patch: str, seed: int) -> None:
-    """Points are inside, outside and far away."""
+    """The tested points are inside the surface, outside and far away."""
     skin = skin_of(robot)
     surface, random = skin.surfaces[patch], np.random.default_rng(seed)
     point = surface.positions.mean(axis=0) + random.normal(size=3) * random.choice([1e-3, 0.03, 0.1, 2.0])

@@ -1,4 +1,5 @@
-"""Moves a hand to a position in arm lengths from the shoulder: equal numbers on every robot."""
+"""Moves a hand to a position relative to the shoulder, in arm lengths. The same numbers are used for every
+robot."""
 
 import numpy as np
 

@@ -10,7 +10,7 @@ import tci
 
 @dataclass(frozen=True)
 class LookAround(tci.Capability[int]):
-    """Turns the head to one side and the other."""
+    """Turns the head alternately to the left and to the right."""
 
     def init(self, body) -> int:
         return 0

@@ -34,7 +34,7 @@ class Form:
     placed: bool = False
     """True if pads have positions. Otherwise their rows are zero, like the rows of absent modules."""
     mark: int | None = -2
-    """Value of a pad in taxel2Repr; None for that of its module."""
+    """Value of a pad in taxel2Repr; None if it is the value of the pad's module."""
     normals: str = "placeholder"
     """`placeholder`: 1 0 0 for all taxels; `none`: zero; `module`: one normal for each triangle; `wrong`:
     these normals with exchanged axes; `taxel`: measured normals, which are shorter than 1."""

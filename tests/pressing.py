@@ -40,8 +40,8 @@ RISE = 1e-3
 AT_LIMIT = 0.1
 """Fraction of the servos that are at their lower limit, and equal fraction that are at their upper limit."""
 SHORT_POKE = Stimulus(duration=0.65)
-"""Poke of the demo, for less time. Contact begins within 60 ms and must be lost 500 ms later; the rest shows
-that the arm stays away."""
+"""Poke of the demo with a shorter duration. Contact begins within 60 ms and must end 500 ms later. The
+remaining time shows that the arm does not return."""
 SHEET, SPACING = 5, 0.01
 """Number of taxels along each edge of a pad, and the distance [m] between them."""
 

@@ -19,7 +19,8 @@ MAKE = """#!/bin/sh
 test "$3" = clean && exec /bin/rm -rf "$2/.venv"
 cd "$2" && echo "make $3 $4: $(ls -A | tr '\\n' ' ')"
 """
-"""Replacement for make that prints its goal and the content of the folder; `clean` removes what was built."""
+"""Program that replaces make. It prints its goal and the content of the folder. The goal `clean` removes
+built files."""
 
 
 @pytest.fixture

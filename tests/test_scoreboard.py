@@ -93,7 +93,8 @@ def test_a_row_that_was_not_tried_stays_as_it_is_on_the_page(tool: Any, tmp_path
 
 
 def test_each_line_of_a_table_on_the_page_has_the_cells_of_its_head(tool: Any) -> None:
-    """A measured row, written by hand, had replaced a line of the table of judgements."""
+    """In an earlier version of the page, a row that was written by hand had replaced a line of another
+    table."""
     tables: list[list[str]] = [[]]
     for line in tool("row").PAGE.read_text().splitlines():
         if line.startswith("|"):

@@ -65,7 +65,7 @@ def fetch_pip() -> None:
     except OSError as error:
         sys.exit(f"can't fetch pip ({error}); on Debian: apt-get install python3-venv ca-certificates")
     if hashlib.sha256(wheel).hexdigest() != PIP_SHA256:
-        sys.exit(f"{PIP_INDEX} did not give the {PIP_WHEEL} that was expected; nothing was installed")
+        sys.exit(f"{PIP_INDEX} has no {PIP_WHEEL} with the expected hash; nothing was installed")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / PIP_WHEEL
         path.write_bytes(wheel)

@@ -1,4 +1,5 @@
-"""Films and portraits of the README and the gallery (docs/gallery.md); `tools/pictures.py` calls it."""
+"""Makes the films and portraits of the README and of the gallery (docs/gallery.md). `tools/pictures.py` calls
+these functions."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ def main() -> None:
     """Prints all findings. Returns exit status 1 if there is any finding."""
     folder = Path(sys.argv[1]).resolve() if len(sys.argv) > 1 else BUILT
     if not (folder / "index.html").exists():
-        sys.exit(f"{folder} has no index.html; valid: the folder of the built pages, by make docs")
+        sys.exit(f"{folder} has no index.html; valid: the folder of the pages that make docs builds")
     with sync_playwright() as playwright, served(folder) as address:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
         found = [*cut_off(browser, folder, LAPTOP), *cut_off(browser, folder, TELEPHONE)]

@@ -211,7 +211,9 @@ def main() -> None:
             if not right or others:
                 print(f"  {'' if right else 'missed '}{mistake.kind}: {mistake.place} {others}")
         kinds = len({mistake.kind for mistake in chosen})
-        print(f"{name}: {found} of {len(chosen)} mistakes of {kinds} kinds found, {blamed} blamed on others")
+        print(
+            f"{name}: {found} of {len(chosen)} mistakes of {kinds} kinds found, {blamed} with other messages"
+        )
 
 
 if __name__ == "__main__":

@@ -94,7 +94,7 @@ def main() -> int:
     tools = [["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"]]
     started = [subprocess.Popen([sys.executable, "-m", *words], cwd=ROOT) for words in tools]
     files = [str(path) for path in tests_of(changed())]
-    print(f"{len(files)} test files import what changed", flush=True)
+    print(f"{len(files)} test files import changed files", flush=True)
     status = 0
     if files:
         words = ["-q", "-x", "-m", "not live", "--rootdir", str(ROOT), *files]

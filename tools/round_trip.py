@@ -283,7 +283,7 @@ def in_turn(
         end = time.monotonic() + PATIENCE
         while not there_and_back(0.5):
             if time.monotonic() > end:
-                raise SystemExit(f"{name}: no frame comes back")
+                raise SystemExit(f"{name}: no frame was returned by the other process")
         time.sleep(0.5)
         list(receive())  # answers to earlier tries
         found = [[_times(work, calls) for work in (there_and_back, bare)] for _ in range(blocks)]

@@ -38,7 +38,7 @@ def three_axes() -> tci.Robot:
 
 
 def draw(folder: Path) -> None:
-    """Writes one picture for each question: pressure image, shape, shear, and events."""
+    """Writes four pictures: pressure image, shape, shear, and events."""
     robot = three_axes()
     world, body = World(robot), GenericBody(robot)
     perceiver = Perceiver(body)

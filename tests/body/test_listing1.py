@@ -1,4 +1,5 @@
-"""Regression tests for the faults of the paper's Listing 1: each is refused or clamped, with a message."""
+"""Regression tests for the faults of the paper's Listing 1: each faulty command is refused or clamped, with a
+message."""
 
 from __future__ import annotations
 
@@ -38,7 +39,8 @@ def test_limits_of_the_other_arm(nao: Robot, side: str, clamps: int) -> None:
 
 
 def test_array_of_the_wrong_length() -> None:
-    """On iCub, DOF is 16; stiffness, damping, speed and MIN have 15 entries."""
+    """In Listing 1, DOF is 16 on iCub, but the arrays of stiffness, damping, speed and MIN have 15
+    entries."""
     with pytest.raises(CommandError, match=r"shape \(4,\); valid: \(5,\)"):
         to_platform(make_robot(), GenericCommand("left_arm", Mode.STIFFNESS, np.zeros(4)))
 

@@ -1,4 +1,4 @@
-"""The contact stop: a touched part stops at once, and continues after the touch."""
+"""The contact stop: a touched part stops immediately, and continues after the touch."""
 
 from __future__ import annotations
 

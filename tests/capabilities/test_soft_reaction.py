@@ -60,7 +60,8 @@ def test_torque_mode_holds_where_the_last_touch_left_the_arm() -> None:
 
 @pytest.mark.parametrize(("across", "yields"), [(0.09, True), (0.11, False)])
 def test_a_motion_along_the_skin_is_no_yielding(across: float, yields: bool) -> None:
-    """A wrist turned about the finger that touched its palm, and the force rose by 0.0025 N."""
+    """In an earlier version a wrist turned about the finger that touched its palm, and the contact force
+    increased by 0.0025 N."""
 
     def retreat(perception: object, part: str, target: Array, mode: Mode) -> Array:
         return np.array([[[0.0001], [0.02]], [[across / 200.0], [across]]])

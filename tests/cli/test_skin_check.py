@@ -92,7 +92,8 @@ def test_progress_is_told_and_a_skin_that_fits_has_no_correction() -> None:
 
 
 def test_a_patch_gets_the_smaller_of_two_corrections_as_an_element_that_moves_it(tmp_path: Path) -> None:
-    """A flat sole fits its link when it is turned about too. The soles of the model are 7 mm above it."""
+    """Two corrections fit a flat sole to its link, of which one turns the sole upside down. The soles of the
+    model are 7 mm above the skin positions."""
     whole = load_robot("icub-whole")
     sole = whole.patch("left_sole").model_copy(update={"xyz": (0.003, 0.0, 0.0)})
     robot = whole.model_copy(update={"patches": (sole,)})

@@ -1,4 +1,4 @@
-"""A simulated robot whose driver is wrong, and an operator who sees its true motion."""
+"""A simulated robot whose driver is wrong, and a simulated operator who observes the robot's true motion."""
 
 from __future__ import annotations
 

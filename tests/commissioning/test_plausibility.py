@@ -62,7 +62,8 @@ def test_an_initial_angle_in_radians_on_one_side_is_doubtful_and_told(planted: M
 
 
 def test_joints_of_both_sides_are_compared_by_name() -> None:
-    """They were paired by their order, and sides with different numbers of joints ended in a ValueError."""
+    """An earlier version paired the joints of the two sides by their order. If the sides had different
+    numbers of joints, it raised a ValueError."""
     robot = load_robot("nao")
     assert doubts(robot) == []
     for other in (lambda servos: servos[::-1], lambda servos: servos[1:]):

@@ -119,7 +119,7 @@ def test_a_wrapper_has_the_facts_of_the_inner_driver_but_those_that_it_changes()
 
 
 def calls_base(init: ast.FunctionDef) -> bool:
-    """Returns True if a constructor calls that of its base class."""
+    """Returns True if a constructor calls the constructor of its base class."""
     return any(
         isinstance(node, ast.Call) and ast.unparse(node.func) == "super().__init__" for node in ast.walk(init)
     )

@@ -28,8 +28,9 @@ def test_a_pad_on_the_palm_alone_is_never_pushed_into_the_touch(tmp_path: Path) 
 
 
 def test_joints_that_would_move_are_judged_not_the_ones_that_are_asked_to() -> None:
-    """Near a singular posture of talos' shoulder, two joints turn against each other. One was at its limit,
-    and the other one alone pressed the forearm by 0.012 N."""
+    """Near a singular posture of talos' shoulder, two joints turn in opposite directions. In an earlier
+    version one joint was at its limit, and the motion of the other joint pressed the forearm against the
+    finger by 0.012 N."""
     robot = tci.load_robot("talos")
     arm = np.array([0.008726646259971648, 0.0, 0.5147832503647392, 1.4001612077879892, -2.5132741228718345])
     world = World(robot, posture={"left_arm": arm})

@@ -67,7 +67,7 @@ class NoisySkin(Driver):
         self.touches.append((begin, end, patch, skin.surfaces[patch].channels[nearest], counts))
 
     def scatter(self, begin: float, end: float, count: int) -> None:
-        """Presses `count` single taxels, none next to another, on all patches."""
+        """Presses `count` single taxels on all patches. No two of these taxels are neighbours."""
         skin = Skin(ROBOT)
         left = count
         for patch in ROBOT.patches:

@@ -22,7 +22,7 @@ OVER = 0.5
 """Fraction of the speed limit by which a joint may exceed this limit while its readings are correct or
 missing."""
 PRESSED = 0.02
-"""Depth [rad] to which a joint may run into its mechanical stops, which are slightly elastic."""
+"""Depth [rad] by which a joint may press into its mechanical stops, which are slightly elastic."""
 LIES = 2.5
 """Multiple of its speed limit that a joint may reach while its readings are wrong but have new time
 stamps."""
@@ -30,8 +30,8 @@ UNSEEN, UNSEEN_FOR = 0.15, 0.2
 """Angle error [rad] of a joint in torque mode above which no torque may be sent, and additional time [s] at
 the speed limit until then."""
 CHANGE = 0.32
-"""Fraction of its torque limit by which a torque may change while angle and velocity repeat. A blocked joint
-looks the same, so a constant torque continues."""
+"""Largest change of a torque, as a fraction of the torque limit, while angle and velocity repeat. A constant
+torque may continue, because the readings of a blocked joint also repeat."""
 MOVED, TOLD = 0.3, 0.8
 """Speed [rad/s] above which torques end if a reading repeats both this speed and the angle, and the longest
 time [s] until they end."""

@@ -44,8 +44,8 @@ class Judge:
         self.rates = np.array([[np.nan if r is None else r for r in rate] for rate in rates]).T
         self.torque = np.array([0.0 if x.torque is None else x.torque for x in limits])
         self.steps = np.zeros((4, count))
-        # Least distance by which each servo was outside its bounds since it was first commanded. `values` is
-        # the same for couplings.
+        # Least distance by which each servo was outside its bounds since it was first commanded. `values`
+        # contains this distance for each coupling.
         self.outside = np.full(count, np.nan)
         self.modes: list[Mode | None] = [None] * count
         self.values = np.full(len(robot.couplings), np.nan)
@@ -85,8 +85,8 @@ class Judge:
         loose = np.array([mode is Mode.TORQUE for mode in safe.modes], dtype=bool)
         position = safe.position[~loose]
         if not moved:
-            # Compared with the earlier reading under the same time stamp, because a joint may have moved
-            # since.
+            # The earlier reading with the same time stamp is used for the comparison, because a joint may
+            # have moved since.
             if (np.abs(position - self.steps[3, index]) > STILL * starts[index]).any():
                 self._fault("moved before its time", np.inf)
             return

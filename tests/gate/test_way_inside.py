@@ -1,5 +1,5 @@
-"""The way inside of servos outside their limits: its speed, and what happens if a coupling or the check for
-self-collision refuses it."""
+"""The path on which servos that are outside their limits return inside: its speed, and its end if a coupling
+or the check for self-collision refuses it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tci.reasons import Code, Reason
 
 LIMIT = 2.0
 OUT = 0.1
-"""Angle [rad] by which the first servo begins outside its upper limit."""
+"""Distance [rad] of the first servo outside its upper limit at the start."""
 NEAR = Reason(Code.SELF_COLLISION, "near")
 
 
@@ -34,7 +34,7 @@ def limiter(refused: set[int], start: float = LIMIT + OUT) -> OnlineTrajectory:
 
 
 def go(trajectory: OnlineTrajectory, seconds: float) -> tuple[Array, list[Reason]]:
-    """Returns the path, and the reasons that were told on it."""
+    """Returns the path, and the reasons for which the trajectory ended motions on this path."""
     path, told = [trajectory.state[0].copy()], []
     for _ in range(round(seconds / PERIOD)):
         path.append(trajectory.step().copy())
@@ -44,7 +44,8 @@ def go(trajectory: OnlineTrajectory, seconds: float) -> tuple[Array, list[Reason
 
 @pytest.mark.parametrize("mode", [Mode.POSITION, Mode.VELOCITY])
 def test_a_servo_with_a_high_limit_of_speed_comes_in_as_slowly_as_others(mode: Mode) -> None:
-    """A tenth of the speed limit of a G1's waist was 191 degrees/s."""
+    """In an earlier version the speed was a tenth of the servo's speed limit. For a G1's waist this is 191
+    degrees/s."""
     fast = LIMITS.model_copy(update={"velocity": 37.0, "acceleration": 4000.0, "jerk": 400_000.0})
     driven = Driven(make_robot(limits=fast, modes=(Mode.TORQUE, mode)), [0, 0, 2.3, 0, 0, 0])
     driven.step(PlatformSwitch(np.array([2]), mode))
@@ -83,7 +84,8 @@ def test_a_servo_that_may_not_come_in_lets_the_others_keep_their_velocities() ->
 
 
 def test_a_way_inside_that_a_coupling_refuses_lets_the_others_keep_their_velocities() -> None:
-    """The first servo is 0.1 rad below its limit. Inward, it would leave the coupling with the second one."""
+    """The first servo is 0.1 rad below its lower limit. A motion inside would violate its coupling with the
+    second servo."""
     robot = make_robot()
     tight = robot.couplings[0].model_copy(update={"upper": -0.5})
     bounds, _ = bounds_of(robot.model_copy(update={"couplings": (tight,)}), [0, 1, 2], speed_share=1.0)
@@ -96,7 +98,8 @@ def test_a_way_inside_that_a_coupling_refuses_lets_the_others_keep_their_velocit
 
 
 def test_a_motion_that_is_refused_does_not_end_the_way_inside_of_another_servo() -> None:
-    """A servo outside stayed there until the next command, and began farther out each time."""
+    """In an earlier version a servo outside its limits stayed there until the next command, and started
+    farther outside each time."""
     trajectory = limiter({1})
     trajectory.aim(np.array([1.5, 0.2, 0.0]), np.full(3, 1.0))
     path, told = go(trajectory, 4.0)
@@ -120,7 +123,8 @@ def test_a_halt_ends_the_way_inside() -> None:
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("sag", [0.2 * SAGS, 0.9 * SAGS])
 def test_a_servo_that_may_not_come_in_is_held_where_it_was_found(side: float, sag: float) -> None:
-    """It was held where it sagged to, so that each new beginning took it farther out."""
+    """In an earlier version the servo was held at the position to which it had sagged, so that each new start
+    moved it farther outside."""
     start = LIMIT + OUT if side > 0.0 else -1.0 - OUT
     trajectory = limiter({0}, start)
     trajectory.aim(np.array([1.5, 0.0, 0.0]), np.full(3, 1.0))
@@ -131,7 +135,7 @@ def test_a_servo_that_may_not_come_in_is_held_where_it_was_found(side: float, sa
 
 
 def test_a_joint_that_was_pushed_far_outside_is_not_led_far_inside() -> None:
-    """Released, it would spring to its reference."""
+    """If the reference were far inside, a released joint would move there suddenly."""
     trajectory = limiter({0})
     trajectory.aim(np.array([1.5, 0.0, 0.0]), np.full(3, 1.0))
     for _ in range(1000):

@@ -67,7 +67,8 @@ class Case:
     duration: float = 0.7
     """Duration [s]."""
     keep_alive: float | None = None
-    """Longest time [s] between two frames of a patch that sends only changes; None if every frame is sent."""
+    """Longest time [s] between two frames of a patch whose frames are sent only on change; None if every
+    frame is sent."""
     flicker: float = 0.0
     """Noise [counts] on all raw values, which are then sent as float64."""
     fault: str = ""

@@ -30,7 +30,7 @@ class Felt:
     """Patch that was pushed."""
     push: Push
     contact: Contact | None
-    """Contact that was felt; None for none."""
+    """Contact that was estimated; None if there was none."""
 
     @property
     def right(self) -> bool:

@@ -58,7 +58,7 @@ def pressed(tmp_path: Path) -> Path:
 
 
 def test_a_file_that_is_no_text_is_told_what_can_be_imported(tmp_path: Path) -> None:
-    """An array of NumPy was taken for a damaged contact list."""
+    """In an earlier version the error message for a NumPy array file was about a damaged contact list."""
     np.save(tmp_path / "p.npy", np.zeros((5, 240)))
     (tmp_path / "p.h5").write_bytes(b"\x89HDF\r\n\x1a\n\0\0\0\0" + bytes(80))
     for name in ("p.npy", "p.h5"):

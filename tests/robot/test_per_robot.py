@@ -62,7 +62,8 @@ def test_a_name_stands_for_one_object_until_its_description_changes(monkeypatch:
 def test_a_changed_file_of_skin_or_model_gives_a_new_object(
     file: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """The name gave the robot in use, with the skin and the geometry of the earlier files."""
+    """In an earlier version `load_robot` returned the robot in use, with the skin and the geometry of the
+    earlier files."""
     folder = shutil.copytree(Path(tci.load_robot("nao").source).parent, tmp_path / "nao")
     text = (folder / "robot.xml").read_text()
     assert file in (folder / "whole.xml").read_text() + text

@@ -79,13 +79,15 @@ SOLE = {
     "left": {0: (43.83, -8.11), 3: (50.14, -6.42), 123: (93.21, 32.37)},
     "right": {0: (70.84, 37.59), 3: (72.53, 31.28), 123: (115.60, -7.50)},
 }
-"""Places [mm] of some channels of icub-main's left_foot.txt and right_foot.txt, in the frame of the foot."""
+"""Positions [mm] of some channels of icub-main's left_foot.txt and right_foot.txt, in the frame of the
+foot."""
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_the_modules_of_an_icubs_sole_are_numbered_as_its_files_say(side: str, skin_data: SkinData) -> None:
-    """In recordings of real right feet, taxels beside each other read alike (0.91 correlation across modules)
-    at these places; at those by the numbers of the model's frames, without turns, 0.80."""
+    """In recordings of real right feet, neighbouring taxels have similar values at these positions
+    (correlation 0.91 across modules). With the positions by the numbers of the model's frames, without
+    rotations, the correlation is 0.80."""
     robot = load_robot("icub-whole")
     patch = robot.patch(f"{side}_sole")
     surface = build_surface(robot, patch, KinematicChain(robot))

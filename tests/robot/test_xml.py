@@ -148,7 +148,8 @@ def test_a_wrong_unit_is_one_fault_that_counts_its_consequences(tmp_path: Path) 
 
 
 def test_one_wrong_angle_of_few_is_no_wrong_unit(tmp_path: Path) -> None:
-    """One implausible angle of three was told as a wrong unit of the whole file."""
+    """In an earlier version one implausible angle of three caused a message about a wrong unit of the whole
+    file."""
     joint = '<servo id="0" name="a"><position min="-1" max="{}"/><velocity max="2"/></servo>'
     text = (
         '<?xml version="1.0"?>\n<generic_robot version="1" name="few" angle_unit="rad">\n'

@@ -1,4 +1,4 @@
-"""A standing robot: its soles measure its weight, and its legs do not collapse."""
+"""A simulated standing robot: the soles measure its weight, and the legs do not collapse."""
 
 from __future__ import annotations
 
@@ -117,8 +117,8 @@ def test_a_poked_sole_knows_where(name: str) -> None:
 @NAMES
 @pytest.mark.parametrize("stance", ["standing", "supported"])
 def test_a_leg_that_the_robot_stands_on_stays(name: str, stance: str) -> None:
-    """The leg does not withdraw even if the capability is told that the robot is supported, because the soles
-    measure its weight."""
+    """The leg does not withdraw even if the capability's `stance` is supported, because the soles measure the
+    robot's weight."""
     world = standing(name)
     moved, why = poke_the_shin(world, BodyWithdrawal(stance=stance), "left_leg")
     assert not moved

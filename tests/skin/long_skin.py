@@ -49,7 +49,7 @@ def conditioner(
 
 
 def bump(row: float, column: float, peak: float, *, width: float = 1.3) -> np.ndarray:
-    """Returns a touch (taxels,) [counts] around a place of the grid."""
+    """Returns the signal (taxels,) [counts] of a touch around a position of the grid."""
     rows, columns = np.divmod(np.arange(TAXELS), COLUMNS)
     return peak * np.exp(-((rows - row) ** 2 + (columns - column) ** 2) / (2.0 * width**2))
 

@@ -216,7 +216,7 @@ def test_a_narrow_window_shows_the_arms_of_all(viewer: Viewer, page: Page) -> No
 LOSES_ONE = (
     "addEventListener('click', event => event.stopImmediatePropagation(), {capture: true, once: true})"
 )
-"""A browser that loses the first click, as one does that draws the page anew in that moment."""
+"""JavaScript that drops the first click, as a browser does that draws the page again at this moment."""
 
 
 def test_on_a_telephone_the_controls_begin_folded(viewer: Viewer, page: Page) -> None:

@@ -33,7 +33,7 @@ from tci.skin.kernels.contacts import SUMMARY, cluster, describe
 
 SETTINGS = ContactSettings()
 LIMITS, THRESHOLD = SETTINGS.limits, 7.0
-"""Thresholds of a taxel: forces [N] and the deviation [counts] from rest."""
+"""Thresholds of a taxel: contact forces [N], and deviation from the rest value [counts]."""
 _condition, _cluster, _describe, _answer = [
     inlined(loop.py_func) for loop in (condition, cluster, describe, find_answers)
 ]

@@ -94,12 +94,12 @@ def _window(shown: Viewer, *, poke: bool = False) -> tuple[float, float]:
     time.sleep(WINDOW)
     used, took = time.process_time() - used, time.perf_counter() - begin
     now = [session.pokes for session in shown.sessions.values()]
-    assert now == [count + poke for count in pokes], "not everyone was poked"
+    assert now == [count + poke for count in pokes], "not every robot was poked"
     return used / took, (shown.pictures - pictures) / took
 
 
 def _click(shown: Viewer, page: subprocess.Popen[str], box: list[float]) -> float:
-    """Returns the time [s] from a click on the page to the beginning of its poke."""
+    """Returns the time [s] from a click on the page to the beginning of the poke that the click causes."""
     from viewer.browser import skin_on_screen  # the tests' own
 
     key, session = next(iter(shown.sessions.items()))

@@ -104,7 +104,7 @@ class Flight:
         self._done.clear()
         self._go()
         if not self._done.wait(10.0):
-            raise SystemExit("a frame did not come back")
+            raise SystemExit("a frame was not returned by the other process")
         return 1e6 * statistics.median(self._times), 1e6 * statistics.median(self._ways)
 
     def close(self) -> None:

@@ -145,7 +145,7 @@ def held_after(peer: Peer) -> float:
                     return (time.monotonic() - died) * 1e3
     finally:
         peer.stop()
-    raise SystemExit("it does not hold")
+    raise SystemExit("the gate did not hold the robot within 20 s after its process was killed")
 
 
 def timed(name: str, row: Row) -> tuple[str, str]:

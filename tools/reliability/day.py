@@ -68,7 +68,8 @@ class Day:
         self.stuck = 0.0
 
     def touch(self) -> np.ndarray:
-        """Returns the taxels (12,) nearest to a random place well inside a field."""
+        """Returns the taxels (12,) that are nearest to a random place inside a receptive field, far from the
+        field's border."""
         fields = [field for field in self.reflex.fields if field.segment == self.patch.segment]
         field = fields[int(self.random.integers(len(fields)))]
         u = field.u + self.random.uniform(-0.3, 0.3) * field.radius

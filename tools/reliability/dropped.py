@@ -95,7 +95,7 @@ def _silences(peer: Any, name: str, seed: int, count: int) -> dict[str, Any]:
             mover = movers.start()
             while len(times) + failed < count:
                 if not robot.moves():
-                    raise DriverError(f"{name}: it never moves")
+                    raise DriverError(f"{name}: the robot never moves")
                 time.sleep(chance.uniform(0.0, 0.02))  # a random moment between two messages
                 kind = signal.SIGKILL if (len(times) + failed) % 4 == 1 else signal.SIGSTOP
                 begin = time.monotonic()

@@ -207,7 +207,7 @@ def seen() -> dict[str, list[Seen]]:
         raise OSError("needs network namespaces: Linux, util-linux and iproute2")
     apart = ["unshare", "--map-root-user", "--net"]
     if subprocess.run([*apart, "true"]).returncode:
-        raise OSError("needs network namespaces, which this system does not let everybody make")
+        raise OSError("needs network namespaces, which this system does not permit to this user")
     command = [*apart, "sh", "-ec", ALONE, "alone", sys.executable, __file__, "alone"]
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
     return {name: [Seen(**one) for one in found] for name, found in json.loads(done.stdout).items()}

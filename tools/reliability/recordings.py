@@ -1,4 +1,5 @@
-"""Recordings: data lost by a killed process, and size and time of a minute."""
+"""Measures the data that a recording loses when its process is killed, and the size and writing time of a
+minute."""
 
 from __future__ import annotations
 

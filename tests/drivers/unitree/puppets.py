@@ -49,7 +49,8 @@ class Puppet:
         self._thread.start()
 
     def _live(self) -> None:
-        with real_time_where_permitted():  # as a robot, whose loop waits for no other program
+        # real time as on a robot, where the loop does not wait for other programs
+        with real_time_where_permitted():
             self._move()
 
     def _move(self) -> None:

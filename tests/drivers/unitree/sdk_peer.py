@@ -28,7 +28,7 @@ LOOPBACK = (
 )
 ELBOW, WEIGHT = 18, 29
 NO_ANSWER = 3104
-"""Code of the SDK for a call that was not answered in time; a busy machine loses some answers."""
+"""Code of the SDK for a call that was not answered in time. On a busy machine some answers are lost."""
 
 
 def times(rate: float) -> Any:
@@ -43,7 +43,8 @@ def times(rate: float) -> Any:
 
 
 def answer(call: Any) -> Any:
-    """Returns the answer of the robot's service. Calls again while none comes, as the driver does."""
+    """Returns the answer of the robot's service. Repeats the call until an answer arrives, as TCI's driver
+    does."""
     end = time.monotonic() + LONGEST
     while (given := call())[0] == NO_ANSWER and time.monotonic() < end:
         pass
@@ -273,6 +274,7 @@ def py_client() -> None:
 
 
 if ROLE in ("cpp_robot", "py_robot", "py_hands"):
-    with suppress(PermissionError):  # as on a robot, whose loop waits for no other program
+    # real time as on a robot, where the loop does not wait for other programs
+    with suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(50))
 globals()[ROLE]()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import tomllib
 from collections import Counter
+from functools import cache
 from importlib.resources import as_file, files
 from math import radians
 from pathlib import Path
@@ -166,12 +167,14 @@ class _FieldsFile(Description):
     surround: Annotated[list[_FieldTable], Field(default_factory=list)]
 
 
+@cache
 def default_fields(*, measure: Measure = "total") -> tuple[ReceptiveField, ...]:
     """Returns the five default fields of arms. Their values are assumed, since no values are published."""
     with as_file(files("tci.capabilities") / "withdrawal.toml") as path:
         return load_fields(path, measure=measure)
 
 
+@cache
 def default_surround(*, measure: Measure = "total") -> tuple[ReceptiveField, ...]:
     """Returns the default wide fields of arms. Together they cover forearm and upper arm.
 

@@ -170,9 +170,9 @@ def withdraw_all(
     refused = memory.refused
     met = frozenset(perception.contacts.identity.tolist())
     for part, posture in perception.posture.items():
-        before, own = memory.motions.get(part), wishes.get(part, ())
-        if before is None and not own:
+        if part not in memory.motions and part not in wishes:
             continue
+        before, own = memory.motions.get(part), wishes.get(part, ())
         if own and posture.size != len(own[0].field.motion):
             valid = len(own[0].field.motion)
             raise CommandError(

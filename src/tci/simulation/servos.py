@@ -29,6 +29,7 @@ inertia of its motor counts. The servo is then stiff enough for this fraction.""
 _LEAST_ARMATURE = 1e-4
 """Least inertia [kg m2] of a motor, measured at the joint. Assumed: it keeps the gains of very light links
 above 0."""
+_INDEX, _NUMBER = np.dtype(np.int64), np.dtype(np.float64)
 
 
 class Servos:
@@ -279,14 +280,14 @@ def _enough_torque(acceleration: float | None, inertia: float) -> float:
     return 2.0 * inertia * (100.0 if acceleration is None else acceleration)
 
 
-def _plain(values: ArrayLike, dtype: type) -> TypeGuard[NDArray[Any]]:
+def _plain(values: ArrayLike, dtype: np.dtype[Any]) -> TypeGuard[NDArray[Any]]:
     return isinstance(values, np.ndarray) and values.dtype == dtype and values.ndim == 1
 
 
 def _checked(
     servos: ArrayLike, values: ArrayLike, count: int, *, share: bool = False
 ) -> tuple[NDArray[np.intp], Array]:
-    if _plain(servos, np.int64) and _plain(values, np.float64):
+    if _plain(servos, _INDEX) and _plain(values, _NUMBER):
         index, numbers = servos, values
     else:
         index, numbers = np.atleast_1d(servos), np.atleast_1d(np.asarray(values, dtype=float))

@@ -46,8 +46,8 @@ from tci.skin.kernels.condition import (
     TOTAL,
     condition,
 )
-from tci.skin.layout import AXES, SkinLayout
-from tci.skin.shear import Shear
+from tci.skin.layout import SkinLayout
+from tci.skin.shear import ForceVectors
 
 RESTART = 1.0
 """If a frame has a lower sequence number than the previous frame, but its stamp is later by more than this
@@ -133,12 +133,7 @@ class Conditioner:
             np.zeros(patches), np.zeros(patches + 1, np.int64), np.zeros(taxels, np.int32), np.zeros(taxels)
         )
         self._sequence = np.full(patches, -1, np.int64)
-        self._shears = {
-            p: Shear(patch.description, patch.surface)
-            for p, patch in enumerate(layout.patches)
-            if patch.description.sensor.axes == AXES
-        }
-        self._vectors = {p: np.zeros((0, 3)) for p in self._shears}
+        self._vectors = ForceVectors(layout)
         self._ended: list[int] = []
         for estimator, own in zip(self.estimators, layout.taxels, strict=True):
             estimator.write(own, self.estimates)
@@ -267,10 +262,7 @@ class Conditioner:
                 p for p in buffer.which.tolist()
                 if status[p, ELAPSED] >= status[p, DUE] and status[p, IN_WINDOW] >= status[p, LEAST]
             ]  # fmt: skip
-        if self._shears:
-            for p, frame in zip(buffer.which.tolist(), frames, strict=True):
-                if p in self._shears:
-                    self._shear(p, frame)
+        self._vectors.step(buffer.which.tolist(), frames, self._out)
         self.state = self._state()
 
     def _state(self) -> SkinState:
@@ -278,34 +270,9 @@ class Conditioner:
         found = int(begin[-1])
         return SkinState(
             self.layout.starts, self._memory.patches[:, STAMP].copy(), self._sequence, begin,
-            out.active[:found].copy(), out.pressure[:found].copy(), self._vector(), self._masked,
+            out.active[:found].copy(), out.pressure[:found].copy(), self._vectors.latest(out),
+            self._masked,
         )  # fmt: skip
-
-    def _shear(self, p: int, frame: SkinFrame) -> None:
-        """Computes the force on the active taxels of a three-axis patch."""
-        own = slice(*self._out.begin[p : p + 2])
-        pressure = np.zeros(len(self.layout.patches[p].surface.areas))
-        active = self._out.active[own]
-        pressure[active] = self._out.pressure[own]
-        self._vectors[p] = self._shears[p].force(frame.values, pressure, frame.stamp)[active]
-
-    def _vector(self) -> NDArray[np.float64] | None:
-        """Returns the force (k, 3) [N] on each active taxel.
-
-        If the sensor does not measure a direction, the force is along the inward normal.
-        """
-        if not self._shears:
-            return None
-        out, parts = self._out, []
-        for p, patch in enumerate(self.layout.patches):
-            own = slice(*out.begin[p : p + 2])
-            if p in self._shears:
-                parts.append(self._vectors[p])
-                continue
-            active, surface = out.active[own], patch.surface
-            force = out.pressure[own] * surface.areas[active]
-            parts.append(-force[:, None] * surface.normals[active])
-        return np.concatenate(parts)
 
     def _revive(self, patches: list[int]) -> None:
         """Uses dead and stuck taxels again, from the next frame on, if their values have changed."""

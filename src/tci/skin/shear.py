@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tci.frames import Array, doubles
+from tci.messages import SkinFrame
 from tci.robot.description import Patch
-from tci.skin.layout import AXES
+from tci.skin.kernels.arrays import ActiveTaxels
+from tci.skin.layout import AXES, SkinLayout
 from tci.skin.surfaces import Surface, tangents
 
 SETTLE = 10.0
@@ -56,3 +59,44 @@ class Shear:
         along = np.einsum("na,nai->ni", stress, self._axes)
         force: Array = (along - pressure[:, None] * self._normals) * self._areas[:, None]
         return force
+
+
+class ForceVectors:
+    """Force on the active taxels of a skin of which some patches have three-axis taxels."""
+
+    def __init__(self, layout: SkinLayout) -> None:
+        self._patches = layout.patches
+        self._shears = {
+            p: Shear(patch.description, patch.surface)
+            for p, patch in enumerate(layout.patches)
+            if patch.description.sensor.axes == AXES
+        }
+        self._vectors = {p: np.zeros((0, 3)) for p in self._shears}
+
+    def step(self, which: list[int], frames: Sequence[SkinFrame], active: ActiveTaxels) -> None:
+        """Processes the frames of the patches `which` (k,), from which `active` was computed."""
+        for p, frame in zip(which, frames, strict=True):
+            if p in self._shears:
+                own = slice(*active.begin[p : p + 2])
+                pressure = np.zeros(len(self._patches[p].surface.areas))
+                taxels = active.active[own]
+                pressure[taxels] = active.pressure[own]
+                self._vectors[p] = self._shears[p].force(frame.values, pressure, frame.stamp)[taxels]
+
+    def latest(self, active: ActiveTaxels) -> Array | None:
+        """Returns the force (k, 3) [N] on each active taxel; None without three-axis taxels.
+
+        If the sensor does not measure a direction, the force is along the inward normal.
+        """
+        if not self._shears:
+            return None
+        parts = []
+        for p, patch in enumerate(self._patches):
+            if p in self._shears:
+                parts.append(self._vectors[p])
+                continue
+            own = slice(*active.begin[p : p + 2])
+            taxels, surface = active.active[own], patch.surface
+            force = active.pressure[own] * surface.areas[taxels]
+            parts.append(-force[:, None] * surface.normals[taxels])
+        return np.concatenate(parts)

@@ -23,7 +23,7 @@ EVENT_FRAMES = 400
 FINGER = 0.008
 """Radius [m] of a fingertip."""
 TOUCHED = {
-    # Part: position file, numbers of the body part, of the link and of the skin part.
+    # For each part: position file, and the numbers of body part, link and skin part.
     "left_hand": ("left_hand_V2_1", 3, 6, 1),
     "left_forearm": ("left_forearm_mesh", 3, 4, 2),
     "right_hand": ("right_hand_V2_1", 4, 6, 4),

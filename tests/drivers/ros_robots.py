@@ -112,7 +112,7 @@ def is_killed_and_comes_back(via: str, begin: Callable[[], subprocess.Popen[str]
             # this period late.
             assert now - joints.stamp <= driver.gate.stale_after <= 0.1
         assert safe.state is GateState.HOLD
-        while np.any(safe.velocity):  # it comes to rest
+        while np.any(safe.velocity):  # until the robot rests
             (safe,) = drive(driver, seconds=driver.period)
         process = begin()
         end, before = time.monotonic() + 90.0, driver.read().joints.sequence

@@ -48,7 +48,7 @@ def test_a_numeric_address_and_localhost_ask_nobody(monkeypatch: pytest.MonkeyPa
 def test_26_a_host_by_two_names_has_one_commander() -> None:
     names = []
     for host in ("127.0.0.1", "127.1"):  # on some machines `localhost` has no address
-        server = RecordedServer()  # it accepts one client
+        server = RecordedServer()  # accepts only one client
         try:
             with tci.connect(narrow(), f"player:{host}:{server.port}") as driver:
                 names.append(driver.info.lease_name.replace(str(server.port), "6665"))

@@ -51,7 +51,9 @@ def test_the_client_says_what_the_genuine_server_understood(server: RecordedServ
         assert {frame.patch: frame.values.shape for frame in first.skin} == {
             "left_forearm": (240,), "right_forearm": (240,),
         }  # fmt: skip
-        still = [servo.index for servo in driver.robot.servos if servo.joint is not None]  # its hand was shut
+        still = [
+            servo.index for servo in driver.robot.servos if servo.joint is not None
+        ]  # not the hand, which was shut
         expected = initial_position(driver.robot)[still]
         np.testing.assert_allclose(first.joints.position[still], expected, atol=1e-3)
         pending = [driver.native("LArm").command({"LElbowRoll": -1.1})]

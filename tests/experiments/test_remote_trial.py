@@ -49,7 +49,7 @@ def test_pokes_of_the_demo_are_answered_from_another_process(name: str) -> None:
     nothing = replace(reflex, fields=())
     for robot in map(patient, ("icub", "nao", *WITHOUT_BINDING.get(name, ()))):
         if name == "naoqi" and robot.name != "nao":
-            continue  # it is NAO's
+            continue  # NAOqi is only for NAO
         fields = reflex.fields if EVERY_POKE.get(name) == robot.name else reflex.fields[:1]
         world = World(robot, seed=3)
         with wire(name) as via, RemoteTrial(robot, via, reflex) as elsewhere:

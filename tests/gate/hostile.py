@@ -312,7 +312,7 @@ class Attack:
         try:
             self.gate.reset()
         except CommandError:
-            return  # it still moves
+            return  # the robot still moves
         self.judge.forget()
 
     def _order(self) -> tuple[PlatformOrder, bool]:

@@ -410,7 +410,7 @@ def test_a_joint_that_yielded_is_not_thrown_back() -> None:
     words = "joint2 is 11.5 degrees from its equilibrium; valid: no more stiffness than 0.00 there"
     assert stiffen(gate, joints, [2], [0.5]) == (words,)
     assert stiffen(gate, joints, [3, 2], [0.5, 0.5]) == (words,)
-    assert stiffen(gate, joints, [3], [0.5]) == ()  # it does not yield
+    assert stiffen(gate, joints, [3], [0.5]) == ()  # not in impedance mode
     assert stiffen(gate, joints, [2], [-0.5]) == ()
     assert stiffen(gate, joints, [2], [0.1]) == (words,)
 

@@ -34,7 +34,7 @@ def test_a_recording_replays_to_the_same_numbers(name: str) -> None:
 def same_decision(a: dict[str, Any], b: dict[str, Any], now: float) -> None:
     """Asserts that two decisions send equal numbers in equal modes, and that both have a reason or neither
     has one. The wording of the reason may differ."""
-    assert a.keys() == b.keys() | {"codes"}  # format 1 has none
+    assert a.keys() == b.keys() | {"codes"}  # format 1 has no codes
     assert len(a["codes"]) == 1 + len(a["refusals"])
     assert (a["codes"][0] != NO_REASON) == bool(a["reason"])
     for field, value in a.items():

@@ -181,7 +181,7 @@ def test_a_reading_that_is_none_is_forgotten(field: str) -> None:
     readings[3] = replace(readings[3], **{field: read_only(broken)})
     found = [observer.step(joints) for joints in readings]
     assert found[3] is None
-    assert found[4] is None  # it starts anew
+    assert found[4] is None  # the observer starts again
     last = found[-1]
     assert last is not None
     assert np.isfinite(last.torque).all()

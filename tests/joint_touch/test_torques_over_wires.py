@@ -50,7 +50,7 @@ def test_an_imu_of_ros_in_any_link_tells_the_gravity_of_the_root() -> None:
     position[waist] = np.pi / 2  # the torso is turned to the left
     joints = JointReading(5.0, 1, read_only(position), read_only(np.zeros(COUNT)), read_only(np.ones(COUNT)))
     imus = ImuArrivals(ROBOT)
-    assert imus.complete(joints) is joints  # a robot without one
+    assert imus.complete(joints) is joints  # a robot without an IMU
     imus.receive(imu("torso_link", (1.0, 0.0, 9.5), 5), 5.0)
     complete = imus.complete(joints)
     assert complete.gravity is not None

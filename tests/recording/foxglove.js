@@ -1,4 +1,4 @@
-// Reads a recording with the packages that Foxglove itself reads MCAP files with, and prints what is in it.
+// Reads a recording with the packages that Foxglove uses for MCAP files, and prints the content.
 // node foxglove.js FOLDER_OF_PACKAGES FILE
 const { createRequire } = require("node:module");
 const fs = require("node:fs");

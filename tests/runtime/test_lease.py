@@ -82,7 +82,7 @@ def test_26_a_forked_child_does_not_keep_the_lease_of_its_killed_parent(
         os.kill(parent, signal.SIGKILL)
         os.waitid(os.P_PID, parent, os.WEXITED | os.WNOWAIT)
         with lease(NAME):
-            os.kill(child, 0)  # it is still alive
+            os.kill(child, 0)  # the child is still alive
     finally:
         os.kill(child, signal.SIGKILL)
 

@@ -395,7 +395,7 @@ def test_28_a_guard_makes_the_robot_hold_as_long_as_it_says(driver: SimulatedDri
 
 
 def test_40_the_garbage_collector_is_as_before_after_a_run(driver: SimulatedDriver) -> None:
-    gc.unfreeze()  # what conftest.py froze
+    gc.unfreeze()  # undoes `gc.freeze` of conftest.py
     frozen: list[int] = []
     run(driver, Swing(3, lambda: frozen.append(gc.get_freeze_count())), duration=0.05)
     assert frozen[0] > 1000

@@ -323,7 +323,7 @@ def test_weighted_force_is_equation_7() -> None:
 
 
 def test_peak_among_weak_taxels_is_diluted_but_not_in_peak_and_total() -> None:
-    """A peak of 100 with ten taxels at 10 gives about 19."""
+    """The weighted force of a contact with one taxel at 100 and ten taxels at 10 is about 19."""
     ring = 2.0 * np.pi * np.arange(10) / 10
     contact = contact_of(
         [0.5, *(0.5 + 0.01 * np.cos(ring))],

@@ -1,4 +1,4 @@
-/* The same equations as tci's compiled loops, in straightforward C: raw frame to gains of the fields.
+/* The equations of TCI's compiled loops in plain C: computes the gains of the fields from a raw frame.
    cc -O3 -march=native -fno-trapping-math -fno-math-errno -shared -fPIC response.c -o response.so -lm */
 #include <math.h>
 #include <stdint.h>

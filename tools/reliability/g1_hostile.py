@@ -217,7 +217,7 @@ class _Attack(Attack):
         super().__init__(robot, seed, period=PERIOD, body=False)
         self.slots = slots_of(robot)
         self.servos = np.flatnonzero(self.slots >= 12)
-        self.movable = [*self.servos.tolist(), int(np.argmin(self.slots))]  # one that is refused
+        self.movable = [*self.servos.tolist(), int(np.argmin(self.slots))]  # the last servo is refused
         legs = {servo: "a leg" for servo, slot in enumerate(self.slots.tolist()) if slot < 12}
         # In an attack, links pass through each other. The check for self-collision would hold the arms in
         # such postures, which no real robot can reach.

@@ -43,8 +43,8 @@ EARLY = 5
 """In one of so many trials, the time of the kill counts from the request for the motors. In all other trials
 it counts from the first command that the robot receives."""
 START = 60.0
-"""Longest time [s] from the start of a process to that moment. A process that needs longer is started again.
-Assumed: enough for a busy machine."""
+"""Longest time [s] from the start of a process to the moment from which its kill is timed. A process that
+needs longer is started again. Assumed: enough for a busy machine."""
 TRIES = 5
 """Number of starts after which a trial counts as failed."""
 SILENCE = 1.0, 5.0

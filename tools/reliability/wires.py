@@ -163,7 +163,7 @@ def rosbridge() -> Receiver:
 
     def take(chance: random.Random) -> bool:
         kind, text = chance.choice(texts)
-        with suppress(ValueError):  # roslibpy reads it
+        with suppress(ValueError):  # roslibpy parses the JSON
             tree = json.loads(mutated(text, chance))
             node.arrive(kind, lambda: trees.flatten(kind, tree), chance)
         return False

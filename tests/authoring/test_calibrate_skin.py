@@ -7,8 +7,10 @@ import pytest
 
 from skin.long_skin import COLUMNS, ROWS, TAXELS, bump, conditioner, sensor
 from tci.authoring.calibrate_skin import Load, calibrate
+from tci.authoring.load_skin import _compare
 from tci.errors import TciError
 from tci.robot.description import Sensor
+from tci.robot.skin_files.calibration import PatchCalibration
 
 AREA = 3e-5
 AREAS = np.full(TAXELS, AREA)
@@ -88,3 +90,16 @@ def test_rest_alone_keeps_the_description_s_response() -> None:
 def test_data_that_can_t_tell(rest: np.ndarray, loads: list[Load], words: str) -> None:
     with pytest.raises(TciError, match=words):
         calibrate(INVERTED, AREAS, rest, loads)
+
+
+def test_the_forces_of_the_report_are_what_the_skin_measures() -> None:
+    """Conditioning drops counts below seven standard deviations of the noise; the report counted them from
+    three on."""
+    sensor = Sensor(rest=240.0, pascal_per_count=-1000.0, lowest=0.0, highest=255.0)
+    found = PatchCalibration(
+        rest=(240.0, 240.0), noise=(1.0, 1.0), response=((0.0, 0.0), (9.0, 18e3)), report={}
+    )
+    load = Load(force=10.0, values=np.array([[231.0, 235.0]]))  # 9 and 5 counts
+    row = _compare(sensor, np.full(2, 1e-4), found, load)
+    assert row["before_N"] == pytest.approx(0.9)
+    assert row["after_N"] == pytest.approx(1.8)

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.authoring.calibrate_skin import measured_counts
 from tci.errors import TciError
 from tci.frames import Array
 from tci.robot.description import Sensor
 from tci.robot.skin_files.calibration import PatchCalibration
-from tci.skin.baseline import BaselineSettings
 
 BLOCK = 10
 """Number of consecutive frames that are used or held out together. Assumed: 0.2 s on an iCub, so that
@@ -106,9 +106,7 @@ def fit_recording(
     total = counts.sum(axis=1)
     load = _along(np.stack([np.interp(stamps, times, one) for one in forces.T], axis=1), total)
     rest, noise = _rest(counts), _noise(counts)
-    pressed = counts - rest
-    # Conditioning drops counts below its threshold.
-    pressed = np.where((pressed > 0.0) & (pressed >= BaselineSettings().threshold * noise), pressed, 0.0)
+    pressed = measured_counts(counts - rest, noise)
     blocks = np.arange(len(counts)) // BLOCK
     return fit_force(sensor.pressure(pressed) * areas, load, blocks, raw=total), sign * rest, noise
 

@@ -62,16 +62,20 @@ def calibrate(
     )
 
 
+def measured_counts(counts: Array, noise: Array) -> Array:
+    """Returns counts (frames, n) away from rest without those below the threshold of conditioning.
+
+    `noise` (n,) [counts] are standard deviations.
+    """
+    return np.where((counts > 0.0) & (counts >= BaselineSettings().threshold * noise), counts, 0.0)
+
+
 def _response(
     sensor: Sensor, areas: Array, rest: Array, noise: Array, loads: Sequence[Load]
 ) -> tuple[tuple[tuple[float, float], ...], float]:
     sign = np.sign(sensor.pascal_per_count)
-    # Conditioning drops counts below its threshold; dropping them here too lets the response compensate.
-    least = BaselineSettings().threshold * noise
-    pressed = []
-    for load in loads:
-        counts = sign * (load.values - rest)
-        pressed.append(np.where((counts > 0.0) & (counts >= least), counts, 0.0))
+    # Without the counts that conditioning drops, the response compensates for them.
+    pressed = [measured_counts(sign * (load.values - rest), noise) for load in loads]
     most = max(float(counts.max()) for counts in pressed)
     if not most > 0.0:
         raise TciError("no taxel reads more under the loads than at rest")

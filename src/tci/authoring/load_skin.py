@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.authoring.calibrate_force import ForceFit, calibrate_to_force
-from tci.authoring.calibrate_skin import Load, calibrate
+from tci.authoring.calibrate_skin import Load, calibrate, measured_counts
 from tci.authoring.force_log import read_force_log
 from tci.drivers.driver import Driver
 from tci.drivers.registry import connect
@@ -229,7 +229,7 @@ def _compare(sensor: Any, areas: Array, found: PatchCalibration, load: Load) -> 
     """Returns the known force of a load, and the force by the described and by the calibrated response
     [N]."""
     counts = np.sign(sensor.pascal_per_count) * (load.values - np.array(found.rest))
-    counts = np.where(counts > 3.0 * np.array(found.noise), counts, 0.0)
+    counts = measured_counts(counts, np.array(found.noise))
     after = sensor.model_copy(update={"response": found.response})
     forces = [float((one.pressure(counts) @ areas).mean()) for one in (sensor, after)]
     return {"force_N": load.force, "before_N": forces[0], "after_N": forces[1]}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -104,6 +105,30 @@ def test_both_arms_are_seen_from_outside(robot: str, patch: str) -> None:
     _, theta, _ = body.skin.limb(patch, untouched(body).joints)
     lateral = places[(theta > 0.5) & (theta < 2.5), 0]
     assert (lateral > 0.0).all() if patch.startswith("left") else (lateral < 0.0).all()
+
+
+@pytest.mark.parametrize("patch", ["left_forearm", "left_thigh"])
+def test_each_taxel_has_its_own_area_also_at_the_cut(patch: str) -> None:
+    """Beyond the cut the next taxel is on the other side of the image."""
+    whole = GenericBody(tci.load_robot("nao-whole"))
+    seen, surface = untouched(whole), whole.skin.surfaces[patch]
+    assert seen.skin is not None
+    own, count = whole.layout.taxels[whole.layout.places[patch]], len(surface.areas)
+    numbered = dataclasses.replace(
+        seen,
+        skin=dataclasses.replace(
+            seen.skin, begin=np.where(np.arange(len(seen.skin.begin)) > whole.layout.places[patch], count, 0),
+            active=np.arange(count, dtype=np.int32), pressure=1.0 + np.arange(count),
+        ),
+    )  # fmt: skip
+    assert own.stop - own.start == count
+    image = pressure_image(numbered, whole, patch, pixel=0.0005)
+    found = np.bincount(image.pressure[np.isfinite(image.pressure)].astype(int) - 1, minlength=count)
+    across = image.places[:, 1]
+    inner = (across > across.min() + 0.01) & (across < across.max() - 0.01)
+    np.testing.assert_allclose(
+        found[inner] * image.pixel**2, np.median(found[inner]) * image.pixel**2, rtol=0.15
+    )
 
 
 @pytest.mark.parametrize("patch", ["left_thigh", "head_skin", "left_hand"])

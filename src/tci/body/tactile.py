@@ -62,38 +62,44 @@ def pressure_image(
         raise TciError("a perception without skin has no pressure image; valid: one made by a Perceiver")
     if not 0.0 < pixel < np.inf:
         raise TciError(f"pressure image: pixel {pixel} m; valid: above 0 and finite")
-    places, surface = unrolled(body, patch, perception.joints), body.skin.surfaces[patch]
-    reach = np.sqrt(surface.areas)
-    corner = (places - reach[:, None]).min(axis=0)
-    size = (places + reach[:, None]).max(axis=0) - corner
+    surface = body.skin.surfaces[patch]
+    places, turn = unrolled(body, patch, perception.joints)
+    reach = np.sqrt(surface.areas)[:, None]
+    ends = np.array([turn / 2.0, np.inf])
+    corner = np.maximum((places - reach).min(axis=0), -ends)
+    size = np.minimum((places + reach).max(axis=0), ends) - corner
     if size.prod() > MOST_PIXELS * pixel**2:
         least = float(np.sqrt(size.prod() / MOST_PIXELS))
         raise TciError(f"pressure image: pixel {pixel} m; valid: {least:.2g} m or more on {patch}")
     columns, rows = np.ceil(size / pixel).astype(int)
     x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows)[::-1] + 0.5)
-    apart, nearest = cKDTree(places).query(np.stack([x, y], axis=-1) * pixel + corner)
+    turns = (0.0, -turn, turn) if np.isfinite(turn) else (0.0,)  # the skin goes on beyond the cut
+    tree = cKDTree(np.concatenate([np.add(places, (shift, 0.0)) for shift in turns]))
+    apart, nearest = tree.query(np.stack([x, y], axis=-1) * pixel + corner)
+    nearest %= len(places)
     image = perception.skin.on(body.layout.places[patch])[nearest]
-    image[apart > reach[nearest]] = np.nan
+    image[apart > reach[nearest, 0]] = np.nan
     return PressureImage(frozen(image), pixel, (float(corner[0]), float(corner[1])), frozen(places))
 
 
-def unrolled(body: GenericBody, patch: str, joints: JointReading) -> Array:
+def unrolled(body: GenericBody, patch: str, joints: JointReading) -> tuple[Array, float]:
     """Returns the coordinates (taxels, 2) [m] of a patch's taxels in the plane of its pressure image.
 
-    Raises UnknownNameError for an unknown patch.
+    Also returns the length [m] of a turn around the limb, which is infinite for a flat patch. Raises
+    UnknownNameError for an unknown patch.
     """
     description = body.robot.patch(patch)
     surface = body.skin.surfaces[patch]
     segment = body.robot.limb_segment(description)
     if is_sheet(surface.normals):
-        return _flattened(surface.positions, surface.normals)
+        return _flattened(surface.positions, surface.normals), np.inf
     if segment is None:
-        places, _, axes = unroll(surface.positions, surface.normals)
+        places, turn, axes = unroll(surface.positions, surface.normals)
         places[:, 0] *= np.sign(np.linalg.det(axes))  # to the right as seen from outside
-        return places
+        return places, turn
     u, theta, radius = body.skin.limb(patch, joints)
-    right = side_sign(body.robot.part(description.part).side or "left")
-    return np.column_stack([right * theta * radius.mean(), (1.0 - u) * segment.length])
+    side, mean = side_sign(body.robot.part(description.part).side or "left"), float(radius.mean())
+    return np.column_stack([side * theta * mean, (1.0 - u) * segment.length]), 2.0 * np.pi * mean
 
 
 @dataclass(frozen=True, slots=True, eq=False)

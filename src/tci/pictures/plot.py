@@ -233,7 +233,7 @@ def _draw_patch(axes: Axes, robot: Robot, series: Series, part: str) -> PathColl
         axes.set_title(f"{part.replace('_', ' ')} has no skin", loc="left")
         return None
     name = max(own, key=lambda one: float(np.max(series.peak.get(one, 0.0))))
-    places = 1e3 * unrolled(GenericBody(robot), name, series.joints)
+    places = 1e3 * unrolled(GenericBody(robot), name, series.joints)[0]
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel="mm", ylabel="mm")
     axes.set_title(f"{name.replace('_', ' ')}, seen from outside", loc="left")

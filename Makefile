@@ -5,6 +5,8 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Else every process of the tests compiles all of TCI and all tests anew.
 unexport PYTHONDONTWRITEBYTECODE
 OUT ?= out
+# Live tests at a time: most of them wait, and a busy machine makes robots hold.
+LIVE ?= 3
 
 .PHONY: help demo test test-real peers loops quick lint docs pictures bench middleware soak fuzz reliability lock lowest clean run-env dev-env
 
@@ -23,7 +25,7 @@ demo: run-env  ## set up, then poke a simulated NAO and a simulated iCub; writes
 test: dev-env  ## set up, then lint, docs and all tests
 	@$(MAKE) --no-print-directory --jobs 3 --output-sync peers loops lint docs
 	@$(VENV)/python -m pytest -n logical --maxprocesses 8 --dist loadgroup --durations 10 -m "not live" && apart=0 || apart=1; \
-	  { $(VENV)/python -m pytest -n 3 --dist loadgroup --durations 10 -m live || { \
+	  { $(VENV)/python -m pytest -n $(LIVE) --dist loadgroup --durations 10 -m live || { \
 	    echo "live tests that failed beside others run once more, alone; those that fail again count"; \
 	    $(VENV)/python -m pytest --last-failed --last-failed-no-failures none -m live; }; } && exit $$apart
 

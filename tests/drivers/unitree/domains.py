@@ -6,6 +6,6 @@ import itertools
 import os
 
 _WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
-DOMAINS = itertools.count(100 + 40 * (_WORKER % 3))
-"""Domain numbers that no other test uses: the tests of ROS 2 use lower numbers, and each of three processes
-has 40 numbers."""
+DOMAINS = itertools.count(100 + 33 * (_WORKER % 4))
+"""Domain numbers that no other test uses: the tests of ROS 2 use lower numbers, and each of four processes
+has 33 numbers."""

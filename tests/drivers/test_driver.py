@@ -8,6 +8,7 @@ import re
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -120,7 +121,8 @@ def drive_until(driver: Driver, arrived: Callable[[], bool], *orders: PlatformOr
         if arrived():
             return True
         if driver.gate.state is GateState.STOP:
-            driver.gate.reset()
+            with suppress(CommandError):  # not at rest yet
+                driver.gate.reset()
     return False
 
 
@@ -223,14 +225,14 @@ def test_a_run_after_one_that_ended_in_motion_is_obeyed(driver: Driver) -> None:
         # starts in the middle and returns, so that no limit interferes
         away = -1.0 if elbow(driver) < -0.8 else 1.0
         first = run(
-            driver, Once(bend(driver, np.clip(elbow(driver) + 0.5 * away, -1.5, -0.1), 0.3)), duration=0.3
+            driver, Once(bend(driver, np.clip(elbow(driver) + 0.5 * away, -1.5, -0.1), 0.3)), duration=0.4
         )
-        goal = elbow(driver) - 0.15 * away
+        goal = elbow(driver) - 0.3 * away
         refused.clear()
         second = run(
             driver,
             Once(bend(driver, goal, 0.3)),
-            duration=0.9,
+            duration=1.5,
             observe=lambda tick: refused.extend(map(str, tick.sent.refusals)),
         )
         if not refused and abs(elbow(driver) - goal) < 0.05:
@@ -245,7 +247,7 @@ def test_a_run_after_one_that_ended_in_motion_is_obeyed(driver: Driver) -> None:
 
 def test_32_a_reader_that_was_away_gets_the_latest_and_no_backlog(driver: Driver) -> None:
     before = driver.read().joints.sequence
-    driver.clock.sleep_until(driver.clock.now() + 2.0 * SILENCE)
+    driver.clock.sleep_until(driver.clock.now() + 1.5)
     reading, now = driver.read(), driver.clock.now()
     assert abs(now - reading.joints.stamp) <= driver.gate.stale_after
     assert reading.joints.sequence > before + 10
@@ -258,7 +260,14 @@ def test_28_34_a_peer_that_falls_silent_means_hold_and_comes_back_without_replay
 ) -> None:
     assert drive_until(driver, lambda: abs(elbow(driver) + 0.3) < 0.01, bend(driver, -0.3))
     away = bend(driver, -1.4, 0.1)
-    last = drive(driver, away, duration=5.0, until=lambda sent: elbow(driver) < -0.35)
+
+    def under_way(sent: SafeCommand) -> bool:
+        return away.servos[0] in sent.servos and elbow(driver) < -0.35
+
+    for _ in range(PATIENCE):  # a busy machine may stop it on the way
+        last = drive(driver, away, until=under_way)
+        if under_way(last):
+            break
     led = dict(zip(last.servos.tolist(), last.position.tolist(), strict=True))[away.servos[0]]
     peer.freeze()
     try:

@@ -225,8 +225,7 @@ def test_a_behaviour_that_hangs_loses_the_motors(domain: int, puppet: Puppet) ->
         held.wait()
         lead(held, 0.3, 0.1)
         puppet.wait(lambda robot: robot.weights[-1] < 1.0)
-        held.poll()
-        assert "has sent nothing for 1.0 s" in held.status.reason
+        puppet.wait(lambda robot: "has sent nothing for 1.0 s" in held.poll().reason)
         assert not held.status.lasting
 
 

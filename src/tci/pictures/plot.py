@@ -293,10 +293,10 @@ def _draw_latency(axes: Axes, series: Series) -> None:
             color=PALE,
         )
     axes.set_yticks(range(len(rows)), [f"{touch.began:.2f} s" for touch in rows])
-    axes.set_ylim(max(len(rows), 3) - 0.4, -0.8)
+    axes.set_ylim(max(len(rows), 3) + 0.5, -0.8)  # the last row is for the legend
     axes.margins(x=0.15)
     if rows:
-        axes.legend(loc="lower right")
+        axes.legend(loc="lower right", ncols=3, handlelength=1.0, columnspacing=1.0, handletextpad=0.5)
     else:
         axes.text(0.5, 0.5, "no touch", transform=axes.transAxes, ha="center", color=PALE)
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from tci.frames import Array, frozen
 from tci.records import quick
 
-_set_writable: Any = np.ndarray.setflags
+_ARRAY = np.ndarray
+_set_writable: Any = _ARRAY.setflags
 """Sets whether an array can be changed. Passing the argument of `setflags` by keyword would take three times
 as long."""
 
@@ -26,7 +27,7 @@ class Frozen:
 
     def __post_init__(self) -> None:
         for value in _values(self):
-            if isinstance(value, np.ndarray):
+            if isinstance(value, _ARRAY):
                 _set_writable(value, False)
 
     def __reduce__(self) -> tuple[Any, ...]:

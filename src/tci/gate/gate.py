@@ -265,7 +265,7 @@ class Gate:
             words = f"time went back by {self._before - now:.3f} s"
             self.stop(Reason(Code.TIME_WENT_BACK, words))
             self._before = now - self.period
-        reason = fault_of_reading(self.robot, joints, now, self.stale_after)
+        reason = fault_of_reading(self._robot, joints, now, self._stale_after)
         if reason:
             self._motion.refuse(joints)
         else:

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.compiled import entry
 from tci.engine import mujoco
 from tci.errors import CommandError, DescriptionError, Fault, UnknownNameError
 from tci.frames import Array, read_only, transform
@@ -22,9 +23,9 @@ from tci.robot.description import Model, Robot
 from tci.robot.kernels.links import BEFORE, SERVO, link_poses, pose_and_jacobian
 from tci.robot.model_file import BOUND_INERTIA, BOUND_MASS, compiled, load_spec
 
-_ORIGIN = np.zeros(3)
-_ONE_AXIS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+_link_poses, _ORIGIN = entry(link_poses), np.zeros(3)
 _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
+_ONE_AXIS = int(mujoco.mjtJoint.mjJNT_HINGE), _SLIDE
 Indices = NDArray[np.int64]
 
 
@@ -158,9 +159,8 @@ class KinematicChain:
             raise UnknownNameError("link of the kinematic model", link, self.links) from None
 
     def _poses(self, position: Array, ends: Indices, path: Indices) -> Array:
-        poses = np.empty((len(ends), 4, 4))
-        work = np.empty((len(self.steps), 3, 4))
-        link_poses(self._checked(position), path, self.steps, self.sums, ends, self.torso, work, poses)
+        poses, work = np.empty((len(ends), 4, 4)), np.empty((len(self.steps), 3, 4))
+        _link_poses(self._checked(position), path, self.steps, self.sums, ends, self.torso, work, poses)
         return poses
 
     def _above(self, step: int) -> list[int]:
@@ -172,11 +172,10 @@ class KinematicChain:
         return result
 
     def _checked(self, position: Array) -> Array:
-        if np.shape(position) != (self.n_servos,):
-            raise CommandError(
-                f"position of shape {np.shape(position)}; the robot has {self.n_servos} servos"
-            )
-        return self._mimics.extended(np.ascontiguousarray(position, np.float64))
+        position = np.ascontiguousarray(position, np.float64)
+        if position.shape != (self.n_servos,):
+            raise CommandError(f"position of shape {position.shape}; the robot has {self.n_servos} servos")
+        return self._mimics.extended(position)
 
 
 class _Mimics:

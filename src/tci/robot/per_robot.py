@@ -26,7 +26,7 @@ def per_robot(
 
     @wraps(make)
     def result(robot: Robot, /, *args: Rest.args, **names: Rest.kwargs) -> Result:
-        key = (id(robot), *args, *names.items())
+        key: Hashable = (id(robot), *args, *names.items()) if args or names else id(robot)
         if key not in found:
             found[key] = make(robot, *args, **names)
             weakref.finalize(robot, found.pop, key, None).atexit = False

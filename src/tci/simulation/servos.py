@@ -11,6 +11,7 @@ from typing import Any, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tci.compiled import entry
 from tci.engine import mujoco
 from tci.errors import CommandError
 from tci.frames import Array, read_only
@@ -29,6 +30,7 @@ inertia of its motor counts. The servo is then stiff enough for this fraction.""
 _LEAST_ARMATURE = 1e-4
 """Least inertia [kg m2] of a motor, measured at the joint. Assumed: it keeps the gains of very light links
 above 0."""
+_aim, _fault_of, _measure = entry(at.aim), entry(at.fault_of), entry(at.measure)
 _INDEX, _NUMBER = np.dtype(np.int64), np.dtype(np.float64)
 
 
@@ -138,7 +140,7 @@ class Servos:
     def set_position_targets(self, servos: ArrayLike, angles: ArrayLike) -> None:
         """Sets targets `angles` (k,) [rad]. Raises CommandError."""
         index, values = _checked(servos, angles, len(self._home))
-        at.aim(index, values, self._top, float(self._ramp_steps), self.places, self.asked, self.state)
+        _aim(index, values, self._top, float(self._ramp_steps), self.places, self.asked, self.state)
 
     def set_stiffness(self, servos: ArrayLike, share: ArrayLike) -> None:
         """Sets fractions (k,) 0..1 of full stiffness. At 0 a servo is limp. Raises CommandError."""
@@ -225,7 +227,7 @@ class Servos:
         """
         found = np.empty((3, len(self._home)))
         physics = self._physics
-        at.measure(physics.qpos, physics.qvel, physics.motors, self.places, self.asked, self.state, found)
+        _measure(physics.qpos, physics.qvel, physics.motors, self.places, self.asked, self.state, found)
         found.setflags(write=False)
         return found
 
@@ -295,7 +297,7 @@ def _checked(
         raise CommandError(f"{numbers.size} values for {index.size} servos; valid: one for each")
     whole = index.dtype.kind in "iu" or not index.size
     index = index.astype(np.intp, copy=False) if whole else index
-    fault = at.fault_of(index, numbers, count) if whole else 1
+    fault = _fault_of(index, numbers, count) if whole else 1
     if fault == 1:
         raise CommandError(f"servos {index.tolist()}; valid: 0 to {count - 1}")
     if fault == 2:

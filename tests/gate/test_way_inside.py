@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from ruckig import RuckigError
 
 from gate.gate_checks import LIMITS, PERIOD, Driven, make_robot
 from tci.frames import Array
@@ -141,3 +142,32 @@ def test_a_joint_that_was_pushed_far_outside_is_not_led_far_inside() -> None:
     for _ in range(1000):
         trajectory.measured = trajectory.step() + np.array([0.3, 0.0, 0.0])
     assert LIMIT + OUT - SAGS - 1e-9 <= trajectory.state[0][0] < LIMIT + OUT - 0.5 * SAGS
+
+
+def test_after_a_calculation_that_fails_no_step_is_taken_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ruckig went on with the trajectory of the failed calculation: a G1's wrist jumped by two steps."""
+    trajectory = limiter(set())
+    trajectory.drive_at([1], np.array([0.5]))
+    go(trajectory, 0.02)
+    reset: list[None] = []
+    otg = trajectory._otg
+
+    class Failing:
+        """Fails at the first of each two calculations."""
+
+        calls = 0
+
+        def update(self, *args: object) -> object:
+            self.calls += 1
+            if self.calls % 2:
+                raise RuckigError("no way")
+            return otg.update(*args)
+
+        def reset(self) -> None:
+            reset.append(None)
+            otg.reset()
+
+    monkeypatch.setattr(trajectory, "_otg", Failing())
+    path, _ = go(trajectory, 0.1)
+    assert len(reset) == len(path) - 1
+    assert np.abs(np.diff(path[:, 1], 3)).max() / PERIOD**3 <= LIMITS.jerk * 1.001

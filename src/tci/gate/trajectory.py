@@ -285,7 +285,9 @@ class OnlineTrajectory:
             numbers = [*output.new_position, *output.new_velocity, *output.new_acceleration]
         except (RuckigError, ValueError):
             # Rare states have no synchronised way, mostly where a speed limit falls. That a way takes longer
-            # than ruckig plans is a result that its Python part does not know.
+            # than ruckig plans is a result that its Python part does not know. A failed calculation leaves a
+            # trajectory in ruckig that must not be continued.
+            self._otg.reset()
             return False, None
         state = np.array(numbers).reshape(3, -1)
         if not self._stopper.plan(state, here):

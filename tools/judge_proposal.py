@@ -54,7 +54,10 @@ def told_kinds(text: str) -> set[str]:
 
 def told_side(text: str) -> str | None:
     """Returns the side that a joint's name indicates; None if the name indicates no side."""
-    words = r"(?i:left|right)|(?<![a-zA-Z])[lLrR](?=[^a-z0-9])|[_ ][lLrR](?![a-zA-Z0-9])|(?<=arm)[lr](?=_)"
+    words = (
+        r"(?i:left|right)|(?<![a-zA-Z])[lLrR](?=[^a-zA-Z0-9]|[A-Z][a-z]|ARM|LEG|HIP|SHO|ELB|KNEE|ANK)|"
+        r"[_ ][lLrR](?![a-zA-Z0-9])|(?<=arm)[lr](?=_)"
+    )
     found = re.search(words, text)
     return None if found is None else "left" if found[0].strip("_ ").lower()[0] == "l" else "right"
 

@@ -187,7 +187,7 @@ def write_table(results: Sequence[Tried]) -> None:
     """Writes the table of all stored results."""
     humanoid = [one for one in results if one.two_arms]
     proposed = [one for one in humanoid if not one.refused]
-    right = sum(not one.wrong for one in proposed) + sum("valid:" in one.refused for one in humanoid)
+    right = sum(not one.wrong for one in proposed) + sum("; valid" in one.refused for one in humanoid)
     proved = sum(one.proved for one in proposed)
     answered, pokes = sum(one.answered for one in proposed), sum(one.pokes for one in proposed)
     others = sorted(one.name for one in results if not one.two_arms)

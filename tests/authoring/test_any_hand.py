@@ -128,6 +128,15 @@ def test_skin_on_hands_lies_on_the_palm_and_around_the_tips(tmp_path: Path) -> N
         assert len(front) > 5, "it faces the body, as the palm does"
 
 
+def test_a_finger_without_a_torque_limit_is_assumed_weak(tmp_path: Path) -> None:
+    """With the torque of an arm, the fingers of a genuine Allegro hand pressed with 11 N on a ball."""
+    path = handed(tmp_path, made_hands.dex3(), motor=(0.0, 6.28))
+    limits = {servo.joint: servo.limits for servo in kept(propose(path, name="made"), path).servos}
+    assert limits["left_hand_index_0"].torque == 1.0
+    assert "torque" in limits["left_hand_index_0"].assumed
+    assert limits["left_wrist_pitch"].torque == 30.0
+
+
 def test_followers_move_with_their_finger(tmp_path: Path) -> None:
     path = handed(tmp_path, made_hands.inspire())
     robot = kept(propose(path, name="made"), path)

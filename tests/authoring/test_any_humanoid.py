@@ -11,6 +11,7 @@ import pytest
 
 from made_humanoid import ARM, MadeHumanoid
 from tci.authoring.left_out import left_out
+from tci.authoring.limb_kind import named_side
 from tci.authoring.proposal import propose
 from tci.authoring.sleeves import assumed_skins
 from tci.errors import DescriptionError
@@ -18,6 +19,7 @@ from tci.experiments.proof import compare_axes
 from tci.robot.clearance import Clearance
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
+from tci.robot.kinematics import KinematicChain
 from tci.robot.xml import read_robot
 from tci.robot.xml.values import Angle, Number
 from tci.robot.xml.writer import write_robot
@@ -89,6 +91,25 @@ def test_legs_are_never_arms(tmp_path: Path) -> None:
     assert "left_hip_pitch,right_hip_pitch are legs" in faults(path)
     unnamed = MadeHumanoid(arm=(), names=False).urdf(tmp_path)
     assert "are legs" in faults(unnamed), "by their place alone"
+
+
+def test_a_robot_with_one_arm_is_told_so(tmp_path: Path) -> None:
+    path = MadeHumanoid().urdf(tmp_path)
+    text = path.read_text()
+    for name in ARM:
+        text = text.replace(
+            f"<joint name='right_{name}' type='revolute'>", f"<joint name='right_{name}' type='fixed'>"
+        )
+    path.write_text(text)
+    words = faults(path)
+    assert "one arm only, at left_shoulder_pitch; valid: a robot with two arms" in words
+    assert "legs" not in words
+
+
+def test_a_side_at_the_end_of_a_name_is_read() -> None:
+    assert [named_side(f"J14_SHOULDER_ROLL_{side}") for side in "LR"] == ["left", "right"]
+    assert named_side("LARM_SHOULDER_R") == "left"
+    assert named_side("NECK_ROLL") is None
 
 
 def test_limbs_without_telling_names_are_told_apart_by_their_place(tmp_path: Path) -> None:
@@ -241,6 +262,32 @@ def test_joints_of_a_neck_that_are_left_out_are_told(tmp_path: Path) -> None:
     assert [note for note in left_out(robot) if note.startswith("no head: head_0_yaw; they turn")]
 
 
+def test_a_root_beside_the_median_plane_does_not_matter(tmp_path: Path) -> None:
+    path = MadeHumanoid(from_torso=True).urdf(tmp_path)
+    plain = propose(path, name="made")
+
+    def aside(found: re.Match[str]) -> str:
+        x, y, z = found[2].split()
+        return f"{found[1]}{x} {float(y) + 0.13} {z}"
+
+    path.write_text(
+        re.sub(r"(<parent link='torso'/><child [^>]*><origin xyz=')([^']*)", aside, path.read_text())
+    )
+    moved = propose(path, name="made")
+    assert moved.model is not None
+    assert moved.model.torso_xyz == pytest.approx((0.0, 0.13, 0.0))
+    assert plain.model is not None
+    assert plain.model.torso_xyz == (0.0, 0.0, 0.0)
+    assert [part.name for part in moved.parts] == [part.name for part in plain.parts]
+    for part in plain.parts:
+        assert joints_of(moved, part.name) == joints_of(plain, part.name)
+        for one, other in zip(moved.part(part.name).servos, part.servos, strict=True):
+            assert (one.scale, one.offset) == pytest.approx((other.scale, other.offset))
+    links = ["left_shoulder_pitch_link", "right_shoulder_pitch_link"]
+    poses = KinematicChain(moved).poses(np.zeros(len(moved.servos)), links)
+    assert poses[links[0]][1, 3] == pytest.approx(-poses[links[1]][1, 3])
+
+
 def test_placeholders_far_away_do_not_matter(tmp_path: Path) -> None:
     path = MadeHumanoid().mjcf(tmp_path)
     far = "<body name='unused' pos='0 0 20'><joint name='unused'/><geom size='.1'/></body></worldbody>"
@@ -253,8 +300,10 @@ def test_all_missing_meshes_are_listed_and_can_be_left_out_or_found(tmp_path: Pa
     import trimesh
 
     path = MadeHumanoid(mesh="shapes").urdf(tmp_path)
-    words = faults(path)
-    assert words.count("is not a file") == 2 + 2 + 2 * (6 + 6)
+    with pytest.raises(DescriptionError) as error:
+        propose(path, name="made")
+    words = str(error.value)
+    assert words.count("is not a file") == len(error.value.faults) == 2 + 2 + 2 * (6 + 6)
     assert "--without-meshes" in words
     bare = propose(path, name="made", meshes="none")
     assert len(bare.patches) == 4

@@ -92,6 +92,11 @@ def test_a_model_has_two_arms_if_its_joints_are_named_so(judge: ModuleType) -> N
     assert not judge.two_arms([f"{side}_hip_{axis}" for side in ("left", "right") for axis in "xyzabc"])
 
 
+def test_sides_are_read_in_names_of_capitals(judge: ModuleType) -> None:
+    named = {"J14_SHOULDER_ROLL_L": "left", "RARM_SHOULDER_R": "right", "LShoulderPitch": "left"}
+    assert {name: judge.told_side(name) for name in (*named, "WAIST_ROLL")} == {**named, "WAIST_ROLL": None}
+
+
 def test_a_part_that_is_left_out_is_wrong_unless_a_note_says_so(proposed: Robot, judge: ModuleType) -> None:
     parts = tuple(part for part in proposed.parts if part.kind != "leg")
     without = proposed.model_copy(update={"parts": parts, "digest": "no legs"})

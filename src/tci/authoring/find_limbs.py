@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, permutations
+from typing import Any
 
 import numpy as np
 
@@ -73,9 +75,16 @@ def find_limbs(model: Model, points: LinkPoints, *, arms: tuple[str, str] | None
         for up in (np.eye(3), rotation_x(-np.pi / 2.0))
         for yaw in (0.0, np.pi, np.pi / 2.0, -np.pi / 2.0)
     ]
-    for R_RH in ways:
-        joints = read_joints(compiled, data, R_RH)
-        pairs = [pair for pair in _mirrored(joints, _all_limbs(joints)) if is_named_so(joints, pair)]
+    seen = [(R_RH, read_joints(compiled, data, R_RH)) for R_RH in ways]
+    aside = ((R_RH, joints, median) for R_RH, joints in seen for median in _medians(joints))
+    for view in chain(((R_RH, joints, 0.0) for R_RH, joints in seen), aside):
+        R_RH, joints, median = view
+        centred = _shifted(joints, median)
+        pairs = [
+            {side: replace(limb, **_points(limb, median)) for side, limb in pair.items()}
+            for pair in _mirrored(centred, _all_limbs(centred))
+            if is_named_so(joints, pair)
+        ]
         if pairs:
             break
     else:
@@ -84,18 +93,26 @@ def find_limbs(model: Model, points: LinkPoints, *, arms: tuple[str, str] | None
             "whose z or y is up, with arms of at least 4 joints"
         )
         raise DescriptionError(model.path, [Fault(0, message)])
-    found = _arms_of(model, joints, pairs, points, R_RH, chosen=arms)
+    lone = [
+        limb
+        for limb in _all_limbs(centred)
+        if not any(limb.bend == one.bend for pair in pairs for one in pair.values())
+    ]
+    found = _arms_of(model, joints, pairs, points, R_RH, chosen=arms, lone=lone)
     lines = [ancestors(joints, limb.ball[0])[1:] for limb in found.values()]
     trunk = tuple(joint for joint in lines[0] if joint in lines[1])
     own = {joint for limb in found.values() for joint in _own_line(joints, limb, trunk)}
-    legs = find_legs(joints, {*trunk, *own}, extent_of(joints))
+    legs = find_legs(centred, {*trunk, *own}, extent_of(joints))
     links = [compiled.body(joints[limb.ball[0]].link).id for limb in found.values()]
     torso = _shared_link(compiled, links, model.path)
     pose = np.eye(4)
-    pose[:3, :3] = data.xmat[compiled.body(torso).id].reshape(3, 3).T @ R_RH
+    R_EH = data.xmat[compiled.body(torso).id].reshape(3, 3).T @ R_RH
+    pose[:3, :3] = R_EH
+    if median:
+        pose[:3, 3] = R_EH[:, 1] * (median - float(R_RH[:, 1] @ data.xpos[compiled.body(torso).id]))
     used = {*own, *(joint for leg in legs.values() for joint in carried(joints, leg.chain[0]))}
     shoulder = min(float(limb.centre[2]) for limb in found.values())
-    head = _median_chain(joints, trunk, used, above=shoulder - 0.1 * extent_of(joints))
+    head = _median_chain(centred, trunk, used, above=shoulder - 0.1 * extent_of(joints))
     below = False
     if not trunk and legs:
         lines = [ancestors(joints, leg.chain[0])[1:] for leg in legs.values()]
@@ -116,9 +133,10 @@ def find_limbs(model: Model, points: LinkPoints, *, arms: tuple[str, str] | None
 
 def _arms_of(
     model: Model, joints: Sequence[Joint], pairs: Sequence[Pair], points: LinkPoints, R_RH: Array, *,
-    chosen: tuple[str, str] | None,
+    chosen: tuple[str, str] | None, lone: Sequence[Limb],
 ) -> dict[str, Limb]:  # fmt: skip
-    """Returns the two arms by side, each with the end of its forearm.
+    """Returns the two arms by side, each with the end of its forearm. `lone` are the limbs without a mirror
+    image.
 
     Raises DescriptionError if no pair of limbs is a pair of arms, if several are, or if the place and the
     names of a pair contradict each other.
@@ -141,7 +159,13 @@ def _arms_of(
             message = (
                 f"{which} may be arms or legs; valid: --arms LEFT,RIGHT with the first joint of each shoulder"
             )
-            if not doubtful and not own:
+            single = [joints[limb.ball[0]].name for limb in lone if named_as(joints, {"left": limb}) == "arm"]
+            if not doubtful and not own and single:
+                message = (
+                    f"one arm only, at {', '.join(single)}; valid: a robot with two arms, each the mirror "
+                    "image of the other"
+                )
+            elif not doubtful and not own:
                 message = (
                     f"both limbs at {which} are legs, and no others bend as an arm does; valid: arms of "
                     "three joints at the shoulder, the last along the upper arm, and one at the elbow; or "
@@ -183,6 +207,35 @@ def _ended(
         )
         raise DescriptionError(model.path, [Fault(0, message)])
     return ended
+
+
+def _medians(joints: Sequence[Joint]) -> list[float]:
+    """Returns places y [m] at which the median plane may be, if the model's root is beside it.
+
+    In each of these planes a limb is the mirror image of another one.
+    """
+    tolerance = MIRRORED * extent_of(joints)
+    limbs = [limb for bend in range(len(joints)) if (limb := limb_at(joints, bend)) is not None]
+    found: list[float] = []
+    for left, right in permutations(limbs, 2):
+        across = left.centre - right.centre
+        median = float(left.centre[1] + right.centre[1]) / 2.0
+        alike = across[1] > 2.0 * tolerance and np.hypot(across[0], across[2]) < tolerance
+        if alike and all(abs(median - other) > tolerance for other in found):
+            found.append(median)
+    return found
+
+
+def _shifted(joints: Sequence[Joint], median: float) -> tuple[Joint, ...]:
+    """Returns the joints seen from a root in the median plane, which is at y = `median` [m]."""
+    away = np.array([0.0, median, 0.0])
+    return tuple(replace(joint, anchor=joint.anchor - away) for joint in joints)
+
+
+def _points(limb: Limb, median: float) -> dict[str, Any]:
+    """Returns the points of a limb that was found from the median plane, seen from the model's root."""
+    away = np.array([0.0, median, 0.0])
+    return {name: getattr(limb, name) + away for name in ("centre", "middle", "wrist")}
 
 
 def _all_limbs(joints: Sequence[Joint]) -> list[Limb]:

@@ -35,9 +35,10 @@ LOST = 1.0 / 3.0
 weight."""
 JERK = 100.0
 """Jerk limit divided by acceleration limit [1/s]."""
-TORQUE, STRONGEST = 40.0, 1e4
-"""Torque limit [N m] of a joint for which the file gives none, and torque limit [N m] from which a value in
-the file counts as a placeholder."""
+TORQUE, FINGER_TORQUE, STRONGEST = 40.0, 1.0, 1e4
+"""Torque limits [N m] of a joint, and of a joint of a finger, for which the file gives none, and torque limit
+[N m] from which a value in the file counts as a placeholder. A motor of a finger reaches about 1 N m; with 40
+N m, the fingers of an Allegro hand pressed with 11 N on a ball before their skin reported it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,11 +100,11 @@ def driven(joints: Sequence[Joint], facts: Mapping[str, JointFacts], needed: set
     return servos
 
 
-def proposed_limits(given: JointFacts, inertia: float) -> Limits:
+def proposed_limits(given: JointFacts, inertia: float, *, usual_torque: float = TORQUE) -> Limits:
     """Returns the proposed limits of a joint.
 
     Assumed values replace missing values and placeholders in the file. `inertia` [kg m2] is the largest
-    inertia that the joint carries.
+    inertia that the joint carries. `usual_torque` [N m] replaces a missing torque limit.
     """
     assumed = ["acceleration", "jerk"]
     lower, upper = given.lower, given.upper
@@ -115,7 +116,7 @@ def proposed_limits(given: JointFacts, inertia: float) -> Limits:
         velocity = SPEED
         assumed.append("velocity")
     if not 0.0 < torque < STRONGEST:
-        torque = TORQUE
+        torque = usual_torque
         assumed.append("torque")
     if given.damping * velocity > (left := LOST * (torque - given.friction)) > 0.0:
         velocity = left / given.damping

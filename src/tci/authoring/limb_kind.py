@@ -35,7 +35,7 @@ def named_side(name: str) -> str | None:
     For example, `LARM_SHOULDER_R` and `arml_sho1` are on the left.
     """
     found = re.search(
-        r"(?i)(?<![a-z])(left|right|[lr](?=arm|leg|hip|sho|[^a-z]))|(?<=arm|leg)[lr](?![a-z])", name
+        r"(?i)(?<![a-z])(left|right|[lr](?=arm|leg|hip|sho|[^a-z]|$))|(?<=arm|leg)[lr](?![a-z])", name
     )
     return None if found is None else {"l": "left", "r": "right"}[found[0][0].lower()]
 

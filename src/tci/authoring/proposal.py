@@ -13,10 +13,18 @@ from pathlib import Path
 from tci.authoring.find_limbs import FoundLimbs, find_limbs
 from tci.authoring.hand_skin import hand_skin
 from tci.authoring.initial_posture import check_reach, clear_of_body
-from tci.authoring.joint_facts import SLOWEST, JointFacts, driven, proposed_limits, read_facts
+from tci.authoring.joint_facts import (
+    FINGER_TORQUE,
+    SLOWEST,
+    TORQUE,
+    JointFacts,
+    driven,
+    proposed_limits,
+    read_facts,
+)
 from tci.authoring.link_points import LinkPoints
 from tci.authoring.proposed_arm import Sign, arm, elbow_senses
-from tci.authoring.proposed_fingers import Trust, find_hands, fingers, with_followers
+from tci.authoring.proposed_fingers import Hands, Trust, find_hands, fingers, with_followers
 from tci.authoring.proposed_parts import hand, leg, middle, wrist
 from tci.authoring.sleeves import sleeves
 from tci.errors import DescriptionError, Fault
@@ -55,13 +63,16 @@ def propose(
     )  # fmt: skip
     points = LinkPoints(model)
     body = find_limbs(model, points, arms=arms)
-    rpy = rpy_of(body.T_ET[:3, :3])
-    model = model.model_copy(
-        update={"torso_link": body.torso_link, "torso_rpy": tuple(round(a, 9) for a in rpy)}
-    )
+    rpy, xyz = rpy_of(body.T_ET[:3, :3]), body.T_ET[:3, 3]
+    frame = {
+        "torso_link": body.torso_link,
+        "torso_rpy": tuple(round(float(angle), 9) for angle in rpy),
+        "torso_xyz": tuple(round(float(place), 6) for place in xyz),
+    }
+    model = model.model_copy(update=frame)
     facts = read_facts(model, points.compiled)
     hands = find_hands(body, facts, points, str(path), trust=trust_fingers)
-    servos = with_followers(_servos(body, facts, points), body, facts, hands)
+    servos = with_followers(_servos(body, facts, points, hands), body, facts, hands)
     index = {servo.joint: servo.index for servo in servos}
     _check_arms(body, servos, points, str(path))
     draft = Robot(
@@ -112,7 +123,9 @@ def _check_arms(body: FoundLimbs, servos: Iterable[Servo], points: LinkPoints, p
                 raise DescriptionError(path, [Fault(0, message)])
 
 
-def _servos(body: FoundLimbs, facts: Mapping[str, JointFacts], points: LinkPoints) -> tuple[Servo, ...]:
+def _servos(
+    body: FoundLimbs, facts: Mapping[str, JointFacts], points: LinkPoints, hands: Hands
+) -> tuple[Servo, ...]:
     """Returns a servo for each actuated joint, in this order: torso, head, arms, legs, other joints."""
     needed = {*body.trunk, *body.head, *(joint for leg in body.legs.values() for joint in leg.chain)}
     for limb in body.arms.values():
@@ -124,14 +137,16 @@ def _servos(body: FoundLimbs, facts: Mapping[str, JointFacts], points: LinkPoint
     named = {joint for group in groups.values() for joint in group}
     groups["other"] = [joint for joint in range(len(body.joints)) if joint not in named]
     inertia = points.inertia([joint.name for joint in body.joints])
+    of_fingers = {joint for found in hands.values() for finger in found for joint in finger.chain}
     servos: list[Servo] = []
     for part, joints in groups.items():
         for id, joint in enumerate(joint for joint in joints if joint in able):
             name = body.joints[joint].name
+            usual = FINGER_TORQUE if joint in of_fingers else TORQUE
             servos.append(
                 Servo(
                     index=len(servos), robot_part=part, id=id, name=name, joint=name,
-                    limits=proposed_limits(facts[name], float(inertia[joint])),
+                    limits=proposed_limits(facts[name], float(inertia[joint]), usual_torque=usual),
                     modes=(Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE),
                 )
             )  # fmt: skip

@@ -62,11 +62,12 @@ class MeshFiles:
     def check(self) -> None:
         """Raises DescriptionError with a list of all meshes that are missing or broken, if there are any."""
         if self._faults:
+            *others, last = self._faults.values()
             message = (
-                "valid: new-robot --meshes DIR with a folder that has them, or --without-meshes; in a "
-                f'description, meshes="FOLDER" or meshes="{NO_MESHES}" of <model>'
+                f"{last.message}; valid: new-robot --meshes DIR with a folder that has them, or "
+                f'--without-meshes; in a description, meshes="FOLDER" or meshes="{NO_MESHES}" of <model>'
             )
-            raise DescriptionError(str(self._model), [*self._faults.values(), Fault(0, message)])
+            raise DescriptionError(str(self._model), [*others, Fault(last.line, message)])
 
 
 def _by_name(folder: Path) -> dict[str, list[Path]]:

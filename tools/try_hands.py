@@ -34,7 +34,8 @@ HEAD = ("hand", "on", "fingers", "proposed", "ball [mm]", "force of each finger 
 BASE, WRIST, OWN_HAND = "g1_29dof_rev_1_0", "{}_wrist_yaw_link", "rubber_hand"
 """Model without hands, the link of its wrist, and a word in the names of the hand's own shapes."""
 REACH = np.array([0.05, 0.0, 0.0])
-"""Place [m] of a hand's root in the link of the wrist, whose x axis points to the hand. Assumed."""
+"""Place [m] of a hand's root in the link of the wrist, whose x axis points to the hand. Assumed:
+the hand's own shapes then begin where those of the removed rubber hand began."""
 
 
 @dataclass

@@ -193,11 +193,16 @@ def write_table(results: Sequence[Tried]) -> None:
     others = sorted(one.name for one in results if not one.two_arms)
     commits = ", ".join(sorted({one.commit for one in results}))
     TABLE.write_text(
-        f"{len(humanoid)} models with two arms: {right} proposed right, or refused with what to do; "
-        f"{proved} of {len(proposed)} proved in simulation; {answered} of {pokes} pokes of the demo "
-        "answered.\n\n"
+        f"{len(humanoid)} models have two arms. For {right} of them the proposal is right, or the model is "
+        f"refused with an error that explains what to change. {proved} of {len(proposed)} proposed "
+        f"descriptions pass `check --simulate`. In the demo the reflexes answer {answered} of {pokes} "
+        "pokes.\n\n"
         + markdown(HEAD, [one.row() for one in sorted(humanoid, key=lambda one: one.name.lower())])
-        + (f"\nRefused, as they have no two arms: {', '.join(others)}.\n" if others else "")
+        + (
+            f"\nThese models are refused, because they do not have two arms: {', '.join(others)}.\n"
+            if others
+            else ""
+        )
         + f"\nMade by `python tools/try_robots.py` at {commits} with MuJoCo {mujoco.__version__}.\n"
     )
 

@@ -1,7 +1,7 @@
 """TCI, the Tactile Capabilities Interface: write a touch behaviour once, run it on any humanoid.
 
-Programs need only the names below. Each is loaded when it is first used, so that `import tci` takes no longer
-than importing NumPy.
+Programs need only the names below. Each name is loaded when a program first uses it. So `import tci` takes no
+longer than importing NumPy.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""Clocks. Functions get their clock as an argument, so that tests and simulations need not wait."""
+"""Clocks. Functions that need the time take a clock as an argument, so tests and simulations need not
+wait."""
 
 from __future__ import annotations
 
@@ -10,8 +11,9 @@ from collections.abc import Iterator
 from typing import Protocol
 
 ROUNDING = 1e-6
-"""Fraction of a period by which a time may fall short and still count as the next period. Without this
-tolerance, rounding (1e-11 s on a clock that has run for days) could make a period occur twice."""
+"""Tolerance, as a fraction of a period: a time that is earlier than the next period by at most this fraction
+counts as this period. Without this tolerance, rounding (1e-11 s on a clock that has run for days) could make
+a period occur twice."""
 TAIL = 150e-6
 """Last part of a sleep [s], in which a thread busy-waits. Assumed: longer than the usual delay of a wake-up
 (about 120 us)."""
@@ -25,7 +27,8 @@ class Clock(Protocol):
         ...
 
     def sleep_until(self, stamp: float) -> None:
-        """Returns when `now()` is at least `stamp` [s], or at once if it already is."""
+        """Waits until `now()` is at least `stamp` [s]. Returns immediately if this time has already
+        passed."""
         ...
 
 
@@ -58,7 +61,8 @@ class MonotonicClock:
 
 
 def _least_slack() -> None:
-    """Asks Linux to wake this thread without the usual slack of 50 us; does nothing on other systems."""
+    """Sets the timer slack of this thread to the smallest value on Linux (the default is 50 us). Does nothing
+    on other systems."""
     if sys.platform != "linux":
         return
     import ctypes

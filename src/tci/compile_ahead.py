@@ -1,4 +1,5 @@
-"""Compiles all loops in parallel before the first one is used: once per installation and processor.
+"""Compiles all loops in parallel before the first loop is used. This is done once per installation and
+processor.
 
 Numba compiles one loop after another, each for a second or more, without any output. Here one worker process
 per processor compiles loops into Numba's cache on disk, each loop in one worker, and a line on stderr shows
@@ -26,7 +27,8 @@ except ModuleNotFoundError:  # on Windows
 
 HERE = Path(__file__).parent
 CLAIMS = "TCI_COMPILE_CLAIMS"
-"""Environment variable of a worker: the folder in which a file named after each loop claims it."""
+"""Environment variable of a worker: the folder in which the workers create a file for each loop that they
+compile, so that no two workers compile the same loop."""
 MOST = 8
 """Largest number of workers. Assumed: each needs 250 MB, and the longest loop takes a tenth of the whole
 time, so more would hardly be faster."""
@@ -60,7 +62,7 @@ def compile_ahead(is_missing: Callable[[], bool]) -> None:
 
 @contextmanager
 def _alone() -> Iterator[None]:
-    """Waits until no other process compiles, and says so on stderr.
+    """Waits until no other process compiles, and prints on stderr that it waits.
 
     On a system without file locks, two processes may do the same work; this is harmless.
     """

@@ -16,7 +16,7 @@ from tci.records import quick
 
 _ARRAY = np.ndarray
 _set_writable: Any = _ARRAY.setflags
-"""Sets whether an array can be changed. Passing the argument of `setflags` by keyword would take three times
+"""Makes an array writable or read-only. Passing the argument of `setflags` by keyword would take three times
 as long."""
 
 
@@ -53,9 +53,9 @@ class Site(NamedTuple):
     patch: str
     """Name of the patch."""
     part: str
-    """Generic part that the patch belongs to."""
+    """Generic part to which the patch belongs."""
     segment: str
-    """Segment of that part: `upper_arm`, `forearm`; empty for skin on neither of them."""
+    """Segment of the part: `upper_arm` or `forearm`; empty for skin on another part of the body."""
 
 
 @quick
@@ -65,30 +65,31 @@ class Contacts(Frozen, Sequence["Contact"]):
     on each patch the strongest is first."""
 
     sites: tuple[Site, ...]
-    """Names (p,) shared by rows."""
+    """Names (p,) of patch, part and segment; contacts on one patch share them."""
     stamp: Array
     """Time (p,) [s] of the frame of each patch."""
     sequence: NDArray[np.int64]
-    """Sequence (p,) of that frame."""
+    """Sequence number (p,) of the frame of each patch."""
     site: NDArray[np.int64]
-    """Index (c,) into `sites`."""
+    """Index (c,) of each contact's patch in `sites`."""
     identity: NDArray[np.int64]
-    """Unique number (c,), constant from onset to end."""
+    """Unique number (c,) of each contact, constant from its first to its last frame."""
     onset: Array
     """Time (c,) [s] of the first frame with the contact, on the driver's clock."""
     displacement: Array
     """Distance (c,) [m] between the centre of the contact now and at its onset, in the patch's link."""
     force: Array
-    """Force (c,) [N] of the touch: the sum over its taxels, divided by the fill factor of the skin there, and
-    by the fraction of a touch that is above the threshold of the taxels."""
+    """Force (c,) [N] of each touch: the sum over its taxels, divided by two fractions. These are the fill
+    factor of the skin at the contact, and the fraction of the touch that exceeds the threshold of the
+    taxels."""
     peak: Array
-    """Force (c,) [N] on its strongest taxel."""
+    """Force (c,) [N] on the strongest taxel of each contact."""
     area: Array
-    """Total area (c,) [m2] of its taxels."""
+    """Total area (c,) [m2] of each contact's taxels."""
     p_L: Array
     """Centre of pressure (c, 3) [m] on the surface, in the patch's link."""
     n_L: Array
-    """Outward unit normal (c, 3) there, in the patch's link."""
+    """Outward unit normal (c, 3) at the centre of pressure, in the patch's link."""
     p_T: Array
     """Centre of pressure (c, 3) [m] in the torso frame."""
     n_T: Array
@@ -97,14 +98,15 @@ class Contacts(Frozen, Sequence["Contact"]):
     """Force (c, 3) [N] on the skin in the torso frame: along the inward normal, unless the sensor measures
     its direction."""
     u: Array
-    """Position (c,) along the segment: 0 at its proximal, 1 at its distal joint; NaN without a limb."""
+    """Position (c,) along the segment: 0 at the proximal joint, 1 at the distal joint; NaN for skin that is
+    not on a limb."""
     theta: Array
     """Angle (c,) [rad] around the segment: 0 flexor, +pi/2 lateral, pi extensor, -pi/2 medial; NaN without a
     limb."""
     limb_point: Array
     """Position (c, 3) [limb lengths] on the generic limb (eq. 6); NaN without a limb."""
     begin: NDArray[np.int64]
-    """Start of each contact's taxels (c + 1,)."""
+    """Index (c + 1,) of each contact's first taxel in the arrays below; the last element is their length."""
     taxel: NDArray[np.int64]
     """Index (k,) of each taxel within its patch."""
     taxel_force: Array
@@ -131,7 +133,7 @@ class Contacts(Frozen, Sequence["Contact"]):
 
     @staticmethod
     def of(rows: Iterable[Contact]) -> Contacts:
-        """Returns a table of rows from other tables. Each row has a site of its own."""
+        """Returns a table with rows of other tables. Each row gets a separate site."""
         if isinstance(rows, Contacts):
             return rows
         rows = tuple(rows)
@@ -165,7 +167,7 @@ _NUMBERS = ("onset", "displacement", "force", "peak", "area", "u", "theta", "tax
 
 
 class _Number:
-    """A number of a contact: the contact's element in the array of this name."""
+    """Attribute of a contact that is a number: the contact's element of the array with this name."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
@@ -175,7 +177,7 @@ class _Number:
 
 
 class _Vector(_Number):
-    """A vector (3,) of a contact: the contact's row in the array of this name."""
+    """Attribute of a contact that is a vector (3,): the contact's row of the array with this name."""
 
     def __get__(self, contact: Contact, owner: type) -> Array:  # type: ignore[override]  # no number
         vector: Array = getattr(contact.table, self.name)[contact.row]
@@ -185,7 +187,8 @@ class _Vector(_Number):
 @quick
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """A cluster of active taxels (eq. 7). A row view of `Contacts`, whose fields document the numbers."""
+    """A cluster of active taxels (eq. 7): a view of one row of `Contacts`. The fields of `Contacts` describe
+    the numbers."""
 
     table: Contacts
     row: int
@@ -202,27 +205,27 @@ class Contact:
 
     @property
     def part(self) -> str:
-        """Generic part that the patch belongs to."""
+        """Generic part to which the patch belongs."""
         return self._site.part
 
     @property
     def segment(self) -> str:
-        """Segment of that part: `upper_arm`, `forearm`; empty for skin on neither of them."""
+        """Segment of the part: `upper_arm` or `forearm`; empty for skin on another part of the body."""
         return self._site.segment
 
     @property
     def stamp(self) -> float:
-        """Time [s] of its frame."""
+        """Time [s] of the frame that contains the contact."""
         return float(self.table.stamp[self.table.site[self.row]])
 
     @property
     def sequence(self) -> int:
-        """Sequence of that frame."""
+        """Sequence number of the frame that contains the contact."""
         return int(self.table.sequence[self.table.site[self.row]])
 
     @property
     def identity(self) -> int:
-        """Unique number, constant from onset to end."""
+        """Unique number of the contact, constant from its first to its last frame."""
         return int(self.table.identity[self.row])
 
     @property
@@ -233,7 +236,7 @@ class Contact:
 
     @property
     def taxels(self) -> NDArray[np.int64]:
-        """Indices (k,) of its taxels within the patch."""
+        """Indices (k,) of the contact's taxels within the patch."""
         return self.table.taxel[self._own]
 
     @property

@@ -1,6 +1,7 @@
-"""All errors that TCI raises, with one root class, so that a caller can catch them all.
+"""All errors that TCI raises.
 
-Messages name the value that was wrong, the place, and what would be valid.
+They have one root class, so a caller can catch all of them. Messages name the wrong value, its place, and the
+valid values.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ class TciError(Exception):
     """Cause of the error, for programs."""
 
     def __init__(self, *words: object, code: Code | None = None) -> None:
-        """Stores a `code` that is more specific than that of the class, if given."""
+        """Stores the `code` of this error, if given; otherwise the code of the class is used."""
         super().__init__(*words)
         if code is not None:
             self.code = code
@@ -53,7 +54,7 @@ class DescriptionError(TciError):
 
 
 def nearest_name(name: str, valid: Iterable[str]) -> str | None:
-    """Returns the valid name nearest to an unknown one; None if none is near."""
+    """Returns the valid name that is most similar to an unknown name; None if no name is similar."""
     from difflib import get_close_matches  # imported on an error only: keeps `import tci` fast
 
     names = [*valid][:1000]
@@ -64,13 +65,14 @@ def nearest_name(name: str, valid: Iterable[str]) -> str | None:
 
 
 def meant(name: str, valid: Iterable[str]) -> str:
-    """Returns ` (did you mean ...?)` with the valid name nearest to an unknown one; empty if none is near."""
+    """Returns the text ` (did you mean ...?)` with the valid name that is most similar to an unknown name; an
+    empty text if no name is similar."""
     near = nearest_name(name, valid)
     return "" if near is None else f" (did you mean {near!r}?)"
 
 
 class UnknownNameError(TciError):
-    """Unknown name. The message lists the valid names and the nearest of them."""
+    """Unknown name. The message lists the valid names and the most similar one."""
 
     code = Code.UNKNOWN_NAME
 
@@ -83,13 +85,13 @@ class UnknownNameError(TciError):
 
 
 class CommandError(TciError):
-    """Command or argument with a wrong shape, value or mode. Nothing was sent."""
+    """Command or argument with a wrong shape, value or mode. TCI has sent nothing."""
 
     code = Code.COMMAND_INVALID
 
 
 class FrameError(TciError):
-    """Frame of the skin or the joints that does not fit the robot. It was not used."""
+    """Skin frame or joint reading that does not fit the robot. TCI has not used it."""
 
     code = Code.SKIN_MISFIT
 
@@ -99,7 +101,7 @@ class DriverError(TciError):
 
 
 class WireError(TciError):
-    """Data from a network that violates its protocol. It was dropped."""
+    """Data from a network that violates the protocol. TCI has dropped this data."""
 
 
 class RecordingError(TciError):
@@ -107,7 +109,8 @@ class RecordingError(TciError):
 
 
 class MissingExtraError(TciError):
-    """Missing package. The message, composed by `tci.installed`, says how to install it."""
+    """Missing package. The message, composed by `tci.installed`, contains the command to install the
+    package."""
 
     def __init__(self, what: str, missing: str, advice: str) -> None:
         self.missing = missing

@@ -1,4 +1,4 @@
-"""The distribution that TCI was installed from, and installation advice for missing packages.
+"""The distribution (the installed package) that contains TCI, and installation advice for missing packages.
 
 The advice uses the metadata of installed distributions, so this file contains no distribution name: on PyPI,
 `tci` is another package.
@@ -34,9 +34,9 @@ def own_distribution() -> Distribution | None:
 
 
 def advice(extra: str, *, of: Distribution | None = None) -> str:
-    """Returns a sentence that says how to install an extra `of` a distribution, by default of TCI's own.
+    """Returns advice to install an extra `of` a distribution, by default of TCI's distribution.
 
-    If the distribution has no such extra, the sentence says how to install the distribution itself.
+    If the distribution has no such extra, the advice is to install the distribution itself.
     """
     found = of or own_distribution()
     if found is None:
@@ -107,7 +107,8 @@ def clash(module: str) -> Clash | None:
 
 @contextmanager
 def needs(what: str, extra: str, *, of: Distribution | None = None) -> Iterator[None]:
-    """Guards imports: turns a missing module into a MissingExtraError with installation advice."""
+    """Context manager around imports: if a module is missing, raises MissingExtraError with installation
+    advice."""
     try:
         yield
     except ModuleNotFoundError as error:

@@ -47,7 +47,8 @@ class Mode(Enum):
 
     @classmethod
     def of(cls, mode: Mode | str) -> Mode:
-        """Returns a mode, or the mode of that name. Raises UnknownNameError for an unknown name."""
+        """Returns the mode with this name; a mode is returned unchanged. Raises UnknownNameError for an
+        unknown name."""
         if isinstance(mode, Mode):
             return mode
         names = {one.value: one for one in cls}
@@ -57,8 +58,8 @@ class Mode(Enum):
 
 
 CONTROL_MODES = (Mode.POSITION, Mode.VELOCITY, Mode.TORQUE, Mode.IMPEDANCE)
-"""Control modes of a servo, of which one is active at a time. Stiffness and damping can be set in each of
-them."""
+"""Control modes of a servo; exactly one of them is active at a time. Stiffness and damping can be set in each
+control mode."""
 
 
 @quick
@@ -79,7 +80,7 @@ class JointReading:
     modes: tuple[Mode | None, ...] | None = None
     """Control mode (n,) that each servo reports; None if the robot does not report them."""
     powered: NDArray[np.bool_] | None = None
-    """True (n,) for each servo that is on; None if the robot does not report this."""
+    """True (n,) for each servo that is switched on; None if the robot does not report this."""
     gravity: Array | None = None
     """Gravity minus acceleration (3,) [m/s2] of the root link of the robot's model, in the frame of that
     link. This is the negative reading of an accelerometer on that link. None if the robot does not report
@@ -109,7 +110,7 @@ class Reading:
     joints: JointReading
     """Latest joint reading."""
     skin: tuple[SkinFrame, ...]
-    """Latest frame of each patch that has sent one."""
+    """Latest frame of each patch that has sent a frame."""
 
 
 @quick
@@ -122,9 +123,9 @@ class SkinState(Frozen):
     """Index (p + 1,) of each patch's first taxel within the whole skin, in the robot's order; the last
     element is the number of taxels."""
     stamp: Array
-    """Time (p,) [s] of each patch's latest frame; NaN before the first."""
+    """Time (p,) [s] of each patch's latest frame; NaN before the first frame."""
     sequence: NDArray[np.int64]
-    """Sequence (p,) of each patch's latest frame; -1 before the first."""
+    """Sequence number (p,) of each patch's latest frame; -1 before the first frame."""
     begin: NDArray[np.int64]
     """Index (p + 1,) of each patch's first active taxel in the arrays below."""
     active: NDArray[np.int32]
@@ -146,15 +147,15 @@ class SkinState(Frozen):
     def by_patch(self, names: Iterable[str]) -> dict[str, Array]:
         """Returns the pressure (taxels,) [Pa] on each patch that has sent a frame, by its name.
 
-        `names` (p,) are those of all patches, in the robot's order.
+        `names` (p,) contains the names of all patches, in the robot's order.
         """
         return {name: self.on(p) for p, name in enumerate(names) if not np.isnan(self.stamp[p])}
 
 
 @dataclass(frozen=True, slots=True)
 class Landmark:
-    """A point of a part's skin on any robot: the point at which a ray from the middle of that skin, in a
-    given direction, reaches the skin."""
+    """A point on the skin of a part, defined for any robot: the point at which a ray from the middle of the
+    part's skin, in a given direction, reaches the skin."""
 
     segment: str
     """Segment of the part that carries the skin; empty for skin without a segment."""
@@ -165,12 +166,12 @@ class Landmark:
 
 @dataclass(frozen=True, slots=True)
 class LimbPlace:
-    """A point of a limb's skin on any robot, by its coordinates on the generic limb (eq. 4)."""
+    """A point on the skin of a limb, defined for any robot by coordinates on the generic limb (eq. 4)."""
 
     segment: str
     """Segment of the part: `upper_arm`, `forearm`."""
     u: float
-    """Position along the segment: 0 at its proximal, 1 at its distal joint."""
+    """Position along the segment: 0 at the proximal joint, 1 at the distal joint."""
     theta: float
     """Angle around the segment [rad]: 0 flexor, +pi/2 lateral, pi extensor, -pi/2 medial."""
 
@@ -180,7 +181,7 @@ class Support:
     """Predicted static stability of a standing robot after a motion of one leg."""
 
     forces: Mapping[str, float]
-    """Present force [N] on the soles of each leg, by part."""
+    """Present force [N] on the soles of each leg, by the name of the leg's part."""
     margin: float
     """Distance [m] of the centre of mass from the edge of the support polygon, projected along its normal:
     positive inside, negative outside. The polygon is that of the other legs' loaded soles; -inf without
@@ -190,9 +191,10 @@ class Support:
 @quick
 @dataclass(frozen=True, slots=True, eq=False)
 class Perception:
-    """Everything a capability perceives at one instant. Plain data of the same form for every robot.
+    """All data that a capability gets at one instant. A perception is plain data with the same form for every
+    robot.
 
-    `GenericBody` has methods for questions that depend on the robot.
+    Methods of `GenericBody` compute results that depend on the robot.
     """
 
     stamp: float
@@ -206,8 +208,8 @@ class Perception:
     skin: SkinState | None = None
     """Pressure on the whole skin; None if the perception was created without a robot."""
     joints: JointReading | None = None
-    """The robot's own joints, for the methods of `GenericBody`. A capability that reads them itself is not
-    generic. None if the perception was created without a robot."""
+    """The robot's own joints, for the methods of `GenericBody`. A capability that reads these joints directly
+    does not run on every robot. None if the perception was created without a robot."""
 
 
 def _take_mode(command: GenericCommand | SwitchMode | PlatformSwitch | PlatformCommand) -> None:
@@ -248,9 +250,10 @@ class CartesianCommand:
     """Position (3,) in the actuator's frame: [arm lengths] relative to the shoulder in the arm's mount frame,
     or [m] in the torso frame."""
     point: str = "hand"
-    """Name of the actuator: `hand` or `elbow` of an arm, or one that the description defines."""
+    """Name of the actuator: `hand` or `elbow` of an arm, or the name of an actuator in the description."""
     nearest: bool = False
-    """True to go to the nearest reachable place if the target is out of reach; otherwise it is refused."""
+    """If the target is out of reach: True moves the point to the nearest reachable place, False refuses the
+    command."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -283,8 +286,8 @@ class PlatformSwitch:
 @quick
 @dataclass(frozen=True, slots=True, eq=False)
 class PlatformCommand:
-    """A command in the robot's own joint space. It contains only servos to which the generic part is
-    mapped."""
+    """A command in the robot's own joint space. It contains only servos that the joint map of a generic part
+    uses."""
 
     mode: Mode
     """Quantity and unit of `values`."""
@@ -293,7 +296,8 @@ class PlatformCommand:
     values: Array
     """One value per servo (k,), in the unit of the mode."""
     speed: Array
-    """Speed limit (k,) [rad/s] from the description; the gate's own limit applies too."""
+    """Speed limit (k,) [rad/s] of the generic joints in the description; the gate applies the speed limits of
+    the servos in addition."""
 
     def __post_init__(self) -> None:
         _take_mode(self)

@@ -23,7 +23,7 @@ class Code(IntEnum):
     """
 
     OTHER = 0
-    """A cause without a code of its own, such as one that an operator or a user's program gives."""
+    """A cause without a separate code, such as a reason from an operator or a user's program."""
 
     JOINTS_STALE = 100
     """The joint data is too old, or the robot marks it as invalid."""
@@ -32,7 +32,7 @@ class Code(IntEnum):
     JOINTS_REPEATED = 102
     """Identical joint data arrives with new stamps."""
     TIME_WENT_BACK = 103
-    """The time of a command is before that of the previous one."""
+    """The time of a command is earlier than the time of the previous command."""
 
     FOLLOWING_ERROR = 200
     """A servo does not follow its reference."""
@@ -47,12 +47,12 @@ class Code(IntEnum):
     SERVO_OFF = 205
     """A servo under command is switched off."""
     SERVO_MODE = 206
-    """A servo reports a control mode that differs from the commanded one."""
+    """A servo reports a control mode that differs from the commanded mode."""
 
     PERIODS_MISSED = 300
     """The loop missed periods."""
     PROCESS_FROZEN = 301
-    """This process did not run for a while."""
+    """The operating system did not run this process for some time."""
     HEARTBEAT_MISSING = 302
     """A required process sends no heartbeat."""
     RUN_ENDED = 303
@@ -65,33 +65,34 @@ class Code(IntEnum):
     SKIN_MISFIT = 401
     """Frames of the skin do not fit the robot."""
     SKIN_BLIND = 402
-    """Too few taxels are trusted where the capability needs them."""
+    """Too few taxels are trusted in a region of the skin that the capability needs."""
 
     COMMAND_INVALID = 500
     """A command has a type, shape or value that no robot accepts."""
     UNKNOWN_NAME = 501
-    """A command names something that the robot does not have."""
+    """A command names a part, joint or servo that the robot does not have."""
     GATE_CLOSED = 502
     """The gate holds or has stopped for another reason."""
     WRONG_MODE = 503
-    """A command needs another control mode than that of the servo, or the servo does not support the
+    """The mode of a command differs from the control mode of the servo, or the servo does not support the
     requested mode."""
     LIKELY_DEGREES = 504
     """Angles are so large that they may be degrees."""
     LIMITS_UNKNOWN = 505
     """The description lacks limits that are required to move a servo."""
     LIMITS_EXCEEDED = 506
-    """A servo is measured too far outside its limits, or from its equilibrium, to be commanded."""
+    """The measured angle of a servo is so far outside its limits, or so far from its equilibrium, that the
+    servo can't be commanded."""
     IN_MOTION = 507
     """The command requires that the servo is at rest."""
     SELF_COLLISION = 508
     """Two links of the robot would come too close to each other."""
     OUT_OF_REACH = 509
-    """No posture reaches the target."""
+    """The robot can't reach the target in any posture."""
     NOT_ARMED = 510
     """The driver is read-only, or the robot has not been read yet."""
     CLAMPED = 511
-    """A value was replaced by the nearest one that the limits allow."""
+    """A value outside the limits was replaced by the nearest value within the limits."""
 
     OTHER_COMMANDER = 600
     """Another process commands these joints."""
@@ -100,21 +101,21 @@ class Code(IntEnum):
     COMMANDER_HOLDS = 602
     """The gate of a process that commands the robot holds."""
     COMMANDER_LEFT = 603
-    """A process that commanded the robot has left."""
+    """A process that commanded the robot has disconnected."""
     OWNER_HOLDS = 604
     """The gate of the process that owns the robot holds."""
     OWNER_REFUSES = 605
-    """The process that owns the robot refused an order."""
+    """The process that owns the robot refused a command."""
     OWNER_SILENT = 606
-    """The process that owns the robot does not answer orders."""
+    """The process that owns the robot does not acknowledge commands."""
     OWNER_RESTARTED = 607
     """The process that owns the robot was restarted."""
     HALTED = 608
     """The process that commands the robot called `halt`, the driver's own stop."""
     MOVED_BY_ITSELF = 609
-    """The robot moves by itself, or a program on it may move it."""
+    """The robot moves without a command of TCI, or a program on the robot may move it."""
     ROBOT_REFUSES = 610
-    """The robot's own controllers refuse, or can't be reached."""
+    """The robot's own controllers refuse commands, or can't be reached."""
 
     MOVED_WRONG_WAY = 700
     """A servo moved opposite to its command."""
@@ -127,7 +128,8 @@ class Code(IntEnum):
 
     @classmethod
     def of(cls, number: int) -> Code:
-        """Returns the code of a number, which may come from another version; OTHER for an unknown one."""
+        """Returns the code with this number, or OTHER for an unknown number, for example from a newer version
+        of TCI."""
         try:
             return cls(number)
         except ValueError:
@@ -145,15 +147,15 @@ class Reason:
     code: Code
     text: str
     names: tuple[str, ...] = ()
-    """Names of the servo (CLAMPED) or of the two links (SELF_COLLISION); empty for other codes, and for a
-    reason from another process."""
+    """Name of the servo for the code CLAMPED, names of the two links for the code SELF_COLLISION. Empty for
+    other codes, and for a reason from another process."""
 
     def __str__(self) -> str:
         return self.text
 
     @classmethod
     def of(cls, given: Reason | str) -> Reason:
-        """Returns a reason unchanged. A text becomes a reason with the code OTHER."""
+        """Returns a reason unchanged. Converts a text to a reason with the code OTHER."""
         return given if isinstance(given, Reason) else cls(Code.OTHER, str(given))
 
 

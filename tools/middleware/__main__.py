@@ -38,11 +38,12 @@ from yarpwire.name_server import NameServer
 TABLE = TABLES / "middleware.md"
 CONTRACT = "tests/drivers/test_driver.py"
 HEAD = (
-    "middleware", "contract suite", "genuine peer", "tests with it",
-    "768 doubles there and back [ms]", "raw TCP [ms]", "peer killed: hold after [ms]", "when it is back",
+    "middleware", "tests passed", "program at the other end", "tests with this program",
+    "768 doubles there and back [ms]", "the same over plain TCP [ms]",
+    "hold after the other process is killed [ms]", "when this process runs again",
 )  # fmt: skip
-AGAIN = "connect again: what was ordered before is lost"
-ITSELF = "by itself, waiting for a new command"
+AGAIN = "connect again; earlier commands are lost"
+ITSELF = "reconnects automatically, waits for a new command"
 
 
 @dataclass(frozen=True)
@@ -88,8 +89,8 @@ def zenoh_where() -> str:
     return f"tcp/127.0.0.1:{free_port()}"
 
 
-ROBOT = f"a robot of ROS: {ITSELF}; of TCI: {AGAIN}"
-SAID = "what it said when recorded"
+ROBOT = f"a robot with ROS: {ITSELF}; a robot served by TCI: {AGAIN}"
+SAID = "recorded messages"
 ROWS = {
     "zenoh": Row(
         lambda: f"Zenoh {version('eclipse-zenoh')}: sessions, a router",

@@ -89,7 +89,7 @@ def measured(robot: Robot, name: str, *, short: bool) -> Cell:
     try:
         robot.binding(name.removesuffix("4"))
     except tci.UnknownNameError:
-        return Cell(reason=f"{name} speaks to robots with a binding to it")
+        return Cell(reason=f"{name} needs a `binding` in the description")
     arms, others = reflexes(short=short)
     body = tci.GenericBody(robot)
     beyond = sum(len(answerable(body, field)) for field in others.fields.field)
@@ -153,12 +153,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if any(f"{robot} {via}" in cells for via in vias)
     ]
     again = sum(cell.again for cell in cells.values())
-    what = "one poke of each part" if asked.short else "the demo's pokes, and those of the other parts"
+    what = "one poke of each part" if asked.short else "the pokes of `tci demo`, and pokes of the other parts"
     patience = f" Robots held after a silence of {asked.patience:g} s." if asked.patience else ""
     about = (
-        f"{what.capitalize()}: answered of all, and the median time from the first contact to the first "
-        f"command. Measured at {commit()} on {os.cpu_count()} cores at a load of {load:.1f}; {again} pokes "
-        f"were answered only when tried again.{patience}"
+        f"The pokes are {what}. A cell contains the number of pokes that the reflexes answered, and the "
+        f"median time from the first contact to the first command. Measured at {commit()} on "
+        f"{os.cpu_count()} cores at a load of {load:.1f}; {again} pokes were answered only when they were "
+        f"repeated.{patience}"
     )
     TABLE.write_text(f"{markdown(('robot', *(f'`{via}`' for via in vias)), rows)}\n{about}\n")
 

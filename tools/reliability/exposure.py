@@ -84,21 +84,23 @@ SERVERS = {
     ),
     "ros2": _serve("ros2", "`ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET`"),
     "rosbridge": _serve(
-        "rosbridge", "that server", read="who reaches the rosbridge server",
-        command="who reaches the rosbridge server",
+        "rosbridge", "the settings of the rosbridge server",
+        read="whoever can connect to the rosbridge server",
+        command="whoever can connect to the rosbridge server",
         beside=(str(ROOT / "tests" / "drivers" / "rosbridge_relay.py"),),
     ),
     "unitree": Server(("serve", "g1", "--via", "unitree"), "`unitree:INTERFACE`"),
     "yarp": _serve(
-        "yarp", "`yarp:ADDRESS:PORT`, or `yarp.conf`", command=f"{HERE}; with `auth.conf`, who has its key"
+        "yarp", "`yarp:ADDRESS:PORT`, or `yarp.conf`",
+        command=f"{HERE}; with `auth.conf`, only programs with its key"
     ),
     "zenoh": _serve(
         "zenoh", "`zenoh:tcp/ADDRESS:PORT`; with rights: `zenoh:FILE.json5`",
-        command=f"{HERE}; with a file of `tci zenoh`, who it names",
+        command=f"{HERE}; with a file of `tci zenoh`, only the users in this file",
     ),
     "view": Server(
         ("view", "nao", "--headless"), "`--host ADDRESS`, and then a token is needed",
-        command=f"{HERE}, but no page of another site",
+        command=f"{HERE}, but no web page of another site",
     ),
 }  # fmt: skip
 

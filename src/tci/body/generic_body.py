@@ -56,21 +56,22 @@ class BodySettings:
     conditioning: ConditioningSettings = field(default_factory=ConditioningSettings)
     """Conversion of raw frames to pressures."""
     calibration: SkinCalibration | None = None
-    """Measured rest values, noise and response of the taxels. None means: use the file that `tci skin
-    calibrate` wrote beside the description, if this file exists."""
+    """Measured rest values, noise and response of the taxels. If None, the file that `tci skin calibrate`
+    wrote into the folder of the description is used, if this file exists."""
     joints: JointTouchSettings = field(default_factory=JointTouchSettings)
     """Conditions under which joint torques count as a touch, for patches that have no taxels."""
     joint_calibration: JointCalibration | None = None
-    """Friction of the joints, and tools in the hands. None means: use the file that `tci check --hardware`
-    wrote beside the description, if this file exists."""
+    """Friction of the joints, and tools in the hands. If None, the file that `tci check --hardware` wrote
+    into the folder of the description is used, if this file exists."""
 
 
 @dataclass(frozen=True, eq=False)
 class GenericBody:
-    """One robot as the generic body: computes geometry for perceptions, and converts generic commands to
+    """The generic interface to one robot: computes geometry for perceptions, and converts generic commands to
     joint commands.
 
-    The object is immutable; it is pickled as robot and settings. All state that changes is in a `Perceiver`.
+    The object is immutable, and a pickle contains only the robot and the settings. All state that changes is
+    in a `Perceiver`.
     """
 
     robot: Robot
@@ -134,29 +135,30 @@ class GenericBody:
         return self._has_joint[self.robot.part(part).name]
 
     def tied(self, part: str) -> tuple[tuple[int, ...], ...]:
-        """Returns groups of generic joints, by index, that can only move together, since they share motors.
+        """Returns groups of indices of generic joints.
 
-        Each joint of the part that this robot has is in one group. Raises UnknownNameError for an unknown
-        part.
+        The joints of a group share motors, so they can move only together. Each joint of the part that this
+        robot has is in exactly one group. Raises UnknownNameError for an unknown part.
         """
         return self.joint_maps[self.robot.part(part).name].tied
 
     def posture(self, joints: JointReading) -> dict[str, Array]:
         """Returns the generic angles (n,) [rad] of every part, by name (eqs. 1-2).
 
-        Raises FrameError if the reading has another number of joints than the robot.
+        Raises FrameError if the numbers of joints of the reading and of the robot differ.
         """
         return generic_posture(self.robot, joints)
 
     def home(self, part: str) -> tuple[GenericCommand, ...]:
-        """Returns the commands that bring a part to its initial stiffness, damping and posture.
+        """Returns the commands that set the initial stiffness and damping of a part and move the part to its
+        initial posture.
 
         Raises UnknownNameError for an unknown part.
         """
         return home(self.robot.part(part))
 
     def place(self, part: str, place: LimbPlace, joints: JointReading) -> Place:
-        """Returns the point of the skin at a place of a part's generic limb.
+        """Returns the point of the robot's skin that corresponds to a place on the generic limb of a part.
 
         Raises TciError if there is no skin at this place, UnknownNameError for an unknown part or segment.
         """
@@ -208,8 +210,8 @@ class GenericBody:
     def retreat_at_ends(self, perception: Perception, part: str, targets: Array) -> Array:
         """Returns the displacement (2, m, c) [m] of c contact points at the ends of m motions of `part`.
 
-        For each of the `targets` (m, n) [rad], the result is that of `retreat` at its last time, but takes
-        much less computing time.
+        For each row of `targets` (m, n) [rad], the result equals the last time of `retreat`, but needs much
+        less computing time.
         """
         return self._retreat.at_ends(_joints(perception).position, perception.contacts, part, targets)
 
@@ -225,7 +227,7 @@ class GenericBody:
     ) -> Array:
         """Returns for each place of a part the fraction (m,) of taxels within `radius` (m,) that are trusted.
 
-        The fraction is 1 for a place without taxels around it. The radius around a `LimbPlace` is in limb
+        If there are no taxels around a place, its fraction is 1. The radius around a `LimbPlace` is in limb
         lengths; the radius around a `Landmark` is a geodesic distance [m].
         """
         masked = None if perception.skin is None else perception.skin.masked
@@ -241,7 +243,8 @@ class GenericBody:
     def to_platform(
         self, orders: Iterable[Order] | Order, joints: JointReading
     ) -> tuple[list[PlatformOrder], list[Reason]]:
-        """Converts orders to the robot's own joints, which are at the angles `joints` (inverse of eqs. 1-2).
+        """Converts generic orders to commands for the robot's own joints (inverse of eqs. 1-2). `joints`
+        contains the present angles of these joints.
 
         Returns the converted orders, and a reason for each order that can't be converted. Raises
         UnknownNameError for an unknown part.

@@ -23,17 +23,17 @@ _STAMP = attrgetter("stamp")
 class Perceiver:
     """Converts the readings of one robot to perceptions.
 
-    Its state consists of baselines, estimation windows and tracks of contacts. All other objects of the
-    generic interface are immutable. Do not share a perceiver: each loop needs its own. `copy` and pickling
-    preserve the whole state. Two perceivers that get equal readings return perceptions that are equal bit for
-    bit.
+    The state of a perceiver consists of baselines, estimation windows and tracks of contacts. All other
+    objects of the generic interface are immutable. Do not share a perceiver between loops: each loop needs a
+    separate perceiver. `copy` and pickling preserve the whole state. Two perceivers that get equal readings
+    return perceptions that are equal bit for bit.
     """
 
     def __init__(self, body: GenericBody, *, keep_alive: float | None = None) -> None:
         """Prepares a perceiver without estimates.
 
-        Set `keep_alive` [s] if senders omit unchanged skin frames: it is the longest time between two frames
-        of a patch. None means that senders send every frame. Perceptions are equal in both cases. Raises
+        Set `keep_alive` [s] to the longest time between two frames of a patch if senders omit unchanged skin
+        frames. None means that senders send every frame. The perceptions are equal in both cases. Raises
         TciError if `keep_alive` is not above 0 and finite.
         """
         self.body = body
@@ -52,7 +52,7 @@ class Perceiver:
         self._contacts = self._finder.contacts
 
     def step(self, reading: Reading, now: float) -> Perception:
-        """Perceives one reading at time `now` [s] (eqs. 1-4, 7).
+        """Returns the perception of one reading at time `now` [s] (eqs. 1-4, 7).
 
         Raises FrameError if a frame or the joints do not fit the robot; the state is then unchanged.
         """
@@ -94,7 +94,8 @@ class Perceiver:
         return self._conditioner.health
 
     def rezero(self, patch: str) -> None:
-        """Takes the present raw values of a patch as its rest values, as if nothing touched it now.
+        """Uses the present raw values of a patch as its new rest values. Nothing should touch the patch
+        during this call.
 
         Raises UnknownNameError for an unknown patch.
         """

@@ -34,7 +34,7 @@ class PressureImage:
     pressure: Array
     """Pressure (rows, columns) [Pa], NaN where the patch has no skin; the first row is at the top."""
     pixel: float
-    """Width and height [m] of a pixel."""
+    """Width and height [m] of the area on the skin that one pixel shows."""
     corner: tuple[float, float]
     """Coordinates [m] of the image's lower left corner, in the plane of `places`."""
     places: Array
@@ -104,10 +104,11 @@ def unrolled(body: GenericBody, patch: str, joints: JointReading) -> tuple[Array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactShape:
-    """Ellipse that approximates a contact: its second moments are those of the contact's pressure."""
+    """Ellipse that approximates a contact. Ellipse and contact have equal second moments of pressure."""
 
     area: float
-    """Area [m2] of the ellipse. A uniform pressure on it would have the second moments of the contact."""
+    """Area [m2] of the ellipse. A uniform pressure on this area would have the same second moments as the
+    pressure of the contact."""
     axes: Array
     """Half of the length and half of the width (2,) [m] of the ellipse."""
     directions: Array
@@ -117,8 +118,8 @@ class ContactShape:
 def contact_shape(contact: Contact, body: GenericBody) -> ContactShape:
     """Returns the shape of a contact in the tangential plane of the skin, at the centre of the contact.
 
-    Each taxel counts as a square with the taxel's area. So a contact of a single taxel has the size of this
-    taxel, not size 0. Raises UnknownNameError for a contact of another robot.
+    Each taxel counts as a square with the taxel's area. So the shape of a contact with a single taxel has the
+    size of this taxel, and not the size 0. Raises UnknownNameError for a contact of another robot.
     """
     surface = body.skin.surfaces[body.robot.patch(contact.patch).name]
     points, force = surface.positions[contact.taxels], contact.taxel_forces

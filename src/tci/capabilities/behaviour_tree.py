@@ -61,14 +61,15 @@ class Leaf(Behaviour):
 
 
 class Reflex(Leaf):
-    """A leaf with a capability that is busy from time to time, such as a withdrawal reflex.
+    """A leaf with a capability that is active only from time to time, such as a withdrawal reflex.
 
     The status of the leaf is RUNNING while the capability is busy, else FAILURE. The capability gets touches
     only in ticks that reach this leaf. So put the leaf first, in a selector without memory.
     """
 
     def __init__(self, name: str, capability: Capability[Any], *, busy: Callable[[Any], bool] = bool) -> None:
-        """Takes `busy`, a function of the memory that returns True while the capability moves a part."""
+        """Creates a leaf. `busy` is a function of the memory that returns True while the capability moves a
+        part."""
         super().__init__(name, capability)
         self._busy = busy
 
@@ -80,15 +81,16 @@ class Reflex(Leaf):
 class Task(Leaf):
     """A leaf with a capability that runs until it is done.
 
-    The status of the leaf is RUNNING, and SUCCESS at the end. If the leaf is ticked after SUCCESS, the
-    capability starts from the beginning. After an interruption, the capability continues with its memory, and
-    its last command to each part is sent again.
+    The status of the leaf is RUNNING until the task is done, and then SUCCESS. If the leaf is ticked after
+    SUCCESS, the capability starts from the beginning. After an interruption, the capability continues with
+    its memory, and its last command to each part is sent again.
     """
 
     def __init__(
         self, name: str, capability: Capability[Any], *, done: Callable[[Any, Perception], bool]
     ) -> None:
-        """Takes `done`, a function of memory and perception that returns True when the task is finished."""
+        """Creates a leaf. `done` is a function of memory and perception that returns True when the task is
+        finished."""
         super().__init__(name, capability)
         self._done = done
         self._wanted: dict[str, Order] = {}

@@ -48,18 +48,20 @@ class BodyWithdrawal(Capability[BodyMemory]):
     fields: BodyFields = field(default_factory=default_body_fields)
     """Receptive fields; `load_body_fields` reads others from a file."""
     refractory: float = 0.5
-    """Time [s] without a touch to respond to, after which the touch has ended and the part can withdraw
-    again. Assumed: a hand that slides or shakes makes contact again in less time."""
+    """Refractory time [s]: if no touch has caused a response for this time, the part can withdraw again.
+    Assumed: a hand that slides or shakes makes contact again in less time."""
     stance: Literal["standing", "supported"] = "standing"
-    """`standing`: the legs carry the robot. `supported`: the robot hangs, sits or lies, so the legs carry
-    nothing."""
+    """`standing`: the legs carry the robot. `supported`: the robot hangs, sits or lies, so its legs carry no
+    weight."""
     weight: float = 15.0
-    """Least force [N] on a sole at which its leg counts as carrying the robot, for both values of `stance`.
-    Assumed: less than half the weight of the lightest robot, more than the force of a touch on a sole."""
+    """Smallest force [N] on a sole at which TCI assumes that the leg carries the robot, for both values of
+    `stance`. Assumed: less than half the weight of the lightest robot, more than the force of a touch on a
+    sole."""
 
     margin: float = 0.01
-    """Least distance [m] of the centre of mass from the edge of the soles on the ground at which another leg
-    of a standing robot may move. Assumed: larger than the error caused by wrong masses in a description."""
+    """A leg of a standing robot may move only if the centre of mass stays inside the edge of the soles on the
+    ground by at least this distance [m]. Assumed: larger than the error caused by wrong masses in a
+    description."""
 
     def __post_init__(self) -> None:
         for name in ("refractory", "weight", "margin"):
@@ -97,7 +99,8 @@ class BodyWithdrawal(Capability[BodyMemory]):
         return memory.notes
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """Returns a reason to stop if more than half of the taxels of a field are not trusted; else None."""
+        """Returns a reason to stop the robot if more than half of the taxels of a receptive field are not
+        trusted, otherwise None."""
         if perception.skin is None or perception.skin.masked is None:
             return None
         for part in perception.posture:

@@ -17,9 +17,9 @@ Memory = TypeVar("Memory")
 class Capability(ABC, Generic[Memory]):
     """A behaviour that uses only the generic body, so it is independent of robot, clock and middleware.
 
-    The object contains only frozen settings. All state is in the memory: the caller passes it to each step
-    and gets the next memory back. Equal memory and equal perception give commands that are equal bit for bit,
-    so that recordings can be replayed.
+    The object contains only frozen settings. All state is in the memory: the caller passes the memory to each
+    step, and the step returns the next memory. If memory and perception are equal, the commands must be equal
+    bit for bit, so that recordings can be replayed.
     """
 
     def __init_subclass__(cls, **options: Any) -> None:
@@ -39,7 +39,7 @@ class Capability(ABC, Generic[Memory]):
 
     @abstractmethod
     def init(self, body: GenericBody) -> Memory:
-        """Returns the memory before the first step."""
+        """Returns the memory for the first step."""
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
         """Returns the orders to execute once before the first step, such as switches of the control mode.
@@ -54,8 +54,8 @@ class Capability(ABC, Generic[Memory]):
     ) -> tuple[tuple[Order, ...], Memory]:
         """Returns the commands for this instant, and the memory for the next step. Changes no argument.
 
-        A command is needed only if the target changes: the gate (the safety filter before the driver) moves
-        the robot on towards the last target.
+        A command is needed only if the target changes: without a new command, the gate (the safety filter
+        before the driver) continues the motion to the last target.
 
         Contacts may be on any part of the robot, for example on the switches of NAO's head. Use only contacts
         with a `part` that your behaviour moves, and ignore the others. Read the angles of a part
@@ -69,6 +69,6 @@ class Capability(ABC, Generic[Memory]):
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
         """Returns a reason to stop the robot; None if there is none.
 
-        An example: skin on which this behaviour depends gives no data.
+        Example of a reason: the skin that this behaviour needs sends no data.
         """
         return None

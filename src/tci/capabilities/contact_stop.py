@@ -42,14 +42,15 @@ class StopMemory(Generic[Memory]):
 class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
     """Runs another behaviour, but stops each part while that part is touched.
 
-    During a stop, the behaviour is still stepped, but its commands to the stopped part are not executed.
-    After the touch, its last command to this part is executed. Raises TciError for a setting out of range.
+    During a stop, `step` of the behaviour is still called, but commands to the stopped part are not executed.
+    After the touch, the behaviour's last command to this part is executed. Raises TciError for a setting out
+    of range.
     """
 
     behaviour: Capability[Memory]
     """Behaviour to run."""
     threshold: float = 1.0
-    """Least force [N] at which a contact stops its part. Assumed: a light push of a finger."""
+    """Smallest force [N] of a contact that stops the touched part. Assumed: a light push of a finger."""
     quiet: float = 0.5
     """Time [s] without touch after which a stopped part continues. Assumed: a hand that slides or shakes
     makes contact again within this time."""

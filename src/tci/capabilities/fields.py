@@ -67,9 +67,9 @@ class ForceRange(Description):
     """Range of force over which a response increases from none to full."""
 
     threshold_n: Annotated[float, Field(ge=0.0)]
-    """delta_f [N]: no response up to this force."""
+    """Threshold delta_f [N]: forces up to this value cause no response."""
     saturation_n: float
-    """F_sat [N]: full response from this force on."""
+    """Saturation F_sat [N]: forces from this value on cause the full response."""
 
     @model_validator(mode="after")
     def _rises(self) -> Self:
@@ -79,19 +79,20 @@ class ForceRange(Description):
 
 
 class ReceptiveField(Circle):
-    """A place on the generic limb, and the motion in response to a touch there (eqs 5-6)."""
+    """A place on the generic limb, and the motion in response to a touch at this place (eqs. 5-6)."""
 
     theta: float
-    """Centre around the segment [rad]: 0 flexor, +pi/2 lateral, pi extensor, -pi/2 medial side."""
+    """Angle [rad] of the field's centre around the segment: 0 flexor, +pi/2 lateral, pi extensor, -pi/2
+    medial side."""
     measure: Measure = "total"
     """Force of a contact that is compared with `threshold` and `saturation`. "total": force of the whole
     contact. "weighted": mean of eq. 7. "peak": force of the strongest taxel."""
     threshold: Annotated[float, Field(ge=0.0)]
-    """delta_f [N]: no response up to this force."""
+    """Threshold delta_f [N]: forces up to this value cause no response."""
     saturation: float
-    """F_sat [N]: full response from this force on."""
+    """Saturation F_sat [N]: forces from this value on cause the full response."""
     motion: Motion
-    """Theta_i (5,) [rad]: base motion of the generic arm."""
+    """Base motion Theta_i (5,) [rad] of the generic arm."""
 
     @model_validator(mode="after")
     def _rises(self) -> Self:

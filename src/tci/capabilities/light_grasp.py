@@ -63,10 +63,10 @@ class LightGrasp(Capability[Grips]):
     force: float = 1.0
     """Force [N] with which each finger presses: enough to measure a held object, and harmless."""
     touch: float = 0.3
-    """Least force [N] on the palm at which the hand closes."""
+    """Smallest force [N] on the palm that lets the hand close."""
     pull: float = 2.5
-    """Least force [N] on a finger at which the hand opens. It also opens when a held object leaves the
-    palm."""
+    """Smallest pulling force [N] on a finger that lets the hand open. The hand also opens when a held object
+    leaves the palm."""
     speed: float = 0.3
     """Speed [rad/s] of the flexion until a finger presses. Assumed: a faster finger would press too much
     before its skin measures the contact."""
@@ -77,12 +77,12 @@ class LightGrasp(Capability[Grips]):
     opposition: float = 1.2
     """Angle [rad] of the thumb across the palm while the hand is closed."""
     patience: float = 0.15
-    """Least duration [s] of a pull that opens the hand. Assumed: longer than the impact of a finger."""
+    """Shortest duration [s] of a pull that opens the hand. Assumed: longer than the impact of a finger."""
     quiet: float = 0.5
     """Time [s] without any touch after which a closed hand opens, and after which an open hand may close
     again."""
     most: float = 1.5
-    """Largest flexion [rad]. A finger that touches nothing stops there."""
+    """Largest flexion [rad]. A finger that touches nothing stops at this angle."""
 
     def __post_init__(self) -> None:
         for name in ("force", "touch", "pull", "speed", "gain", "opposition", "patience", "quiet", "most"):

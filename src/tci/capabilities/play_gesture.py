@@ -60,11 +60,12 @@ class PlayGesture(Capability[GestureMemory]):
     """Reflex that may interrupt the gesture. Its memory must be iterable, and yield the names of the parts
     that the reflex currently moves."""
     near: float = float(np.deg2rad(1.0))
-    """Largest distance [rad] of any joint from its target at which the gesture begins or continues. Assumed:
+    """The gesture begins or continues when each joint is within this distance [rad] of its target. Assumed:
     this distance is not visible."""
     patience: float = 3.0
     """Longest time [s] of the motion to the posture at which the gesture begins or continues. After this time
-    it starts in any case. Assumed: an obstacle may prevent a part from reaching this posture."""
+    the gesture starts even if the posture is not reached. Assumed: an obstacle may prevent a part from
+    reaching this posture."""
     ease: float = 0.4
     """Time [s] in which the gesture accelerates to its full speed. Assumed: a faster start looks jerky."""
 
@@ -126,7 +127,8 @@ class PlayGesture(Capability[GestureMemory]):
         return () if self.reflex is None else self.reflex.notes(memory.reflex)
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """Returns the reflex's reason to stop the robot, or None; a gesture itself needs no skin."""
+        """Returns the reflex's reason to stop the robot, or None. Without a reflex the result is None,
+        because a gesture needs no skin."""
         return None if self.reflex is None else self.reflex.fault(perception, body)
 
     def _lead(self, time: float, pace: float) -> tuple[Order, ...]:

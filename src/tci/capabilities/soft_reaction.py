@@ -59,14 +59,14 @@ class SoftReaction(Capability[Postures]):
     mobility: float = 3.0
     """In velocity mode: commanded velocity divided by the torque of the touch [rad/s per N m]."""
     gain: float = 1.0
-    """In torque mode: commanded torque divided by the torque of the touch. Both torques act on the joints
-    together, so that the part yields more easily than by the touch alone."""
+    """In torque mode: commanded torque divided by the torque of the touch. The commanded torque is added to
+    the torque of the touch, so the part yields to a smaller force."""
     stiffness: float = 8.0
     """In torque mode: stiffness [N m/rad] with which a part is held while it is not touched."""
     damping: float = 0.4
     """In torque mode: damping [N m s/rad] of every motion."""
     threshold: float = 0.3
-    """Least force [N] of a contact to which a part yields."""
+    """Smallest force [N] of a contact to which a part yields."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mode", Mode.of(self.mode))

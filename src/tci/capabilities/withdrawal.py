@@ -64,11 +64,11 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     fields: Sequence[ReceptiveField] = field(default_factory=default_fields)
     """Receptive fields; `load_fields` reads others from a file. Without fields there is no reflex."""
     surround: Sequence[ReceptiveField] | None = None
-    """Wide fields, used if none of `fields` responds or if their response is refused. The closest wide field
-    is tried first, then the second closest. None means: `default_surround` if `fields` are the default
-    fields, else no wide fields."""
+    """Wide fields, used if none of `fields` responds, or if the motion of the responding field is not
+    permitted. The wide field with the closest centre is tried first, then the second closest. If None,
+    `default_surround` is used with the default `fields`, and no wide fields with other `fields`."""
     refractory: float = 0.5
-    """Time [s] without a touch to respond to, after which the touch has ended and the arm can withdraw again.
+    """Refractory time [s]: if no touch has caused a response for this time, the arm can withdraw again.
     Assumed: a hand that slides or shakes makes contact again in less time."""
     distance_discount: Literal["linear", "cosine"] = "linear"
     """Form of psi in eq. 5: 1 - d / r, or cos^2(pi d / 2 r)."""
@@ -150,7 +150,8 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         return memory.notes
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """Returns a reason to stop if more than half of the taxels of a field are not trusted; else None."""
+        """Returns a reason to stop the robot if more than half of the taxels of a receptive field are not
+        trusted, otherwise None."""
         if perception.skin is None or perception.skin.masked is None:
             return None
         places = [LimbPlace(one.segment, one.u, one.theta) for one in self.fields]
@@ -163,9 +164,10 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     def answer(self, contact: Contact) -> Answer | None:
         """Returns the response to one contact (eqs 5-7), or None if no field responds.
 
-        The closest of `fields` that contains the contact responds; if there is none, the closest field of
-        `surround` that contains the contact. Only one field responds, since the sum of the responses of
-        overlapping fields would not be bounded.
+        Of all `fields` that contain the contact, the one with the closest centre responds. If no field
+        contains the contact, the field of `surround` with the closest centre that contains the contact
+        responds. Only one field responds, since the sum of the responses of overlapping fields would not be
+        bounded.
         """
         return self.answers((contact,))[0]
 

@@ -26,7 +26,8 @@ TURN = 2.0 * np.pi
 
 
 def judge(driver: Driver, seen: Observation) -> tuple[Finding, ...]:
-    """Returns findings about an observed driver, and the findings of `Driver.diagnose`.
+    """Returns the faults found in the data that `observe` measured on a driver, and the findings of
+    `Driver.diagnose`.
 
     Raises DriverError if the robot does not respond.
     """

@@ -88,14 +88,14 @@ class Driver(ABC):
     @classmethod
     def probe(cls, robot: Robot, address: str) -> tuple[Finding, ...]:
         """Checks each step of a connection to `address`, to find out why a connection fails. Creates no
-        driver.
+        driver, and moves nothing.
 
-        Nothing is moved. A step that fails raises no exception, but is returned as a finding with advice.
+        If a step fails, the result contains a finding with advice; no exception is raised.
         """
         return ()
 
     def diagnose(self) -> tuple[Finding, ...]:
-        """Returns findings that only this kind of driver can make. Nothing is moved.
+        """Returns findings that only this kind of driver can provide. Moves nothing.
 
         Examples are the protocol version in use, lost frames, the offset of the robot's clock, and
         differences between the robot's own limits and its description.
@@ -119,8 +119,8 @@ class Driver(ABC):
     def write(self, safe: SafeCommand) -> SafeCommand:
         """Sends the latest command of this driver's gate, and returns the command that was sent.
 
-        Raises DriverError if the driver is closed or not armed, if the command is not the gate's latest one
-        or was sent before, or if another process commands the robot.
+        Raises DriverError in these cases: the driver is closed or not armed; the command is not the latest
+        command of the gate, or was sent before; another process commands the robot.
         """
         self._check_open()
         if not self.armed:
@@ -137,7 +137,7 @@ class Driver(ABC):
         """Stops all joints at their present angles. This calls the robot's own stop function instead of
         sending a command of the gate.
 
-        Afterwards no joint is under command until the next `write`. Raises DriverError if the driver is
+        After this call TCI commands no joint until the next `write`. Raises DriverError if the driver is
         closed or not armed.
         """
         self._check_open()
@@ -156,8 +156,8 @@ class Driver(ABC):
     def native(self, robot_part: str) -> NativePart:
         """Returns the robot's own joints of `robot_part`.
 
-        They can be commanded in addition to the generic joints, through the gate of this driver. Raises
-        UnknownNameError if the robot lacks `robot_part`.
+        A program can command these joints in addition to the generic joints, through the gate of this driver.
+        Raises UnknownNameError if the robot lacks `robot_part`.
         """
         return NativePart(robot_part, self.robot.servos_of(robot_part))
 

@@ -22,8 +22,8 @@ class DriverInfo:
     clock: Clock
     """Clock of all stamps."""
     gate: Gate
-    """Safety gate. The driver writes only commands that this gate made. The gate's period is the time between
-    two commands."""
+    """Safety gate. The driver writes only commands that this gate created. The period of the gate is the time
+    between two commands."""
     armed: bool
     """True if the driver may write."""
     lease_name: str

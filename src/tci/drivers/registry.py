@@ -25,7 +25,8 @@ HARMLESS = ("sim", "replay")
 
 
 def driver_names() -> tuple[str, ...]:
-    """Returns the names of the installed drivers, without addresses. `connect` takes these names."""
+    """Returns the names of the installed drivers, without addresses. These names are valid arguments of
+    `connect`."""
     return tuple(sorted({point.name for point in entry_points(group=DRIVERS)}))
 
 

@@ -13,13 +13,14 @@ from tci.messages import Reading
 
 
 class DriverWrapper(Driver):
-    """A driver that wraps the driver `inner`. Every method calls the method of `inner`.
+    """A driver that wraps the driver `inner`. Every method calls the method of the same name of `inner`.
 
     Subclasses override the methods that they change.
     """
 
     def __init__(self, inner: Driver, **changed: Any) -> None:
-        """Wraps `inner`; `changed` are the fields of `DriverInfo` that differ from the fields of `inner`."""
+        """Wraps `inner`; `changed` contains the fields of `DriverInfo` whose values differ from those of
+        `inner`."""
         super().__init__(replace(inner.info, **changed))
         self.inner = inner
 

@@ -100,7 +100,7 @@ class _Followed(Capability[_Seen]):
 def follow(driver: Driver, play: PlayGesture, *, observe: Callable[[Tick], None] | None = None) -> Following:
     """Plays a gesture to its end on a robot and measures how closely the robot follows it.
 
-    `observe` is called after each period. Raises what `run` raises, and CommandError if the robot sends no
+    `observe` is called after each period. Raises the errors of `run`, and CommandError if the robot sends no
     valid reading.
     """
     stopped: dict[str, None] = {}

@@ -73,7 +73,7 @@ class Gate:
         self._settings = settings or GateSettings()
         self.state = GateState.RUN
         self.reason: Reason | None = None
-        """Reason why the gate holds or has stopped in the latest step; None while commands pass."""
+        """Reason why the gate holds or has stopped, as of the latest step. None in the state RUN."""
         self._seal = GateToken(robot.name)
         self._issued: SafeCommand | None = None
         self._tally = Tally()
@@ -89,7 +89,7 @@ class Gate:
 
     @property
     def robot(self) -> Robot:
-        """Robot whose limits it keeps."""
+        """Robot whose limits the gate enforces."""
         return self._robot
 
     @property
@@ -133,7 +133,7 @@ class Gate:
         return tuple(self._motion.modes)
 
     def stop(self, reason: Reason | str) -> None:
-        """Stops the robot within its limits and accepts nothing until `reset`. If the gate has already
+        """Stops the robot within its limits and accepts no command until `reset`. If the gate has already
         stopped, the first reason is kept.
 
         A `reason` that is only a text gets the code OTHER.
@@ -156,8 +156,8 @@ class Gate:
         """Ends the state STOP. Only an operator should call this method.
 
         No servo moves: each servo waits at its position for a new command. The control modes do not change,
-        and earlier targets are forgotten. Raises CommandError while the robot is still moving to its stop:
-        wait until it rests.
+        and earlier targets are forgotten. Raises CommandError while the robot is still decelerating: wait
+        until the robot is at rest.
         """
         if self._motion.moves:
             raise CommandError("the robot has not come to rest yet; valid: reset at rest")
@@ -170,7 +170,7 @@ class Gate:
         """Ends the command of all servos, for a driver that has lost the connection to its robot.
 
         Each servo waits at its position for a new command. The control modes do not change. The state STOP
-        and the distrust in joint data do not end.
+        does not end. Joint data that the gate has rejected is still not used.
         """
         if self._monitor is not None:
             self._monitor.forget()

@@ -41,7 +41,8 @@ class Gesture:
     """Times (k,) [s], increasing from 0."""
     postures: Mapping[str, Array]
     """Generic angles (k, n) [rad] of each part, by the part's name. Arm angles are relative to the torso
-    frame. In a fitted gesture, however, arm angles are those of the robot's own generic joints."""
+    frame. In a fitted gesture, arm angles are the angles of the generic joints of the robot for which the
+    gesture was fitted."""
 
     def __post_init__(self) -> None:
         times = np.asarray(self.times)

@@ -24,6 +24,6 @@ def pressure_pixels(image: PressureImage, *, full_scale: float = FULL_SCALE) -> 
 
 
 def write_png(image: PressureImage, path: str | Path, *, full_scale: float = FULL_SCALE) -> None:
-    """Writes an image as a PNG file, one pixel for each of its own."""
+    """Writes a pressure image as a PNG file. Each pixel of the image becomes one pixel of the file."""
     pixels = np.round(255.0 * pressure_pixels(image, full_scale=full_scale)).astype(np.uint8)
     Image.fromarray(pixels, "RGBA").save(path, "PNG")

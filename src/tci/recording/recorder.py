@@ -68,8 +68,8 @@ class Recorder:
         """Creates a new file.
 
         `about` is added to the file's metadata, for example the capability, its settings, and the seed.
-        `keep_alive` [s] is the driver's longest time between two frames of a patch, if the driver sends
-        frames on change. Raises RecordingError if the file exists or can't be created.
+        If the driver sends a frame only when its values change, `keep_alive` [s] is the longest time between
+        two frames of a patch. Raises RecordingError if the file exists or can't be created.
         """
         self.path = Path(path)
         self.failed = ""
@@ -125,7 +125,7 @@ class Recorder:
             self.ticks += 1
 
     def close(self, *, compacted: bool = True) -> None:
-        """Ends the file and compacts it: adds an index, compression and point clouds.
+        """Completes the file, and replaces it by a compressed file with an index and point clouds.
 
         A second call does nothing.
         """

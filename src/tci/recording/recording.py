@@ -75,7 +75,7 @@ class _State:
 
 
 class Recording:
-    """A recording on disk. The file is read when data is requested, never all at once."""
+    """A recording on disk. Its methods read the file in small pieces; the whole file is never in memory."""
 
     def __init__(self, path: Path | str) -> None:
         """Raises RecordingError if the file is not a recording.
@@ -87,7 +87,8 @@ class Recording:
         """Metadata, for example robot, description_sha256, middleware, period_s, begun, versions and
         capability."""
         self.complete = False
-        """True if the file was closed. This is known only after the file has been read to its end."""
+        """True if the recording was completed (`Recorder.close`). The value is valid only after the file has
+        been read to its end."""
         for record in self._records():
             if isinstance(record, Metadata) and record.name == "tci":
                 self.about = dict(record.metadata)
@@ -105,7 +106,8 @@ class Recording:
 
     @property
     def period(self) -> float:
-        """Period of the loop [s]. 0 if the file contains no period, or a period that no loop could have."""
+        """Period of the loop [s]. 0 if the file does not contain this number, or contains an impossible
+        value."""
         try:
             period = float(self.about.get("period_s", "0"))
         except ValueError:
@@ -114,7 +116,7 @@ class Recording:
 
     @property
     def keep_alive(self) -> float | None:
-        """Longest time [s] between two frames of a patch, if frames are sent on change.
+        """Longest time [s] between two frames of a patch, if frames are sent only when values change.
 
         None if every frame is sent.
         """
@@ -138,7 +140,8 @@ class Recording:
         return dict(Counter(topic for topic, *_ in self.messages()))
 
     def ticks(self) -> Iterator[RecordedTick]:
-        """Yields every complete period, in the order of the file. Raises RecordingError on the way."""
+        """Yields every complete period, in the order of the file. Raises RecordingError when it reaches
+        invalid data."""
         state = _State()
         waiting: tuple[float, Reading] | None = None
         commands: list[dict[str, Any]] = []
@@ -164,7 +167,8 @@ class Recording:
             yield RecordedTick(*waiting, tuple(commands), decision)
 
     def frames(self) -> Iterator[SkinFrame]:
-        """Yields every raw frame of the skin, in the order of the file. Raises RecordingError on the way."""
+        """Yields every raw frame of the skin, in the order of the file. Raises RecordingError when it reaches
+        invalid data."""
         for _, kind, _, data in self.messages():
             if kind is SKIN:
                 yield to_frame(decode(kind, data))

@@ -30,9 +30,10 @@ Indices = NDArray[np.int64]
 
 
 class KinematicChain:
-    """Kinematics of one robot. Immutable, so threads may share it; callers may change returned arrays.
+    """Kinematics of one robot. The object is immutable, so several threads may use it. Callers may change
+    returned arrays.
 
-    Joints of the model that no servo drives stay at zero. For a joint that follows a servo (a mimic joint),
+    Joints of the model that no servo moves stay at zero. For a joint that follows a servo (a mimic joint),
     the steps use an additional servo: its angle is appended to the angles of the servos.
     """
 
@@ -60,7 +61,8 @@ class KinematicChain:
         """Steps (s, 3). The columns are: index of the previous step, -1 for the world; servo, -1 for none; 1
         if the joint is prismatic."""
         self.sums: Array = read_only(steps.sums)
-        """K0, K1 and K2 (s, 3, 3, 4) of each step. Each is a rotation and a position [m] side by side."""
+        """K0, K1 and K2 (s, 3, 3, 4) of each step. Each of these matrices consists of a rotation and, in the
+        last column, a position [m]."""
         self._axes: Array = read_only(steps.axes)
         self._after: Indices = read_only([steps.after[body] for body in range(model.nbody)], np.int64)
         self._asked: dict[tuple[str, ...], tuple[Indices, Indices]] = {}
@@ -100,7 +102,7 @@ class KinematicChain:
 
     def pose_and_jacobian(self, position: Array, link: str, *, point: Array = _ORIGIN) -> tuple[Array, Array]:
         """Returns `T_TP` (4, 4), which is the orientation of the link and the position of `point`, and the
-        Jacobian. Faster than two calls."""
+        Jacobian. One call is faster than calls of both functions."""
         if np.shape(point) != (3,):
             raise CommandError(f"point of shape {np.shape(point)}; valid: (3,)")
         found = self._jacobians.get(link)

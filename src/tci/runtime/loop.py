@@ -91,24 +91,23 @@ def run(
 
     The result contains the memory. The result is false if the robot was stopped, or if every command was
     refused. In these two cases `run` raises no exception, so that the caller gets the memory and the reasons.
-    The first refusal and the first clamp of each kind are logged as they occur, and so are each hold and each
-    stop (`logging`, logger `tci`).
+    `run` logs the first refusal and the first clamp of each kind, every hold and every stop at the time at
+    which they occur (`logging`, logger `tci`).
 
     `observe` is called after each tick. `sensed` is called before the reading of a tick is processed. The
-    loop waits for both, so they must return quickly. `guard` is called in each period. It returns a reason to
-    hold (for example `heartbeat.Listener.fault`), or None. `report` is filled during the run. With
-    `write=False` no command is sent, and the driver need not be armed. The run ends early when `until`,
-    called with the capability's memory, returns True.
+    loop waits for both functions, so they must return quickly. `guard` is called in each period. It returns a
+    reason to hold (for example `heartbeat.Listener.fault`), or None. `report` is filled during the run. With
+    `write=False` no command is sent, and the driver need not be armed. `until` is a function of the
+    capability's memory; when it returns True, the run ends.
 
-    However the run ends, the robot is then brought to rest, and unfinished motions are cut short. The loop
-    waits at most `REST` [s] for the robot to rest. After SIGINT and SIGTERM, `run` then raises
-    KeyboardInterrupt or SystemExit.
+    At the end of every run, also after an error, the robot is brought to rest, and unfinished motions are
+    ended early. The loop waits at most `REST` [s] for the robot to rest. After SIGINT and SIGTERM, `run` then
+    raises KeyboardInterrupt or SystemExit.
 
     Before the robot moves, one of three errors may be raised: TciError for an invalid duration or argument,
     CommandError if the robot refuses the capability's first commands, and DriverError if another process
-    commands the robot. After the robot has come to rest, CommandError is raised if a step did not return
-    commands and memory. Errors of the driver, the capability, an observer or a thread are also raised only
-    then.
+    commands the robot. All other errors are raised after the robot has come to rest: CommandError if a step
+    did not return commands and memory, and errors of the driver, the capability, an observer or a thread.
     """
     check_duration(duration)
     driver, capability = as_driver(driver), as_capability(capability)

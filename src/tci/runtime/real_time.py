@@ -16,12 +16,12 @@ kernel uses priority 99 for its own watchdogs."""
 
 @contextmanager
 def real_time(*, priority: int = PRIORITY, processor: int | None = None) -> Iterator[None]:
-    """Runs the block's thread with real-time priority (SCHED_FIFO).
+    """Gives the thread of the `with` block real-time priority (SCHED_FIFO).
 
-    It then has priority over all threads without real-time priority. If `processor` is given, the thread runs
-    only on this processor. Threads and processes that are started inside the block inherit the priority. If a
-    capability does not return, it blocks its processor for all other programs. Raises TciError if the system
-    does not permit real-time priority. Nothing is changed then.
+    This thread then runs before all threads without real-time priority. If `processor` is given, the thread
+    runs only on this processor. Threads and processes that are started inside the block inherit the priority.
+    If a capability does not return, it blocks its processor for all other programs. Raises TciError if the
+    system does not permit real-time priority. In this case nothing is changed.
     """
     if sys.platform != "linux":
         raise TciError(f"real time on {sys.platform}; valid: on Linux")

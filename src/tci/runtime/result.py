@@ -28,12 +28,11 @@ _log = logging.getLogger("tci")
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RunResult(Generic[Memory]):
-    """Result of a run that has ended. It prints as a few lines.
+    """Result of a run that has ended. `print` shows it in a few lines.
 
     The result is false if the robot was stopped, or if every command was refused. With clamped commands the
     result is still true: the robot executed these commands within its limits, and `clamps` lists them. A stop
-    raises no exception. The robot is at rest by then, and with an exception the caller would not get the
-    memory and the reasons.
+    raises no exception, because with an exception the caller would not get the memory and the reasons.
     """
 
     memory: Memory
@@ -45,13 +44,13 @@ class RunResult(Generic[Memory]):
     state: GateState
     """State of the gate at the end."""
     reason: Reason | None
-    """Reason for which the gate holds or has stopped. None if the gate is in state RUN."""
+    """Reason for which the gate holds or has stopped at the end. None if the gate is in the state RUN."""
     touched: Mapping[str, float]
     """Largest force [N] of a contact on each patch that was touched, by patch name. Patches are in the order
     of their first touch."""
     moved: Mapping[str, float]
-    """Distance [rad] between the lowest and the highest angle of each servo that moved, by servo name. The
-    largest distance is first."""
+    """Difference [rad] between the largest and the smallest angle of each servo that moved, by servo name.
+    The largest difference is first."""
     accepted: int
     """Number of commands that the gate accepted. The capability's first orders (`begin`) are not counted."""
     refusals: tuple[Notice, ...]
@@ -98,7 +97,7 @@ class RunResult(Generic[Memory]):
     def to_json(self) -> dict[str, Any]:
         """Returns all fields except the memory as plain values.
 
-        Times are in seconds, but times of the loop are in milliseconds.
+        Times are in seconds, except the timing of the loop, which is in milliseconds.
         """
         return {
             "robot": self.robot,

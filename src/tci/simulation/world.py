@@ -38,8 +38,9 @@ MAX_TIP = 0.05
 class World:
     """A physical simulation of one robot with servos, skin and a finger.
 
-    The robot is on a fixed base or on a floor. It has its own clock. With equal arguments, equal calls and
-    one MuJoCo version, results are equal bit for bit. An object serves one thread.
+    The robot is on a fixed base or stands on a floor. Each world has a separate clock. With equal arguments,
+    equal calls and the same version of MuJoCo, results are equal bit for bit. Only one thread may use a
+    world.
     """
 
     def __init__(

@@ -92,82 +92,92 @@ LIMITS: dict[str, Element] = {
 
 MODES = Choices(tuple(mode.value for mode in CONTROL_MODES))
 MIMIC = Element(
-    "A joint of the model that this servo moves as well, as in URDF: angle = multiplier x the servo's + "
-    "offset. In simulation each follows for itself, as on cables: one that is blocked stops no other.",
+    "A joint of the model that this servo also moves, as in URDF: angle of the joint = multiplier x angle "
+    "of the servo + offset. In simulation each of these joints is driven separately, like a finger joint "
+    "with its own cable: if one joint is blocked, the other joints still move.",
     needs={"joint": NAME}, may={"multiplier": Factor(), "offset": Angle()}, describes=Mimic,
 )  # fmt: skip
 SERVO = Element(
-    "One joint, and its limits. `joint` is its name in the model; without it a simulated servo takes the "
-    "angles that it is sent. `modes` replaces those of its robot part. A limit with `origin=\"assumed\"` is "
-    "a figure that no maker published. A servo without limits is known, but the gate never moves it: a "
-    "command for a whole robot part leaves it where it is.",
+    'One joint of the robot, with its limits. `joint` is the name of this joint in the model; without '
+    '`joint`, the angle of a simulated servo is always the commanded angle. `modes` replaces the modes of '
+    'the robot part. A limit with `origin="assumed"` is not published by the manufacturer. The gate never '
+    'moves a servo without limits: a command for a whole robot part does not change the angle of this '
+    'servo.',
     needs={"id": ID, "name": NAME}, may={"joint": NAME, "modes": MODES}, once=LIMITS,
     many={"mimic": MIMIC}, describes=Servo,
     fields={"modes": None},  # no field's default holds: the robot part gives it
 )  # fmt: skip
 
 ROBOT_PART = Element(
-    "The robot's own part: a control board of YARP, a chain of NAOqi. `modes` are the control modes of its "
-    "servos; they start in the first. Without it: `position`.",
+    "A part of the robot in the robot's own software, such as a control board of YARP or a chain of "
+    "NAOqi. `modes` are the control modes of its servos; at the start they are in the first of these "
+    "modes. The default of `modes` is `position`.",
     needs={"name": NAME}, may={"modes": MODES},
     some={"servo": SERVO},
 )  # fmt: skip
 
 COUPLING = Element(
-    "min <= sum of coefficient x angle <= max, such as iCub's shoulder cables.",
+    "A limit of a weighted sum of servo angles: min <= sum of coefficient x angle <= max. Example: the "
+    "cables of iCub's shoulder.",
     needs={"name": NAME, "min": Angle(), "max": Angle()},
     some={
         "term": Element(
-            "One servo of the sum.", needs={"robot_part": NAME, "servo": ID, "coefficient": Factor()}
+            "One servo of the sum, with its coefficient.",
+            needs={"robot_part": NAME, "servo": ID, "coefficient": Factor()},
         )
     },
     describes=Coupling, fields={"min": "lower", "max": "upper"},
 )  # fmt: skip
 
 GENERIC_SERVO = Element(
-    "A generic joint: GS = gamma x DS + sigma (eq. 1). Those of an arm have the names of "
-    "[the generic arm](conventions.md).",
+    "A generic joint. Its angle is GS = gamma x DS + sigma (eq. 1), where DS is the angle of a servo of "
+    "the robot. The generic joints of an arm have the names of [the generic arm](conventions.md).",
     needs={"id": ID},
     may={"name": NAME},
     must={
         "destination_servo_id": Element(
-            "DS, in the part's `robot_part` or another. `none`: the robot lacks this joint; it reads as its "
-            "`fixed_position`, and commands for it are dropped.",
+            "The `id` of the servo with the angle DS, in the `robot_part` of the generic part or in "
+            "another robot part. `none`: the robot lacks this joint, its angle is always "
+            "`fixed_position`, and commands for it are ignored.",
             may={"robot_part": NAME}, text=Integer(0, 9999, word="none"),
         )
     },
     once={
         "transform_type": Element(
-            "Relation of the generic angle to the robot's. `retarget` is for the shoulder (0, 1, 2) of an "
-            "arm: its generic angles count in the torso frame, whatever axes the robot's three joints have; "
-            "they are taken from the model. `synergy` is for fingers that share motors, or have several.",
+            "Relation between the generic angle and the angles of the robot's servos. `retarget` is for "
+            "the shoulder of an arm (generic servos 0, 1 and 2): the generic angles are relative to the "
+            "torso frame, and the robot's three joints may have any axes, which TCI reads from the model. "
+            "`synergy` is for fingers that share motors, or have several motors.",
             text=_choice(GenericServo, "transform"),
         ),
-        "transform_factor": Element("gamma.", text=Factor()),
-        "transform_displacement": Element("sigma.", text=Angle()),
+        "transform_factor": Element("The factor gamma of eq. 1.", text=Factor()),
+        "transform_displacement": Element("The offset sigma of eq. 1.", text=Angle()),
         "fixed_position": Element("Generic angle of a joint that the robot lacks.", text=Angle()),
         "stiffness": Element("Fraction of full stiffness that `GenericBody.home` sets.", text=SHARE),
         "damping": Element("Fraction of full damping that `GenericBody.home` sets.", text=SHARE),
         "speed": Element(
-            "Largest generic speed, per second; the servo's limit holds beside it. On its way to a target a "
-            "retargeted shoulder's servo itself turns no faster than this; driven at a velocity, the generic "
-            "angle.",
+            "Largest speed of the generic joint; the speed limit of the servo is valid too. For a "
+            "retargeted shoulder this value limits the speed of each servo in position mode, and the "
+            "speed of each generic angle in velocity mode.",
             text=SPEED,
         ),
         "transform_table": Element(
-            "For `table`: straight lines between the points and beyond; the robot's angles rise, the generic "
-            "ones rise or fall.",
+            "For `transform_type` `table`: pairs of angles, with linear interpolation between the pairs "
+            "and linear extrapolation beyond them. The robot's angles must increase from pair to pair; "
+            "the generic angles must all increase or all decrease.",
             some={
-                "point": Element("A pair of angles.", needs={"robot": Angle(), "generic": Angle()}),
+                "point": Element("One pair: an angle of the robot's servo, and the generic angle.",
+                    needs={"robot": Angle(), "generic": Angle()}),
             },
         ),
     },
     many={
         "coupled_term": Element(
-            "For `coupled` and `synergy`: GS = sum of factor x DS + sigma. The servos of `coupled` are those "
-            "of this part's coupled joints, and the matrix must be invertible. Those of `synergy` may be "
-            "more or fewer than the joints: they go where the sum of squared errors is least, by the "
-            "smallest motion.",
+            "For `transform_type` `coupled` and `synergy`: GS = sum of factor x DS + sigma. With "
+            "`coupled`, all coupled joints of the part use the same servos, as many as there are coupled "
+            "joints, and the matrix of factors must be invertible. With `synergy`, the number of servos "
+            "may differ from the number of joints: TCI computes the servo angles with the smallest sum of "
+            "squared errors, and of several solutions the one with the smallest motion.",
             needs={"destination_servo_id": ID, "factor": Factor()}, may={"robot_part": NAME},
         )
     },
@@ -179,9 +189,9 @@ GENERIC_SERVO = Element(
 )  # fmt: skip
 
 CARTESIAN_ACTUATOR = Element(
-    "A point of the part that a [CartesianCommand](kinematics.md) brings to a place: on the axis of a "
-    "`segment` of an arm, or of any part at `xyz` of a `link`. An arm with both segments has `hand` and "
-    "`elbow` anyway.",
+    "A point of the part that a [CartesianCommand](kinematics.md) moves to a target. On an arm the point "
+    "may be on the axis of a `segment`, at `u`; on any part it may be the point `xyz` of a `link`. An arm "
+    "with upper arm and forearm always has the actuators `hand` and `elbow`.",
     needs={"name": NAME},
     may={
         "link": NAME, "xyz": POINT, "segment": NAME, "u": SHARE, "frame": _choice(CartesianActuator, "frame"),
@@ -191,21 +201,23 @@ CARTESIAN_ACTUATOR = Element(
 )  # fmt: skip
 
 GENERIC_ROBOT_PART = Element(
-    "A generic part. An arm has five generic servos, fingers have ten. `robot_part` has its servos; one can "
-    "say otherwise.",
+    "A generic part. An arm has five generic servos, fingers have ten. `robot_part` names the robot part "
+    "with the servos; a generic servo can name another robot part.",
     needs={"name": NAME},
     may={"kind": Choice(get_args(Kind)), "side": Choice(("left", "right")), "robot_part": NAME},
     once={
         "mount": Element(
-            "Small turn of the arm's base against the torso, at most 20 degrees in all.",
+            "Rotation of the base of the arm relative to the torso frame, at most 20 degrees in total.",
             may={"roll": Angle(), "pitch": Angle(), "yaw": Angle()},
         ),
-        "generic_servo_number": Element("Number of its `generic_servo` elements.", text=Integer(1, 999)),
+        "generic_servo_number": Element("Number of `generic_servo` elements here.", text=Integer(1, 999)),
         "initial_positions": Element(
-            "The initial posture: of all joints of this part that the robot has, or of none (then it is 0).",
+            "The initial posture. It lists either all joints of this part that the robot has, or no "
+            "joints; then all angles are 0.",
             some={
                 "servo": Element(
-                    "As in the paper, the id here is that of a generic servo.",
+                    "Initial angle of one joint. As in the paper, `destination_servo_id` here is the `id` "
+                    "of a generic servo.",
                     needs={"destination_servo_id": ID, "pos": Angle()},
                 )
             },
@@ -214,9 +226,10 @@ GENERIC_ROBOT_PART = Element(
     some={"generic_servo": GENERIC_SERVO},
     many={
         "segment": Element(
-            "A piece of a limb: u is 0 at `origin` and 1 at `length`. An arm has `upper_arm` and `forearm`; "
-            "fingers may have `palm` and, for their tips, `thumb`, `index`, `middle`, `ring`, `little`; "
-            "other parts name theirs freely (`thigh`, `shank`, `foot`).",
+            "A section of a limb. The coordinate u is 0 at `origin`, and 1 at the distance `length` from "
+            "it. An arm has the segments `upper_arm` and `forearm`. Fingers may have the segment `palm`, "
+            "and for the finger tips `thumb`, `index`, `middle`, `ring`, `little`. Segments of other "
+            "parts may have any names (`thigh`, `shank`, `foot`).",
             needs={"name": NAME, "link": NAME, "length": LENGTH}, may={"origin": POINT}, describes=Segment,
         ),
         "cartesian_actuator": CARTESIAN_ACTUATOR,
@@ -225,19 +238,22 @@ GENERIC_ROBOT_PART = Element(
 )  # fmt: skip
 
 SENSOR = Element(
-    "pressure = (raw - rest) x pascal_per_count; negative where raw falls with pressure. `noise` at rest is "
-    "where [conditioning](conditioning.md) starts. With `axes=\"3\"` a taxel sends x, y (along the skin) and "
-    "z (outward) in turn, and `channels` counts all of them.",
+    'Scale of the raw values: pressure = (raw - rest) x pascal_per_count. `pascal_per_count` is negative '
+    'if raw values decrease under pressure. `noise` is the initial estimate of the noise at rest for '
+    '[conditioning](conditioning.md). With `axes="3"` each taxel sends three values in the order x, y '
+    '(along the skin), z (outward), and `channels` is the number of all these values.',
     needs={"rest": Number(), "pascal_per_count": Number(), "min": Number(), "max": Number()},
     may={
         "noise": Number(0.0, 1e6, unit="counts"), "axes": Integer(1, 3), "shear_pascal_per_count": Number(),
     },
     once={
         "response": Element(
-            "For a sensor that is not linear: from 0, 0 on; then only the sign of `pascal_per_count` counts.",
+            "Response of a nonlinear sensor: points of a curve that starts at 0 counts and 0 Pa. With a "
+            "`response`, only the sign of `pascal_per_count` is used.",
             some={
                 "point": Element(
-                    "Counts away from rest, and their pressure.",
+                    "One point of the curve: the difference from the rest value in counts, and the "
+                    "pressure at this difference.",
                     needs={
                         "counts": Number(0.0, 1e9, unit="counts"), "pressure": Number(0.0, 1e9, unit="Pa"),
                     },
@@ -251,16 +267,18 @@ SENSOR = Element(
 SENSORS = {
     "sensor": SENSOR,
     "felt_through_joints": Element(
-        "In place of a sensor: no taxels, and no frames. Touches on this surface are "
-        "[felt through the torques of joints](touch-without-skin.md); `channels` counts the places that are "
-        "told apart."
+        "Replaces `sensor` for a surface without taxels and without frames. Touches on this surface are "
+        "[estimated from joint torques](touch-without-skin.md). `channels` is the number of places on the "
+        "surface that the estimate distinguishes."
     ),
 }
 """Elements that define how touches on a patch are measured; each patch has one of them."""
 
 SURFACES = {
     "truncated_cone": Element(
-        "Eqs 3-4: first and last ring are the ends; -z of its frame points distally, x to theta = 0.",
+        "Taxels in rings on a truncated cone (eqs. 3-4). The first and the last ring are at the two ends "
+        "of the cone. In the frame of the cone the -z axis points to the distal end, and the x axis "
+        "points to theta = 0.",
         needs={
             "length": LENGTH, "r1": LENGTH, "r2": LENGTH,
             "rings": Integer(1, 10_000), "per_ring": Integer(1, 10_000),
@@ -268,19 +286,21 @@ SURFACES = {
         may={"origin": POINT, "rpy": ORIENTATION}, describes=TruncatedCone,
     ),
     "triangular_modules": Element(
-        "Modules of ten taxels at frames of the model.",
+        "Triangular modules of ten taxels each. The frame of each module is a frame of the model.",
         some={
             "module": Element(
-                "A module, whose channels are 12 x port to 12 x port + 11; `turn` is about its frame's z.",
+                "One module. Its channels are 12 x port to 12 x port + 11. `turn` rotates the module "
+                "about the z axis of its frame.",
                 needs={"frame": NAME, "port": ID}, may={"turn": Angle()},
             )
         },
     ),
     "table": Element(
-        "Rows `x y z nx ny nz` [m] beside the description; row i is channel i, all zeros: no taxel there. "
-        "With `format=\"icub\"` it is a [skin calibration file](skin-files.md) in the frame of the patch's "
-        "link. `xyz` and `rpy` are the file's frame in that link, where it is another one: `tci skin check` "
-        "finds them.",
+        "A file of taxel positions in the folder of the description. Format `rows`: one row `x y z nx ny "
+        "nz` [m] for each channel, in order; a row of zeros means a channel without a taxel. Format "
+        "`icub`: a [skin calibration file](skin-files.md). `xyz` and `rpy` are the pose of the file's "
+        "frame in the frame of the patch's link, if the two frames differ; `tci skin check` computes "
+        "them.",
         needs={"file": RelativePath()},
         may={"format": _choice(Table, "format"), "sensor": NAME, "xyz": POINT, "rpy": ORIENTATION},
         describes=Table,
@@ -289,19 +309,21 @@ SURFACES = {
 """Elements that define the positions of a patch's taxels; each patch has one of them."""
 
 PATCH = Element(
-    "A piece of skin on one link; without a segment it is on no limb (head, hand). `rigid=\"true\"`: its "
-    "taxels carry one rigid plate, as the load cells under a foot, so that all that are pressed are one "
-    "contact. `xyz` and `rpy` move all its taxels in the link: `tci skin mount` finds them.",
+    'A patch of skin on one link. A patch without `segment` has no place on a limb (for example on the '
+    'head). `rigid="true"` means that a rigid plate covers all taxels, like the load cells under a foot; '
+    'all pressed taxels then form one contact. `xyz` and `rpy` move all taxels of the patch relative to '
+    'the link; `tci skin mount` computes them.',
     needs={"name": NAME, "part": NAME, "link": NAME, "rate": RATE, "channels": Integer(1, 100_000)},
     may={"segment": NAME, "rigid": Flag(), "neighbours": LENGTH, "xyz": POINT, "rpy": ORIENTATION},
     once=SENSORS | SURFACES, describes=Patch,
 )  # fmt: skip
 
 MODEL = Element(
-    "Kinematic model. `file` lies beside the description, or is the end of a path in an installed "
-    "`package` (the extra that installs it is named for the error). The torso frame has x forward, y left, "
-    "z up. `meshes` is a folder beside the description with meshes that are not where the model says; `none` "
-    "leaves all out.",
+    "The kinematic model. `file` is a path relative to the folder of the description. With `package`, "
+    "`file` is the end of a path in this installed Python package; `extra` is the extra of TCI that "
+    "installs the package, for the text of the error if the package is missing. In the torso frame x "
+    "points forward, y left, z up. `meshes` is a folder, relative to the folder of the description, for "
+    "meshes that are not at the paths in the model; `none` ignores all meshes.",
     needs={"format": _choice(Model, "format"), "file": RelativePath(), "torso_link": NAME},
     may={
         "package": NAME, "extra": NAME, "meshes": RelativePath(),
@@ -309,8 +331,8 @@ MODEL = Element(
     },
     many={
         "attachment": Element(
-            "A model in a file beside the description (MJCF) that is fixed to a link, such as a hand that "
-            "the robot's model lacks. Names in it get the prefix.",
+            "A second model (MJCF file in the folder of the description) that is fixed to a link, such as "
+            "a hand that the robot's model lacks. `prefix` is added to all names of this second model.",
             needs={"file": RelativePath(), "link": NAME, "prefix": NAME},
             may={"xyz": POINT, "rpy": ORIENTATION},
             describes=Attachment, fields={"file": "path"},
@@ -320,15 +342,16 @@ MODEL = Element(
 )  # fmt: skip
 
 BINDING = Element(
-    "Commands per second, and the age beyond which joint data means hold. Without a binding these are the "
-    "usual ones of the middleware, for each that can carry any robot.",
+    "Settings for one middleware. `rate` is the number of commands per second. If joint data is older "
+    "than `stale_after`, the robot holds. Without a `binding`, TCI uses the default values of the "
+    "middleware, if this middleware can transport every robot.",
     needs={
         "middleware": NAME, "rate": RATE, "stale_after": Number(most=10.0, positive=True, unit="s"),
     },
     many={
         "address": Element(
-            "Place of a patch, a robot part or a servo (`of`) in this middleware, unless under its usual "
-            "name: a port, a topic, a key.",
+            "Name of a patch, a robot part or a servo (`of`) in this middleware, such as a port, a topic "
+            "or a key. Without an `address` the default name is used.",
             needs={"of": NAME, "to": ADDRESS},
             may={"channels": Integer(1, 100_000), "modules": Integers(ID)}, describes=Address,
         )
@@ -338,12 +361,12 @@ BINDING = Element(
 
 ROOT = "generic_robot"
 GENERIC_ROBOT = Element(
-    "The file. Without `robot_part`, as in the paper, it gets bare servos without limits. `extends` names a "
-    "description beside it: an element here adds to the one there that has the same name, id or middleware, "
-    "or to the list.",
+    "The root of the file. Without `robot_part`, as in the paper, the robot gets servos without limits. "
+    "`extends` names another description in the same folder, which this file changes: an element with the "
+    "same name, id or middleware changes the element there, every other element is added.",
     needs={"angle_unit": UNIT},
     may={"version": Choice(("1",)), "name": NAME, "title": NAME, "extends": RelativePath()},
-    once={"model": MODEL, "skin": Element("All skin.", some={"patch": PATCH})},
+    once={"model": MODEL, "skin": Element("All patches of skin of the robot.", some={"patch": PATCH})},
     some={"generic_robot_part": GENERIC_ROBOT_PART},
     many={"robot_part": ROBOT_PART, "coupling": COUPLING, "binding": BINDING},
     describes=Robot,

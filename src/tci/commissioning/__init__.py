@@ -1,5 +1,4 @@
-"""Commissioning: from a new robot to its first touch.
-
-`tci doctor` finds faults of a machine and a robot. The check of the first minutes moves one joint after
-another a little, and compares directions, limits and skin with the description.
+"""Commissioning of a new robot until the first touch. `tci doctor` finds faults of a machine and of a robot.
+`tci check --hardware` moves one joint after another by a small angle, and compares directions, limits and
+skin with the description.
 """

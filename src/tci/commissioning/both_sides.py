@@ -1,4 +1,4 @@
-"""Comparison of the initial postures of the left and the right side of a description."""
+"""Compares the initial postures of the left and the right side of a robot in the robot's description."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from tci.robot.description import GenericPart, GenericServo, Robot
 
 UNEVEN = np.deg2rad(5.0)
 """Largest difference [rad] between generic limits or angles of the left and the right side. Assumed: larger
-than the tolerances of real arms."""
+than the differences between the two arms of real robots."""
 ROUNDED = 0.06
-"""Largest difference [rad] at which an angle counts as the other side's angle in radians, rounded to one
+"""Largest difference [rad] for which an angle on one side counts as written in radians instead of degrees:
+the difference between its number and the other side's angle in radians. Numbers may be rounded to one
 decimal."""
 
 
 def posture_doubts(robot: Robot) -> Iterator[str]:
-    """Yields a sentence for each joint with different initial angles on the left and the right.
-
-    In symmetric postures, generic angles are equal on both sides, also in sign.
+    """Yields a sentence for each pair of joints whose left and right initial angles differ. In a symmetric
+    posture, a left and a right generic joint have equal angles with equal signs.
     """
     for left, right in pairs(robot):
         for one, other in joint_pairs(left, right):
@@ -36,7 +36,7 @@ def posture_doubts(robot: Robot) -> Iterator[str]:
 
 
 def pairs(robot: Robot) -> Iterator[tuple[GenericPart, GenericPart]]:
-    """Yields each pair of a left part and a right part of one kind, such as both arms."""
+    """Yields each pair of a left part and a right part of equal kind, such as both arms."""
     for left in robot.parts:
         for right in robot.parts:
             if left.side == "left" and right.side == "right" and left.kind == right.kind:
@@ -44,7 +44,8 @@ def pairs(robot: Robot) -> Iterator[tuple[GenericPart, GenericPart]]:
 
 
 def joint_pairs(left: GenericPart, right: GenericPart) -> Iterator[tuple[GenericServo, GenericServo]]:
-    """Yields the joints of two parts that have one name. A joint that only one part has is left out."""
+    """Yields each pair of joints with equal names in two parts. Leaves out a joint that only one of the parts
+    has."""
     named = {one.name: one for one in right.servos}
     for one in left.servos:
         if (other := named.get(one.name)) is not None:

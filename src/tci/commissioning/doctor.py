@@ -1,4 +1,4 @@
-"""Judges a driver from an observation: lists faults, each with advice. No motion is commanded."""
+"""Examines the data of a driver and lists faults, each with advice. Commands no motion."""
 
 from __future__ import annotations
 
@@ -15,19 +15,18 @@ from tci.robot.description import Patch, Robot, Sensor
 from tci.robot.kinematics import KinematicChain
 
 SLOW = 0.8
-"""A stream of frames is slow if its rate is below this fraction of the nominal rate. Assumed: rates vary by a
-few percent."""
+"""Fraction of the nominal frame rate below which a stream of frames counts as slow. Assumed: the rates of
+healthy streams vary by a few percent."""
 OFF = 0.15
-"""Deviation of the median of a skin's values from its rest value, as a fraction of the sensor's range, above
-which the skin gets a warning. Assumed: well above drift, and below the deviation of an inverted or
-compensated sensor."""
+"""Largest difference between the median value and the rest value of a patch without a warning, as a fraction
+of the sensor's range. Assumed: larger than the drift of a sensor, and smaller than the difference of an
+inverted or drift-compensated sensor."""
 TURN = 2.0 * np.pi
-"""Largest plausible joint angle [rad]: no joint of a humanoid turns by more than a full turn."""
+"""Largest plausible joint angle [rad]. No joint of a humanoid turns by more than a full turn."""
 
 
 def judge(driver: Driver, seen: Observation) -> tuple[Finding, ...]:
-    """Returns the faults found in the data that `observe` measured on a driver, and the findings of
-    `Driver.diagnose`.
+    """Returns the faults in the data that `observe` measured, and the findings of `Driver.diagnose`.
 
     Raises DriverError if the robot does not respond.
     """
@@ -185,7 +184,7 @@ def _skin_stream(robot: Robot, stream: Stream) -> Iterator[Finding]:
 
 
 def judge_torques(robot: Robot, reading: Reading) -> Iterator[Finding]:
-    """Yields a finding if touches are estimated from joint torques, but these joints report no torque."""
+    """Yields a finding if the robot detects touches by joint torques, but the joints report no torques."""
     feeling = feeling_servos(robot, KinematicChain(robot)) if len(robot.skin) < len(robot.patches) else []
     torque = reading.joints.torque
     silent = [one.name for one in feeling if torque is None or not np.isfinite(torque[one.index])]

@@ -12,8 +12,8 @@ from tci.robot.joint_map import joint_map
 from tci.robot.kinematics import KinematicChain
 
 VISIBLE = 5e-4
-"""Displacement [m] of a link below which its rotation is described to the operator instead. Assumed: smaller
-displacements are hardly visible."""
+"""Least displacement [m] of a link that is described to the operator. If the displacement is smaller, the
+rotation of the link is described. Assumed: smaller displacements are hardly visible."""
 _WAYS = (("forward", "backward"), ("left", "right"), ("up", "down"))
 _TURNS = (
     ("its top goes to the right", "its top goes to the left"),
@@ -35,14 +35,14 @@ class ExpectedMotion:
     rotation: Array
     """Rotation vector (3,) [rad] of the link."""
     words: str
-    """Description of the motion for a person."""
+    """Description of the motion as text for the operator."""
 
 
 def expected_motion(
     robot: Robot, kinematics: KinematicChain, position: Array, servo: Servo, change: float
 ) -> ExpectedMotion | None:
-    """Predicts the motion of the robot if `servo` turns by `change` [rad] from the angles `position` (n,)
-    [rad].
+    """Predicts the motion of a link if `servo` turns by `change` [rad] while the other servos keep the angles
+    `position` (n,) [rad].
 
     Returns None for a servo that moves no link of the model.
     """
@@ -69,7 +69,8 @@ def expected_motion(
 
 
 def _generic(robot: Robot, position: Array, servo: Servo, change: float) -> str:
-    """Returns the name of a generic joint that the servo moves, and its change; an empty text for none."""
+    """Returns the name of a generic joint that the servo moves, and the change of the joint's angle. Returns
+    an empty text if the servo moves no generic joint."""
     after = np.array(position)
     after[servo.index] += change
     for part in robot.parts:

@@ -1,4 +1,5 @@
-"""The first minutes with a robot: observe, compare postures, move each servo by 2 degrees, press the skin."""
+"""First check of a robot: reads the sensors, compares the posture with the encoders, moves each servo by 2
+degrees, and asks the operator to press the skin."""
 
 from __future__ import annotations
 
@@ -20,13 +21,14 @@ from tci.robot.joint_map import generic_posture
 from tci.runtime.lease import commanding
 
 LOOK = 1.0
-"""Time [s] for which the robot is observed first. Assumed: at least ten frames of every patch."""
+"""Time [s] for which the check reads the robot's sensors before the first motion. Assumed: every patch sends
+at least ten frames in this time."""
 STIFFNESS = 0.8
 """Stiffness of the servos that this check switches on, as a fraction of full stiffness. Assumed: enough for
-small motions, and low enough for a person to hold the joint back."""
+small motions, and low enough that a person can stop the joint by hand."""
 POWER = 2.0
-"""Longest time [s] to wait until servos are on. Assumed: a servo reports its state several times per
-second."""
+"""Longest time [s] to wait until the servos report that their power is on. Assumed: a servo reports its state
+several times per second."""
 
 
 def first_minutes(
@@ -38,15 +40,14 @@ def first_minutes(
     taxels: int | None = 12,
     show: Callable[[Finding], None] = lambda finding: None,
 ) -> tuple[tuple[Finding, ...], float]:
-    """Checks `servos`, then `taxels` taxels of each patch in `patches` (None: all taxels).
+    """Checks the servos `servos`, then the patches `patches`. `taxels` is the number of taxels that are
+    checked on each patch; None checks all taxels. Each motion needs the operator's permission. Calls `show`
+    immediately with each finding. Does not move a robot part if the sensor data showed a fault or warning for
+    a servo of this part, or if the operator answers that the part's posture is wrong. Moves no part after a
+    fault of the whole robot. Returns all findings, and the largest motion [rad] that was measured.
 
-    Each motion needs the operator's consent. `show` is called immediately with each finding. A part is not
-    moved if the observation found a fault or warning for one of its servos, or if the operator says that its
-    posture is wrong. No part is moved after a fault of the whole robot. Returns all findings, and the largest
-    motion [rad] that was measured.
-
-    Raises DriverError if another program commands the robot or the robot disconnects, and the errors of the
-    operator.
+    Raises DriverError if another program commands the robot, or if the connection fails. Also raises the
+    errors of `operator`.
     """
     found: list[Finding] = []
 
@@ -63,7 +64,7 @@ def first_minutes(
             note(iter([Finding(Level.NOTE, "motion", "nothing was moved", "mend the faults above first")]))
             return tuple(found), 0.0
         bad = {finding.subject for finding in found if finding.level in (Level.WARNING, Level.FAULT)}
-        # A wrong unit or joint order concerns a whole part.
+        # A wrong unit or joint order affects all servos of a robot part.
         parts = {servo.robot_part for servo in driver.robot.servos if servo.name in bad}
         wrong = {servo.name for servo in driver.robot.servos if servo.robot_part in parts}
         note(_postures(driver, operator, servos))
@@ -82,9 +83,9 @@ def first_minutes(
 
 
 def wanted(robot: Robot, names: Sequence[str]) -> tuple[list[Servo], list[Patch]]:
-    """Returns servos and patches by their own names, or by the names of their robot parts or generic parts.
-
-    Without names, returns all servos and patches. Raises UnknownNameError for an unknown name.
+    """Returns the servos and the patches for a list of names. A name is the name of a servo, of a patch, of a
+    robot part or of a generic part. For an empty list, returns all servos and patches. Raises
+    UnknownNameError for an unknown name.
     """
     if not names:
         return list(robot.servos), list(robot.skin)
@@ -114,7 +115,8 @@ def _left_out(servo: Servo) -> Finding:
 
 
 def _postures(driver: Driver, operator: Operator, servos: Sequence[Servo]) -> Iterator[Finding]:
-    """Asks the operator if the posture agrees with the encoders: a check of zeros, signs and units."""
+    """Asks the operator if the robot's posture agrees with the encoders' angles. The answers check zeros,
+    signs and units."""
     names = {servo.name for servo in servos}
     posture = generic_posture(driver.robot, driver.read().joints)
     for part in driver.robot.parts:
@@ -140,7 +142,7 @@ def _postures(driver: Driver, operator: Operator, servos: Sequence[Servo]) -> It
 
 
 def _stiffen(driver: Driver, operator: Operator, servos: Sequence[Servo]) -> Iterator[Finding]:
-    """Switches on servos that are off, if the operator permits it."""
+    """Switches on the servos that are off, if the operator gives permission."""
     powered, unreached = driver.read().joints.powered, driver.info.unreached
     servos = [servo for servo in servos if servo.index not in unreached]
     off = [] if powered is None else [servo for servo in servos if not powered[servo.index]]

@@ -1,7 +1,7 @@
 """Identifies the friction of a joint by slow sweeps in both directions, at two speeds.
 
-The torque of friction changes its sign with the direction of motion. The torque from errors of the model's
-masses keeps its sign, so these errors cancel.
+The torque of friction changes its sign with the direction of motion. The torque error of wrong masses in the
+model keeps its sign in both directions, so these errors cancel.
 """
 
 from __future__ import annotations
@@ -26,32 +26,34 @@ from tci.robot.kinematics import KinematicChain
 from tci.runtime.lease import commanding
 
 SPAN = float(np.deg2rad(10.0))
-"""Length [rad] of a sweep. Assumed: longer than the period of a gear's teeth."""
+"""Angle [rad] of a sweep. Assumed: larger than the angle between two teeth of a gear."""
 SPEEDS = tuple(np.deg2rad([5.0, 20.0]).tolist())
-"""Speeds [rad/s] of the two sweeps. Assumed: slow enough to neglect inertia, and different enough to separate
-dry from viscous friction."""
+"""Speeds [rad/s] of the two sweeps. Assumed: so slow that inertia is negligible, and so different that dry
+and viscous friction can be distinguished."""
 STEADY = 0.7
-"""Least speed of a sample that is used, as a fraction of the commanded speed. Assumed: in slower samples the
+"""Least speed of the samples in the fit, as a fraction of the commanded speed. Assumed: in slower samples the
 joint accelerates or sticks."""
 PATIENCE = 5.0
-"""A sweep fails if the servo has not arrived within this time [s] after the planned end."""
+"""Longest time [s] after the planned end of a sweep to wait until the servo has arrived. After this time, the
+sweep has failed."""
 LEAST = 20
-"""Least number of samples in each direction of each sweep. Assumed: enough to average the noise of
-currents."""
+"""Least number of samples in each direction of each sweep. Assumed: enough samples to average the noise of
+the measured motor currents."""
 
 
 class FrictionSweeps:
-    """Sweeps one servo after another, if the operator permits it, and stores the friction found."""
+    """Sweeps one servo after another, if the operator gives permission, and stores the measured friction."""
 
     def __init__(self, driver: Driver, operator: Operator, calibration: JointCalibration) -> None:
-        """Takes the present `calibration`: its tools and rotors are used. Raises the errors of `Dynamics`."""
+        """Prepares the sweeps with the tools and rotors in the present `calibration`. Raises the errors of
+        `Dynamics`."""
         self.driver, self.operator = driver, operator
         self.calibration = calibration
-        """Calibration with the friction found so far."""
+        """Calibration with the friction of all servos that were measured so far."""
         self._dynamics = Dynamics(driver.robot, calibration)
 
     def sweep(self, servo: Servo) -> Finding:
-        """Sweeps one servo in both directions at each of `SPEEDS`, and identifies its friction."""
+        """Sweeps one servo in both directions at each of `SPEEDS`, and computes the friction of the servo."""
         limits, here = servo.limits, float(self.driver.read().joints.position[servo.index])
         if limits.lower is None or limits.upper is None or limits.upper - limits.lower < 2.0 * SPAN:
             return Finding(Level.NOTE, servo.name, "friction not measured: its limits leave no room")
@@ -82,7 +84,8 @@ class FrictionSweeps:
     def _move(self, servo: Servo, target: float, speed: float) -> tuple[list[JointReading], str]:
         """Moves a servo to `target` [rad].
 
-        Returns the readings, and the reason for an early end; the reason is empty if the servo arrived.
+        Returns the readings during the motion, and the reason for an early end of the motion. The reason is
+        empty if the servo arrived.
         """
         driver, seen = self.driver, list[JointReading]()
         command = PlatformCommand(
@@ -105,10 +108,9 @@ class FrictionSweeps:
 def measure_friction(
     driver: Driver, operator: Operator, servos: Sequence[Servo], file: Path
 ) -> tuple[Finding, ...]:
-    """Measures the friction of those `servos` from which touches are estimated, and writes it to a file.
-
-    The file also contains the other values of the robot's present calibration, unchanged. Raises the errors
-    of `joint_calibration`, `Dynamics` and `write_json`.
+    """Measures the friction of those `servos` whose torques are used to detect touches, and writes the
+    friction to a file. The file also contains all other values of the robot's present calibration, unchanged.
+    Raises the errors of `joint_calibration`, `Dynamics` and `write_json`.
     """
     robot = driver.robot
     sweeps = FrictionSweeps(driver, operator, joint_calibration(robot))
@@ -121,9 +123,8 @@ def measure_friction(
 
 
 def feeling_servos(robot: Robot, kinematics: KinematicChain) -> list[Servo]:
-    """Returns the servos from which touches on patches without taxels are estimated, by their torques.
-
-    They are all servos of the robot parts that carry these patches.
+    """Returns the servos whose torques are used to detect touches on patches without taxels. These servos are
+    all servos of the robot parts that carry these patches.
     """
     felt = [patch.link for patch in robot.patches if patch.through_joints]
     boards = {robot.servos[servo].robot_part for link in felt for servo in kinematics.chain(link)}
@@ -131,9 +132,8 @@ def feeling_servos(robot: Robot, kinematics: KinematicChain) -> list[Servo]:
 
 
 def steady(seen: Sequence[JointReading], servo: int, speed: float) -> list[JointReading]:
-    """Returns the readings in which a servo moves at about `speed` [rad/s] and reports a torque.
-
-    Motions in both directions count.
+    """Returns the readings in which a servo moves at about `speed` [rad/s] in either direction and reports a
+    torque.
     """
     return [
         one
@@ -145,14 +145,13 @@ def steady(seen: Sequence[JointReading], servo: int, speed: float) -> list[Joint
 
 
 def identify(seen: Sequence[JointReading], servo: int, dynamics: Dynamics) -> JointFriction:
-    """Returns dry and viscous friction of a servo from readings of steady motions, by least squares.
-
-    The fit also contains a constant torque and a torque proportional to the angle, which take up errors of
-    the model's masses.
+    """Computes dry and viscous friction of a servo from readings of steady motions, by least squares. The fit
+    also has a constant torque and a torque proportional to the angle, to compensate for errors of the model's
+    masses.
     """
     rows, torques = [], []
     for one in seen:
-        assert one.torque is not None  # steady
+        assert one.torque is not None  # `steady` returns only readings with torques
         _, bias = dynamics.at(one.position, one.velocity)
         speed = one.velocity[servo]
         rows.append((np.sign(speed), speed, 1.0, one.position[servo]))

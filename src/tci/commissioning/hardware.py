@@ -1,8 +1,8 @@
-"""Moves one servo after another by 2 degrees, slowly, and asks a person if the motion was right.
-
-If a sign, zero, unit or assignment is wrong for command and encoder alike, the encoder can't show the fault.
-So the operator is asked which link moved. Every command passes the gate, the safety filter before the driver.
-A wrong motion is ended by the robot's own stop (`Driver.halt`) as soon as it is detected.
+"""Moves one servo after another slowly by 2 degrees, and asks the operator if the motion was right. If the
+description has a wrong sign, zero, unit or assignment for both the command and the encoder of a servo, the
+encoder can't show the fault. Therefore the check asks the operator which link moved. Every command passes the
+gate, which checks the command before the driver sends the command. As soon as the check detects a wrong
+motion, the check calls the robot's own stop function (`Driver.halt`).
 """
 
 from __future__ import annotations
@@ -22,26 +22,29 @@ from tci.robot.description import Robot, Servo
 from tci.robot.kinematics import KinematicChain
 
 MOST = float(np.deg2rad(2.0))
-"""Largest motion [rad] of any servo. Assumed: visible, and too small to do harm."""
+"""Largest motion [rad] of any servo. Assumed: a motion of this angle is visible, and too small to cause
+harm."""
 STEPS = np.deg2rad([0.03, 0.1, 0.3, 1.0, 1.8])
-"""Successive displacements [rad] of a servo. The first step is so small that the motion stays below MOST,
-also if the robot takes degrees for radians. The last step leaves room for overshoot."""
+"""Successive displacements [rad] of a servo from its start. The first displacement is so small that the
+motion stays below MOST even if a wrong unit (degrees used as radians) makes the motion 57 times larger. The
+last displacement is smaller than MOST, since the servo may overshoot."""
 SPEED = float(np.deg2rad(4.0))
-"""Speed [rad/s] of these motions. Assumed: slow enough for a person to watch, 2 degrees in half a second."""
+"""Speed [rad/s] of the motions, 2 degrees in half a second. Assumed: slow enough that the operator can watch
+the motion."""
 SETTLE = 0.3
-"""Time [s] between the end of a motion and its measurement. Assumed: after this time, oscillations have
-decayed."""
+"""Time [s] from the end of a motion to the measurement of the angles. Assumed: oscillations have decayed
+after this time."""
 ARRIVE = 8.0
-"""Longest time [s] of one step. Assumed: far longer than the half second that a step takes."""
+"""Longest duration [s] of one step. Assumed: far longer than the half second of a normal step."""
 HOLDS = 2.0
 """Longest total time [s] for which the gate may hold the robot during one step. Assumed: short holds, such as
-those after a late frame, are harmless."""
+a hold after a late frame, are harmless."""
 STRAY = float(np.deg2rad(0.4))
-"""A step ends if another servo moves by more than this angle [rad], or if the servo itself moves by more than
-this angle in the wrong direction. Assumed: larger than the backlash of NAO's joints."""
+"""Angle [rad] of a wrong motion above which a step ends early. A motion is wrong if another servo moves, or
+if the tested servo moves in the wrong direction. Assumed: larger than the backlash of NAO's joints."""
 RATIO = (0.6, 1.4)
-"""Range of measured motion divided by commanded motion for a healthy servo. Assumed: in a motion of 2
-degrees, backlash and sag cause an error of up to 40 %."""
+"""Least and largest ratio of measured motion to commanded motion of a healthy servo. Assumed: in a motion of
+2 degrees, backlash and sag cause an error of up to 40 %."""
 UNIT = 180.0 / np.pi
 ADVICE = {
     Code.MOVED_WRONG_WAY: "command and encoder have opposite signs: correct the robot's driver",
@@ -49,21 +52,22 @@ ADVICE = {
 }
 """Advice to the operator for each code of the reasons for which a motion ends early."""
 ELSE = "check cables, and the order of joints in the binding, before anything else"
-"""Advice to the operator for all codes that ADVICE lacks."""
+"""Advice to the operator for all codes that are not in ADVICE."""
 
 
 class ServoCheck:
-    """Moves one servo after another and judges the motions."""
+    """Moves one servo after another and compares each motion with the expected motion."""
 
     def __init__(self, driver: Driver, operator: Operator) -> None:
         self.driver, self.operator = driver, operator
         self._kinematics = KinematicChain(driver.robot) if driver.robot.model is not None else None
         self._small: set[str] = set()
         self.largest = 0.0
-        """Largest motion [rad] of any servo that was measured so far."""
+        """Largest measured motion [rad] of any servo in this check."""
 
     def check(self, servo: Servo) -> Finding:
-        """Moves one servo by a small angle and back, if the operator permits it."""
+        """Moves one servo by a small angle and back, if the operator gives permission. Returns the
+        finding."""
         limits = servo.limits
         if None in (limits.lower, limits.upper, limits.velocity, limits.acceleration, limits.jerk):
             return Finding(Level.NOTE, servo.name, "not moved: its description lacks limits")
@@ -100,9 +104,9 @@ class ServoCheck:
         return _verdict(self.driver.robot, servo, way * moved, reason, noise, seen)
 
     def _out(self, servo: Servo, start: Array, way: float, noise: float) -> tuple[Array, Reason | None]:
-        """Moves a servo away from its start in STEPS; `way` is the sign of the motion.
-
-        Returns the total motion (n,) [rad] of all servos, and the reason for an early end, or None.
+        """Moves a servo away from the angle in `start` in STEPS. `way` (1 or -1) is the direction of the
+        motion. Returns the total motion (n,) [rad] of all servos, and the reason for an early end. The reason
+        is None if all steps were executed.
         """
         moved = np.zeros(len(start))
         here = start[servo.index]
@@ -117,7 +121,7 @@ class ServoCheck:
                 words = f"it moved {own / step:.0f} times as far as commanded"
                 return moved, Reason(Code.MOVED_TOO_FAR, words)
             if index == 0 and servo.robot_part not in self._small:
-                # A wrong unit that encoder and command share can only be seen.
+                # If encoder and command have the same wrong unit, only a person can see the fault.
                 if not self.operator.still(
                     f"{servo.name} was sent {np.rad2deg(step):.2f} degrees, too little to see"
                 ):
@@ -129,9 +133,9 @@ class ServoCheck:
     def _move(
         self, servo: Servo, target: float, way: float, start: Array, noise: float
     ) -> tuple[Array, Reason | None]:
-        """Moves a servo to `target` [rad] and waits; `way` is the sign of the motion from `start`.
-
-        Returns the motion (n,) [rad] of all servos from `start`, and the reason for an early end, or None.
+        """Moves a servo to `target` [rad] and waits until the servo is at rest. `way` (1 or -1) is the
+        direction of the motion from `start`. Returns the motion (n,) [rad] of all servos from `start`, and
+        the reason for an early end. The reason is None if the servo arrived.
         """
         driver = self.driver
         command = PlatformCommand(
@@ -173,9 +177,8 @@ class ServoCheck:
     def _stray(
         self, moved: Array, servo: Servo, way: float, others: NDArray[np.bool_], noise: float
     ) -> Reason | None:
-        """Returns the reason to end a motion now; None if there is none.
-
-        Reasons are: another servo moves, the direction is wrong, or the motion is too large.
+        """Returns the reason to end a motion now, or None if the motion is right. Reasons are: another servo
+        moves, the direction is wrong, or the motion is too large.
         """
         robot = self.driver.robot
         away = np.abs(moved) > max(STRAY, 3.0 * noise)
@@ -192,7 +195,8 @@ class ServoCheck:
         return None
 
     def _at_rest(self) -> tuple[Array, float]:
-        """Returns the mean angles (n,) [rad] during the time SETTLE, and the noise [rad] of the encoders."""
+        """Returns the mean angles (n,) [rad] of the servos at rest during the time SETTLE, and the noise
+        [rad] of the encoders."""
         samples = [self.driver.read().joints.position for _ in self.driver.ticks(duration=SETTLE)]
         noise = float(np.std(samples, axis=0).max()) * 3.0
         return np.mean(samples, axis=0), max(noise, float(np.deg2rad(0.01)))

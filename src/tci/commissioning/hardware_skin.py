@@ -1,5 +1,5 @@
-"""Checks a skin taxel by taxel: the operator presses a taxel, and the place of the response is compared with
-the place of the taxel."""
+"""Checks the taxels of a skin. The operator presses one taxel after another, and the check compares the place
+of the response with the place of the taxel."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from tci.robot.description import Patch
 from tci.skin.skin import Skin
 
 REST = 0.5
-"""Time [s] over which rest values are averaged before a touch. Assumed: at least five frames of every
-patch."""
+"""Time [s] over which rest values are averaged before a touch. Assumed: every patch sends at least five
+frames in this time."""
 PRESS = 10.0
-"""Longest time [s] to wait for a touch, and again for its end. Assumed: enough for the operator to find the
-place."""
+"""Longest time [s] to wait for the start of a touch, and then for the end of the touch. Assumed: the operator
+finds the place in this time."""
 LEAST = 0.02
 """Least change of a value that counts as a touch, as a fraction of the sensor's range. If six times the noise
 is larger, the least change is six times the noise. Assumed: a fingertip changes the value by more than 2 % of
 the range."""
 NEAR = 0.02
-"""Largest distance [m] of a response from the pressed taxel. Assumed: the size of a fingertip plus the size
-of a skin module."""
+"""Largest distance [m] between the place of a correct response and the pressed taxel. Assumed: the size of a
+fingertip plus the size of a skin module."""
 _WAYS = (("forward", "backward"), ("left", "right"), ("up", "down"))
 _SIDES = ("front (the flexor side)", "outer side", "back (the extensor side)", "inner side")
 
 
 class SkinCheck:
-    """Compares the place where the skin is pressed with the place of its response."""
+    """Compares the place of a touch by the operator with the place of the skin's response."""
 
     def __init__(self, driver: Driver, operator: Operator) -> None:
         """Computes the places of all taxels of the robot. Raises the errors of `Skin`."""
@@ -43,7 +43,8 @@ class SkinCheck:
         self.skin = Skin(driver.robot)
 
     def check(self, patch: Patch, count: int | None) -> Iterator[Finding]:
-        """Checks `count` taxels of a patch, at regular steps of the taxel index; None checks all taxels."""
+        """Checks `count` taxels of a patch, with equal steps between their indices. If `count` is None,
+        checks all taxels."""
         total = len(self.skin.surfaces[patch.name].positions)
         chosen = np.arange(total)
         if count is not None and count < total:
@@ -108,7 +109,7 @@ class SkinCheck:
     ) -> dict[str, Array]:
         """Returns, for each patch with a response, the change (taxels,) [counts] of its values.
 
-        A change by pressure is positive. Changes below the noise are set to 0.
+        A change in the direction of pressure is positive. Changes below the noise are set to 0.
         """
         found = {}
         for name, values in self._values(reading).items():
@@ -121,7 +122,8 @@ class SkinCheck:
         return found
 
     def _rest(self) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Returns, by patch, the mean value of each taxel, and the least change that counts as a touch."""
+        """Returns by patch name the mean value (taxels,) of each taxel at rest, and the least change
+        (taxels,) that counts as a touch."""
         samples: dict[str, list[Array]] = {}
         for _ in self.driver.ticks(duration=REST):
             for name, values in self._values(self.driver.read()).items():
@@ -137,12 +139,13 @@ class SkinCheck:
         return rest, noise
 
     def _settle(self) -> None:
-        """Reads frames for 0.1 s, because the first values of a touch do not yet show its place."""
+        """Reads frames for 0.1 s, because the first values of a touch do not yet show the place of the
+        touch."""
         for _ in self.driver.ticks(duration=0.1):
             self.driver.read()
 
     def _values(self, reading: Reading) -> dict[str, NDArray[np.float64]]:
-        """Returns the raw values of each patch's taxels."""
+        """Returns the raw values (taxels,) of each patch by patch name."""
         found = {}
         for frame in reading.skin:
             patch = self.driver.robot.patch(frame.patch)

@@ -1,4 +1,5 @@
-"""Examines this machine: versions, installed drivers and robots, and the accuracy of its clock."""
+"""Examines this machine: software versions, installed drivers and robots, and the accuracy of the machine's
+clock."""
 
 from __future__ import annotations
 
@@ -19,9 +20,9 @@ from tci.robot.catalogue import load_robot, robot_names
 from tci.runtime.lease import FOLDER, lease
 
 PERIOD = 0.002
-"""Period [s] in the test of the clock, equal to the period of simulated robots."""
+"""Period [s] of the wake-ups in the test of the clock, equal to the control period of simulated robots."""
 LATE = 1e-3
-"""Delay [s] of wake-ups (99th percentile) above which the clock gets a warning. Assumed: half of PERIOD."""
+"""Largest delay [s] of wake-ups (99th percentile) without a warning. Assumed: half of PERIOD."""
 
 
 def examine_machine(*, duration: float = 0.4) -> tuple[Finding, ...]:
@@ -60,7 +61,8 @@ def _driver(name: str) -> Finding:
 
 
 def _library(driver: str) -> str:
-    """Returns the name and version of the library that a driver needs, as installed by an extra of TCI."""
+    """Returns the name and the version of the library that a driver needs and that an extra of TCI
+    installs."""
     found = ", ".join(f"{name} {release}" for name, release in installed_by(driver).items())
     return f"its library: {found}" if found else "it needs no extra"
 
@@ -93,7 +95,8 @@ def _timing(duration: float) -> Iterator[Finding]:
     clock = MonotonicClock()
     begin = clock.now()
     late = np.array([(now - begin) % PERIOD for now in ticks(clock, PERIOD, duration=duration)])
-    # Modulo PERIOD, a tick that is slightly early looks almost one period late.
+    # Delays are computed modulo PERIOD, so a tick that is slightly early seems to be late by almost one
+    # period.
     late = np.where(late > PERIOD * 0.999, 0.0, late)
     middle, worst = np.quantile(late, [0.5, 0.99])
     text = (

@@ -1,4 +1,5 @@
-"""The operator: the person beside a robot under test, who permits motions, watches and touches."""
+"""Interface to the operator, the person beside the tested robot who permits motions, watches the robot and
+touches the skin."""
 
 from __future__ import annotations
 
@@ -8,19 +9,21 @@ from tci.commissioning.expected_motion import ExpectedMotion
 
 
 class Operator(Protocol):
-    """The person beside the robot, or a program that answers for this person."""
+    """Interface to the person beside the robot, or to a program that answers in place of this person."""
 
     def may(self, what: str) -> bool:
-        """Asks for permission; True if the action `what` is permitted now."""
+        """Asks for permission. Returns True if the action `what` is permitted now."""
 
     def saw(self, what: str, expected: ExpectedMotion | None) -> bool | None:
-        """Asks if the operator saw the described motion or state; None if the operator can't say."""
+        """Asks if the operator saw the described motion or state. Returns None if the operator can't answer
+        the question."""
 
     def still(self, what: str) -> bool:
-        """Asks about a very small motion; True if the operator saw no motion."""
+        """Asks if the operator saw a very small motion. Returns True if the operator saw no motion."""
 
     def press(self, patch: str, taxel: int, where: str) -> bool:
-        """Asks the operator to press a taxel and to keep pressing; False if the operator skips this taxel."""
+        """Asks the operator to press a taxel and to keep pressing. Returns False if the operator skips this
+        taxel."""
 
     def release(self) -> None:
         """Asks the operator to release the taxel."""

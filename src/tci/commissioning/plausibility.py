@@ -1,6 +1,6 @@
 """Compares a description with its kinematic model, and the left side of the description with the right side.
 
-The comparison finds values that the format permits but that are wrong, such as a sign, a limit or a unit.
+The comparison finds wrong values that are valid in the file format, such as a wrong sign, limit or unit.
 """
 
 from __future__ import annotations
@@ -26,19 +26,20 @@ from tci.skin.surfaces import build_surface
 MIDDLE = {"pitch": (0.0, 1.0, 0.0), "roll": (1.0, 0.0, 0.0), "yaw": (0.0, 0.0, 1.0)}
 """Axes of positive rotation of head and torso, in the torso frame."""
 CONTRARY = -0.5
-"""The sign of a joint is wrong if the cosine of the angle between its axis and the generic axis is below this
-value. Assumed: axes of hips and necks are slanted by 30 degrees, not by 60."""
+"""Least cosine of the angle between the axis of a joint and the axis of the generic joint. If the cosine is
+smaller, the sign of the joint is wrong. Assumed: axes of hips and necks may be slanted by 30 degrees, but not
+by 60 degrees."""
 BEYOND = np.deg2rad(1.0)
-"""Angle [rad] by which a limit may exceed the limit in the model. Assumed: more than the error of rounding to
-degrees."""
+"""Largest angle [rad] by which a limit in the description may exceed the limit in the model. Assumed: larger
+than the error of rounding to degrees."""
 FORWARD = np.deg2rad([90.0, 0.0, 0.0, 0.0, 0.0])
 """Generic angles [rad] of an arm that is stretched out forward."""
 APART = 0.012
-"""Largest distance [m] of a place on the left from the mirror image of its counterpart on the right. Assumed:
-larger than the asymmetry of real arms, smaller than any relevant error."""
+"""Largest distance [m] between a point on the left side and the mirror image of the corresponding point on
+the right side. Assumed: larger than the asymmetry of real arms, and smaller than any relevant error."""
 WIDER = 1.25
-"""Largest ratio between the sizes of a left patch and its right counterpart. Assumed: the sizes of real
-patches of a pair differ by a few percent."""
+"""Largest ratio between the sizes of a left patch and the corresponding right patch. Assumed: the sizes of
+real patches differ by a few percent."""
 SHARE, AWAY = 0.25, 0.03
 """Fraction SHARE of a patch's taxels must be within the distance AWAY [m] of the shapes of its link and of
 adjacent links. Assumed: models lack covers (soles of NAO: 21 mm) and pieces of forearms (alex: 27 mm)."""
@@ -48,7 +49,8 @@ and 10 MPa destroys a skin."""
 
 
 def doubts(robot: Robot) -> list[str]:
-    """Returns one sentence for each contradiction within a description, or between description and model."""
+    """Returns one sentence for each contradiction within a description, or between the description and the
+    kinematic model."""
     found = [*_sensors(robot)]
     if robot.model is None:
         return found
@@ -57,12 +59,13 @@ def doubts(robot: Robot) -> list[str]:
     found += posture_doubts(robot)
     chain = KinematicChain(robot)
     if torso := _torso(robot, chain):
-        return [*found, torso]  # everything else is seen from the torso
-    # Two solutions of a shoulder may differ between the sides; the model's own zero is mirrored then.
+        return [*found, torso]  # the later checks need a valid torso frame
+    # The left and the right shoulder may have different solutions at generic zero. In this case the model's
+    # own zero posture is still mirrored.
     postures = [_at_generic_zero(robot), np.zeros(len(robot.servos))]
     signs = [*_signs(robot, chain, postures[0])]
     found += signs
-    wrong = {sentence.split()[0] for sentence in signs}  # their zero is wrong too
+    wrong = {sentence.split()[0] for sentence in signs}  # joints with a wrong sign also have a wrong zero
     found += _segments(robot, chain, postures, without=wrong)
     found += _patches(robot, chain, postures)
     blamed = {sentence.split(":")[0] for sentence in found}
@@ -117,9 +120,8 @@ def _limits(robot: Robot) -> Iterator[str]:
 
 
 def mirrored_limits(robot: Robot) -> Iterator[str]:
-    """Yields a sentence for each generic joint with different limits on the left and on the right.
-
-    Pairs of joints that both have limits in the model are left out.
+    """Yields a sentence for each generic joint whose limits differ between the left and the right side.
+    Leaves out pairs in which both joints have limits in the kinematic model.
     """
     assert robot.model is not None
     model = bare_model(robot.model)
@@ -147,11 +149,10 @@ def mirrored_limits(robot: Robot) -> Iterator[str]:
 
 
 def _torso(robot: Robot, chain: KinematicChain) -> str | None:
-    """Returns a fault of the torso frame; None if there is none.
-
-    It is a fault if a joint of another part moves an arm relative to the torso, or if a shoulder joint does
-    not move its arm relative to the torso. It is also a fault if the left shoulder is not to the left of the
-    right shoulder.
+    """Returns a sentence about a fault of the torso frame, or None if the torso frame has no fault. The frame
+    has a fault if a joint of another part moves an arm relative to the torso, or if a shoulder joint does not
+    move the arm relative to the torso. The frame also has a fault if the left shoulder is not to the left of
+    the right shoulder.
     """
     assert robot.model is not None
     others = {servo.servo: part.name for part in robot.parts if part.kind != "arm" for servo in part.servos}
@@ -193,7 +194,7 @@ def _signs(robot: Robot, chain: KinematicChain, position: Array) -> Iterator[str
                 continue
             turn = chain.jacobian(position, link)[3:, generic.servo] * np.sign(generic.scale)
             if part.kind == "torso":
-                turn = -turn  # seen from the torso, the base turns the other way
+                turn = -turn  # relative to the torso, the base turns in the opposite direction
             if float(turn @ (mirror * axes[generic.name])) < CONTRARY:
                 servo = robot.servos[generic.servo].name
                 yield (
@@ -225,7 +226,8 @@ def _segments(
 
 
 def _patches(robot: Robot, chain: KinematicChain, postures: list[Array]) -> Iterator[str]:
-    """Compares each patch on the left with its counterpart on the right, in several `postures`."""
+    """Compares each patch on the left side with the corresponding patch on the right side, in several
+    `postures`."""
     named = {patch.name: patch for patch in robot.patches}
     for left in robot.patches:
         right = named.get(left.name.replace("left", "right", 1))
@@ -244,7 +246,8 @@ def _patches(robot: Robot, chain: KinematicChain, postures: list[Array]) -> Iter
 
 
 def _distances(robot: Robot, chain: KinematicChain, *, without: set[str]) -> Iterator[str]:
-    """Compares the places of taxels with the shapes of their links. Patches in `without` are left out."""
+    """Compares the places of taxels with the shapes of the links that carry the taxels. Leaves out the
+    patches in `without`."""
     assert robot.model is not None
     if robot.model.meshes == NO_MESHES or not robot.skin:
         return
@@ -279,10 +282,9 @@ def _apart(left: Array, right: Array) -> float:
 
 
 def _torques(robot: Robot) -> Iterator[str]:
-    """Compares torque limits with the torques that a robot needs.
-
-    These are the torques for the weight of arms that are stretched out forward, and for the friction and
-    damping of each joint at its speed limit.
+    """Compares torque limits with the torques that the robot needs. The needed torque of a joint is the
+    torque for the weight of an arm that is stretched out forward, plus the torque for friction and damping at
+    the joint's speed limit.
     """
     assert robot.model is not None
     gravity, model = Gravity(robot), bare_model(robot.model)

@@ -1,4 +1,5 @@
-"""Measures the data flow through a driver: rates, lost frames, ages, and the duration of reading."""
+"""Measures the data that a driver receives: frame rates, lost frames, ages of frames, and the duration of
+`read`."""
 
 from __future__ import annotations
 
@@ -20,26 +21,26 @@ class Stream:
     name: str
     """Name of the patch, or "joints"."""
     expected: float | None
-    """Nominal frame rate [Hz] in the description; None for the joints."""
+    """Nominal frame rate [Hz] in the description. None for the joints."""
     frames: int
     """Number of different frames that were read."""
     sent: int
     """Number of frames that the robot sent during the observation, computed from sequence numbers."""
     rate: float
-    """Rate [Hz] at which the robot sent frames, computed from sequence numbers and stamps; 0 for fewer than
-    two frames."""
+    """Rate [Hz] at which the robot sent frames, computed from sequence numbers and time stamps. The rate is 0
+    if fewer than two frames arrived."""
     lost: int
-    """Number of frames that were sent but not read. It is 0 if the driver was read too seldom for this
-    count."""
+    """Number of frames that the robot sent but that were not read. The number is 0 if `read` was called too
+    seldom to count lost frames."""
     older: int
-    """Number of frames that arrived after a newer one."""
+    """Number of frames that arrived after a newer frame."""
     age: float
     """Median, over all reads, of the age [s] of the newest frame."""
     oldest: float
     """Largest age [s] of the newest frame in any read."""
 
     def to_json(self) -> dict[str, object]:
-        """Returns the statistics as JSON values; ages are in ms."""
+        """Returns the statistics as JSON values. Ages are in [ms]."""
         return {
             "name": self.name,
             "rate_hz": self.rate,
@@ -55,22 +56,22 @@ class Stream:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
-    """Readings of a driver during some time, and statistics of the frames in them."""
+    """Readings of a driver during an observation, and statistics of the frames in the readings."""
 
     streams: tuple[Stream, ...]
-    """Statistics of the joints first, then of the patches in the order of the description."""
+    """Statistics of the joints, then statistics of the patches in the order of the description."""
     readings: tuple[Reading, ...]
-    """At most HISTORY readings, evenly spaced in time; the last one is the newest."""
+    """At most HISTORY readings with equal distances in time, the newest last."""
     cost: Array
-    """Duration (n,) [s] of each `read`, on this machine's clock."""
+    """Duration (n,) [s] of each call of `read`, on this machine's clock."""
 
 
 HISTORY = 50
-"""Largest number of readings that an observation stores, to limit its memory. Assumed: enough for statistics
-of values."""
+"""Largest number of readings that an observation stores, to limit the used memory. Assumed: enough readings
+for statistics of values."""
 ENOUGH = 1.5
-"""Least ratio of read rate to frame rate at which missing frames count as lost. Assumed: a margin for
-irregular reading."""
+"""Least ratio of the rate of `read` calls to the frame rate at which missing frames count as lost. Assumed:
+`read` calls are irregular, so some calls must be in excess."""
 
 
 class _Count:

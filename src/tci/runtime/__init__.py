@@ -1,5 +1,6 @@
 """The control loop and its watchdogs.
 
-`loop` reads, perceives, decides and writes once per control period. Watchdogs, heartbeat and lease bring the
-robot to rest if something fails, and `serve` runs the loop for orders from other programs.
+Once per control period, `loop` reads the sensors, runs the capability and writes the checked commands to the
+robot. Watchdogs, heartbeat and lease bring the robot to rest after a failure, and `serve` runs the loop for
+orders from other programs.
 """

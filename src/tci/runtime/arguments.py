@@ -1,6 +1,7 @@
 """Checks of arguments that the user gives.
 
-An argument with a clear meaning is accepted. Others are refused, with a message that names the valid values.
+TCI accepts each argument with a clear meaning. TCI refuses any other argument with a message that lists the
+valid values.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from tci.drivers.driver import Driver
 from tci.errors import CommandError, TciError, UnknownNameError
 
 GROUP = "tci.capabilities"
-"""Entry points of capabilities."""
+"""Group of the entry points of capabilities."""
 
 
 def as_driver(given: object) -> Driver:
@@ -36,9 +37,9 @@ def as_driver(given: object) -> Driver:
 
 
 def as_capability(given: Any) -> Capability[Any]:
-    """Returns a capability.
-
-    If `given` is a class, returns an instance with default settings. Raises TciError.
+    """Returns the capability `given`. If `given` is a class, returns an instance of this class with default
+    settings. Raises TciError if `given` is neither a capability nor a class of capabilities, if the class is
+    abstract, or if the class needs settings.
     """
     if isinstance(given, Capability):
         return given
@@ -60,11 +61,11 @@ def as_capability(given: Any) -> Capability[Any]:
 
 
 def load_capability(name: str) -> Capability[Any]:
-    """Returns a capability with its default settings. `name` is the name of its entry point, or MODULE:CLASS.
+    """Returns a capability with default settings. `name` is the name of an entry point, or MODULE:CLASS.
 
     The module may be in the working directory. Raises UnknownNameError for an unknown name. Raises
-    CommandError if the module can't be imported or the object is no subclass of Capability. Raises TciError
-    if the class is abstract or needs settings.
+    CommandError if the module can't be imported, or if the object with this name is no subclass of
+    Capability. Raises TciError if the class is abstract or needs settings.
     """
     points = {point.name: point for point in entry_points(group=GROUP)}
     if name in points:
@@ -79,9 +80,10 @@ def load_capability(name: str) -> Capability[Any]:
 
 
 def _from_module(module: str, name: str) -> object:
-    """Returns an object of a module. The module may be in the working directory."""
+    """Imports the module `module` and returns the object `name` of this module. The module may be in the
+    working directory."""
     valid = "valid: MODULE:CLASS, such as my_file:Shrug for the class Shrug in my_file.py"
-    if module.startswith("."):  # Python would take it for a relative import
+    if module.startswith("."):  # Python would read a leading dot as a relative import
         raise CommandError(f"{module}:{name}: a path is no module; {valid}")
     sys.path.insert(0, "")
     try:
@@ -91,18 +93,19 @@ def _from_module(module: str, name: str) -> object:
             f"{module}:{name}: {error}; searched: {Path.cwd()} and the installed packages; {valid}"
         ) from error
     if not hasattr(found, name):
-        words = dict.fromkeys([*vars(found), *dir(found)])  # a package may load its names on first use
+        # a package may import the objects in its `__all__` only on first use
+        words = dict.fromkeys([*vars(found), *dir(found)])
         own = [word for word in words if _can_run(getattr(found, word, None))]
         raise UnknownNameError(f"capability in {module}", name, own)
     return getattr(found, name)
 
 
 def _can_run(one: object) -> bool:
-    """Returns True for a class of capabilities that can be instantiated."""
+    """Returns True if `one` is a class of capabilities that is not abstract."""
     return isinstance(one, type) and issubclass(one, Capability) and not isabstract(one)
 
 
 def check_duration(duration: float | None) -> None:
-    """Raises TciError for an invalid duration [s]."""
+    """Raises TciError if `duration` [s] is negative, infinite or not a number. None is valid."""
     if duration is not None and not (0.0 <= duration < math.inf):
         raise TciError(f"run: duration {duration} s; valid: 0 or more and finite, or None for ever")

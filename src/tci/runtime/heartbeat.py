@@ -1,7 +1,8 @@
-"""Heartbeats between TCI processes on one machine, as small datagrams.
+"""Sends and checks heartbeats between TCI processes on one machine. A heartbeat is a small UDP datagram.
 
-A required process sends beats. The process that owns the driver listens. It holds the robot if no beat of a
-required process arrives for `TIMEOUT`. To use this, pass `Listener.fault` to `run` as its `guard`.
+Each required process sends beats. The process that owns the driver receives the beats and holds the robot if
+no beat of a required process arrives for `TIMEOUT`. To use heartbeats, pass `Listener.fault` to `run` as the
+argument `guard`.
 """
 
 from __future__ import annotations
@@ -18,19 +19,20 @@ from tci.errors import DriverError, TciError
 from tci.reasons import Code, Reason
 
 TIMEOUT = 0.08
-"""Time [s] without a beat after which a process counts as dead. This time plus one control period is below
+"""Time [s] without a beat after which a process counts as dead. `TIMEOUT` plus one control period is below
 100 ms."""
 INTERVAL = 0.02
 """Time [s] between two beats. Assumed: four beats are sent within `TIMEOUT`."""
 _FORM = struct.Struct("<4sQ16sI")
 _MAGIC = b"TCIb"
 _PER_CALL = 64
-"""Largest number of datagrams that are read per call. This limits the duration of a call if very many
-datagrams arrive."""
+"""Largest number of datagrams that one call of `Listener.fault` reads. This number limits the duration of a
+call if very many datagrams arrive."""
 
 
 def encode(name: str, sequence: int) -> bytes:
-    """Returns one beat as bytes. Raises TciError if the name is empty or longer than 16 bytes."""
+    """Returns one beat as bytes. Raises TciError if the process name in the beat is empty or longer than 16
+    bytes."""
     raw = name.encode()
     if not 0 < len(raw) <= 16 or b"\0" in raw:
         raise TciError(f"heartbeat of {name!r}; valid: a name of 1 to 16 bytes without zeros")
@@ -39,7 +41,8 @@ def encode(name: str, sequence: int) -> bytes:
 
 
 def decode(data: bytes) -> tuple[str, int] | None:
-    """Returns name and sequence number of a beat. Returns None for any other bytes."""
+    """Returns the process name and the sequence number in a beat. Returns None if the bytes are not a
+    beat."""
     if len(data) != _FORM.size:
         return None
     magic, sequence, raw, check = _FORM.unpack(data)
@@ -52,10 +55,8 @@ def decode(data: bytes) -> tuple[str, int] | None:
 
 
 class Sender:
-    """Sends beats to a listener.
-
-    Call `beat` from the work that must continue, never from a separate thread: such a thread would send beats
-    although the work has stopped.
+    """Sends beats to a `Listener`. Call `beat` in the loop that is supervised, never in a separate thread. A
+    separate thread would send beats although the loop has stopped.
     """
 
     def __init__(self, name: str, port: int) -> None:
@@ -66,11 +67,11 @@ class Sender:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
     def beat(self) -> None:
-        """Sends a beat. No listener is needed."""
+        """Sends a beat. Does nothing if no process listens at the port."""
         try:
             self._socket.sendto(encode(self.name, time.monotonic_ns()), self._to)
         except OSError:
-            return  # no listener: detecting that is the listener's task
+            return  # no process listens; a sender does not report this
 
     def close(self) -> None:
         """Closes the socket."""
@@ -78,7 +79,7 @@ class Sender:
 
 
 class Listener:
-    """Records which required processes are alive. A process that has never sent a beat counts as dead."""
+    """Records the beats of the required processes. A process that has never sent a beat counts as dead."""
 
     def __init__(
         self,
@@ -88,9 +89,8 @@ class Listener:
         timeout: float = TIMEOUT,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Listens on `port` of the loopback interface.
-
-        With `port` 0, a free port is used. Raises DriverError if the port is in use.
+        """Listens on `port` of the loopback interface. With `port` 0, the system chooses a free port. Raises
+        DriverError if the port is in use.
         """
         if not timeout > 0.0:
             raise TciError(f"heartbeat timeout {timeout} s; valid: above 0")
@@ -98,8 +98,8 @@ class Listener:
         self._clock = clock
         self._last_beats: dict[str, tuple[float, int]] = {name: (-float("inf"), -1) for name in needed}
         self.rejected = 0
-        """Number of datagrams that were not beats of a required process, or that were older than the latest
-        beat."""
+        """Number of datagrams that were rejected: they were not beats of a required process, or were older
+        than the latest beat of the process."""
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         try:
@@ -108,11 +108,10 @@ class Listener:
             self._socket.close()
             raise DriverError(f"heartbeat port {port}: {error.strerror}; valid: a free one, or 0") from error
         self.port: int = self._socket.getsockname()[1]
-        """Port to which senders send."""
+        """Port on which this listener receives beats."""
 
     def fault(self) -> Reason | None:
-        """Returns a reason to hold that names the silent processes.
-
+        """Returns a reason to hold the robot, with the names of the processes whose beats are missing.
         Returns None if all required processes are alive.
         """
         for _ in range(_PER_CALL):

@@ -1,11 +1,11 @@
 """One commander per robot: only the process that holds the robot's lease may write commands.
 
-A second process gets an error. The lease is a lock on a file. The operating system releases the lock when the
-process ends for any reason. The lease is valid between the processes of one user on one machine, and between
-threads. The file is in /tmp/tci-UID. TMPDIR and XDG_RUNTIME_DIR do not change this folder. The lease does not
-protect against other users, other machines, or containers with a separate /tmp. For a served robot (`tci
-serve`), the serving process holds the lease. Several clients over YARP or NAOqi are not distinguished, so all
-of them can send commands.
+A second process that requests the lease gets an error. The lease is a lock on a file. The operating system
+releases the lock when the process ends, also after a crash. The lease is valid between the processes of one
+user on one machine, and between threads. The file is in /tmp/tci-UID. TMPDIR and XDG_RUNTIME_DIR do not
+change this folder. The lease does not protect against other users, other machines, or containers with a
+separate /tmp. For a served robot (`tci serve`), the serving process holds the lease. The server can't
+distinguish several clients over YARP or NAOqi, so all these clients can send commands.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ except ModuleNotFoundError:  # pragma: no cover - on Windows
     fcntl = None  # type: ignore[assignment]  # the module is missing
 
 FOLDER = "TCI_LEASES"
-"""Environment variable that names another folder for leases, for example a folder that several containers
-share."""
+"""Name of the environment variable with another folder for leases, for example a folder that several
+containers share."""
 VALID = (
     f"valid: a folder of your own; {FOLDER} names another, the same in every program that commands the robot"
 )
@@ -38,9 +38,8 @@ _HOLDER = re.compile(rb"process [0-9]{1,10}")
 
 
 class Lease:
-    """The lease on a robot, held by this process.
-
-    A forked child process does not inherit the lease. Removing its file does not end the lease.
+    """The lease of this process on a robot. A forked child process does not inherit the lease. The lease
+    remains valid if the lease's file is removed.
     """
 
     def __init__(self, name: str) -> None:
@@ -63,9 +62,9 @@ class Lease:
     def check(self) -> None:
         """Checks that this process still holds the lease. Call this method before each write.
 
-        If the file was removed or its folder renamed, acquires the lease again. Raises DriverError if another
-        process has acquired the lease, or if this process is a forked child. Also raises DriverError in the
-        cases that the constructor lists.
+        If the lease's file was removed or the file's folder was renamed, acquires the lease again. Raises
+        DriverError if another process has acquired the lease, or if this process is a forked child. Also
+        raises DriverError in the cases that the constructor lists.
         """
         if os.getpid() != self._owner:
             raise DriverError(
@@ -77,7 +76,7 @@ class Lease:
             self._take()
 
     def close(self) -> None:
-        """Releases the lease. A second call does nothing."""
+        """Releases the lease. A second call has no effect."""
         with _LOCK:
             _HELD.discard(self)
             while self._handles:
@@ -86,7 +85,7 @@ class Lease:
     def _take(self) -> None:
         try:
             while not self._lock():
-                self.close()  # the file was removed in the meantime
+                self.close()  # the file was removed after it was opened
         except OSError as error:
             self.close()
             raise DriverError(
@@ -97,7 +96,7 @@ class Lease:
             raise
 
     def _lock(self) -> bool:
-        """Locks the file. Returns False if the file was replaced or removed meanwhile."""
+        """Locks the lease's file. Returns False if the file was replaced or removed before it was locked."""
         _make(self._path.parent)
         place = self._opened(self._path.parent, os.O_RDONLY | os.O_DIRECTORY)
         handle = self._opened(self._path, os.O_RDWR | os.O_CREAT | os.O_NONBLOCK)
@@ -112,7 +111,7 @@ class Lease:
             raise DriverError(
                 f"{self._name} is commanded by {holder} already; valid: one commander at a time"
             ) from None
-        # systemd removes old files from /tmp, but not from a folder that is locked.
+        # The folder is locked because systemd removes old files from /tmp, except from locked folders.
         fcntl.flock(place, fcntl.LOCK_SH)
         if not _is_at(self._path, self._found):
             return False
@@ -129,7 +128,7 @@ class Lease:
 
 
 def _is_at(path: Path, found: os.stat_result) -> bool:
-    """Returns True if `path` still leads to the file `found`."""
+    """Returns True if the file at `path` is still the file with the status `found`."""
     try:
         return os.path.samestat(os.lstat(path), found)
     except OSError:
@@ -138,11 +137,12 @@ def _is_at(path: Path, found: os.stat_result) -> bool:
 
 _HELD: set[Lease] = set()
 _LOCK = threading.Lock()
-"""Lock that prevents a fork while file handles change."""
+"""Lock that prevents this process from forking while `Lease` opens or closes files."""
 
 
 def _let_go() -> None:
-    """Closes the files in a forked child process. Otherwise the child would share the locks of its parent."""
+    """Closes the files of all leases in a forked child process. Otherwise the child process would share the
+    locks of the parent process."""
     for held in tuple(_HELD):
         held.close()
 
@@ -154,7 +154,8 @@ if hasattr(os, "register_at_fork"):  # pragma: no branch - not on Windows, where
 
 @contextmanager
 def lease(name: str) -> Iterator[Lease]:
-    """Holds the lease called `name` inside the block. Raises DriverError as `Lease` does."""
+    """Acquires the lease `name` at the start of the `with` block and releases it at the end. Raises
+    DriverError in the cases that `Lease.__init__` lists."""
     held = Lease(name)
     try:
         yield held
@@ -164,11 +165,10 @@ def lease(name: str) -> Iterator[Lease]:
 
 @contextmanager
 def commanding(driver: Driver) -> Iterator[None]:
-    """Holds the lease on the robot of `driver` inside the block.
-
-    The driver's `write` checks the lease at each call. On a system without file locks, simulations and
-    recordings are used without a lease, since they belong to this process alone. Raises DriverError as
-    `Lease` does.
+    """Acquires the lease on the robot of `driver` at the start of the `with` block and releases it at the
+    end. The driver's `write` checks the lease at each call. On a system without file locks, simulations and
+    recordings need no lease, since only this process can use them. Raises DriverError in the cases that
+    `Lease.__init__` lists.
     """
     if fcntl is None and driver.info.lease_name.partition(":")[0] in HARMLESS:
         yield
@@ -191,7 +191,8 @@ def _folder() -> Path:
 
 
 def _make(folder: Path) -> None:
-    """Creates a folder if it does not exist. Raises DriverError if the folder belongs to another user."""
+    """Creates the folder for leases if the folder does not exist. Raises DriverError if the folder belongs to
+    another user."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = folder.lstat()

@@ -1,9 +1,10 @@
 """The control loop.
 
-Once per period of the driver it reads, perceives, decides, passes commands through the gate, and writes.
-Missed periods are skipped and counted. If three or more periods in a row are missed, the gate holds the
-robot. At every end of the loop, also after an error, the robot is first brought to rest. Only then are errors
-of the capability, an observer or a thread raised.
+Once per period of the driver, the loop reads the sensors, computes the perception, runs the capability,
+checks the commands with the gate, and writes the checked command. Missed periods are skipped and counted. If
+three or more periods in a row are missed, the gate holds the robot. When the loop ends, also after an error,
+the loop first brings the robot to rest. After that, the loop raises the error of the capability, of an
+observer or of a thread.
 """
 
 from __future__ import annotations
@@ -34,20 +35,20 @@ from tci.runtime.result import Account, RunResult
 from tci.runtime.watchdogs import SkinWatchdog, frozen_garbage, interruptions
 
 MISSED = 3
-"""Least number of periods missed in a row at which the robot holds. Assumed: a few missed periods are normal
-without real-time priority."""
+"""Least number of successive missed periods at which the gate holds the robot. Assumed: without real-time
+priority, a few missed periods are normal."""
 PERSISTS = 0.1
-"""Time [s] for which skin frames may fail to fit the robot. After this time the gate stops the robot.
-Assumed: single damaged frames do no harm."""
+"""Longest time [s] for which skin frames may not fit the robot's description. After this time the gate stops
+the robot. Assumed: single damaged frames do no harm."""
 REST = 0.5
-"""Longest time [s] that the loop waits at its end for the robot to come to rest. Assumed: within their
-limits, robots come to rest sooner."""
+"""Longest time [s] that the loop waits at the end of a run until the robot is at rest. Assumed: with the
+accelerations in the descriptions, robots come to rest in less time."""
 LET_GO = 0.1
-"""Length [s] of the last part of `REST`. In this part the loop does not read. Without new data the gate ends
-all torques. Otherwise a joint in torque mode would keep its last torque."""
+"""Length [s] of the last part of `REST`. In this part the loop reads no sensor data, so that the gate sets
+all torques to zero. Otherwise a joint in torque mode would keep its last torque."""
 STILL = 1e-6
-"""Speed [rad/s] of a reference below which the joint counts as at rest. Assumed: this is larger than rounding
-errors and far smaller than any motion."""
+"""Commanded speed [rad/s] below which a joint counts as at rest. Assumed: larger than rounding errors, and
+far smaller than the speed of any motion."""
 
 Memory = TypeVar("Memory")
 
@@ -61,17 +62,17 @@ class Tick:
     reading: Reading
     """Reading of the robot."""
     perception: Perception
-    """Perception for the capability. If the skin frames of this reading do not fit the robot: the previous
-    perception."""
+    """Perception for the capability. If the skin frames of this reading do not fit the robot's description,
+    the perception of the previous tick."""
     commands: tuple[Order, ...]
-    """Orders of the capability."""
+    """Orders that the capability returned in this tick."""
     sent: SafeCommand
-    """Command that the gate allowed and the driver sent."""
+    """Command that the gate returned and the driver sent."""
 
     @property
     def skin(self) -> SkinState:
         """Pressure on the whole skin, from which the contacts were computed."""
-        assert self.perception.skin is not None  # as a Perceiver made it
+        assert self.perception.skin is not None  # a Perceiver always sets `skin`
         return self.perception.skin
 
 
@@ -87,27 +88,29 @@ def run(
     report: LoopReport | None = None,
     write: bool = True,
 ) -> RunResult[Memory]:
-    """Runs a capability on a robot for `duration` [s], or until interrupted, and returns the result.
+    """Runs a capability on a robot for `duration` [s], or until the user interrupts the run. Returns the
+    result.
 
-    The result contains the memory. The result is false if the robot was stopped, or if every command was
-    refused. In these two cases `run` raises no exception, so that the caller gets the memory and the reasons.
-    `run` logs the first refusal and the first clamp of each kind, every hold and every stop at the time at
-    which they occur (`logging`, logger `tci`).
+    The result contains the capability's last memory. `bool(result)` is False if the gate stopped the robot or
+    refused every command. In these two cases `run` raises no exception, so that the caller gets the memory
+    and the reasons. The logger `tci` (module `logging`) immediately logs every hold, every stop, and the
+    first refusal and the first clamp of each kind.
 
-    `observe` is called after each tick. `sensed` is called before the reading of a tick is processed. The
-    loop waits for both functions, so they must return quickly. `guard` is called in each period. It returns a
-    reason to hold (for example `heartbeat.Listener.fault`), or None. `report` is filled during the run. With
-    `write=False` no command is sent, and the driver need not be armed. `until` is a function of the
-    capability's memory; when it returns True, the run ends.
+    The loop calls `observe` with each finished tick, and `sensed` with each reading before the reading is
+    processed. The loop waits for both functions, so both functions must return quickly. The loop calls
+    `guard` in each period; `guard` (for example `heartbeat.Listener.fault`) returns a reason to hold the
+    robot, or None. The loop updates `report` during the run. With `write=False` the loop sends no command,
+    and the driver need not be armed. The loop calls `until` with the capability's memory after each tick, and
+    ends the run when `until` returns True.
 
-    At the end of every run, also after an error, the robot is brought to rest, and unfinished motions are
-    ended early. The loop waits at most `REST` [s] for the robot to rest. After SIGINT and SIGTERM, `run` then
-    raises KeyboardInterrupt or SystemExit.
+    At the end of every run, also after an error, the loop interrupts unfinished motions and brings the robot
+    to rest. The loop waits at most `REST` [s] until the robot is at rest. If SIGINT or SIGTERM ended the run,
+    `run` then raises KeyboardInterrupt or SystemExit.
 
-    Before the robot moves, one of three errors may be raised: TciError for an invalid duration or argument,
-    CommandError if the robot refuses the capability's first commands, and DriverError if another process
-    commands the robot. All other errors are raised after the robot has come to rest: CommandError if a step
-    did not return commands and memory, and errors of the driver, the capability, an observer or a thread.
+    Before the robot moves, raises TciError for an invalid duration or argument, CommandError if the gate
+    refuses the capability's first commands, and DriverError if another process commands the robot. After the
+    robot has come to rest, raises CommandError if a step of the capability did not return commands and
+    memory. Also then raises the errors of the driver, of the capability, of an observer or of a thread.
     """
     check_duration(duration)
     driver, capability = as_driver(driver), as_capability(capability)
@@ -138,7 +141,7 @@ def run(
 
 
 class _Loop(Generic[Memory]):
-    """One run: its memory and its timing."""
+    """State of one run: the capability's memory and the timing of the periods."""
 
     def __init__(
         self,
@@ -172,11 +175,11 @@ class _Loop(Generic[Memory]):
         self._sent: SafeCommand | None = None
 
     def begin(self, now: float) -> None:
-        """Sets the start of the first period to `now` [s]. The first tick may already be late."""
+        """Sets the start of the first period to the time `now` [s]."""
         self._start = now
 
     def tick(self, now: float) -> None:
-        """Runs one period. `now` [s] is the time on the driver's clock."""
+        """Executes one control period. `now` [s] is the present time on the driver's clock."""
         begin = time.perf_counter()
         gate = self.driver.gate
         gate.hold(self._timing(now) or (self.guard() if self.guard else None))
@@ -211,7 +214,7 @@ class _Loop(Generic[Memory]):
         self.report.work.add(time.perf_counter() - begin)
 
     def end(self, duration: float | None) -> None:
-        """Counts the periods missed between the last tick and the end of `duration` [s]."""
+        """Counts the missed periods between the last tick and the end of the run after `duration` [s]."""
         if duration is None or self._before is None:
             return
         missed = math.ceil(duration / self.driver.period - ROUNDING) - self._period_of(self._before) - 1
@@ -220,14 +223,14 @@ class _Loop(Generic[Memory]):
             self.report.missed += missed
 
     def _timing(self, now: float) -> Reason | None:
-        """Counts the periods missed since the previous tick.
-
-        Returns a reason to hold if too many were missed.
+        """Counts the missed periods since the previous tick. Returns a reason to hold the robot if `MISSED`
+        or more periods were missed, otherwise None.
         """
         period = self.driver.period
         if self._before is None:
             self._before = now
-            self._start += self._period_of(now) * period  # no period counts as missed before the first
+            # periods before the first tick do not count as missed
+            self._start += self._period_of(now) * period
         missed = self._period_of(now) - self._period_of(self._before)
         self._before = now
         self.report.lateness.add(max(0.0, (now - self._start + period * ROUNDING) % period))
@@ -247,10 +250,8 @@ class _Loop(Generic[Memory]):
         return int((now - self._start) / self.driver.period + ROUNDING)
 
     def _perceive(self, reading: Reading, now: float) -> Perception | None:
-        """Returns the perception.
-
-        Returns None if the reading does not fit the robot. If such readings continue for longer than
-        `PERSISTS`, the gate stops the robot.
+        """Returns the perception of a reading. Returns None if the reading does not fit the robot's
+        description. If no reading fits for longer than `PERSISTS`, stops the gate.
         """
         try:
             self._perception = self.perceiver.step(reading, now)
@@ -264,9 +265,8 @@ class _Loop(Generic[Memory]):
         return self._perception
 
     def finish(self) -> None:
-        """Brings moving joints to rest and then ends the loop's hold.
-
-        This is needed because no later tick would end their motion.
+        """Brings moving joints to rest, and then ends the hold that stopped them. Needed at the end of a run
+        because no later tick ends the joints' motion.
         """
         if self._sent is None or not _moves(self._sent):
             return
@@ -279,9 +279,8 @@ class _Loop(Generic[Memory]):
                 return
 
     def stop(self, reason: str, cause: BaseException) -> None:
-        """Stops the gate and brings the robot to rest.
-
-        Errors that occur while the robot is brought to rest are added to `cause` as notes.
+        """Stops the gate and brings the robot to rest. If bringing the robot to rest raises an error, adds a
+        note about this error to `cause`.
         """
         self.driver.gate.stop(Reason(Code.PROGRAM_FAILED, reason))
         try:
@@ -290,19 +289,18 @@ class _Loop(Generic[Memory]):
             cause.add_note(f"and the robot could not be brought to rest: {error}")
 
     def _rest(self, halt: Callable[[], None] | None = None) -> None:
-        """Calls `halt` in each period until all references are at rest.
-
-        Continues for more than `MISSED` periods, so that other processes receive the last commands.
+        """Writes commands until the commanded speeds and torques of all joints are zero. Calls `halt`, if
+        given, in each period. Writes for more than `MISSED` periods, so that other processes receive the last
+        commands.
         """
         for count, sent in enumerate(self._writes(halt), start=1):
             if count > MISSED and not _moves(sent):
                 return
 
     def _writes(self, halt: Callable[[], None] | None = None) -> Iterator[SafeCommand]:
-        """Writes the gate's output once per period without new orders, for at most `REST`.
-
-        If writing fails, the loop continues, since other parts of the robot may still receive commands. The
-        error is raised at the end if the last write failed.
+        """Runs the gate without new orders and writes the resulting command, once per period, for at most
+        `REST` [s]. Yields each command that was sent. Continues after a failed write, since other parts of
+        the robot may still receive commands. Raises the error of the last write if the last write failed.
         """
         driver = self.driver
         failure: Exception | None = None
@@ -310,7 +308,8 @@ class _Loop(Generic[Memory]):
             return
         begin = driver.clock.now()
         for now in driver.ticks(duration=REST):
-            with suppress(Exception):  # references stop without a reading; torques end without one
+            # if reading fails, the gate still stops joints in position mode, and ends torques
+            with suppress(Exception):
                 if now - begin < REST - LET_GO:
                     self._joints = driver.read().joints
             if halt is not None:
@@ -326,5 +325,5 @@ class _Loop(Generic[Memory]):
 
 
 def _moves(sent: SafeCommand) -> bool:
-    """Returns True if a command sets a speed or a torque that is not zero."""
+    """Returns True if a command contains a speed of at least `STILL`, or a torque that is not zero."""
     return bool(np.any(np.abs(sent.velocity) >= STILL) or np.any(sent.torque))

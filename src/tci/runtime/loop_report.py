@@ -1,4 +1,4 @@
-"""Timing statistics of the loop: periods, overruns, lateness and work."""
+"""Timing statistics of the control loop: executed and missed periods, lateness, and computing time."""
 
 from __future__ import annotations
 
@@ -10,35 +10,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 FINEST = 1e-6
-"""Upper edge [s] of the first bin. Assumed: this is shorter than any step of the loop."""
+"""Upper edge [s] of the first bin of a histogram. Assumed: every step of the loop needs more time."""
 PER_DOUBLING = 16
-"""Number of bins after which the time has doubled."""
+"""Number of bins between a time and the double of this time."""
 BINS = 512
 
 
 class Histogram:
-    """A histogram of times.
-
-    Each bin is 4 % wider than the bin before, so the histogram covers microseconds to hours.
+    """A histogram of times. Each bin is 4 % wider than the previous bin, so the histogram covers times from
+    microseconds to hours.
     """
 
     def __init__(self) -> None:
         self.counts: NDArray[np.int64] = np.zeros(BINS, dtype=np.int64)
-        """Number of times (BINS,) in each bin."""
+        """Number of recorded times (BINS,) in each bin."""
         self.largest = 0.0
-        """The longest time [s]."""
+        """Longest recorded time [s]."""
 
     def add(self, seconds: float) -> None:
-        """Adds a time [s]."""
+        """Records a time [s]."""
         self.largest = max(self.largest, seconds)
         share = seconds / FINEST
         place = 0 if share <= 1.0 else math.ceil(PER_DOUBLING * math.log2(share))
         self.counts[min(place, BINS - 1)] += 1
 
     def quantile(self, share: float) -> float:
-        """Returns the time [s] that a fraction `share` 0..1 of all times do not exceed.
-
-        The time is rounded up to the edge of its bin.
+        """Returns the time [s] that a fraction `share` (0..1) of all recorded times do not exceed. The result
+        is rounded up to the upper edge of a bin.
         """
         total = int(self.counts.sum())
         if not total:
@@ -47,7 +45,7 @@ class Histogram:
         return float(min(FINEST * 2.0 ** (bin_ / PER_DOUBLING), self.largest))
 
     def to_json(self) -> dict[str, float]:
-        """Returns the median, the 99 % and 99.9 % quantiles, and the largest time, in milliseconds."""
+        """Returns the median, the 99 % quantile, the 99.9 % quantile and the largest time, all in [ms]."""
         quantiles = {"p50": 0.5, "p99": 0.99, "p999": 0.999}
         figures = {name: self.quantile(share) * 1e3 for name, share in quantiles.items()}
         return {**figures, "max": self.largest * 1e3}
@@ -55,28 +53,30 @@ class Histogram:
 
 @dataclass(slots=True)
 class LoopReport:
-    """Statistics of a run. To read the statistics during the loop, pass a report to `run`."""
+    """Timing statistics of a run. To read the statistics during the run, pass a report to `run`."""
 
     ticks: int = 0
     """Number of periods that the loop executed."""
     missed: int = 0
-    """Number of periods that were skipped, because an earlier period took too long or the process did not
-    run."""
+    """Number of periods that the loop skipped, because an earlier period lasted too long or the process did
+    not run."""
     overruns: int = 0
-    """Number of occasions on which one or more periods were missed in a row."""
+    """Number of gaps in the sequence of executed periods. Each gap has one or more missed periods."""
     rejected: int = 0
-    """Number of readings that were rejected because their skin frames did not fit the robot."""
+    """Number of readings that the loop rejected because the skin frames in the reading did not fit the
+    robot's description."""
     lateness: Histogram = field(default_factory=Histogram)
-    """Lateness [s] of each tick."""
+    """Delay [s] of each tick after the planned start of its period."""
     work: Histogram = field(default_factory=Histogram)
     """Computing time [s] of each tick, measured on the machine's own clock."""
     ended: str = ""
-    """Reason why the loop ended. It is empty while the loop runs."""
+    """Reason for which the loop ended. The text is empty while the loop runs."""
     cut_short: bool = False
-    """True if the robot was still moving at the end of the run and had to be brought to rest."""
+    """True if the robot was still moving at the end of the run, so that the loop had to bring the robot to
+    rest."""
 
     def to_json(self) -> dict[str, Any]:
-        """Returns plain values for JSON. Times are in milliseconds."""
+        """Returns the statistics as JSON values. Times are in [ms]."""
         return {
             "ticks": self.ticks,
             "missed": self.missed,

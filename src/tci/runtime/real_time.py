@@ -1,4 +1,4 @@
-"""Real-time priority for a loop, if the system permits it (Linux)."""
+"""Real-time priority for a control loop on Linux, if the system permits real-time priority."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from contextlib import ExitStack, contextmanager, suppress
 from tci.errors import TciError
 
 PRIORITY = 50
-"""Real-time priority. It equals the priority of ros2_control and of the kernel's interrupt threads. The
-kernel uses priority 99 for its own watchdogs."""
+"""Real-time priority of the loop, equal to the priority of ros2_control and of the kernel's interrupt
+threads. Priority 99 is not used, since the kernel's watchdogs have this priority."""
 
 
 @contextmanager
 def real_time(*, priority: int = PRIORITY, processor: int | None = None) -> Iterator[None]:
     """Gives the thread of the `with` block real-time priority (SCHED_FIFO).
 
-    This thread then runs before all threads without real-time priority. If `processor` is given, the thread
-    runs only on this processor. Threads and processes that are started inside the block inherit the priority.
-    If a capability does not return, it blocks its processor for all other programs. Raises TciError if the
-    system does not permit real-time priority. In this case nothing is changed.
+    The system then runs this thread before all threads without real-time priority. If `processor` is given,
+    the thread runs only on this processor. Threads and processes that are started inside the block inherit
+    the priority. A capability that does not return then blocks the thread's processor for all other programs.
+    Raises TciError if the system does not permit real-time priority. In this case the thread's priority does
+    not change.
     """
     if sys.platform != "linux":
         raise TciError(f"real time on {sys.platform}; valid: on Linux")
@@ -51,9 +52,8 @@ def real_time(*, priority: int = PRIORITY, processor: int | None = None) -> Iter
 
 @contextmanager
 def real_time_where_permitted() -> Iterator[None]:
-    """Runs the block with real-time priority if the system permits this.
-
-    Otherwise runs the block without changes.
+    """Runs the `with` block with real-time priority if the system permits real-time priority. Otherwise runs
+    the block with unchanged priority.
     """
     with ExitStack() as stack:
         with suppress(TciError):

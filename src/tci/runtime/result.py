@@ -17,10 +17,11 @@ from tci.reasons import Notice, Reason, ReasonCounter, text_of
 from tci.runtime.loop_report import LoopReport
 
 MOVED = float(np.deg2rad(1.0))
-"""Least motion [rad] of a servo that counts as moved. Assumed: a servo sags by less under gravity."""
+"""Least change of angle [rad] for which a servo counts as moved. Assumed: gravity turns a servo at rest by
+less than this angle."""
 SHOWN = 6
-"""Number of servos that are printed, and number of notices of each kind that are printed. Assumed: longer
-lists are not read."""
+"""Largest number of servos that a summary lists, and of notices of each kind. Assumed: users do not read
+longer lists."""
 
 Memory = TypeVar("Memory")
 _log = logging.getLogger("tci")
@@ -28,38 +29,41 @@ _log = logging.getLogger("tci")
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RunResult(Generic[Memory]):
-    """Result of a run that has ended. `print` shows it in a few lines.
+    """Result of a run that has ended. `print` shows the result in a few lines.
 
-    The result is false if the robot was stopped, or if every command was refused. With clamped commands the
-    result is still true: the robot executed these commands within its limits, and `clamps` lists them. A stop
-    raises no exception, because with an exception the caller would not get the memory and the reasons.
+    `bool(result)` is False if the gate stopped the robot or refused every command. Clamped commands do not
+    make the result False, since the robot executed these commands within the limits; `clamps` lists these
+    commands. A stop raises no exception, because after an exception the caller would not get the memory and
+    the reasons.
     """
 
     memory: Memory
-    """Last memory of the capability."""
+    """Memory of the capability after the last step."""
     report: LoopReport
-    """Timing of the loop."""
+    """Timing statistics of the loop."""
     robot: str
     """Name of the robot."""
     state: GateState
-    """State of the gate at the end."""
+    """State of the gate at the end of the run."""
     reason: Reason | None
-    """Reason for which the gate holds or has stopped at the end. None if the gate is in the state RUN."""
+    """Reason for the gate's state HOLD or STOP at the end of the run. None if the gate is in the state
+    RUN."""
     touched: Mapping[str, float]
-    """Largest force [N] of a contact on each patch that was touched, by patch name. Patches are in the order
-    of their first touch."""
+    """Largest force [N] of a contact on each patch that was touched, by patch name. The patch that was
+    touched first is the first key."""
     moved: Mapping[str, float]
     """Difference [rad] between the largest and the smallest angle of each servo that moved, by servo name.
-    The largest difference is first."""
+    The servo with the largest difference is the first key."""
     accepted: int
-    """Number of commands that the gate accepted. The capability's first orders (`begin`) are not counted."""
+    """Number of commands that the gate accepted. The first orders of the capability (`begin`) do not
+    count."""
     refusals: tuple[Notice, ...]
-    """Reasons for which commands were refused, by kind."""
+    """Reasons for which the gate refused commands, by kind of refusal."""
     clamps: tuple[Notice, ...]
-    """Reasons for which commands were clamped or cut short, by kind."""
+    """Reasons for which the gate clamped or shortened commands, by kind of clamp."""
     holds: tuple[Notice, ...]
-    """Reasons for which the gate held the robot, by kind. Each reason's count is the number of periods in
-    which it held the robot."""
+    """Reasons for which the gate held the robot, by kind of reason. Each reason has the number of periods in
+    which the gate held the robot for this reason."""
 
     @property
     def ended(self) -> str:
@@ -68,7 +72,7 @@ class RunResult(Generic[Memory]):
 
     @property
     def refused_all(self) -> bool:
-        """True if commands were refused and none was accepted."""
+        """True if the gate refused at least one command and accepted no command."""
         return bool(self.refusals) and not self.accepted
 
     def __bool__(self) -> bool:
@@ -76,7 +80,7 @@ class RunResult(Generic[Memory]):
 
     @property
     def summary(self) -> str:
-        """One line with the touched patches and the joints that moved."""
+        """One line of text with the touched patches and the joints that moved."""
         touched = ", ".join(f"{patch} ({force:.1f} N)" for patch, force in self.touched.items())
         moved = ", ".join(f"{name} {np.rad2deg(way):.0f}" for name, way in [*self.moved.items()][:SHOWN])
         more = f" and {len(self.moved) - SHOWN} more" if len(self.moved) > SHOWN else ""
@@ -95,9 +99,8 @@ class RunResult(Generic[Memory]):
         return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:
-        """Returns all fields except the memory as plain values.
-
-        Times are in seconds, except the timing of the loop, which is in milliseconds.
+        """Returns all fields except the memory as JSON values. Times are in [s], except in the loop's timing
+        statistics, which are in [ms].
         """
         return {
             "robot": self.robot,
@@ -116,7 +119,8 @@ class RunResult(Generic[Memory]):
 
 
 class Account:
-    """Collects the result of a run, period by period, and logs the first notice of each kind."""
+    """Collects the data for the result of a run in each period. Logs the first refusal, the first clamp and
+    the first hold of each kind."""
 
     def __init__(self, driver: Driver) -> None:
         self._driver = driver
@@ -129,10 +133,9 @@ class Account:
         self._stopped: Reason | None = None
 
     def add(self, seen: Perception | None, position: Array, sent: SafeCommand, *, opening: bool) -> None:
-        """Adds one period.
-
-        `seen` is the perception, or None if the reading did not fit the robot. `position` (n_servos,) [rad]
-        are the servos' angles. `opening` is True if the orders are the capability's first orders (`begin`).
+        """Adds the data of one period. `seen` is the perception, or None if the reading did not fit the
+        robot's description. `position` (n_servos,) [rad] are the servos' angles. `opening` is True if the
+        orders in `sent` are the capability's first orders (`begin`).
         """
         if seen is not None:
             if seen.contacts is not self._contacts:

@@ -23,10 +23,10 @@ MEANING = {
     GateState.STOP: "the robot stops and stays stopped until an operator resets it",
 }
 LULL = 0.5
-"""Time [s] for which a place must have no contact before the next touch on this place is printed. Assumed: a
-sliding hand makes and breaks contact at shorter intervals."""
+"""Time [s] without contact after which a new contact on a patch is a new event. Assumed: when a hand slides
+over a patch, the contact is lost for shorter times."""
 STILL = 1e-6
-"""Commanded speed [rad/s] below which a joint counts as at rest. Assumed: above rounding errors."""
+"""Commanded speed [rad/s] below which a joint counts as at rest. Assumed: larger than rounding errors."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +36,9 @@ class Event:
     now: float
     """Time [s] on the driver's clock."""
     kind: str
-    """Kind of the event. From the skin: touch, MASK. From commands: command, refused, clamped. From the gate:
-    HOLD, STOP, RUN, at rest. From injected faults: FAULT, over. From the capability: NOTE."""
+    """Kind of the event. Events of the skin are touch and MASK. Events of commands are command, refused and
+    clamped. Events of the gate are HOLD, STOP, RUN and at rest. Events of injected faults are FAULT and over.
+    Events of the capability are NOTE."""
     words: str
 
     def to_json(self) -> dict[str, Any]:
@@ -46,13 +47,14 @@ class Event:
 
 
 class RunLog:
-    """Finds the events of a run in its ticks. Each event is passed to `listen` at once."""
+    """Finds the events of a run in the run's ticks. Passes each event to `listen` immediately."""
 
     def __init__(self, driver: Driver, listen: Callable[[Event], None]) -> None:
         self.events: list[Event] = []
-        """All events so far."""
+        """All events since the start of the run, the earliest first."""
         self.worst = GateState.RUN
-        """Worst state so far. STOP is worse than HOLD, and HOLD is worse than RUN."""
+        """Worst state of the gate since the start of the run. STOP is worse than HOLD, and HOLD is worse than
+        RUN."""
         self.refused, self.clamped = ReasonCounter(), ReasonCounter()
         self._driver, self._listen = driver, listen
         self._state: tuple[GateState, Reason | None] = (GateState.RUN, None)
@@ -66,7 +68,7 @@ class RunLog:
         self._ended: float | None = None
 
     def see(self, tick: Tick) -> None:
-        """Stores the events of one tick of the loop."""
+        """Finds and stores the events of one tick of the loop."""
         self.tell_faults(tick.now)
         self._touches(tick)
         self._skin(tick)
@@ -111,8 +113,8 @@ class RunLog:
     def outcome(self) -> list[dict[str, Any]]:
         """Returns the outcome of each fault.
 
-        Each outcome contains the fault's begin [s], the expected reaction, and the first reaction of the
-        gate.
+        Each outcome contains the start time [s] of the fault, the expected reaction, and the first reaction
+        of the gate or of the skin conditioning.
         """
         lines = []
         for begin, plan in self._begun:

@@ -1,6 +1,5 @@
-"""Serves a robot to other programs: runs the control loop with a server in place of a capability.
-
-The gate, lease and watchdogs of this process apply to all orders from these programs.
+"""Serves a robot to other programs. Runs the control loop with orders of a server instead of orders of a
+capability. The gate, the lease and the watchdogs of this process apply to all orders from the other programs.
 """
 
 from __future__ import annotations
@@ -25,9 +24,9 @@ class Served:
     """Statistics of a server."""
 
     orders: int = 0
-    """Number of orders that arrived."""
+    """Number of received orders."""
     refusals: ReasonCounter = field(default_factory=ReasonCounter)
-    """Refused orders, by reason."""
+    """Reasons for which orders were refused, each with the number of orders."""
 
 
 def serve(
@@ -39,11 +38,11 @@ def serve(
     served: Served | None = None,
     clock: Clock | None = None,
 ) -> Served:
-    """Serves the robot of `server.driver` for `duration` [s], or until interrupted.
+    """Serves the robot of `server.driver` for `duration` [s], or until the user interrupts the process.
 
-    If the driver is not armed, clients can read but not command the robot. An order that does not fit the
-    robot is refused, and the robot does not move. `clock` is the clock of the clients. By default it is the
-    machine's clock. Raises the errors of `run`.
+    If the driver is not armed, clients can read but not command the robot. If an order does not fit the
+    robot, the server refuses the order, and the robot does not move. `clock` is the clock of the clients, by
+    default the machine's clock. Raises the errors of `run`.
     """
     orders = _Orders(server, served if served is not None else Served(), clock or MonotonicClock())
 
@@ -61,7 +60,7 @@ def serve(
 
 
 class _Orders(Capability[None]):
-    """Passes orders of other programs to the loop, in the form of a capability."""
+    """Capability that returns the orders of other programs to the loop."""
 
     def __init__(self, server: Server, served: Served, clock: Clock) -> None:
         self.server = server
@@ -98,8 +97,9 @@ class _Orders(Capability[None]):
         return (self._standstill.fault() if self._standstill is not None else None) or missed
 
     def publish(self, tick: Tick) -> None:
-        """Publishes a period."""
-        if self._standstill is None:  # the first period compiles and reads files
+        """Publishes the data of one period to the clients."""
+        # the stall detector starts after the first period, which compiles code and reads files
+        if self._standstill is None:
             self._standstill = StallDetector(self.clock, stale_after=self.server.driver.gate.stale_after)
         self._tick = tick
         for reason in tick.sent.refusals:

@@ -1,4 +1,4 @@
-"""A run with recording, injected faults and a log of its events. The command `tci run` uses it."""
+"""A run with a recording, injected faults and a log of events. The command `tci run` uses this module."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ from tci.runtime.run_log import Event, RunLog
 from tci.skin.skin import Skin
 
 REHEARSAL = 1.5
-"""Shortest run [s] with an injected fault. It is long enough for one poke and the response to it."""
+"""Shortest duration [s] of a run with an injected fault. One poke and the robot's response need less time."""
 FLICKER = 0.4
-"""Noise [counts] of the simulated skin in a run with injected faults. Assumed: most rounded values then stay
-constant, and some change by one."""
+"""Noise [counts] of the simulated skin in a run with injected faults. Assumed: with this noise, most rounded
+values stay constant, and some values change by one count."""
 POKE_DELAY = 0.3
-"""Time [s] from the start of the run to the touch by the simulated finger. The robot is at rest at this time.
+"""Time [s] from the start of a run to the touch by the simulated finger. The robot is at rest until the
+touch.
 """
 
 
 class Session:
-    """One run of a capability on an open driver.
-
-    `run` executes the run. The other members report its result.
+    """One run of a capability on an open driver. The method `run` executes the run. The other members report
+    the result of the run.
     """
 
     def __init__(
@@ -63,14 +63,15 @@ class Session:
             capability: Capability to run.
             faults: Faults to inject.
             flicker: Noise [counts] of the skin while faults are injected.
-            recorder: Open recorder, which gets each period.
-            listen: Called with each event as it happens.
-            observe: Called with each tick.
+            recorder: Open recorder for the data of each period.
+            listen: Function that the session calls immediately with each event.
+            observe: Function that the session calls with each tick.
         """
         self.source = driver
         """The robot's own driver."""
         self.driver = FaultInjector(driver, faults, flicker=flicker) if faults else driver
-        """The driver on which the capability runs: `source`, or a driver that injects faults into `source`.
+        """The driver that the capability uses. This is `source`, or a driver that injects faults into
+        `source`.
         """
         self.recorder = recorder
         self.report = LoopReport()
@@ -78,19 +79,20 @@ class Session:
         self.result: RunResult[Any] | None = None
         """Result of the run. None if the run ended with an error."""
         self.error: BaseException | None = None
-        """The error of the capability, or the signal, that ended the run."""
+        """Exception that ended the run: an error of the capability, or the exception that a signal raised.
+        None if no exception ended the run."""
         self._capability, self._observe = capability, observe
 
     @property
     def failed(self) -> bool:
-        """True if the robot was stopped, the run ended with an error, or every command was refused."""
+        """True if the gate stopped the robot, if an error ended the run, or if the gate refused every
+        command."""
         return self.log.worst is GateState.STOP or not self.result
 
     def run(self, duration: float | None = None) -> None:
-        """Runs the capability for `duration` [s], or until interrupted.
-
-        If a signal or an error ends the run after its start, this signal or error is stored in `error` and
-        not raised. Raises earlier errors.
+        """Runs the capability for `duration` [s], or until the user interrupts the run. If a signal or an
+        error ends the run, stores the exception in `error` and does not raise the exception. Raises only
+        errors that occur before the run starts.
         """
         notes, clock, log = ReasonCounter(), self.driver.clock, self.log
 
@@ -113,7 +115,7 @@ class Session:
                     report=self.report,
                 )  # fmt: skip
             except (Exception, KeyboardInterrupt, SystemExit) as error:
-                if not self.report.ended:  # it never began
+                if not self.report.ended:  # the run has not started
                     raise
                 self.error = error
                 log.tell_faults(clock.now())
@@ -151,9 +153,8 @@ class Session:
         return fields
 
     def _place(self, error: BaseException) -> str:
-        """Returns the file and line of an error in the capability's own file.
-
-        Returns an empty text for an error in another file.
+        """Returns the file and the line of an error in the file of the capability's class. Returns an empty
+        text for an error in another file.
         """
         file = sys.modules[type(self._capability).__module__].__file__
         frames = traceback.extract_tb(error.__traceback__)
@@ -162,17 +163,18 @@ class Session:
 
 
 def rehearsal_length(faults: Sequence[FaultPlan]) -> float:
-    """Returns the least time [s] in which the responses to one poke and to each fault can be seen."""
+    """Returns the shortest duration [s] of a run that contains the responses to one poke and to each
+    fault."""
     return max(REHEARSAL, *(plan.at + INJECTORS[plan.name].shows_after + 1.0 for plan in faults))
 
 
 def recorder_for(path: Path, driver: Driver, via: str, about: Mapping[str, str]) -> Recorder:
-    """Opens a recorder for the readings of a driver. Raises RecordingError as `Recorder` does.
+    """Opens a recorder for the readings of a driver. Raises the errors of `Recorder`.
 
     Args:
         path: File to write.
-        driver: Driver whose robot, period and facts are recorded.
-        via: NAME or NAME:ADDRESS by which the driver was opened.
+        driver: Driver with the robot, period and facts that are recorded.
+        via: NAME or NAME:ADDRESS that was used to open the driver.
         about: Further facts about the recording, by key.
     """
     return Recorder(
@@ -186,7 +188,7 @@ def recorder_for(path: Path, driver: Driver, via: str, about: Mapping[str, str])
 
 
 def about_capability(name: str, capability: Capability[object]) -> dict[str, str]:
-    """Returns metadata for a recording: the name of the behaviour that ran, and its settings."""
+    """Returns metadata for a recording: the name and the settings of the capability that ran."""
     return {"capability": name, "settings": repr(capability)}
 
 
@@ -201,7 +203,7 @@ def poke_forearm(driver: Driver) -> str:
     joints = driver.read().joints
     place = find_place(Skin(driver.robot), "left_arm", site.segment, site.u, site.theta, joints)
     speed = 0.25
-    depth = 0.02 if driver.robot.patch(place.patch).through_joints else 0.01  # 16 and 8 N
+    depth = 0.02 if driver.robot.patch(place.patch).through_joints else 0.01  # about 16 N and 8 N
     driver.world.finger.poke(
         place.patch, place.p_L, place.n_L, speed=speed, depth=depth, gap=speed * POKE_DELAY
     )
@@ -210,7 +212,7 @@ def poke_forearm(driver: Driver) -> str:
 
 @contextlib.contextmanager
 def _quiet_threads() -> Iterator[None]:
-    """Suppresses the traceback of a thread that an injected fault has ended on purpose."""
+    """Suppresses the traceback of a thread that was ended by an injected fault."""
     usual = threading.excepthook
 
     def hook(failed: threading.ExceptHookArgs) -> None:

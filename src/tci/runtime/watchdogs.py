@@ -1,6 +1,5 @@
-"""Watchdogs of the loop for silent skin, stalls, signals and failed threads.
-
-The module also controls the garbage collector.
+"""Watchdogs of the loop for skin without new frames, stalls of the process, signals and failed threads. The
+module also configures Python's garbage collector.
 """
 
 from __future__ import annotations
@@ -22,29 +21,30 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 PERIODS = 3.0
-"""Number of periods of a patch without a frame after which the patch counts as silent. Assumed: one or two
-frames may be lost."""
+"""Number of frame periods without a frame after which a patch counts as silent. Assumed: one or two
+successive frames may be lost."""
 LEAST_SILENCE = 0.25
-"""Least time [s] without a frame after which a patch counts as silent. Assumed: a busy network may delay data
-by this time."""
+"""Least time [s] without a frame after which a patch counts as silent. Assumed: a busy network delays data by
+less than this time."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 TURN = 0.0001
-"""Time [s] after which Python switches between busy threads. Assumed: this is far below a control period.
+"""Time [s] after which Python switches between busy threads. Assumed: far shorter than a control period.
 Python's default is 5 ms."""
 STOOD = 0.3
 """Delay [s] of a period above which the process counts as stalled. Assumed: delays that other programs cause
 are shorter."""
 PILED_UP = 0.3
-"""Time [s] after a stall within which all queued data is read. Assumed: this is as long as the shortest
+"""Time [s] after a stall in which the loop reads all queued data. Assumed: equal to the shortest detected
 stall."""
 FROZEN_BY_PYTHON = 1000
-"""Largest number of frozen objects that counts as Python's own. Python 3.12 has 375. A program that has
-frozen its own objects has thousands."""
+"""Number of frozen objects (`gc.freeze`) above which a program has frozen objects of its own. Python 3.12
+itself freezes 375 objects. A program that freezes its own objects has thousands."""
 
 
 @contextmanager
 def attentive() -> Iterator[None]:
-    """Lets other threads run also while the loop computes, not only while the loop waits."""
+    """Makes Python switch threads after `TURN` [s] inside the block, so that other threads also run while the
+    loop computes."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(min(before, TURN))
     try:
@@ -56,14 +56,13 @@ def attentive() -> Iterator[None]:
 class SkinWatchdog:
     """Detects skin that has stopped sending frames while joint data still arrives.
 
-    In this state touches are not measured.
+    Without skin frames, the robot does not measure touches.
     """
 
     def __init__(self, robot: Robot, *, stale_after: float, keep_alive: float | None = None) -> None:
-        """`stale_after` [s] is the age above which joint data counts as too old.
-
-        `keep_alive` [s] must be given if skin is sent on change (send-on-delta). Each patch then sends at
-        least one frame in that time.
+        """Prepares the watchdog. `stale_after` [s] is the age above which joint data counts as too old. If a
+        patch sends frames only when values change (send-on-delta), `keep_alive` [s] is required: the longest
+        time between two frames of a patch.
         """
         least = max(stale_after, LEAST_SILENCE, PERIODS * (keep_alive or 0.0))
         self._longest = {patch.name: max(PERIODS / patch.rate, least) for patch in robot.patches}
@@ -73,9 +72,9 @@ class SkinWatchdog:
         self._torques = TorqueWatchdog(robot, stale_after=stale_after)
 
     def fault(self, reading: Reading, now: float) -> Reason | None:
-        """Returns a reason to hold if a patch had no new frame or no new torques for too long.
-
-        Otherwise returns None. `now` [s] is the present time.
+        """Returns a reason to hold the robot if a patch has sent no new frame for too long, or if the joints
+        of a part have reported no new torques for too long. Otherwise returns None. `now` [s] is the present
+        time.
         """
         if reading.skin is not self._skin:
             self._skin = reading.skin
@@ -99,12 +98,12 @@ class SkinWatchdog:
 class TorqueWatchdog:
     """Detects that joints have stopped reporting torques.
 
-    This is needed for robots that measure touches through their joints. Torques that stay exactly constant
-    while the joints move do not count as new.
+    Needed for robots that detect touches by joint torques. Torques that stay exactly constant while the
+    joints move do not count as new.
     """
 
     def __init__(self, robot: Robot, *, stale_after: float) -> None:
-        """`stale_after` [s] is the age above which joint data counts as too old."""
+        """Prepares the watchdog. `stale_after` [s] is the age above which joint data counts as too old."""
         self._longest = max(stale_after, LEAST_SILENCE)
         felt = [patch for patch in robot.patches if patch.through_joints]
         self._patches = {part: [p.name for p in felt if p.part == part] for part in {p.part: 0 for p in felt}}
@@ -116,9 +115,8 @@ class TorqueWatchdog:
         self._stamp = -np.inf
 
     def fault(self, joints: JointReading, now: float) -> Reason | None:
-        """Returns a reason to hold if a part had no new torques for too long.
-
-        Otherwise returns None. `now` [s] is the present time.
+        """Returns a reason to hold the robot if a part has reported no new torques for too long. Otherwise
+        returns None. `now` [s] is the present time.
         """
         if joints.stamp != self._stamp and joints.torque is not None:
             for part, servos in self._servos.items():
@@ -142,13 +140,14 @@ class TorqueWatchdog:
 class StallDetector:
     """Detects that this process did not run for some time.
 
-    The process was then frozen, swapped out, or without processor time. Data that was sent during this time
-    is still in the sockets and looks new. So the robot holds until this data has been read. The detector uses
-    the machine's clock, since the clock of a simulation stops with the process.
+    During a stall, the process is frozen, swapped out, or without processor time. Data that arrives during a
+    stall waits in the sockets and later looks new. Therefore the robot holds until the loop has read this
+    data. The detector uses the machine's clock, since the clock of a simulation stops together with the
+    process.
     """
 
     def __init__(self, clock: Clock, *, stale_after: float) -> None:
-        """`stale_after` [s] is the age above which data counts as too old. The first period begins now."""
+        """Starts the first period now. `stale_after` [s] is the age above which data counts as too old."""
         self._clock = clock
         self._longest = max(stale_after, STOOD)
         self._before = clock.now()
@@ -156,7 +155,7 @@ class StallDetector:
         self._reason: Reason | None = None
 
     def fault(self) -> Reason | None:
-        """Returns a reason to hold the robot, or None. Call it once per period."""
+        """Returns a reason to hold the robot after a stall, or None. Call this method once per period."""
         now = self._clock.now()
         stood, self._before = now - self._before, now
         if stood > self._longest:
@@ -171,19 +170,19 @@ class Interruption:
 
     def __init__(self) -> None:
         self.signal: int | None = None
-        """Number of the signal. None if there was no signal."""
+        """Number of the received signal. None if no signal was received."""
         self.failure: BaseException | None = None
-        """Exception of a thread. None if no thread failed."""
+        """Exception that ended a thread. None if no thread failed."""
         self.thread = ""
-        """Name of that thread."""
+        """Name of the failed thread."""
         self.rests = False
-        """True while the robot is brought to rest. Signals do not interrupt this."""
+        """True while the loop brings the robot to rest. Signals do not interrupt this motion."""
 
     def raise_it(self) -> None:
         """Raises the exception that the signal or thread requires.
 
-        This is KeyboardInterrupt for SIGINT, SystemExit (128 + signal) for another signal, or the exception
-        of the failed thread.
+        SIGINT requires KeyboardInterrupt, any other signal SystemExit with the status 128 + signal, and a
+        failed thread the exception that ended the thread.
         """
         if self.failure is not None:
             raise self.failure
@@ -195,10 +194,9 @@ class Interruption:
 
 @contextmanager
 def interruptions() -> Iterator[Interruption]:
-    """Catches signals (in the main thread) and exceptions of any thread inside the block.
-
-    The first signal is stored, so that the loop can bring the robot to rest. A second signal interrupts a
-    capability that does not return. The second signal does not interrupt the motion to rest.
+    """Catches signals and the exceptions of all threads inside the block. Signals are caught only if the
+    block runs in the main thread. The first signal is only stored, so that the loop can bring the robot to
+    rest. A second signal interrupts a capability that does not return, but never the motion to rest.
     """
     found = Interruption()
 
@@ -220,7 +218,8 @@ def interruptions() -> Iterator[Interruption]:
 
 _threads = threading.Lock()
 _watching: list[Interruption] = []
-"""All open blocks. There may be several, since loops of several robots may run in threads of one process."""
+"""Interruptions of all `interruptions` blocks that are open. Several blocks are open if loops of several
+robots run in threads of one process."""
 _hook = threading.excepthook
 
 
@@ -250,9 +249,8 @@ def _leave_threads(found: Interruption) -> None:
 
 @contextmanager
 def frozen_garbage() -> Iterator[None]:
-    """Excludes existing objects from garbage collection.
-
-    Otherwise the pauses of the collector would be longer with more objects.
+    """Excludes all existing objects from garbage collection inside the block. Otherwise each garbage
+    collection would stop the loop for a longer time if the program has more objects.
     """
     if gc.get_freeze_count() > FROZEN_BY_PYTHON:
         yield

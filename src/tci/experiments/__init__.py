@@ -1,5 +1,6 @@
-"""The experiments whose results `tci demo` and `tci check` print.
+"""Experiments whose results `tci demo` and `tci check` print.
 
-Each pokes simulated robots at known places, with and without a reflex, and measures their response. The
-`checker` compares every command sent with the limits of the description and shares no code with the gate.
+Each experiment pokes simulated robots at known points of the skin, with and without a reflex, and measures
+the robots' responses. The module `checker` compares every sent command with the limits in the robot's
+description, and does not use any code of the gate.
 """

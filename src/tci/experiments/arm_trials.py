@@ -1,4 +1,7 @@
-"""Random pokes anywhere on forearms and upper arms: the reflex must take the skin away from the finger."""
+"""Trials with pokes at random points of forearms and upper arms.
+
+In each trial the reflex must move the skin away from the simulated finger.
+"""
 
 from __future__ import annotations
 
@@ -17,10 +20,10 @@ from tci.simulation.finger import STIFFNESS
 from tci.simulation.world import World
 
 FORCES = (0.5, 10.0)
-"""Range of the finger's force [N] on an arm that does not move."""
+"""Range of the force [N] with which the simulated finger would press an arm that does not move."""
 DURATION = 0.6
-"""Length of a trial [s]. Assumed: two thirds of the motion are over by then, and its direction is clear long
-before."""
+"""Length [s] of a trial. Assumed: two thirds of the withdrawal are finished after this time, so the direction
+of the motion is clear."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,19 +33,20 @@ class ArmTrial:
     patch: str
     taxel: int
     force_n: float
-    """Force [N] of the finger on an arm that does not move."""
+    """Force [N] with which the simulated finger would press an arm that does not move."""
     answered: bool
-    """True if the reflex commanded this arm, and no other part, and its skin moved away by AWAY [mm]."""
+    """True if the reflex commanded this arm and no other part, and the arm's skin moved away from the finger
+    by at least AWAY [mm]."""
     towards: bool
-    """True if the skin moved towards the finger by AWAY [mm] at any time after the first command."""
+    """True if the skin moved towards the finger by at least AWAY [mm] at any time after the first command."""
     reason: str
-    """Reason why the arm did not move; empty if none was given."""
+    """Reason why the arm did not move. The text is empty if the reflex gave no reason."""
 
 
 def arm_trials_of(robot: Robot, reflex: WithdrawalReflex, *, count: int, seed: int = 0) -> Iterator[ArmTrial]:
     """Pokes `count` random taxels of the robot's arms with random forces, from its initial posture.
 
-    Places without room for the finger, as between arm and torso, are left out.
+    Skips taxels at which the finger has no room, for example between arm and torso.
     """
     world, chance = World(robot, seed=seed), np.random.default_rng(seed)
     taxels = [

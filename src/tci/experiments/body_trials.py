@@ -1,4 +1,4 @@
-"""Pokes of head, torso, hands and legs, as `experiment` pokes arms."""
+"""Trials with pokes of head, torso, hands and legs. The module `experiment` contains the trials of arms."""
 
 from __future__ import annotations
 
@@ -20,8 +20,10 @@ from tci.simulation.world import World
 
 
 def answerable(body: GenericBody, field: BodyField) -> list[str]:
-    """Returns the parts of a robot that can respond in a field: with skin there, and a joint for the
-    motion."""
+    """Returns the parts of a robot that can respond to touches in the receptive field `field`.
+
+    Such a part has skin in the field, and a servo for at least one joint of the field's motion.
+    """
     found = []
     for part in body.robot.parts:
         if part.kind != field.kind or not (np.array(field.motion) * body.has_joint(part.name)).any():
@@ -35,8 +37,10 @@ def answerable(body: GenericBody, field: BodyField) -> list[str]:
 
 
 def deaf(reflex: BodyWithdrawal) -> BodyWithdrawal:
-    """Returns the reflex with thresholds of 1 MN, which no touch reaches, so that the part holds its
-    posture."""
+    """Returns a copy of `reflex` that never responds, so that each part keeps its posture.
+
+    The force thresholds of the copy are 1 MN, which is far above the force of any touch.
+    """
     force = reflex.fields.force.model_copy(update={"threshold_n": 1e6, "saturation_n": 2e6})
     return replace(reflex, fields=reflex.fields.model_copy(update={"force": force}))
 
@@ -49,11 +53,13 @@ def body_trials_of(
     seed: int = 0,
     via: str | None = None,
 ) -> Iterator[Trial]:
-    """Pokes the centre of every field in which a part of the robot can respond, with the reflex and without.
+    """Pokes the centre of every receptive field in which a part of the robot can respond, with and without
+    the reflex.
 
-    Yields one trial for each field and part. `stimulus` is the motion of the finger, by default `Stimulus()`;
-    `seed` is that of the first trial, and each further trial adds 1. With `via` the reflex runs in another
-    process, which reaches the robot through that middleware. Raises the errors of `poke_place`.
+    Yields one trial for each field and part. `stimulus` is the motion of the finger, by default `Stimulus()`.
+    `seed` is the seed of the first trial; the seed of each further trial is larger by 1. If `via` names a
+    middleware, the reflex runs in another process and reaches the robot through this middleware. Raises the
+    errors of `poke_place`.
     """
     world, body = World(robot, seed=seed), GenericBody(robot)
     stimulus = stimulus or Stimulus()

@@ -1,6 +1,6 @@
-"""Independent check of the commands that were sent, and of the simulated motion, against the description.
+"""Checks the sent commands and the simulated motion against the limits in the robot's description.
 
-It shares no code with the gate and reads the limits from the description itself.
+The check does not use any code of the gate. It reads the limits from the description directly.
 """
 
 from __future__ import annotations
@@ -15,30 +15,33 @@ from tci.messages import Mode
 from tci.robot.description import Coupling, Robot, Servo
 
 COMMAND_TOLERANCE = 1e-6
-"""Relative tolerance of limits: rounding error of the finite differences below."""
+"""Relative tolerance of the limits. It allows for the rounding error of the finite differences in this
+module."""
 HELD = 1e-9
-"""Change [rad] of a position that is only rounding error."""
+"""Largest change [rad] of a position that counts as a rounding error instead of a motion."""
 STOP_TOLERANCE = float(np.deg2rad(0.1))
-"""Angle [rad] by which a simulated joint may exceed its end stop, since MuJoCo's stops are soft."""
+"""Angle [rad] by which a simulated joint may exceed its end stop. The tolerance is needed because the end
+stops in MuJoCo are soft."""
 PUSHED = 0.01
-"""Fraction by which a simulated joint may exceed its speed limit; commands may not exceed it. A servo that
-lags catches up at the limit, and a finger that still presses can push it further: the torso of a whole iCub
-was too fast by 0.1 %, with commands of 0.9 of the limit. Assumed: ten times this value."""
+"""Fraction by which a simulated joint may exceed its speed limit. Commands may not exceed the limit. A servo
+that lags behind its target moves at the speed limit, and a finger that still presses can make the joint move
+faster. The largest observed excess is 0.1 %: the torso of a whole iCub, with commands of 0.9 of the limit.
+Assumed: ten times this observed excess."""
 
 
 def command_violations(
     robot: Robot, sent: Sequence[SafeCommand], measured: Sequence[Array], period: float
 ) -> list[str]:
-    """Returns the limits that the commands violate, one sentence per servo and limit.
+    """Returns one sentence for each servo and limit that the commands violate.
 
     Args:
-        robot: Description with the limits.
-        sent: All commands that were written, one per period.
-        measured: Joint angles (n_servos,) [rad] at each of them.
+        robot: Description of the robot, with the limits.
+        sent: All commands that were sent to the robot, one per period.
+        measured: Joint angles (n_servos,) [rad] measured at the time of each command.
         period: Period [s] of the commands.
 
-    Velocity, acceleration and jerk are finite differences of successive positions. Before its first command a
-    servo counts as at rest at its measured angle.
+    Velocity, acceleration and jerk are finite differences of successive positions. Each servo is assumed to
+    rest at its measured angle before the first command to this servo.
     """
     series: dict[int, list[float]] = {}
     for command, here in zip(sent, measured, strict=True):
@@ -74,7 +77,10 @@ def _servo_faults(servo: Servo, angles: Array, period: float) -> list[str]:
 
 
 def _coupling_faults(coupling: Coupling, sent: Sequence[SafeCommand], measured: Sequence[Array]) -> list[str]:
-    """Returns the first violation of a coupling; a servo without command counts with its measured angle."""
+    """Returns a sentence about the first command that violates a coupling.
+
+    The measured angle is used for a servo without a command.
+    """
     for command, here in zip(sent, measured, strict=True):
         angles = here.copy()
         angles[command.servos] = command.position
@@ -86,10 +92,11 @@ def _coupling_faults(coupling: Coupling, sent: Sequence[SafeCommand], measured: 
 
 
 def stray_servos(robot: Robot, part: str, sent: Sequence[SafeCommand]) -> list[str]:
-    """Returns the servos that were moved although the generic `part` does not map to them, one sentence each.
+    """Returns one sentence for each servo that was moved although the generic `part` does not map to this
+    servo.
 
-    In position mode no command may be sent to them. In other modes, to which both arms are switched, they may
-    be held.
+    In position mode, no command may be sent to such a servo. In the other modes, which are set for both arms
+    together, commands may hold such a servo at its angle.
     """
     mapped = {servo.servo for servo in robot.part(part).servos}
     first: dict[int, float] = {}
@@ -105,7 +112,7 @@ def stray_servos(robot: Robot, part: str, sent: Sequence[SafeCommand]) -> list[s
 
 
 def physics_violations(robot: Robot, positions: Array, velocities: Array) -> list[str]:
-    """Returns the limits that the simulated joints violate, one sentence each.
+    """Returns one sentence for each limit that a simulated joint violates.
 
     `positions` [rad] and `velocities` [rad/s] have the shape (samples, n_servos).
     """

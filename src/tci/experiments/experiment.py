@@ -1,4 +1,5 @@
-"""The trials of the demo: every robot, side and site; then one stimulus and one touch on all robots."""
+"""Trials of `tci demo`: one poke for every robot, side and receptive field, then one stimulus and one touch
+that are equal on all robots."""
 
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ SIDES = ("left", "right")
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """Contents of `report.json`."""
+    """Contents of the file `report.json`."""
 
     trials: tuple[Trial, ...]
     same_stimulus: SameStimulus
@@ -36,10 +37,11 @@ class Report:
 def trials_of(
     robot: Robot, reflex: WithdrawalReflex, *, stimulus: Stimulus, seed: int, via: str | None = None
 ) -> Iterator[Trial]:
-    """Pokes the centre of every field of `reflex`, on both arms of one robot, with the reflex and without.
+    """Pokes the centre of every receptive field of `reflex` on both arms of one robot, with and without the
+    reflex.
 
-    Without the reflex the arms hold their posture in the same control mode. With `via` the reflex runs in
-    another process, which reaches the robot through that middleware.
+    In the trials without the reflex, the arms keep their posture in the same control mode. If `via` names a
+    middleware, the reflex runs in another process and reaches the robot through this middleware.
     """
     nothing = replace(reflex, fields=())
     world = World(robot, seed=seed)
@@ -60,15 +62,16 @@ def run_experiment(
     via: str | None = None,
     progress: Callable[[Trial], None] = lambda trial: None,
 ) -> Report:
-    """Runs every trial on every robot, then compares the robots.
+    """Runs every trial on every robot, then compares the results of the robots.
 
     Args:
         robots: Descriptions of the robots.
-        reflex: The reflex.
-        stimulus: Motion of the finger; None for the default one.
-        seed: Seed of the times of the pokes.
-        via: Middleware between reflex and robot, as in `trials_of`; None for a reflex in this process.
-        progress: Called with each trial when it is done.
+        reflex: Withdrawal reflex of arms.
+        stimulus: Motion of the finger. None selects `Stimulus()`.
+        seed: Seed of the random delays of the pokes.
+        via: Name of the middleware between reflex and robot, see `trials_of`. With None, the reflex runs in
+            this process.
+        progress: Function that is called with each trial when the trial has ended.
     """
     trials = []
     for robot in robots:

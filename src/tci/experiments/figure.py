@@ -1,4 +1,7 @@
-"""The demo's picture, in the manner of the paper's Figure 6: pokes side by side, robots below each other."""
+"""Draws the figure of the demo, with the layout of Figure 6 in the paper.
+
+Each row of the figure shows one robot, and each column one instant of a poke.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ from tci.errors import TciError
 from tci.pictures.paint import PRESSURE_COLOURS, FieldLook
 from tci.pictures.render import background
 
-# Sizes and colours are free choices that change the picture only. Lengths are in pixels of the picture.
+# Sizes and colours are assumed. They change only the figure. Lengths are in pixels of the figure.
 _DPI = 150
 _GAP = 8
 _TITLE = 54
@@ -36,15 +39,16 @@ class Panel:
     """One picture of the figure."""
 
     image: NDArray[np.uint8]
-    """Picture (h, w, 3); all panels of a figure have the same size."""
+    """Picture (h, w, 3). All panels of a figure have the same size."""
     title: str
-    """Title, such as `NAO: forearm, flexor side`."""
+    """Title of the panel, for example `NAO: forearm, flexor side`."""
     detail: str = ""
-    """Second line, such as `180 ms: withdrawn 34 mm`."""
+    """Second line of text, for example `180 ms: withdrawn 34 mm`."""
     close_up: NDArray[np.uint8] | None = None
-    """A smaller picture (h, w, 3), drawn over the emptiest corner."""
+    """Smaller picture (h, w, 3) that is drawn over the emptiest corner of the panel. None for a panel without
+    it."""
     spot: tuple[float, float] | None = None
-    """Pixel (x, y) of a circle that marks the place of the close-up."""
+    """Pixel (x, y) of a circle that marks the point shown in the close-up."""
     arrow: tuple[tuple[float, float], tuple[float, float]] | None = None
     """Start and end (x, y) [pixels] of an arrow that shows a displacement."""
 
@@ -58,11 +62,11 @@ def draw_figure(
     full_scale: float,
     caption: str = "",
 ) -> None:
-    """Writes the panels, row by row in `columns`, as a PNG to `path`.
+    """Arranges the panels in rows of `columns` panels, and writes them as a PNG file to `path`.
 
-    Below them are a colour bar of the pressure up to `full_scale` [Pa], the names of the receptive fields in
-    their colours, and the `caption`. Every pixel of a panel is one pixel of the file. Raises TciError if
-    there is no panel, or if they differ in size.
+    The area below the panels shows a colour bar of the pressure up to `full_scale` [Pa], the names of the
+    receptive fields in the fields' colours, and the `caption`. Every pixel of a panel becomes one pixel of
+    the file. Raises TciError if there is no panel, or if the panels differ in size.
     """
     sizes = {panel.image.shape for panel in panels}
     if len(sizes) != 1 or columns < 1:
@@ -75,7 +79,8 @@ def draw_figure(
     FigureCanvasAgg(figure)
 
     def area(left: float, top: float, wide: float, high: float) -> Axes:
-        """Adds axes on a rectangle [pixels], measured from the top left corner."""
+        """Adds axes on a rectangle [pixels]. The position is measured from the top left corner of the
+        figure."""
         bottom = total_height - top - high
         return figure.add_axes(
             (left / total_width, bottom / total_height, wide / total_width, high / total_height)
@@ -121,7 +126,8 @@ def _draw_marks(axes: Axes, panel: Panel) -> None:
 
 
 def _emptiest_corner(image: NDArray[np.uint8], width: int, height: int) -> tuple[int, int]:
-    """Returns the place (x, y) [pixels] at which a smaller picture hides least of `image` (h, w, 3)."""
+    """Returns the top left corner (x, y) [pixels] at which a smaller picture hides the least content of
+    `image` (h, w, 3)."""
     total_height, total_width, _ = image.shape
     drawn = np.abs(image / 255.0 - background(total_height)[:, None]).max(axis=2) > 0.01
     corners = [

@@ -1,4 +1,4 @@
-"""Playback of a gesture with a measurement of the tracking error."""
+"""Plays a gesture on a robot and measures the tracking error."""
 
 from __future__ import annotations
 
@@ -19,27 +19,28 @@ from tci.reasons import Code, Reason
 from tci.runtime.loop import Tick, run
 
 MOST = 60.0
-"""Time [s] for the approach and for interruptions, in addition to the duration of the gesture. Assumed: ends
-a playback that a touch interrupts for ever."""
+"""Time [s] for the approach and for interruptions, in addition to the duration of the gesture. Assumed: the
+playback must end even if a touch interrupts the gesture for ever."""
 
-"""Message of the gate when a motion would come too close to the robot's own body."""
+"""Pattern of the gate's message that a motion would bring two links of the robot too close together."""
 
 
 @dataclass(frozen=True, slots=True)
 class Following:
-    """Tracking errors while a gesture was played. Interruptions do not count."""
+    """Tracking errors while a gesture was played. Errors during interruptions are not included."""
 
     phase: Phase
-    """Phase at the end: DONE if the gesture was played to its end."""
+    """Phase of the playback at the end. The phase is DONE if the whole gesture was played."""
     duration: float
-    """Time [s] from the first step to the last."""
+    """Time [s] between the first and the last step."""
     interruptions: int
     rms: dict[str, float]
-    """Root mean square of the error [rad] between gesture and measured angle, by `part.joint`."""
+    """Root mean square [rad] of the difference between gesture and measured angle, by `part.joint`."""
     largest: dict[str, float]
-    """Largest error [rad], by `part.joint`."""
+    """Largest difference [rad] between gesture and measured angle, by `part.joint`."""
     stopped: tuple[str, ...] = ()
-    """Pairs of links, `one near other`, because of which the gate stopped an arm; each pair once."""
+    """Pairs of links, as `LINK near LINK`, because of which the gate stopped an arm. Each pair is listed only
+    once."""
 
     def to_json(self) -> dict[str, Any]:
         """Returns the errors as JSON values."""
@@ -51,7 +52,7 @@ class Following:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
-    """Memory of the gesture, and its errors so far."""
+    """Memory of the gesture, and the errors measured so far."""
 
     inner: GestureMemory
     first: float | None
@@ -62,7 +63,7 @@ class _Seen:
 
 @dataclass(frozen=True)
 class _Followed(Capability[_Seen]):
-    """A gesture, with its errors measured in each step."""
+    """Capability that plays a gesture and measures the tracking error in each step."""
 
     play: PlayGesture
 
@@ -77,7 +78,7 @@ class _Followed(Capability[_Seen]):
     def step(
         self, memory: _Seen, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Order, ...], _Seen]:
-        """Returns the commands of the gesture, and the memory with the errors of this step."""
+        """Returns the commands of the gesture, and a new memory that includes the errors of this step."""
         orders, inner = self.play.step(memory.inner, perception, body)
         first = perception.stamp if memory.first is None else memory.first
         if inner.phase is not Phase.PLAY:
@@ -89,19 +90,19 @@ class _Followed(Capability[_Seen]):
         return orders, _Seen(inner, first, memory.count + 1, squares, largest)
 
     def notes(self, memory: _Seen) -> tuple[str, ...]:
-        """Returns the notes of the gesture."""
+        """Returns the messages of the gesture for a person."""
         return self.play.notes(memory.inner)
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """Returns the fault of the gesture."""
+        """Returns the gesture's reason to stop the robot; None if there is none."""
         return self.play.fault(perception, body)
 
 
 def follow(driver: Driver, play: PlayGesture, *, observe: Callable[[Tick], None] | None = None) -> Following:
-    """Plays a gesture to its end on a robot and measures how closely the robot follows it.
+    """Plays a whole gesture on a robot and measures the tracking error.
 
-    `observe` is called after each period. Raises the errors of `run`, and CommandError if the robot sends no
-    valid reading.
+    The function `observe` is called after each period. Raises the errors of `run`, and CommandError if the
+    robot sends no valid reading.
     """
     stopped: dict[str, None] = {}
 

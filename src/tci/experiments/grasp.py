@@ -1,4 +1,7 @@
-"""Trial of a light grasp: a ball comes to a simulated palm, is held, and is pulled out."""
+"""Trial of a light grasp in simulation.
+
+A ball moves to the palm of a hand, the hand grasps the ball, and the ball is pulled out.
+"""
 
 from __future__ import annotations
 
@@ -16,34 +19,39 @@ from tci.simulation.held_ball import held_ball
 from tci.simulation.world import World
 
 SETTLES, HOLDS, ENDS = 1.7, 2.0, 2.9
-"""Times [s] from which the forces count, at which the pull begins, and at which the trial ends. Assumed: the
-fingers start close to the ball."""
+"""Times [s] in a trial: SETTLES is the begin of the force measurement, HOLDS the begin of the pull, ENDS the
+end of the trial. Assumed: these times are long enough, because the fingers start close to the ball."""
 PULL = 0.05
-"""Speed [m/s] with which the ball is pulled out of the palm. Assumed: that of a gentle hand."""
+"""Speed [m/s] with which the ball is pulled out of the palm. Assumed: a person pulls gently with this
+speed."""
 OPEN = np.deg2rad(5.0)
-"""Angle [rad], summed over the fingers, by which a hand that opens has moved."""
+"""Least decrease [rad] of the flexion, summed over all fingers, for which the hand counts as opened."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grasp:
-    """Result of a trial with one hand."""
+    """Result of a grasp trial with one hand."""
 
     radius: float
     """Radius [m] of the ball."""
     meant: tuple[str, ...]
-    """Fingers that meet it by the hand's kinematics."""
+    """Fingers that should touch the ball according to the kinematics of the hand."""
     forces: Mapping[str, float]
-    """Mean force [N] that the skin feels while the ball is held, by finger; only of those that press."""
+    """Mean force [N] that the skin of each finger measures while the hand grasps the ball, by finger. Fingers
+    without force are not included."""
     peak: float
-    """Largest force [N] on a finger until the pull begins."""
+    """Largest force [N] on a finger before the pull."""
     opened: bool
-    """True if the pull opened the hand."""
+    """True if the hand opened because of the pull."""
     refused: tuple[str, ...]
-    """Reasons for which commands were refused or the robot held."""
+    """Reasons for which the gate refused a command or held the robot."""
 
 
 def try_grasp(robot: Robot, part: str, capability: LightGrasp | None = None) -> Grasp:
-    """Simulates a light grasp of a ball that fits the hand `part`. Raises TciError if none fits."""
+    """Simulates a light grasp with the hand `part`, of a ball whose size fits this hand.
+
+    Raises TciError if no ball fits the hand.
+    """
     grasp = LightGrasp() if capability is None else capability
     ball = held_ball(robot, part, opposition=grasp.opposition)
     skin = [patch.name for patch in robot.patches if patch.part == part]

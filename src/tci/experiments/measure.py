@@ -1,4 +1,4 @@
-"""The figures of a trial, from its trace with the reflex and its trace without."""
+"""Computes the results of a trial from two traces: one with the reflex, one without."""
 
 from __future__ import annotations
 
@@ -11,17 +11,18 @@ from tci.experiments.poke import Trace
 from tci.robot.description import Robot
 
 MOTION = float(np.deg2rad(0.05))
-"""Smallest difference [rad] of a joint angle from the trial without reflex that counts as motion. Assumed:
-above the compliance of servos, below the motion in one control period."""
+"""Smallest difference [rad] between a joint angle with the reflex and the joint angle without the reflex that
+counts as motion. Assumed: larger than the compliance of the servos, smaller than the motion in one control
+period."""
 
 AWAY = 1.0
 """Least displacement [mm] of the skin along its inward normal, relative to the trial without reflex, that
-counts as a withdrawal. Assumed: more than servos yield to the finger."""
+counts as a withdrawal. Assumed: larger than the displacement of a servo that yields to the finger."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One row of the report. Times count from the first contact."""
+    """One row of the report. All times are relative to the first contact."""
 
     robot: str
     side: str
@@ -29,33 +30,40 @@ class Trial:
     taxels: int
     """Number of taxels of the poked patch."""
     responded: bool
-    """True if the reflex commanded this part, and no other, and its skin moved away from the finger."""
+    """True if the reflex commanded this part and no other part, and the part's skin moved away from the
+    finger."""
     trigger_ms: float | None
-    """Time [ms] of the first command of the reflex; None if there was none."""
+    """Time [ms] of the first command of the reflex. None if the reflex sent no command."""
     first_motion_ms: float | None
-    """Time [ms] at which a joint differed by 0.05 degrees from the trial without reflex; None if none did."""
+    """First time [ms] at which a joint angle differed by at least 0.05 degrees from the trial without reflex.
+    None if no joint angle did."""
     contact_lost_ms: float | None
-    """Time [ms] of the end of the last contact; None if the finger touched until the end."""
+    """Time [ms] of the end of the last contact. None if the finger touched the skin until the end of the
+    trial."""
     contact_lost_without_reflex_ms: float | None
-    """Time [ms] of the end of the last contact in the trial without reflex; normally None."""
+    """Time [ms] of the end of the last contact in the trial without reflex. Normally None, because the finger
+    then touches the skin until the end."""
     peak_force_n: float
-    """Largest contact force [N] in the physics."""
+    """Largest contact force [N] in the physics simulation."""
     cop_error_mm: float | None
-    """Distance [mm] along the skin between TCI's centre of pressure and the contact point of the physics, in
-    the frame with the largest force."""
+    """Distance [mm] along the skin between TCI's centre of pressure and the contact point of the physics
+    simulation, in the skin frame with the largest force."""
     withdrawn_mm: float
-    """Displacement [mm] of the skin at the field's centre along the inward normal, at the end."""
+    """Displacement [mm] of the skin at the centre of the receptive field along the inward normal, at the end
+    of the trial."""
     withdrawn_without_reflex_mm: float
     limit_violations: int
     violations: tuple[str, ...]
-    """Violated limits that `checker` found, one sentence each."""
+    """Violations that the module `checker` found, one sentence each."""
     halts: tuple[str, ...]
     """Reasons for which the gate held or stopped the robot during the trial."""
 
 
 def measure(robot: Robot, part: str, site: str, acted: Trace, held: Trace) -> Trial:
-    """Returns the figures of one trial of a part at a site, from its trace with the reflex (`acted`) and
-    without it (`held`)."""
+    """Returns the results of one trial, in which the finger poked `part` at `site`.
+
+    `acted` is the trace with the reflex, `held` the trace without the reflex.
+    """
     period = 1.0 / robot.binding("sim").rate
     contact = acted.first_contact
     commanded = [stamp for stamp, _ in acted.commanded]
@@ -104,8 +112,11 @@ def _withdrawn(trace: Trace) -> float:
 
 
 def cop_error(trace: Trace) -> float | None:
-    """Returns the tangential distance [mm] between the centre of pressure and the contact point of the
-    physics, in the frame with the largest force; None if there is no such frame."""
+    """Returns the tangential distance [mm] between TCI's centre of pressure and the contact point of the
+    physics simulation.
+
+    The distance is measured in the skin frame with the largest force. Returns None if there is no such frame.
+    """
     stamps = [stamp for stamp in trace.contacts if stamp in trace.center]
     if not stamps:
         return None

@@ -1,4 +1,7 @@
-"""One poke in the middle of every patch: no response may press the skin against the finger."""
+"""Trials with one poke in the middle of every patch.
+
+A response of the robot must not press the skin against the finger.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,8 @@ from tci.robot.description import Robot
 from tci.simulation.world import World
 
 PRESSED = 0.1
-"""Force [N] by which the peak may exceed that without the reflex. Assumed: two simulations differ by less."""
+"""Force [N] by which the peak force with the reflex may exceed the peak force without the reflex. Assumed:
+the difference between two simulations without a response is smaller."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,16 +32,18 @@ class PatchTrial:
     patch: str
     part: str
     answered: bool
-    """True if the reflex commanded this part, and no other, and its skin moved away from the finger."""
+    """True if the reflex commanded this part and no other part, and the part's skin moved away from the
+    finger."""
     reason: str
-    """Reason why the part did not move; empty if it moved, or if no field covers the place."""
+    """Reason why the part did not move. The text is empty if the part moved, or if no receptive field
+    contains the poked taxel."""
     peak_force_n: float
-    """Largest force [N] on the finger."""
+    """Largest force [N] on the finger in the trial with the reflex."""
     peak_force_without_reflex_n: float
 
     @property
     def fault(self) -> str:
-        """The fault as a sentence; empty if there is none."""
+        """Sentence that describes the fault of this trial; empty if there is no fault."""
         if self.peak_force_n <= self.peak_force_without_reflex_n + PRESSED:
             return ""
         return (
@@ -49,9 +55,9 @@ class PatchTrial:
 def patch_trials_of(
     robot: Robot, arms: WithdrawalReflex, others: BodyWithdrawal, *, seed: int = 0
 ) -> Iterator[PatchTrial]:
-    """Pokes the taxel in the middle of every patch, with the reflex of its part and without.
+    """Pokes the taxel in the middle of every patch, with and without the reflex of the touched part.
 
-    `arms` is the reflex of arms, `others` that of all other parts. Yields one trial per patch.
+    `arms` is the reflex of arms, and `others` the reflex of all other parts. Yields one trial per patch.
     """
     world = World(robot, seed=seed)
     for patch in robot.patches:
@@ -64,7 +70,8 @@ def patch_trials_of(
         try:
             held = poke_place(world, place, Stimulus(), reflex=without, seed=seed)
             acted = poke_place(world, place, Stimulus(), reflex=reflex, seed=seed)
-        except TciError as error:  # the finger has no room there, as under another patch
+        # the finger has no room at this taxel, for example because another patch covers the taxel
+        except TciError as error:
             yield PatchTrial(patch.name, patch.part, False, str(error), 0.0, 0.0)
             continue
         trial = measure(robot, patch.part, patch.name, acted, held)

@@ -1,4 +1,7 @@
-"""The picture of the demo: two pokes of each robot's left forearm, at the largest force and at the end."""
+"""Draws the figure of the demo: two pokes of each robot's left forearm.
+
+Each poke is shown at the instant of the largest force and at the end.
+"""
 
 from __future__ import annotations
 
@@ -20,21 +23,24 @@ from tci.robot.description import Robot
 from tci.runtime.loop import Tick
 from tci.simulation.world import World
 
-# Views, sizes and the caption are free choices that change the picture only.
+# Views, sizes and the caption are assumed. They change only the figure.
 PART = "left_arm"
 VIEWS = {"forearm_extensor": (0.95, 0.0), "forearm_medial": (-0.30, 0.30)}
-"""Poked sites, as in the paper's Figure 6 (from below and from inside), and the azimuth and elevation [rad]
-of the view on each."""
+"""Poked sites with the view of each: azimuth and elevation [rad] of the camera. The sites and views are those
+of Figure 6 in the paper (from below and from inside)."""
 WIDTH, HEIGHT = 440, 480
 CLOSE_UP = 170
 """Size of a close-up [pixels]."""
 TILT = np.deg2rad(55.0)
-"""Angle [rad] between the view of a close-up and the skin's normal, so that the finger does not hide the
-skin."""
+"""Angle [rad] between the camera's direction in a close-up and the skin's normal. With this angle the finger
+does not hide the skin."""
 
 
 def draw_demo(robots: Sequence[Robot], reflex: WithdrawalReflex, path: Path, *, seed: int) -> None:
-    """Writes the figure: one row for each robot, with two pokes, each at the largest force and at the end."""
+    """Writes the figure with one row for each robot.
+
+    Each row shows two pokes, and each poke at the instant of the largest force and at the end.
+    """
     looks = field_looks(reflex.fields)
     sites = [field for field in reflex.fields if field.name in VIEWS]
     panels = [panel for robot in robots for panel in _row(robot, reflex, sites, looks, seed)]
@@ -85,7 +91,7 @@ def _row(
 def _moments(
     world: World, reflex: WithdrawalReflex, site: ReceptiveField, seed: int
 ) -> tuple[Moment, Moment, Trace]:
-    """Returns the moment of the largest force that the skin measured, the last moment, and the trace."""
+    """Returns the instant of the largest force that the skin measured, the last instant, and the trace."""
     strongest = 0.0
     moments: list[Moment] = []
 
@@ -98,13 +104,14 @@ def _moments(
 
     stimulus = Stimulus()
     trace = poke(world, PART, site, stimulus, reflex=reflex, seed=seed, watch=watch)
-    return moments[-2:][0], moments[-1], trace  # the last only, if nothing was felt
+    # If the skin measured no force, both instants are the last one.
+    return moments[-2:][0], moments[-1], trace
 
 
 def _camera(
     portrait: Portrait, moments: Sequence[Moment], robot: Robot, azimuth: float, elevation: float
 ) -> Camera:
-    """Returns a camera that shows the upper body and the poked arm at all `moments`."""
+    """Returns a camera whose picture contains the upper body and the poked arm at all instants `moments`."""
     reach = sum(segment.length for segment in robot.part(PART).segments)
     points = np.concatenate([portrait.outline(moment, part=PART, lowest=-0.5 * reach) for moment in moments])
     return fit(

@@ -1,4 +1,4 @@
-"""One recorded poke of one site by the simulated finger, with a reflex or without."""
+"""Pokes one point of the skin with the simulated finger, with or without a reflex, and records the poke."""
 
 from __future__ import annotations
 
@@ -23,12 +23,13 @@ from tci.skin.skin import Skin
 
 @dataclass(frozen=True, slots=True)
 class Stimulus:
-    """Motion of the finger. The defaults are assumed: a firm, quick poke by a person."""
+    """Motion of the finger. The default values are assumed: a firm, quick poke by a person."""
 
     speed: float = 0.25
     """Speed of the finger's base [m/s]."""
     depth: float = 0.010
-    """Distance [m] that the base moves beyond the skin's place at rest; it never retreats."""
+    """Distance [m] between the skin's surface at the start and the final position of the finger's base, which
+    never moves back."""
     gap: float = 0.004
     """Distance [m] between finger and skin at the start."""
     duration: float = 1.0
@@ -37,54 +38,58 @@ class Stimulus:
 
 @dataclass(slots=True)
 class Trace:
-    """Record of a poke, sampled once per control period on the simulation's clock."""
+    """Record of a poke, with one sample per control period. All times are on the simulation's clock."""
 
     place: Place
     """The poked point of the skin."""
     normal: Array
-    """Outward unit normal (3,) there at the start, in the torso frame."""
+    """Outward unit normal (3,) at the poked point at the start, in the torso frame."""
     taxels: int
-    """Number of taxels of the patch."""
+    """Number of taxels of the poked patch."""
     start: float = 0.0
-    """Time [s] at which the finger started."""
+    """Time [s] at which the finger started to move."""
     first_contact: float | None = None
-    """Time [s] of the first contact, to the step of the physics; None if there was none."""
+    """Time [s] of the first contact, with the resolution of the simulation step. None if there was no
+    contact."""
     contact_lost: float | None = None
-    """Time [s] of the end of the last contact; None if the finger touched until the end."""
+    """Time [s] of the end of the last contact. None if the finger touched the skin until the end of the
+    trial."""
     peak_force: float = 0.0
-    """Largest contact force [N] in the physics."""
+    """Largest contact force [N] in the physics simulation."""
     time: list[float] = field(default_factory=list)
-    """Time of each sample [s]."""
+    """Time [s] of each sample."""
     force: list[float] = field(default_factory=list)
-    """Contact force [N] in the physics."""
+    """Contact force [N] in the physics simulation, for each sample."""
     center: dict[float, Array] = field(default_factory=dict)
-    """Force-weighted contact point (3,) [m] of the physics in the torso frame, by time [s]."""
+    """Mean of the contact points, weighted by force, (3,) [m] in the physics simulation and in the torso
+    frame, by time [s]."""
     point: list[Array] = field(default_factory=list)
-    """Position (3,) [m] of `place` in the torso frame."""
+    """Position (3,) [m] of `place` in the torso frame, for each sample."""
     away: list[float] = field(default_factory=list)
-    """Displacement [m] of `place` along the inward normal since the start, in the world frame: the torso may
-    move too."""
+    """Displacement [m] of `place` along the inward normal since the start, for each sample. The world frame
+    is used, because the torso may also move."""
     positions: list[Array] = field(default_factory=list)
-    """Joint angles (n_servos,) [rad] of the physics."""
+    """Joint angles (n_servos,) [rad] in the physics simulation, for each sample."""
     velocities: list[Array] = field(default_factory=list)
-    """Joint velocities (n_servos,) [rad/s] of the physics."""
+    """Joint velocities (n_servos,) [rad/s] in the physics simulation, for each sample."""
     sent: list[SafeCommand] = field(default_factory=list)
-    """All commands that were written."""
+    """All commands that were sent to the robot."""
     commanded: list[tuple[float, str]] = field(default_factory=list)
     """Time [s] and generic part of each command of the reflex."""
     notes: tuple[str, ...] = ()
-    """Notes of the reflex at the end; empty if it ran in another process."""
+    """Messages of the reflex at the end of the trial. Empty if the reflex ran in another process."""
     contacts: dict[float, Contact] = field(default_factory=dict)
-    """Strongest contact that TCI found, by the time [s] of its frame."""
+    """Strongest contact that TCI found in each skin frame, by the time [s] of the frame."""
 
 
 def moves(command: Order) -> TypeGuard[GenericCommand]:
-    """Returns True if an order moves a generic part; a switch of mode or a stiffness does not."""
+    """Returns True if an order moves a generic part. Orders that switch the control mode or set a stiffness
+    do not move a part."""
     return isinstance(command, GenericCommand) and command.mode in CONTROL_MODES
 
 
 class _Poke(Trial):
-    """A poke of one place, and its trace."""
+    """One poke of one point of the skin, and the trace of this poke."""
 
     def __init__(
         self, world: World, place: Place, stimulus: Stimulus, seed: int,
@@ -99,7 +104,7 @@ class _Poke(Trial):
         self._world, self._watch = world, watch
 
     def begin(self, now: float) -> None:
-        """Starts the finger."""
+        """Starts the motion of the finger."""
         self.trace.start = now
         self._world.finger.poke(self.place.patch, self.place.p_L, self.place.n_L, **self._way)
 
@@ -149,16 +154,16 @@ def poke(
     """Pokes the centre of `site` on an arm, and records the poke.
 
     Args:
-        world: Simulation; it is reset first.
+        world: Simulation; the simulation is reset first.
         part: Generic arm.
         site: Receptive field to poke.
         stimulus: Motion of the finger.
-        reflex: Behaviour that runs; one without fields only holds the arm's posture.
+        reflex: Capability that runs. A reflex without receptive fields only keeps the arm's posture.
         seed: Seed of a random delay of up to 20 ms of the first contact relative to the skin's frames.
-        watch: Called after each tick.
-        elsewhere: Trial whose reflex in another process runs instead of `reflex`.
+        watch: Function that is called after each period of the loop.
+        elsewhere: Other process with a reflex, which runs instead of `reflex`.
 
-    Raises what `run` and `RemoteTrial.run` raise.
+    Raises the errors of `run` and of `RemoteTrial.run`.
     """
     world.reset()
     place = find_place(Skin(world.robot), part, site.segment, site.u, site.theta, world.joints())
@@ -175,7 +180,7 @@ def poke_place(
     watch: Callable[[Tick], None] | None = None,
     elsewhere: RemoteTrial | None = None,
 ) -> Trace:
-    """Pokes any place of the skin. Arguments and errors as in `poke`."""
+    """Pokes any point of the skin. The other arguments and the errors are those of `poke`."""
     world.reset()
     trial = _Poke(world, place, stimulus, seed, watch)
     if elsewhere is not None:

@@ -1,4 +1,5 @@
-"""Tests of a description in simulation: the axes of its arms, its limits, and the reflexes on its skin."""
+"""Tests a robot's description in simulation: the axes of the arms, the limits, and the reflexes on the
+skin."""
 
 from __future__ import annotations
 
@@ -29,46 +30,47 @@ from tci.robot.kinematics import KinematicChain
 from tci.simulation.world import World
 
 RANGE = np.deg2rad([[-10, 95], [0, 75], [-30, 65], [15, 90], [-60, 60]])
-"""Range [rad] of the generic angles (shoulder to pronation) in which axes are compared. Assumed: a range that
-most humanoid arms share."""
+"""Range [rad] of the generic angles, from shoulder to pronation, in which axes are compared. Assumed: most
+humanoid arms can reach these angles."""
 POSTURES = 400
-"""Number of random postures in which axes are compared. Assumed: five joints are covered, in under a
-second."""
+"""Number of random postures in which axes are compared. Assumed: this number covers five joints, and the
+comparison takes less than one second."""
 LEAST_SHARE = 0.25
-"""Least fraction of these postures within the limits. Assumed: a wrong sign or offset leaves far fewer."""
+"""Least fraction of the random postures that must be within the servos' limits. Assumed: with a wrong sign or
+offset, a far smaller fraction is within the limits."""
 AXIS = 0.5
-"""Largest angle [degrees] between an axis and that of the generic arm. Assumed: rounding in published models
-is smaller, a wrong mount larger."""
+"""Largest angle [degrees] between an axis of the robot and the corresponding axis of the generic arm.
+Assumed: larger than the effect of rounding in published models, smaller than the effect of a wrong mount."""
 SLOWEST = {50.0: 43.0, 100.0: 33.0}
-"""Longest time [ms] from touch to motion, by the skin's rate [Hz]: one frame of the skin, and 23 ms for gate
-and servo. The demo keeps within it."""
+"""Longest time [ms] from touch to motion, by the frame rate [Hz] of the skin. The time consists of one frame
+period of the skin, and of 23 ms for gate and servo. The robots in the demo are faster."""
 TARGETS, PACE = 8, 0.4
-"""Number of random targets far outside the limits, and time [s] for each. Assumed: long enough to reach a
-limit at full speed."""
+"""Number of random targets far outside the limits, and time [s] for each target. Assumed: an arm at full
+speed reaches a limit within this time."""
 
 
 @dataclass(frozen=True, slots=True)
 class Axes:
-    """Agreement of one arm's axes with those of the generic arm, in its mount frame."""
+    """Comparison of one arm's axes with the axes of the generic arm, in the mount frame of the arm."""
 
     part: str
     within_limits: int
-    """Number of the POSTURES that the limits allow."""
+    """Number of postures, of the POSTURES tried, that are within the servos' limits."""
     worst_deg: float
-    """Largest angle [degrees] between two axes."""
+    """Largest angle [degrees] between corresponding axes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """Results of all tests. A description has passed if there are no faults."""
+    """Results of all tests. A description has passed the tests if `faults` is empty."""
 
     robot: str
     axes: tuple[Axes, ...]
     trials: tuple[Trial, ...]
     patches: tuple[PatchTrial, ...]
-    """One poke of every patch."""
+    """Results of one poke of every patch."""
     faults: tuple[str, ...]
-    """Faults, one sentence each, with the valid values."""
+    """Faults, one sentence each. Each sentence contains the valid values."""
 
     def to_json(self) -> dict[str, Any]:
         """Returns the results as JSON values."""
@@ -83,8 +85,9 @@ def prove(
 ) -> Proof:
     """Runs all tests of a robot in simulation.
 
-    `stimulus` is the poke that tests the reflexes, by default `Stimulus()`. `progress` is called with the
-    name of each step. Raises DescriptionError for a robot that can't be simulated.
+    `stimulus` is the poke with which the reflexes are tested, by default `Stimulus()`. The function
+    `progress` is called with the name of each step. Raises DescriptionError for a robot that can't be
+    simulated.
     """
     faults: list[str] = []
     arms = [f"{side}_arm" for side in SIDES]
@@ -138,13 +141,13 @@ def prove(
             trials.append(trial)
             faults += [f"{trial.side} {trial.site}: {fault}" for fault in trial_faults(robot, trial)]
             progress(f"reflex, {trial.side} {trial.site.replace('_', ' ')}")
-    except TciError as error:  # a place without skin, or without room for the finger
+    except TciError as error:  # a point without skin, or without room for the finger
         faults.append(f"poke {len(trials) + 1} failed: {error}")
     return Proof(robot.name, tuple(axes), tuple(trials), tuple(patches), tuple(faults))
 
 
 def compare_axes(robot: Robot, part: GenericPart) -> Axes:
-    """Compares the axes of shoulder rotation, elbow and pronation with the generic arm's, in random
+    """Compares the axes of shoulder rotation, elbow and pronation with the axes of the generic arm, in random
     postures."""
     assert part.side is not None
     sign = side_sign(part.side)
@@ -176,8 +179,12 @@ def compare_axes(robot: Robot, part: GenericPart) -> Axes:
 def arm_axes(
     robot: Robot, part: GenericPart, kinematics: KinematicChain, hand: str, position: Array
 ) -> tuple[Array, Array, Array | None]:
-    """Returns the unit axes (3,) of internal rotation (towards the elbow), of elbow flexion and of pronation,
-    in the mount frame; the last is None without pronation. `hand` is a link distal to all of them."""
+    """Returns the unit axes (3,) of internal rotation (towards the elbow), elbow flexion and pronation, in
+    the mount frame.
+
+    The axis of pronation is None for an arm without pronation. `hand` is a link distal to all of these
+    joints.
+    """
     poses = kinematics.poses(position, [segment.link for segment in part.segments])
     ends = {s.name: apply(poses[s.link], np.array(s.origin)) for s in part.segments}
     turns = part.R_TM.T @ kinematics.jacobian(position, hand)[3:]
@@ -195,7 +202,8 @@ def arm_axes(
 def limit_faults(robot: Robot) -> list[str]:
     """Commands both arms to random targets far outside their limits.
 
-    Returns the violations that the `checker` finds, and what the gate refused or held, one sentence each.
+    Returns one sentence for each violation that the module `checker` finds, and for each reason for which the
+    gate refused a command or held the robot.
     """
     driver = SimulatedDriver(robot, world=World(robot, skin=False))
     generator = np.random.default_rng(4)
@@ -224,7 +232,7 @@ def limit_faults(robot: Robot) -> list[str]:
 
 
 def trial_faults(robot: Robot, trial: Trial) -> list[str]:
-    """Returns the criteria of the demo that one poke does not meet, one sentence each."""
+    """Returns one sentence for each criterion of the demo that one poke does not meet."""
     rate = min(patch.rate for patch in robot.patches)
     slowest = SLOWEST.get(rate, 23.0 + 1e3 / rate)
     never = float("inf")

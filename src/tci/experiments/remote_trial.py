@@ -1,8 +1,9 @@
-"""A poke whose reflex runs in another process, and reaches the simulated robot through a middleware.
+"""Runs the reflex of a trial in another process, which reaches the simulated robot through a middleware.
 
-Robot, gate and finger are in this process, served as `tci serve` serves them, in real time. The reflex has
-only the data that the middleware carries. Both processes run with real-time priority if the system permits it
-(`real_time`), so that other programs do not affect the measured times.
+Robot, gate and finger are in this process. The robot is served in real time, in the way of the command `tci
+serve`. The reflex has only the data that the middleware transports. Both processes run with real-time
+priority if the system permits this priority (`real_time`), so that other programs do not affect the measured
+times.
 """
 
 from __future__ import annotations
@@ -29,20 +30,21 @@ from tci.runtime.serve import serve
 from tci.simulation.world import World
 
 STARTING = 60.0
-"""Longest time [s] for the other process to start, compile and connect. Assumed: the first compilation takes
-about half of it on two cores."""
+"""Longest time [s] in which the other process must start, compile and connect. Assumed: the first compilation
+needs about half of this time on two cores."""
 ENDED = "ended"
-"""Message that stands for the end of the other process."""
+"""Text that is returned instead of a message when the other process has ended."""
 APPEARING = 10.0
-"""Longest time [s] until the served robot answers a connection. Assumed: discovery takes a few seconds over
-the slowest middleware."""
+"""Longest time [s] until a connection to the served robot is possible. Assumed: discovery over the slowest
+middleware needs a few seconds."""
 
 
 class TrialDriver(DriverWrapper):
-    """A simulation in real time whose loop ends at `until`, which may be set while it runs."""
+    """Simulation in real time whose loop ends at the time `until`. The time `until` may be set while the loop
+    runs."""
 
     until = float("inf")
-    """Time [s] of the end."""
+    """Time [s] at which the loop ends."""
 
     def ticks(self, *, duration: float | None = None, start: float | None = None) -> Iterator[float]:
         for now in super().ticks(duration=duration, start=start):
@@ -52,22 +54,24 @@ class TrialDriver(DriverWrapper):
 
 
 def try_server(robot: Robot, via: str) -> None:
-    """Opens and closes a server, so that a missing requirement is reported before the first trial.
+    """Opens and closes a server, so that a missing requirement of the middleware is reported before the first
+    trial.
 
-    Raises MissingExtraError without its library, and DriverError without a master, a name server or a free
-    port, as the middleware needs.
+    Raises MissingExtraError if the middleware's library is missing. Raises DriverError if a ROS master, a
+    name server or a free port is missing that the middleware needs.
     """
     with SimulatedDriver(robot) as driver, open_server(driver, via):
         pass
 
 
 class RemoteTrial:
-    """The other process, which runs a reflex for one robot, for any number of pokes."""
+    """Another process that runs a reflex for one robot, for any number of pokes."""
 
     def __init__(self, robot: Robot, via: str, reflex: Capability[Any]) -> None:
-        """Starts the process, which runs `reflex`. `via` is NAME or NAME:ADDRESS, as in `tci serve`.
+        """Starts the other process, which runs `reflex`.
 
-        Raises UnknownNameError for a robot that this middleware can't carry.
+        `via` is the middleware as NAME or NAME:ADDRESS, like the argument of `tci serve`. Raises
+        UnknownNameError for a robot that this middleware can't transport.
         """
         self.robot, self.via = robot, via
         for one in via.split(JOIN):
@@ -82,7 +86,7 @@ class RemoteTrial:
         """Serves `world` until the reflex in the other process is ready, then runs the trial for `duration`
         [s].
 
-        Raises DriverError when the other process reports an error, or ends.
+        Raises DriverError if the other process reports an error or ends.
         """
         driver = TrialDriver(SimulatedDriver(world.robot, world=world, paced=True))
         asked = time.monotonic()
@@ -98,14 +102,17 @@ class RemoteTrial:
                     trial.see(tick)
                     return
                 ready = ready or self._ready(asked)
-                # The finger starts at a new skin frame, as in trials within one process.
+                # The finger starts at a new skin frame, so that the delays equal those of trials within one
+                # process.
                 before, frames = frames, tuple(frame.sequence for frame in tick.reading.skin)
                 if ready and (frames != before or not frames):
                     driver.until = tick.now + duration + driver.period
                     trial.begin(tick.now)
 
             serve(server, observe=see)
-            self._tell("enough")  # before the server closes, so that the reflex does not lose its robot
+            # The message is sent before the server closes, so that the reflex stops before the robot
+            # disappears.
+            self._tell("enough")
         said = ""
         while said != "done":
             said = self._hear(STARTING)
@@ -124,7 +131,10 @@ class RemoteTrial:
             raise DriverError(self._trouble(ENDED)) from error
 
     def _hear(self, wait: float) -> str:
-        """Returns the message of the other process within `wait` [s]; an empty text for none."""
+        """Waits up to `wait` [s] for a message of the other process.
+
+        Returns the message, an empty text if there is none, or ENDED if the process has ended.
+        """
         try:
             return str(self._pipe.recv()) if self._pipe.poll(wait) else ""
         except (EOFError, OSError):
@@ -153,20 +163,22 @@ class RemoteTrial:
 
 
 class Trial:
-    """Base class of trials: called by the loop."""
+    """Base class of trials. The control loop calls the methods."""
 
     def begin(self, now: float) -> None:
-        """Begins the trial at `now` [s]; the reflex is ready."""
+        """Begins the trial at `now` [s]. At this time the reflex is ready."""
         raise NotImplementedError
 
     def see(self, tick: Tick) -> None:
-        """Records one tick of the trial."""
+        """Records one period of the trial."""
         raise NotImplementedError
 
 
 def part_of(robot: Robot, order: Order) -> str | None:
-    """Returns the generic part that an order of another process moves: None if it moves nothing, empty if the
-    servos belong to no part."""
+    """Returns the generic part that an order from another process moves.
+
+    Returns None if the order moves nothing, and an empty text if the moved servos belong to no part.
+    """
     if not isinstance(order, PlatformCommand) or order.mode not in CONTROL_MODES:
         return None
     wanted = set(order.servos.tolist())
@@ -177,7 +189,10 @@ def part_of(robot: Robot, order: Order) -> str | None:
 
 
 def _patiently(robot: Robot, via: str) -> Driver:
-    """Connects to a robot, and tries again while it may still be starting. Raises DriverError."""
+    """Connects to a robot, and tries again for APPEARING [s], because the robot may still be starting.
+
+    Raises DriverError if all attempts fail.
+    """
     end = time.monotonic() + APPEARING
     while True:
         try:
@@ -189,8 +204,11 @@ def _patiently(robot: Robot, via: str) -> Driver:
 
 
 def answer(robot: Robot, reflex: Capability[Any], pipe: Connection) -> None:
-    """Main loop of the other process: repeatedly receives an address, connects, and runs the reflex until the
-    next message."""
+    """Main loop of the other process.
+
+    The loop receives an address, connects to the robot at this address, and runs the reflex until the next
+    message arrives. Then the loop begins again.
+    """
     while True:
         try:
             via = pipe.recv()

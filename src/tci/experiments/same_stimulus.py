@@ -1,4 +1,4 @@
-"""Comparison of several robots' responses to one touch of the generic limb."""
+"""Compares the responses of several robots to one touch of the generic limb."""
 
 from __future__ import annotations
 
@@ -21,29 +21,31 @@ from tci.robot.joint_map import generic_posture, initial_position
 from tci.skin.contacts import single_contact
 
 FORCES = np.linspace(0.0, 2.0, 5)
-"""Force [N] of the stimulus in successive frames (frames,). Assumed: a touch that rises to full response in
-50 ms. Below 0.5 N a short arm would move less than the 1 mm that a response needs, and a long one more."""
+"""Force [N] of the stimulus in successive frames (frames,). Assumed: a touch whose force rises within 50 ms,
+up to the force of a full response. Below 0.5 N the response would depend on the arm's length: a short arm
+would move less than the required 1 mm, and a long arm more."""
 
 
 @dataclass(frozen=True, slots=True)
 class SameStimulus:
-    """Differences between the robots' responses to one stimulus."""
+    """Differences between the responses of several robots to one stimulus."""
 
     max_generic_difference_rad: float
-    """Largest difference [rad] between two robots' generic targets, over sites, sides and frames."""
+    """Largest difference [rad] between the generic targets of two robots, over all sites, sides and
+    frames."""
     hand_direction_deg: dict[str, float]
     """Largest angle [degrees] between the displacements of two robots' hands, by site. Displacements are
     relative to the shoulder, where the upper arm begins, in the axes of the arm's mount frame."""
     hand_direction_torso_deg: dict[str, float]
-    """Largest angle [degrees] between displacements relative to the torso, which include the motion of the
-    shoulder itself."""
+    """Largest angle [degrees] between the displacements of two robots' hands, by site. Displacements are
+    relative to the torso, so they include the motion of the shoulder."""
 
 
 def same_stimulus(bodies: Sequence[GenericBody], fields: Sequence[ReceptiveField]) -> SameStimulus:
-    """Applies the same (u, theta, force) to each robot's skin, and compares the commands of the reflex.
+    """Applies the same touch (u, theta, force) to each robot's skin, and compares the commands of the reflex.
 
-    The stimulus is placed on the robot's skin in space and converted back with the robot's kinematics, so
-    that model, mount and joint map of each robot take part.
+    The touch is converted to a point on the robot's skin, and back with the robot's kinematics. So the
+    comparison includes the model, the mounts and the joint map of each robot.
     """
     difference, directions = 0.0, {}
     for field in fields:
@@ -66,7 +68,8 @@ def same_stimulus(bodies: Sequence[GenericBody], fields: Sequence[ReceptiveField
 
 
 def answer(body: GenericBody, part: str, field: ReceptiveField) -> Array:
-    """Returns the generic targets (frames, 5) [rad] of the reflex while the force at `field` rises."""
+    """Returns the generic targets (frames, 5) [rad] of the reflex while the force at the centre of `field`
+    increases."""
     reflex = WithdrawalReflex()
     memory = reflex.init(body)
     joints = initial_joints(body.robot)
@@ -92,7 +95,8 @@ def initial_joints(robot: Robot) -> JointReading:
 def touch(
     body: GenericBody, part: str, field: ReceptiveField, joints: JointReading, *, force: float, sequence: int
 ) -> Contact:
-    """Returns a contact of one taxel with `force` [N] at the centre of `field`, on the robot's own skin."""
+    """Returns a contact of one taxel with the force `force` [N] at the centre of `field`, on the robot's
+    skin."""
     robot, skin = body.robot, body.skin
     generic_part = robot.part(part)
     assert generic_part.side is not None
@@ -114,9 +118,9 @@ def touch(
 def displacements(body: GenericBody, part: str, target: Array) -> Array:
     """Returns the displacements (2, 3) [m] of the forearm's distal end from the initial posture to `target`.
 
-    The first is relative to the beginning of the upper arm, the second to the torso; both are in the axes of
-    the arm's mount frame. The generic arm describes the first. They differ for a shoulder whose axes do not
-    intersect, since rotations about them move the shoulder itself.
+    The first row is relative to the proximal end of the upper arm, and the second row to the torso. Both rows
+    have the axes of the arm's mount frame. The generic arm predicts the first row. The rows differ for a
+    shoulder whose axes do not intersect, since rotations about these axes also move the shoulder.
     """
     start = initial_joints(body.robot)
     command = to_platform(body.robot, GenericCommand(part, Mode.POSITION, target))

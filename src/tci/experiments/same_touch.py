@@ -1,7 +1,8 @@
-"""Comparison of several robots' skins under equal pressure: perceived forces, and gains of the reflex.
+"""Compares several robots' skins under equal pressure: the perceived forces, and the gains of the reflex.
 
-For round Gaussian touches the raw counts of each skin's taxels are computed, and then processed by the usual
-conditioning and contacts. So the areas, gaps and resolution of the taxels are considered.
+The raw counts of each skin's taxels are computed for round touches with a Gaussian pressure distribution.
+TCI's usual conditioning and contact detection then process these counts. So the result includes the effects
+of the taxels' areas, of the gaps between taxels, and of the resolution.
 """
 
 from __future__ import annotations
@@ -24,50 +25,52 @@ from tci.skin.contacts import ContactFinder, ContactSettings
 from tci.skin.layout import normal_channels
 
 PROBES = (0.003, 0.005, 0.010, 0.020)
-"""Radii [m] of the touches, from a blunt pencil to a palm: 3/2 of the pressure's standard deviation."""
+"""Radii [m] of the touches, from the radius of a blunt pencil to the radius of a palm. Each radius is 3/2 of
+the standard deviation of the pressure distribution."""
 FORCES = (0.3, 1.0, 3.0, 10.0)
 """Forces [N] of the touches."""
 PLACES = 16
-"""Number of places in each receptive field."""
+"""Number of touched points in each receptive field."""
 FELT = 2.0
-"""Least peak pressure [counts] on each skin for a touch that can be detected on all skins, since one count
-may be a rounding error."""
+"""Least peak pressure [counts] that a touch must cause on each skin, so that all skins can detect the touch.
+The value is above one count, since one count may be a rounding error."""
 LEARN, RATE = 100, 50.0
-"""Number and rate [Hz] of the frames at rest in which the skin learns its noise."""
+"""Number and rate [Hz] of the frames without touch from which the noise of the skin is estimated."""
 STEP = 1e-4
-"""Time [s] from touch to touch. Assumed: so short that no estimation window ends, so that the estimates do
-not change between touches."""
+"""Time [s] between successive touches. Assumed: short enough that no estimation window ends, so that the
+estimates do not change between touches."""
 PART = "left_arm"
 _TURNS = 2.0 * np.pi * np.concatenate([[0.0], np.arange(6) / 6.0, np.arange(12) / 12.0])
 _POINTS = np.repeat([0.0, 0.4, 0.8], (1, 6, 12)) * np.array([np.cos(_TURNS), np.sin(_TURNS)])
-"""Points (2, 19) [taxel radii] at which the pressure on a taxel is averaged: its middle and two rings."""
+"""Points (2, 19) [taxel radii] on a taxel over which the pressure is averaged: the middle and two rings."""
 
 
 @dataclass(frozen=True, slots=True)
 class SameTouch:
-    """One touch, laid on many places of one robot's arm."""
+    """Results for one touch that was applied at many points of one robot's arm."""
 
     robot: str
     probe_mm: float
-    """Radius of the touch."""
+    """Radius [mm] of the touch."""
     pressed_n: float
-    """Its force."""
+    """Force [N] of the touch."""
     force_n: float
-    """Median of the perceived forces; 0 for a touch that is not perceived."""
+    """Median [N] of the perceived forces. The perceived force is 0 for a touch that is not detected."""
     gain: float
-    """Median gain of the reflex."""
+    """Median of the reflex's gains."""
     heavy: bool
-    """True if the touch presses the coarsest skin of all compared robots with at least FELT counts; a lighter
-    one can't be felt on all."""
+    """True if the touch presses the coarsest skin of all compared robots with at least FELT counts. A touch
+    with a smaller pressure can't be detected on all skins."""
 
 
 def same_touch(
     bodies: Sequence[GenericBody], reflex: WithdrawalReflex, *, seed: int = 0
 ) -> tuple[SameTouch, ...]:
-    """Computes equal touches at corresponding places of each robot's left arm, in the inner half of each
-    field.
+    """Computes equal touches at corresponding points of each robot's left arm, in the inner half of each
+    receptive field.
 
-    Places are those of the generic limb where every robot has skin; robots without any there are left out.
+    The points are those of the generic limb at which every compared robot has skin. Robots without any skin
+    on the left arm are left out.
     """
     arms, chance = [Arm(body, reflex) for body in bodies if _has_sleeve(body)], np.random.default_rng(seed)
     places = [place for field in reflex.fields for place in places_on(arms, field, chance)]
@@ -89,11 +92,12 @@ def _has_sleeve(body: GenericBody) -> bool:
 
 
 Place = tuple[str, float, float]
-"""Segment, u and theta [rad]."""
+"""Segment of the limb, u, and theta [rad]."""
 
 
 def places_on(arms: Sequence[Arm], field: ReceptiveField, chance: np.random.Generator) -> Iterator[Place]:
-    """Yields up to PLACES random places in the inner half of a field that lie on every robot's skin."""
+    """Yields up to PLACES random points in the inner half of a receptive field. Every robot has skin at these
+    points."""
     found = 0
     for distance, way in chance.uniform((0.0, -np.pi), (1.0, np.pi), (40 * PLACES, 2)):
         apart = 0.5 * field.radius * np.sqrt(distance)
@@ -106,14 +110,14 @@ def places_on(arms: Sequence[Arm], field: ReceptiveField, chance: np.random.Gene
 
 
 class Arm:
-    """The skin of one robot's arm, unrolled, and what is perceived of touches."""
+    """Unrolled skin of one robot's arm, with the perception of touches on this skin."""
 
     def __init__(self, body: GenericBody, reflex: WithdrawalReflex) -> None:
         robot: Robot = body.robot
         self.name = robot.name
         self._reflex, self._count, self._now, joints = reflex, 0, 0.0, initial_joints(robot)
         self._conditioner = Conditioner(body.layout)
-        # Isolated taxels are accepted at once: those of a lasting touch are after 0.2 s.
+        # Contacts of an isolated taxel are accepted at once. By default they are accepted after 0.2 s.
         self._finder = ContactFinder(body.layout, ContactSettings(isolated=None))
         self._posture = body.posture(joints)
         self._poses = body.skin.kinematics.pose_array(joints.position, body.layout.links)
@@ -131,12 +135,13 @@ class Arm:
             patch.name: normal_channels(patch, body.skin.surfaces[patch.name]) for patch in robot.skin
         }
         self.resolution = max(abs(sleeve[0].sensor.pascal_per_count) for sleeve in self._sleeves.values())
-        """Pressure [Pa] of one count on the coarsest patch."""
+        """Pressure [Pa] that corresponds to one count on the coarsest patch."""
         for _ in range(LEARN):
             self._perceive(self._rest, 1.0 / RATE)
 
     def _offsets(self, place: Place) -> tuple[Array, Array]:
-        """Returns how far (taxels,) [m] each taxel lies from a place, along the limb and around it."""
+        """Returns the distances (taxels,) [m] of each taxel from a point: along the limb, and around the
+        limb."""
         segment, u, theta = place
         _, x, angle, radius, _, length = self._sleeves[segment]
         around = (angle - theta + np.pi) % (2.0 * np.pi) - np.pi
@@ -145,7 +150,11 @@ class Arm:
         return along, around * (radius + near) / 2.0
 
     def has_skin(self, place: Place) -> bool:
-        """Returns True if a place is not farther from a taxel than a place between taxels can be."""
+        """Returns True if there is skin at a point.
+
+        The distance to the nearest taxel is compared with the largest distance of a point between
+        neighbouring taxels.
+        """
         if place[0] not in self._sleeves:
             return False
         apart = np.hypot(*self._offsets(place))
@@ -153,7 +162,8 @@ class Arm:
         return bool(apart[nearest] <= 0.75 * np.sqrt(self._sleeves[place[0]][4][nearest]))
 
     def pressure(self, place: Place, radius: float) -> tuple[Place, Array]:
-        """Returns the mean pressure (taxels,) [Pa per N] of a touch on each taxel."""
+        """Returns the point, and the mean pressure (taxels,) [Pa per N] of a touch at this point on each
+        taxel."""
         along, across = self._offsets(place)
         sizes, sigma = np.sqrt(self._sleeves[place[0]][4] / np.pi), radius / 1.5
         result = np.zeros(len(along))
@@ -164,7 +174,7 @@ class Arm:
         return place, result
 
     def touch(self, place: Place, pressure: Array, force: float) -> Contact | None:
-        """Returns the strongest contact that is perceived of a touch; None without one."""
+        """Returns the strongest contact that TCI detects for a touch; None if TCI detects no contact."""
         patch = self._sleeves[place[0]][0]
         sensor = patch.sensor
         counts = np.sign(sensor.pascal_per_count) * np.round(sensor.counts(force * pressure))
@@ -175,8 +185,10 @@ class Arm:
         return self._perceive(released | {patch.name: np.clip(raw, sensor.lowest, sensor.highest)})
 
     def answers(self, contacts: Sequence[Contact | None]) -> Array:
-        """Returns the force [N] of each contact and the gain of the reflex (contacts, 2); zeros without a
-        contact."""
+        """Returns the force [N] of each contact and the gain of the reflex (contacts, 2).
+
+        A row without a contact is zero.
+        """
         result = np.zeros((len(contacts), 2))
         felt = [(row, contact) for row, contact in enumerate(contacts) if contact is not None]
         answers = self._reflex.answers([contact for _, contact in felt])

@@ -1,4 +1,4 @@
-"""Self-calibration in simulation: a probe touches a patch whose map of taxels has errors."""
+"""Simulates a self-calibration: a probe touches a patch whose map of taxels contains errors."""
 
 from __future__ import annotations
 
@@ -19,13 +19,16 @@ from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface
 
 SPEED, FORCE = 0.25, (3.0, 6.0)
-"""Speed [m/s] and range of the force [N] of the probe. Assumed: a hand that presses with care."""
+"""Speed [m/s] of the probe, and range of the probe's force [N]. Assumed: a person presses the probe carefully
+by hand."""
 DWELL = 0.045
-"""Time [s] from the start of a touch to its frame: at least two frames at 50 Hz."""
+"""Time [s] from the start of a touch to the skin frame that is used. The time contains at least two frames at
+50 Hz."""
 CANDIDATES = 20
-"""Number of random points from which the next touch is chosen. Assumed: enough for an even coverage."""
+"""Number of random points from which the next touched point is chosen. Assumed: enough for an even
+distribution of touches."""
 PROBE = 0.0003
-"""Standard deviation [m] of the probe's measured position. Assumed: that of an optical tracker."""
+"""Standard deviation [m] of the probe's measured position. Assumed: the accuracy of an optical tracker."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,14 +57,14 @@ def calibrate_in_simulation(
     Args:
         robot: Description of the robot.
         patch: Patch to calibrate.
-        touches: Number of touches, spread evenly over the patch.
+        touches: Number of touches. They are distributed evenly over the patch.
         wrong: Displacement [m] of each taxel, in a random direction.
-        noise: Standard deviation [counts] of raw values.
-        seed: Seed of directions, places, forces and noise.
-        progress: Called with the number of touches done.
+        noise: Standard deviation [counts] of the raw skin values.
+        seed: Seed of the random directions, points, forces and noise.
+        progress: Function that is called after each touch with the number of completed touches.
 
-    Raises UnknownNameError for a patch that the robot lacks, TciError if the skin can't be reached or its
-    taxels are too few or too far apart to form a surface.
+    Raises UnknownNameError if the robot does not have the patch. Raises TciError if the finger can't reach
+    the skin, or if the taxels are too few or too far apart to form a surface.
     """
     words = robot.patch(patch)
     world = World(robot, seed=seed, noise=noise)
@@ -98,9 +101,9 @@ def calibrate_in_simulation(
 
 
 def _far_from(surface: Surface, tried: list[Array], generator: np.random.Generator) -> Array:
-    """Returns the random point (3,) [m] of a surface that is farthest from those `tried` before.
+    """Returns a random point (3,) [m] of a surface that is far from all points in `tried`.
 
-    Best of CANDIDATES points (Mitchell 1991).
+    The point is the farthest of CANDIDATES random points (Mitchell 1991).
     """
     a, b, c = surface.positions[surface.faces].transpose(1, 0, 2)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
@@ -115,9 +118,9 @@ def _far_from(surface: Surface, tried: list[Array], generator: np.random.Generat
 def _touch(
     world: World, patch: str, place: Array, generator: np.random.Generator, kinematics: KinematicChain
 ) -> ProbeTouch | None:
-    """Touches the skin at the point nearest to `place` (3,) [m] in the frame of its link.
+    """Touches the skin at the point nearest to `place` (3,) [m], given in the frame of the patch's link.
 
-    Returns None if another link is in the way, or if no frame came in time.
+    Returns None if another link blocks the finger, or if no skin frame arrives in time.
     """
     surface, words = world.surfaces[patch], world.robot.patch(patch)
     points, normals = surface.project(place[None])

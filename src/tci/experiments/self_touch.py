@@ -1,7 +1,7 @@
-"""Self-touch in simulation: a robot touches one of its skins with the skin of its other arm.
+"""Simulates self-touch: a robot touches one patch of its skin with the skin of the other arm.
 
-Postures are computed by kinematics within the servos' limits, without considering collisions of other links.
-Taxels are pressed where the surfaces overlap.
+Postures are computed by kinematics within the servos' limits. Collisions between other links are not
+considered. The taxels in the overlap of the two surfaces count as pressed.
 """
 
 from __future__ import annotations
@@ -27,29 +27,31 @@ from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface
 
 DEPTH = 0.002
-"""Depth [m] to which both skins are pressed into each other. Assumed: their covers are 2 to 3 mm thick."""
+"""Depth [m] by which the two skins overlap. Assumed: the covers of the skins are 2 to 3 mm thick."""
 PERIOD = 0.02
-"""Period [s] of the skin."""
+"""Period [s] of the skin frames."""
 REST, PRESSED = 3, 14
-"""Numbers of frames without and with a touch, enough for a touch of a single taxel to become a contact."""
+"""Number of frames without a touch, and number of frames with a touch. The second number is enough to detect
+a contact of a single taxel."""
 SHARE = 0.3
-"""Value of a pressed taxel as a fraction of its range. Assumed: its size has no influence, since only the
-pressed taxels are used."""
+"""Raw value of a pressed taxel, as a fraction of the sensor's range. Assumed: the value does not affect the
+result, since only the set of pressed taxels is used."""
 ENCODER = np.deg2rad(0.1)
-"""Standard deviation [rad] of the measured angles. Assumed: the backlash of such robots."""
+"""Standard deviation [rad] of the measured angles. Assumed: the backlash of the joints of such robots."""
 NEAR = 0.0005
-"""Largest distance [m] between the places that touch, for a posture to count."""
+"""Largest distance [m] between the two touching points for which a posture is accepted."""
 TRIES = 30
-"""Largest number of postures tried for each touch. Assumed: one of them is within the limits."""
+"""Largest number of postures that are tried for each touch. Assumed: at least one of these postures is within
+the limits."""
 
 
 FACING, OBLIQUE = 0.003, 0.8
-"""Weight [m] of the difference of facing normals, and largest such difference for a posture to count.
-Assumed: 0.8 is an angle of 47 degrees."""
+"""Weight [m] of the difference between one normal and the reversed other normal, and largest such difference
+for which a posture is accepted. Assumed: a difference of 0.8 is an angle of 47 degrees."""
 
 
 class _Places(NamedTuple):
-    """A taxel of one surface, and one of another."""
+    """A taxel of one surface, and a taxel of another surface."""
 
     own: Surface
     a: int
@@ -59,13 +61,14 @@ class _Places(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundMount:
-    """Mount of a patch, found in simulation, where its true place is known."""
+    """Estimated mount of a patch in simulation, where the true mount is known."""
 
     mount: Mount
     before: float
-    """Median distance [m] of the taxels from their true places, by the wrong description."""
+    """Median distance [m] of the taxels from their true positions, with the wrong mount in the
+    description."""
     after: float
-    """Median distance [m] after the correction."""
+    """Median distance [m] of the taxels from their true positions, with the corrected mount."""
 
 
 def mount_in_simulation(
@@ -78,9 +81,10 @@ def mount_in_simulation(
     seed: int = 0,
     progress: Callable[[int], None] = lambda count: None,
 ) -> FoundMount:
-    """Moves a patch of the description by `wrong` [m] and turns it by `turned` [rad], and finds its mount.
+    """Moves a patch of the description by `wrong` [m], turns the patch by `turned` [rad], and estimates the
+    patch's mount.
 
-    Raises TciError for a patch that the skin of the other arm does not reach.
+    Raises TciError if the skin of the other arm can't reach the patch.
     """
     random = np.random.default_rng(seed)
     truth = GenericBody(robot)
@@ -114,7 +118,10 @@ def self_touch_readings(
     seed: int = 0,
     progress: Callable[[int], None] = lambda count: None,
 ) -> Iterator[Reading]:
-    """Yields what the robot reads while it touches itself `touches` times, with frames at rest between."""
+    """Yields the readings of a robot that touches its own skin `touches` times.
+
+    Between two touches there are frames without touch.
+    """
     body, random, number = GenericBody(robot), np.random.default_rng(seed), 0
     for touch in range(touches):
         position, other = _posture(body, patch, random)
@@ -129,8 +136,8 @@ def self_touch_readings(
 
 
 def _posture(body: GenericBody, patch: str, random: np.random.Generator) -> tuple[Array, str]:
-    """Returns angles (n,) [rad] at which a random taxel of `patch` meets one of another arm's patch, and that
-    patch's name."""
+    """Returns angles (n,) [rad] at which a random taxel of `patch` touches a taxel on another arm, and the
+    name of the other taxel's patch."""
     robot, surfaces, chain = body.robot, body.skin.surfaces, body.skin.kinematics
     own = surfaces[patch]
     arms = {part.name for part in robot.parts if part.kind == robot.part(robot.patch(patch).part).kind}
@@ -141,7 +148,8 @@ def _posture(body: GenericBody, patch: str, random: np.random.Generator) -> tupl
         )
     home = initial_position(robot)
     limits = np.array([(servo.limits.lower, servo.limits.upper) for servo in robot.servos], dtype=float)
-    limits = np.where(np.isnan(limits), [-np.pi, np.pi], limits)  # those that are not known
+    # The range is -pi to pi for limits that are not known.
+    limits = np.where(np.isnan(limits), [-np.pi, np.pi], limits)
     for _ in range(TRIES):
         other = others[random.integers(len(others))]
         moving = sorted({*chain.chain(own.link)} ^ {*chain.chain(other.link)})
@@ -165,7 +173,8 @@ def _posture(body: GenericBody, patch: str, random: np.random.Generator) -> tupl
 
 
 def _apart(angles: Array, chain: KinematicChain, home: Array, moving: list[int], places: _Places) -> Array:
-    """Returns the differences (6,) of the positions of two taxels and of their facing normals."""
+    """Returns the differences (6,) between two taxels: three values for the positions, and three for the
+    facing normals."""
     position = home.copy()
     position[moving] = angles
     own, a, other, b = places
@@ -176,7 +185,7 @@ def _apart(angles: Array, chain: KinematicChain, home: Array, moving: list[int],
 
 
 def _pressed(body: GenericBody, position: Array, patch: str, other: str) -> dict[str, Array]:
-    """Returns for both patches a mask of the taxels (n,) that are inside the other skin."""
+    """Returns for both patches a mask (n,) of the taxels that are inside the other patch's surface."""
     surfaces = body.skin.surfaces
     one, two = surfaces[patch], surfaces[other]
     here, there = body.skin.kinematics.pose_array(position, (one.link, two.link))
@@ -189,7 +198,9 @@ def _pressed(body: GenericBody, position: Array, patch: str, other: str) -> dict
         beside = np.linalg.norm(away - height[:, None] * normals, axis=1)
         facing = np.einsum("ni,ni->n", mine.normals @ pose[:3, :3].T, normals) < 0.0
         inside = (np.abs(height) < 2.0 * DEPTH) & (height < 0.0) & (beside < 0.008) & facing
-        if not inside.any():  # the nearest taxel bears what a plate with few taxels is pressed by
+        # A patch with few taxels may have no taxel inside. Its taxel nearest to the other skin then counts as
+        # pressed.
+        if not inside.any():
             inside[np.argmin(np.linalg.norm(away, axis=1))] = True
         pressed[mine.patch] = inside
     return pressed

@@ -1,5 +1,4 @@
-"""Begins, tracks and ends contacts that are felt through joints, and improves the forces of contacts on
-skin."""
+"""Detects and tracks contacts through joint torques, and improves the forces of contacts on skin."""
 
 from __future__ import annotations
 
@@ -19,24 +18,25 @@ from tci.skin.layout import SkinLayout
 from tci.skin.skin import Skin
 
 AREA = 3e-4
-"""Area [m2] of a contact felt through joints. Assumed: two fingertips, since torques do not show an area."""
+"""Area [m2] of a contact that is detected through joint torques. Assumed: two fingertips, since joint torques
+contain no information about the area."""
 _NONE = Contacts.of(())
 
 
 @dataclass(frozen=True, slots=True)
 class JointTouchSettings:
-    """Conditions under which the torques of joints are a touch."""
+    """Settings for the detection of touches through joint torques."""
 
     observer: ObserverSettings = field(default_factory=ObserverSettings)
-    """Speed of the observer, and how well the robot's model is known."""
+    """Settings of the momentum observer: the speed of the observer, and the errors of the robot's model."""
     begin: float = 4.5
     """Least distance [standard deviations] of the residual from zero at which a contact begins. Assumed: with
-    a smaller value lighter touches are detected, but errors of the model look like touches."""
+    a smaller value lighter touches are detected, but errors of the model also count as touches."""
     end: float = 3.0
-    """Distance [standard deviations] below which a contact ends."""
+    """Distance [standard deviations] of the residual from zero below which a contact ends."""
     skin: float = 1.0
-    """Relative error of the forces that skin measures. Assumed: skin on half of a surface measures half of a
-    force."""
+    """Relative error of the forces that the skin measures. Assumed: skin that covers half of a surface
+    measures half of a force."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.end <= self.begin < np.inf:
@@ -48,25 +48,27 @@ class JointTouchSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Touch:
-    """A contact that is felt on one part."""
+    """Contact that is detected on one part."""
 
     identity: int
     onset: float
     patch: int
     point: Array
-    """Place (3,) [m] at which it was first felt on this patch."""
+    """Point (3,) [m] of the first detection of this contact on this patch."""
 
 
 class JointTouch:
-    """Detects touches of one robot through its joints. Contains the observer and the current contacts.
+    """Detects touches of one robot through joint torques.
 
-    On each part it detects one contact in addition to those on skin. Identities count down from -1.
+    The object contains the momentum observer and the current contacts. On each part at most one contact is
+    detected through joint torques, in addition to the contacts on skin. The identities of these contacts are
+    -1, -2 and so on.
     """
 
     def __init__(
         self, skin: Skin, layout: SkinLayout, calibration: JointCalibration, settings: JointTouchSettings
     ) -> None:
-        """Raises what `MomentumObserver` raises."""
+        """Raises the errors of `MomentumObserver`."""
         robot = skin.robot
         self.layout, self.settings = layout, settings
         self._observer = MomentumObserver(robot, calibration, settings.observer)
@@ -81,7 +83,8 @@ class JointTouch:
     def step(
         self, joints: JointReading, posture: Mapping[str, Array], on_skin: Contacts, skin: Skin
     ) -> Contacts:
-        """Returns the contacts on the skin, with their forces weighed, and those felt through joints."""
+        """Returns the contacts on the skin with improved forces, and the contacts that are detected through
+        joint torques."""
         fresh = self._reading is None or joints.stamp != self._reading.stamp
         if not fresh and on_skin is self._on_skin:
             return self.contacts
@@ -112,9 +115,10 @@ class JointTouch:
     def _feel(
         self, estimator: PartEstimator, residual: Residual, position: Array, forces: Array, skin: Skin
     ) -> Explanation | None:
-        """Returns the contact that is felt through the joints of one part.
+        """Returns the contact that is detected through the joint torques of one part.
 
-        Writes the `forces` (c,) [N] of contacts on the part's skin, as measured by the joints."""
+        Writes into `forces` (c,) [N] the improved forces of the contacts on the part's skin.
+        """
         rows, torques = [], []
         for row, contact in enumerate(self._on_skin):
             if contact.part == estimator.part:
@@ -130,7 +134,7 @@ class JointTouch:
     def _described(
         self, felt: Mapping[str, Explanation], joints: JointReading, posture: Mapping[str, Array], skin: Skin
     ) -> Contacts:
-        """Returns the contacts felt through joints, in the robot's order."""
+        """Returns the contacts that are detected through joint torques, in the robot's order of parts."""
         rows = sorted(felt.items(), key=lambda item: item[1].patch)
         poses = skin.kinematics.pose_array(joints.position, self.layout.links)
         made = describe_touches(
@@ -155,8 +159,10 @@ class JointTouch:
 
 
 def _with_forces(contacts: Contacts, forces: Array) -> Contacts:
-    """Returns the contacts with other forces (c,) [N], distributed over their taxels in the previous
-    ratio."""
+    """Returns the contacts with the total forces (c,) [N].
+
+    Each force is distributed over the contact's taxels in the previous ratio.
+    """
     if not len(contacts) or np.array_equal(forces, contacts.force):
         return contacts
     ratio = forces / contacts.force

@@ -1,9 +1,10 @@
-"""Contact estimator: the place on a limb, and the force there, that explain the residuals of its joints.
+"""Contact estimator: estimates the contact point and the force on a limb from the residuals of the limb's
+joints.
 
-Every point of a surface that is felt through joints is a candidate. For each candidate, a force along the
-inward normal has one unknown, its size. Least squares, weighted by the model's errors, give the size and the
-likelihood of the candidate. Tangential forces are neglected, because the joints of an arm give too few
-equations for them.
+The candidates are all points of the limb's surfaces on which touches are detected through joint torques. For
+each candidate point, the force along the inward normal has one unknown: the magnitude. Least squares,
+weighted by the errors of the model, determine the magnitude and the likelihood for each candidate. Tangential
+forces are neglected, because the number of joints in an arm is too small to determine them too.
 """
 
 from __future__ import annotations
@@ -21,43 +22,47 @@ from tci.robot.kinematics import KinematicChain
 from tci.skin.surfaces import Surface
 
 REACH = 0.05
-"""Distance [m] of the true place from the estimated one that counts as right. Assumed: half a hand."""
+"""Largest distance [m] between the true and the estimated contact point at which the estimate counts as
+right. Assumed: half the width of a hand."""
 _LIGHT = 1e-4
-"""Likelihood, relative to the most likely candidate, below which a candidate is left out."""
+"""Likelihood, relative to the most likely candidate, below which a candidate is ignored."""
 
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """The contact that explains a residual best."""
+    """Most likely contact for a given residual."""
 
     patch: int
-    """Index of the patch, in the robot's order."""
+    """Index of the patch, in the robot's order of patches."""
     taxel: int
-    """Index of the candidate on the patch."""
+    """Index of the candidate point on the patch."""
     force: float
     """Force [N] along the inward normal."""
     gain: float
-    """Distance [standard deviations] of the residual from zero, along the direction of this contact."""
+    """Distance [standard deviations] of the residual from zero, measured in the direction of the torques of
+    this contact."""
     certainty: float
-    """Probability (0..1) that the true place is within `REACH` of this one, by the model's errors."""
+    """Probability (0..1) that the true contact point is within the distance `REACH` of the estimated point,
+    given the errors of the model."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Candidates:
-    """Candidate points on one patch."""
+    """Candidate contact points on one patch."""
 
     patch: int
     link: str
     wrenches: Array
-    """Force and torque (6, n) about the link's origin of 1 N along the inward normal, in the link."""
+    """Wrench (6, n) of a force of 1 N along the inward normal at each point: force and torque about the
+    link's origin, in the link frame."""
     positions: Array
-    """Positions (n, 3) [m] in the link."""
+    """Positions (n, 3) [m] in the link frame."""
     area: Array
-    """Areas (n,) [m2]: the larger, the likelier."""
+    """Areas (n,) [m2] of the points. A touch of a point with a larger area is more likely."""
 
 
 class PartEstimator:
-    """Explains residuals of one generic part by forces on its patches that are felt through joints."""
+    """Estimates the contact on one generic part from the residual torques of the part's joints."""
 
     def __init__(
         self, robot: Robot, part: str, surfaces: Mapping[str, Surface], kinematics: KinematicChain
@@ -77,11 +82,12 @@ class PartEstimator:
     def weigh(
         self, residual: Residual, others: Sequence[Array], forces: Array, share: float
     ) -> tuple[Array, Array]:
-        """Returns the forces (m,) [N] of contacts at known places, and the residual (k,) that they leave.
+        """Returns the improved forces (m,) [N] of contacts at known points, and the residual (k,) without the
+        torques of these forces.
 
-        `others` (m) are the torques (n_servos,) of 1 N at each place, `forces` (m,) [N] the forces that the
-        skin measures there, with a relative error `share`. The two measurements are weighted by their
-        precision. The residual is in standard deviations.
+        `others` (m) are the torques (n_servos,) of a force of 1 N at each point. `forces` (m,) [N] are the
+        forces that the skin measures there, with the relative error `share`. The skin's forces and the joint
+        torques are weighted by their precision. The residual is in standard deviations.
         """
         weight = 1.0 / residual.deviation[self._servos]
         left = residual.torque[self._servos] * weight
@@ -96,8 +102,8 @@ class PartEstimator:
     def explain(
         self, left: Array, residual: Residual, position: Array, kinematics: KinematicChain, least: float
     ) -> Explanation | None:
-        """Returns the contact that explains the residual `left` (k,), or None for one of a gain below
-        `least`."""
+        """Returns the most likely contact for the residual `left` (k,), or None if the contact's gain is
+        below `least`."""
         if left @ left < least * least:
             return None
         weight = 1.0 / residual.deviation[self._servos]
@@ -119,7 +125,8 @@ class PartEstimator:
         likely = np.flatnonzero(chances[k] > _LIGHT * chances[k].max())
         points, chance = self._patches[k].positions[likely], chances[k][likely]
         apart = np.linalg.norm(points[:, None] - points, axis=2)
-        middle = int(np.argmin(apart @ chance))  # the point with the least expected error
+        # Of all candidates, this point has the smallest expected error.
+        middle = int(np.argmin(apart @ chance))
         near = chance[apart[middle] < REACH].sum() / sum(float(one.sum()) for one in chances)
         taxel = int(likely[middle])
         return Explanation(
@@ -128,7 +135,10 @@ class PartEstimator:
 
 
 def unit_torques(wrenches: Array, position: Array, link: str, kinematics: KinematicChain) -> Array:
-    """Returns the torques (n_servos, n) [N m] of `wrenches` (6, n), in a link and about its origin."""
+    """Returns the torques (n_servos, n) [N m] of `wrenches` (6, n).
+
+    The wrenches are in the frame of a link, about the origin of this link.
+    """
     pose, jacobian = kinematics.pose_and_jacobian(position, link)
     turned = np.concatenate([pose[:3, :3] @ wrenches[:3], pose[:3, :3] @ wrenches[3:]])
     torques: Array = jacobian.T @ turned

@@ -1,8 +1,8 @@
-"""Momentum observer: computes the torque on each joint that is not explained by motion, weight or known
-friction.
+"""Momentum observer: computes the external torque on each joint.
 
-The discrete form is that of Orocos KDL's `ChainExternalWrenchEstimator`, after Haddadin, De Luca and
-Albu-Schaeffer (IEEE T-RO 33:1292, 2017). The residual follows the external torque like a first-order filter.
+External torques are all torques that motion, weight and known friction do not cause. The discrete form is
+that of Orocos KDL's `ChainExternalWrenchEstimator`, after Haddadin, De Luca and Albu-Schaeffer (IEEE T-RO
+33:1292, 2017). The residual follows the external torque like a first-order filter.
 """
 
 from __future__ import annotations
@@ -19,32 +19,34 @@ from tci.robot.dynamics import Dynamics
 from tci.robot.joint_calibration import JointCalibration
 
 MOST = 0.2
-"""Largest gain x period. A larger one makes the discrete filter overshoot (KDL's example uses the same)."""
+"""Largest product of gain and period. A larger product makes the discrete filter overshoot. KDL's example
+uses the same value."""
 GAP = 0.1
-"""Longest time [s] between two readings. After a longer time the observer starts anew, since an unobserved
-change of momentum can't be distinguished from a touch. Assumed: a few periods."""
+"""Longest time [s] between two readings. After a longer time the observer starts again from zero, since an
+unobserved change of momentum can't be distinguished from a touch. Assumed: a few periods."""
 SLOW = 0.02
-"""Speed [rad/s] below which dry friction is unknown. Assumed: a joint that sticks can hold any torque up to
-it."""
+"""Speed [rad/s] below which dry friction is unknown. Assumed: the friction in a joint without motion can have
+any value up to the dry friction."""
 
 
 @dataclass(frozen=True, slots=True)
 class ObserverSettings:
-    """Settings of the observer: its speed, and how well the robot's model is known."""
+    """Settings of the observer: the speed of the observer, and the errors of the robot's model."""
 
     gain: float = 50.0
-    """Gain [1/s]: a residual reaches 63 % of a torque after its inverse. Assumed: 20 ms."""
+    """Gain [1/s]. After the time 1 / gain the residual is 63 % of a constant torque. Assumed: a time of 20
+    ms."""
     noise: float = 0.008
     """Standard deviation of the reported torques, as a fraction of the servo's torque limit. Assumed: 0.2 N m
-    of 25 N m, as measured currents have."""
+    at a limit of 25 N m, which is typical for torques from measured currents."""
     masses: float = 0.1
     """Relative error of the model's masses."""
     friction: float = 1.0
-    """Relative error of an identified friction. Assumed: the error is as large as the friction itself, since
+    """Relative error of an identified friction. Assumed: the error is as large as the friction, since
     friction changes with load and temperature."""
     unknown: float = 0.012
-    """Dry friction of a servo that was never identified, as a fraction of its torque limit. Assumed: 0.3 N m
-    of 25 N m."""
+    """Dry friction of a servo whose friction was never identified, as a fraction of the servo's torque limit.
+    Assumed: 0.3 N m at a limit of 25 N m."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.gain < np.inf:
@@ -59,18 +61,20 @@ class Residual:
     """External torques at one instant."""
 
     torque: Array
-    """Torque (n,) [N m] on each servo from outside."""
+    """External torque (n,) [N m] on each servo."""
     deviation: Array
-    """Standard deviation (n,) [N m] due to errors of the model; infinite for a servo without torque."""
+    """Standard deviation (n,) [N m] of the torque due to errors of the model. Infinite for a servo that
+    reports no torque."""
 
 
 class MomentumObserver:
-    """Residuals of one robot. Holds the momentum and its integral."""
+    """Computes the external torques of one robot. The object contains the momentum and the integral of the
+    observer."""
 
     def __init__(
         self, robot: Robot, calibration: JointCalibration, settings: ObserverSettings = ObserverSettings()
     ) -> None:
-        """Raises what `Dynamics` raises."""
+        """Raises the errors of `Dynamics`."""
         self.settings = settings
         self._dynamics = Dynamics(robot, calibration)
         limits = [servo.limits.torque for servo in robot.servos]
@@ -91,7 +95,7 @@ class MomentumObserver:
         """Processes a reading and returns the residual. Returns None for the first reading after a gap, for a
         reading without torques, and for angles or speeds that are not finite.
 
-        A robot that does not report its gravity is assumed to be upright and at rest.
+        A robot that does not report the direction of gravity is assumed to be upright and at rest.
         """
         period, self._stamp = joints.stamp - self._stamp, joints.stamp
         position, velocity = joints.position, joints.velocity

@@ -1,5 +1,6 @@
-"""Simulated robots for learning: a Gymnasium environment and plain rollouts.
+"""Simulated robots for learning: an environment for Gymnasium, and runs of many worlds.
 
-The environment pokes one arm at random places and rewards little harm, little effort and a return to the
-task. Each step is a period of the loop, with the same perception and gate as on a robot.
+The environment pokes one arm at random points, and the reward is larger for little harm, little effort and a
+return to the task posture. In each step of the environment the perception and the gate are those of a real
+robot.
 """

@@ -1,4 +1,4 @@
-"""Simulates many worlds on several cores, at full speed and without a screen."""
+"""Simulates many worlds on several cores, without a screen, as fast as the computer can."""
 
 from __future__ import annotations
 
@@ -27,28 +27,28 @@ SIDES = ("left_arm", "right_arm")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WorldRun:
-    """Result of one world: one poke at one place."""
+    """Result of one world, in which the finger poked one point."""
 
     world: int
-    """Number of the world; its seed is the seed of the run plus this number."""
+    """Number of the world. The world's seed is the sum of the run's seed and this number."""
     part: str
-    """Arm that was poked."""
+    """Arm that the finger poked."""
     site: str
-    """Name of the receptive field that was poked at its centre."""
+    """Name of the receptive field whose centre the finger poked."""
     first_contact: float | None
-    """Time [s] of the finger's first contact; None without contact."""
+    """Time [s] of the finger's first contact; None if there was no contact."""
     first_command: float | None
-    """Time [s] of the capability's first command; None without one."""
+    """Time [s] of the capability's first command; None if there was no command."""
     contact_lost: float | None
-    """Time [s] when the finger last lost contact; None if contact lasted to the end."""
+    """Time [s] of the end of the finger's last contact; None if the finger touched the skin until the end."""
     peak_force: float
-    """Largest contact force [N] in the physics."""
+    """Largest contact force [N] in the physics simulation."""
     positions: Array
     """Angles (n_servos,) [rad] of all servos at the end."""
     simulated: float
     """Simulated time [s]."""
     took: float
-    """Computing time [s] on one core, without building the world."""
+    """Computing time [s] on one core, without the time for building the world."""
 
 
 def simulate(
@@ -63,15 +63,17 @@ def simulate(
     cores: int | None = None,
     sites: Sequence[ReceptiveField] | None = None,
 ) -> tuple[WorldRun, ...]:
-    """Pokes a robot in `worlds` worlds, each for `duration` [s]; a world's seed sets arm, place and time.
+    """Pokes a robot in `worlds` simulated worlds, each for `duration` [s]. The world's seed determines the
+    arm, the receptive field and the time of the poke.
 
     The skins of both arms, the capability (by default the withdrawal reflex) and the gate run in each world.
-    Worlds are independent: equal arguments give equal runs on any number of `cores` (default: all). Each core
-    runs a separate process. `sites` are the places (default: the reflex's fields); `step` [s] and `noise`
-    [counts] are those of `World`. A program that calls this from a file needs `if __name__ == "__main__":`
-    around it.
+    Worlds are independent, so equal arguments lead to equal results on any number of `cores` (default: all
+    cores). Each core runs a separate process. `sites` are the receptive fields to poke (default: the fields
+    of the reflex). `step` [s] and `noise` [counts] are arguments of `World`. If a file calls this function,
+    the call must be inside `if __name__ == "__main__":`.
 
-    Raises TciError for fewer than one world or core, no sites or no duration, and the errors of a world.
+    Raises TciError for fewer than one world or core, for an empty `sites`, and for an invalid duration.
+    Raises the errors of `World`.
     """
     places = default_fields() if sites is None else tuple(sites)
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -90,7 +92,7 @@ def simulate(
     if used == 1:
         runs = job(shares[0])
     else:
-        # A fork would copy the locks of threads without the threads.
+        # A forked process would have copies of locked locks, but not the threads that release them.
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(used, mp_context=context) as pool:
             runs = [run for share in pool.map(job, shares) for run in share]
@@ -107,7 +109,8 @@ def _run(
     seed: int,
     numbers: range,
 ) -> list[WorldRun]:
-    """Runs the worlds of one process, one after another, in one world that is reset."""
+    """Runs the worlds of one process one after another. The process builds one world, and resets it for each
+    run."""
     runs = []
     world = World(robot, step=step, noise=noise)
     for number in numbers:

@@ -1,8 +1,8 @@
-"""Gymnasium environment `tci/Withdrawal-v0`: an arm that is touched (extra `gym`).
+"""Gymnasium environment `tci/Withdrawal-v0`: a simulated finger pokes one arm (extra `gym`).
 
-One episode is one poke at a random place of one arm, at a random time. The agent commands targets of the
-generic arm; the gate decides which motion is executed. The reward favours little harm, little effort and a
-return to the task.
+One episode contains one poke at a random point of the arm, at a random time. The agent commands targets of
+the generic arm, and the gate limits the motion. The reward is larger for little harm, little effort and a
+return to the task posture.
 """
 
 from __future__ import annotations
@@ -34,40 +34,43 @@ with needs("the environment tci/Withdrawal-v0", "gym"):
     from gymnasium import spaces
 
 CONTACTS = 4
-"""Number of contacts in an observation, the strongest first."""
+"""Number of contacts in an observation. The strongest contact is the first."""
 CONTACT = 7
-"""Number of values per contact: 1 on the forearm, 0 on the upper arm; u; sin and cos of theta; force and
-force of its strongest taxel [N]; area [cm2]. All are 0 in unused rows."""
+"""Number of values per contact: 1 on the forearm and 0 on the upper arm; u; sine and cosine of theta; force
+[N]; force [N] of the contact's strongest taxel; area [cm2]. All values are 0 in unused rows."""
 PAIN = 400e3
-"""Pressure [Pa] that counts as pain. Assumed: the order of magnitude that algometers measure on arms; for
-thresholds at certain places and with certain tools see Behrens et al. 2022
-(doi:10.3389/frobt.2021.667818)."""
+"""Pressure [Pa] that counts as pain. Assumed: the order of magnitude that algometers measure on arms. Behrens
+et al. 2022 (doi:10.3389/frobt.2021.667818) list thresholds for several points of the body and several
+tools."""
 EFFORT, TASK = 0.05, 1.0
-"""Weights of effort and distance from the task in the reward; harm has weight 1. Assumed; larger weights make
-pain cheaper to accept."""
+"""Weights of effort and of the distance from the task posture in the reward. The weight of harm is 1.
+Assumed: with larger weights here the agent would accept more pain."""
 SPEED = (0.1, 0.4)
 DEPTH = (0.006, 0.014)
-"""Ranges of a poke: speed [m/s] (SPEED) and depth [m] of the finger's base. Assumed: touches from light to
-painful."""
+"""Ranges of a poke: speed [m/s] (SPEED) and depth [m] (DEPTH) of the finger's base. Assumed: the ranges
+include light and painful touches."""
 FORCE = 100.0
-"""Bound of an observation's touch values: force [N], area [cm2]."""
+"""Largest force [N] and largest area [cm2] in an observation. Larger values are clipped."""
 
 Observation = dict[str, NDArray[np.float64]]
 
 
 class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
-    """An environment of one arm that is poked.
+    """Environment with one arm that a finger pokes.
 
-    Observation: a dictionary of `posture` (5,) [rad] and `velocity` (5,) [rad/s] of the generic arm, `task`
-    (5,) [rad], the posture to return to, and `contacts` (CONTACTS, CONTACT) or `taxels` (n,) [N].
+    The observation is a dictionary: `posture` (5,) [rad] and `velocity` (5,) [rad/s] of the generic arm;
+    `task` (5,) [rad], the posture to which the arm should return; and `contacts` (CONTACTS, CONTACT) or
+    `taxels` (n,) [N].
 
-    Action (5,): target of the generic arm in the control mode of the environment: angles [rad] for position
-    and impedance, or velocities [rad/s]. Targets of joints that the robot lacks are dropped.
+    The action (5,) is the target of the generic arm in the control mode of the environment: angles [rad] for
+    position and impedance, velocities [rad/s] for velocity. Targets of joints that the robot lacks are
+    ignored.
 
-    Reward, per step of `period` [s] or the next whole control period of the robot: -period (harm + 0.05
-    effort + task), with harm = largest pressure over `pain`, effort = mean square of the generic velocities
-    [rad2/s2], task = mean distance of the joints from the task [rad]. `info` contains the three. An episode
-    is truncated after `duration` [s], and does not end earlier.
+    The reward of a step is -period (harm + 0.05 effort + task). In this formula, period is `period` [s],
+    rounded up to a multiple of the robot's control period. The term harm is the largest pressure divided by
+    `pain`, effort is the mean square of the generic velocities [rad2/s2], and task is the mean distance of
+    the joints from the task posture [rad]. The dictionary `info` contains the three terms. An episode is
+    truncated after `duration` [s], and never ends earlier.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 50}  # noqa: RUF012 - as Gymnasium declares it
@@ -87,12 +90,13 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         pain: float = PAIN,
         render_mode: str | None = None,
     ) -> None:
-        """Args: `robot` by name or description; `part`, an arm with skin; `period` [s] of one step; `rate`
-        [Hz] of commands to the robot; `step` [s] of the physics; `noise` [counts] of the skin.
+        """Creates the environment.
 
-        The default rate is the frame rate of NAO's arm skin, since no new touch can appear between frames.
-        Raises TciError for another mode or touch, a part without skin or an invalid rate, and what World
-        raises.
+        `robot` is the name or description of a robot, and `part` an arm with skin. `period` [s] is the length
+        of one step, `rate` [Hz] the rate of commands to the robot, `step` [s] the step of the physics
+        simulation, and `noise` [counts] the noise of the skin. The default rate is the frame rate of NAO's
+        arm skin, since a new touch can't be detected between two frames. Raises TciError for an unknown
+        `mode` or `touch`, for a part without skin, and for an invalid number. Raises the errors of `World`.
         """
         modes = {m.value: m for m in (Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE)}
         if mode not in modes:
@@ -153,9 +157,10 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Starts an episode. Equal seeds give equal episodes, bit for bit; `options` are ignored."""
+        """Starts an episode. Episodes with equal seeds are equal bit for bit. The argument `options` is
+        ignored."""
         super().reset(seed=seed)
-        # A separate generator, so that noise does not change the place and time of the poke.
+        # With a separate generator, the noise does not change the point and the time of the poke.
         self.world.reset(seed=int(self.np_random.spawn(1)[0].integers(2**32)))
         self.driver = SimulatedDriver(self.robot, world=self.world, rate=self._rate)
         self.perceiver = Perceiver(self.body)
@@ -170,7 +175,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         return self._observe(seen, self.period), {"harm": 0.0, "effort": 0.0, "task": 0.0}
 
     def step(self, action: NDArray[np.float64]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Executes one `period` with a new target, through the gate."""
+        """Executes one step of the environment with a new target. The gate checks the commands."""
         values = np.clip(np.asarray(action, np.float64), self._low, self._high)
         orders: list[GenericCommand] = [GenericCommand(self.part.name, self.mode, values)]
         begin, end = self.time, self.time + self.period
@@ -193,7 +198,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         return observation, reward, False, self.time >= self.duration - 1e-9, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Returns a picture (240, 320, 3) of the world; None without `render_mode`."""
+        """Returns a picture (240, 320, 3) of the world; None if `render_mode` is None."""
         if self.render_mode is None:
             return None
         if self._portrait is None:
@@ -204,10 +209,10 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         return self._portrait.draw(moment, camera)
 
     def close(self) -> None:
-        """Does nothing: the world holds only memory."""
+        """Does nothing, because the world uses no resources except memory."""
 
     def _poke(self) -> None:
-        """Pokes near the centre of a random field of the reflex."""
+        """Pokes a point near the centre of a random receptive field of the reflex."""
         self._poked = True
         site = self._sites[int(self.np_random.integers(len(self._sites)))]
         u = float(np.clip(site.u + self.np_random.normal(0.0, 0.05), 0.1, 0.9))
@@ -218,7 +223,8 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
                 self.body.skin, self.part.name, site.segment, u, theta, self.driver.read().joints
             )
             self.world.finger.poke(place.patch, place.p_L, place.n_L, speed=speed, depth=depth)
-        except TciError:  # no skin or no room at that place: the field's centre has both
+        # no skin or no room for the finger at that point: the centre of the field is poked instead
+        except TciError:
             place = find_place(
                 self.body.skin, self.part.name, site.segment, site.u, site.theta, self.driver.read().joints
             )
@@ -235,20 +241,20 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         self.driver.write(self.driver.gate.step(platform, joints, self.world.time, refused=refused))
 
     def _harm(self, seen: Perception) -> float:
-        """Returns the largest pressure on the arm, over `pain`."""
+        """Returns the largest pressure on the arm, divided by `pain`."""
         skin = seen.skin
-        assert skin is not None  # as a Perceiver made it
+        assert skin is not None  # a Perceiver always sets `skin`
         own = [skin.pressure[slice(*skin.begin[p : p + 2].tolist())] for p in self._own]
         return float(np.concatenate(own).max(initial=0.0)) / self.pain
 
     def _observe(self, seen: Perception, took: float) -> Observation:
-        """Returns the observation `took` [s] after the previous one."""
+        """Returns the observation. The time since the previous observation is `took` [s]."""
         posture = np.array(seen.posture[self.part.name])
         velocity = (posture - self._before) / took
         self._before = posture
         observation = {"posture": posture, "velocity": velocity, "task": self._task.copy()}
         observation[self.touch] = self._contacts(seen) if self.touch == "contacts" else self._taxels(seen)
-        bounds = self._bounds  # `np.clip` takes several times as long
+        bounds = self._bounds  # `np.clip` takes several times as long as these two functions
         return {
             name: np.minimum(np.maximum(value, bounds[name].low), bounds[name].high)
             for name, value in observation.items()
@@ -275,8 +281,10 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
 
 
 def generic_limits(robot: Robot, part: GenericPart) -> tuple[Array, Array]:
-    """Returns least and largest generic angles (n,), (n,) [rad] of a part's joints; -pi and pi where the
-    transform is not linear, or the robot lacks the joint."""
+    """Returns the least and the largest generic angles (n,), (n,) [rad] of a part's joints.
+
+    The limits are -pi and pi for a joint whose transform is not linear, and for a joint that the robot lacks.
+    """
     low, high = np.full(len(part.servos), -np.pi), np.full(len(part.servos), np.pi)
     for joint in part.servos:
         if joint.servo is None or joint.transform != "linear":

@@ -1,5 +1,5 @@
-"""Pictures of robots and of their runs.
+"""Pictures of robots and of runs.
 
-The renderer casts rays on the processor, so it needs no OpenGL. Plots and films are made from runs and
-recordings.
+The renderer casts rays on the processor, so the renderer does not need OpenGL. Plots and films are made from
+runs and recordings.
 """

@@ -1,4 +1,4 @@
-"""A camera without distortion: maps pixels to rays and points to pixels."""
+"""Camera without distortion: converts pixels to rays, and points to pixels."""
 
 from __future__ import annotations
 
@@ -11,16 +11,17 @@ from tci.errors import TciError
 from tci.frames import Array, apply, invert, read_only, transform
 
 _NEAREST = 1e-3
-"""Least depth [m] of the points that a fitted picture shows. Assumed: keeps them in front of the camera."""
+"""Least depth [m] of the points in a picture for which a camera is fitted. Assumed: with this depth all
+points are in front of the camera."""
 _HALVINGS = 60
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera:
-    """A pinhole camera. Camera frame C: x to the right, y down, z into the picture."""
+    """Pinhole camera. The axes of the camera frame C are: x to the right, y down, z into the picture."""
 
     T_WC: Array
-    """Pose (4, 4) of the camera in the world; all rays start at its origin."""
+    """Pose (4, 4) of the camera in the world frame. All rays start at the origin of C."""
     fov: float
     """Vertical angle of view [rad]."""
     width: int
@@ -45,11 +46,12 @@ def look_at(
     height: int = 600,
     frame: Array | None = None,
 ) -> Camera:
-    """Returns a camera that looks at `point` (3,) [m] from `distance` [m].
+    """Returns a camera that looks at `point` (3,) [m] from the distance `distance` [m].
 
-    It stands at `azimuth` [rad] around z, 0 in front (x) and +pi/2 on the left (y), and `elevation` [rad]
-    above. Point, angles and "up" are in `frame` `T_WF` (4, 4); None stands for the world. Raises TciError for
-    a distance, angle or size that gives no picture.
+    The camera's direction from the point is given by `azimuth` [rad], an angle around z that is 0 in front
+    (x) and +pi/2 on the left (y), and by `elevation` [rad], the angle above the horizontal plane. Point,
+    angles and "up" are in the frame `T_WF` (4, 4), by default in the world frame. Raises TciError for a
+    distance, angle or size with which no picture is possible.
     """
     if not distance > 0.0:
         raise TciError(f"camera distance {distance} m; valid: more than 0")
@@ -84,9 +86,10 @@ def fit(
     height: int = 600,
     frame: Array | None = None,
 ) -> Camera:
-    """Returns the camera of `look_at` that shows all `points` (n, 3) [m] of the world as large as possible.
+    """Returns the camera that shows all `points` (n, 3) [m] of the world as large as possible, with the other
+    arguments of `look_at`.
 
-    It leaves `margin`, a fraction of the picture, free on each side. Raises TciError as `look_at` does.
+    A fraction `margin` of the picture stays free on each side. Raises the errors of `look_at`.
     """
     camera = look_at(
         (0.0, 0.0, 0.0), azimuth=azimuth, elevation=elevation, distance=1.0,
@@ -96,7 +99,7 @@ def fit(
     points_C = points @ R_WC
     sides, depth = points_C[:, :2], points_C[:, 2]
     slope = np.array([width, height]) * (0.5 - margin) / camera.focal
-    # All points lie inside the four planes of the view: x - x0 <= slope (z - z0), and so on.
+    # All points are between the four side planes of the view: x - x0 <= slope (z - z0), and so on.
     far = depth[:, None] * slope
     back = -((sides - far).max(axis=0) + (-sides - far).max(axis=0)) / (2.0 * slope)
     z = min(float(back.min()), float(depth.min()) - _NEAREST)
@@ -105,8 +108,8 @@ def fit(
 
 
 def _middle(sides: Array, depth: Array) -> float:
-    """Returns the sideways position [m] from which points at `sides` (n,) [m] and `depth` (n,) [m] are
-    centred in the view."""
+    """Returns the sideways position [m] of the camera with which points at `sides` (n,) [m] and `depth` (n,)
+    [m] are in the middle of the picture."""
     low, high = float(sides.min()), float(sides.max())
     for _ in range(_HALVINGS):
         middle = (low + high) / 2.0
@@ -116,13 +119,14 @@ def _middle(sides: Array, depth: Array) -> float:
 
 
 def pixel_centres(camera: Camera) -> Array:
-    """Returns the centres (height * width, 2) of all pixels, row by row: x to the right, y down [pixels]."""
+    """Returns the centres (height * width, 2) [pixels] of all pixels, row by row. The axis x is to the right,
+    y down."""
     x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
     return np.stack([x.ravel(), y.ravel()], axis=1)
 
 
 def rays(camera: Camera, pixels: Array) -> Array:
-    """Returns unit directions (n, 3) in the world of the rays through `pixels` (n, 2)."""
+    """Returns the unit directions (n, 3) of the rays through `pixels` (n, 2), in the world frame."""
     centre = np.array([camera.width, camera.height]) / 2.0
     direction_C = np.ones((len(pixels), 3))
     direction_C[:, :2] = (pixels - centre) / camera.focal
@@ -132,10 +136,10 @@ def rays(camera: Camera, pixels: Array) -> Array:
 
 
 def project(camera: Camera, points: Array) -> tuple[Array, Array]:
-    """Projects points (n, 3) [m] of the world to pixels (n, 2), and returns their depths (n,) [m] too.
+    """Projects points (n, 3) [m] of the world. Returns the pixels (n, 2) and the depths (n,) [m].
 
-    Depth is measured along the camera's axis; the pixel of a point that is not in front of the camera (depth
-    <= 0) is NaN.
+    Depth is measured along the camera's axis. The pixel is NaN for a point that is behind the camera or in
+    the camera's plane (depth <= 0).
     """
     points_C = apply(invert(camera.T_WC), points)
     depth = points_C[:, 2]

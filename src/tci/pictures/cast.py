@@ -15,9 +15,9 @@ from tci.frames import Array
 from tci.pictures.camera import Camera, rays
 
 _CHUNK = 8192
-"""Rays per call: few enough to keep all threads busy to the end."""
+"""Number of rays per call. The number is small, so that all threads have work until the end."""
 _OPAQUE, _GLASS, _HIDDEN = 0, 1, 5
-"""Geom groups in the copied model, by kind."""
+"""Geom group in the copied model for each kind of geom."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,19 +25,19 @@ class Hits:
     """The nearest hits of n rays."""
 
     geom: NDArray[np.int32]
-    """Index (n,) of the geom that is hit; -1 for none."""
+    """Index (n,) of the geom that each ray hits; -1 if the ray hits nothing."""
     surface: NDArray[np.int32]
-    """Index (n,) of the surface that the geom belongs to; -1 for none."""
+    """Index (n,) of the surface to which this geom belongs; -1 if the ray hits nothing."""
     distance: Array
-    """Distance (n,) [m] from the camera; infinite without a hit."""
+    """Distance (n,) [m] from the camera; infinite if the ray hits nothing."""
     points: Array
-    """Points (n, 3) [m] in the world; NaN without a hit."""
+    """Hit points (n, 3) [m] in the world frame; NaN if the ray hits nothing."""
     normals: Array
-    """Unit normals (n, 3) that face the camera; 0 without a hit."""
+    """Unit normals (n, 3) at the hit points, on the side of the camera; 0 if the ray hits nothing."""
 
 
 def nearer(first: Hits, second: Hits) -> Hits:
-    """Merges two sets of hits (n,) of the same rays; each ray keeps the nearer hit."""
+    """Merges two sets of hits (n,) of equal rays. For each ray the nearer hit is used."""
     closer = second.distance < first.distance
     return Hits(
         geom=np.where(closer, second.geom, first.geom),
@@ -49,28 +49,32 @@ def nearer(first: Hits, second: Hits) -> Hits:
 
 
 class Caster:
-    """Casts a camera's rays at the geoms of a scene, which are opaque, transparent ("glass") or hidden.
+    """Casts the rays of a camera at the geoms of a scene. Each geom is opaque, transparent ("glass") or
+    hidden.
 
-    All geoms of one body and one colour form one surface; so does all glass of one colour.
+    All opaque geoms of one body and one colour form one surface. All glass of one colour also forms one
+    surface.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, colours: Array) -> None:
-        """Args: `colours` (ngeom, 4) of the geoms. Alpha 1 is opaque, 0 is hidden, values between are glass.
+        """Creates a caster for a scene. The poses are those in `data` at the time of the first `cast`.
 
-        The scene is that of `data` at the time of the first `cast`.
+        `colours` (ngeom, 4) are the colours of the geoms. An alpha of 1 is opaque, 0 is hidden, and values
+        between are glass.
         """
-        # MuJoCo selects geoms by group and by the model's own alpha, so both are set in a copy.
+        # MuJoCo selects geoms by group and by the alpha in the model, so both are set in a copy of the model.
         self._model = copy.copy(model)
         alpha = colours[:, 3]
         self._model.geom_group[:] = np.select([alpha >= 1.0, alpha > 0.0], [_OPAQUE, _GLASS], _HIDDEN)
         self._model.geom_matid[:] = -1
         self._model.geom_rgba[:, 3] = 1.0
         self._data = data
-        # MuJoCo takes its working memory from the data, so each thread needs its own copy.
+        # MuJoCo uses the working memory in `data`, so each thread needs a separate copy.
         self._copies: list[mujoco.MjData] = []
         looks = np.column_stack([np.where(alpha >= 1.0, model.geom_bodyid, -1), colours])
         surfaces = np.unique(looks, axis=0, return_inverse=True)[1].ravel()
-        self._surfaces = np.append(surfaces, -1).astype(np.int32)  # the last one belongs to geom -1
+        # the last element is for the geom index -1, which means no hit
+        self._surfaces = np.append(surfaces, -1).astype(np.int32)
 
     def cast(self, camera: Camera, pixels: Array, *, opaque: bool = True, glass: bool = False) -> Hits:
         """Returns the nearest hits of the rays through `pixels` (n, 2) on geoms of the selected kinds."""
@@ -84,7 +88,7 @@ class Caster:
 
         def cast_chunk(start: int) -> None:
             part = slice(start, start + _CHUNK)
-            ids, lengths = geom[part], distance[part]  # views: the results land in place
+            ids, lengths = geom[part], distance[part]  # views, so that MuJoCo writes into the whole arrays
             try:
                 data = self._copies.pop()
             except IndexError:

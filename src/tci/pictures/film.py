@@ -19,28 +19,31 @@ from tci.simulation.world import World
 
 VIDEO = "mp4"
 FORMATS = ("gif", "webp", "png", VIDEO)
-"""Formats by the file's suffix: animated pictures, and a video with the extra `video`."""
-# Times, sizes and directions below are chosen by eye.
+"""Formats by the suffix of the file. They are animated pictures, and a video that needs the extra `video`."""
+# The times, sizes and directions below are chosen by eye.
 EVERY = 0.02
-"""Time [s] of the run between two pictures."""
+"""Time [s] in the run between two pictures of the film."""
 SHOWN = 0.06
-"""Time [s] for which each picture is shown: a third of real-time speed."""
+"""Time [s] for which the film shows each picture. With this time the film plays at a third of real-time
+speed."""
 LAST = 1.0
-"""Time [s] for which the last picture is shown."""
+"""Time [s] for which the film shows the last picture."""
 WIDTH, HEIGHT = 440, 480
 AZIMUTH, ELEVATION = 0.5, 0.4
-"""Direction [rad] to the camera."""
+"""Direction [rad] from the robot to the camera."""
 MOST = 2000
 """Largest number of pictures in a film."""
 
 
 class Film:
-    """Records a film: call `see` with every tick of the run, then `save`."""
+    """Records a film. Call `see` for every period of the run, and then `save`."""
 
     def __init__(self, world: World, path: Path, *, fields: Sequence[ReceptiveField], part: str) -> None:
-        """The film shows the upper body with `part`. Raises UnknownNameError for an unknown format,
-        MissingExtraError for a video without the extra, CommandError for a file that exists or a folder that
-        does not."""
+        """Prepares a film of the upper body with the arm `part`.
+
+        Raises UnknownNameError for an unknown format, and MissingExtraError for a video if the extra `video`
+        is missing. Raises CommandError if the file exists or the folder does not exist.
+        """
         self._format = path.suffix.removeprefix(".").lower()
         if self._format not in FORMATS:
             raise UnknownNameError("format of a film", path.suffix.removeprefix("."), FORMATS)
@@ -59,7 +62,7 @@ class Film:
         self._pictures: list[Image.Image] = []
 
     def see(self, tick: Tick) -> None:
-        """Takes a picture if one is due."""
+        """Adds a picture to the film if EVERY [s] have passed since the last picture."""
         if tick.now < self._due or len(self._pictures) >= MOST:
             return
         self._due = tick.now + EVERY - 1e-9
@@ -80,7 +83,8 @@ class Film:
         self._pictures.append(picture)
 
     def save(self) -> int:
-        """Writes the file; returns its number of pictures. Raises CommandError for a run without pictures."""
+        """Writes the file and returns the number of pictures. Raises CommandError if the film has no
+        pictures."""
         if not self._pictures:
             raise CommandError(f"no film at {self.path}: the run had no period; valid: a longer run")
         if self._format == VIDEO:
@@ -90,7 +94,7 @@ class Film:
         times[-1] = round(1e3 * LAST)
         pictures: list[Image.Image] = self._pictures
         if self._format == "gif":
-            # One palette for all pictures, as colours would flicker otherwise.
+            # All pictures share one palette, as their colours would otherwise flicker.
             palette = self._pictures[len(self._pictures) // 2].quantize(256)
             pictures = [
                 picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in self._pictures

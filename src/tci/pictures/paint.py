@@ -1,4 +1,4 @@
-"""Paints the skin: taxels as dots coloured by pressure, receptive fields as tinted areas."""
+"""Colours the skin in a picture: taxels are dots coloured by pressure, receptive fields are tinted areas."""
 
 from __future__ import annotations
 
@@ -15,25 +15,28 @@ from tci.pictures.cast import Hits
 from tci.robot.generic_arm import Side, limb_coordinates
 from tci.robot.limb import generic_limb_distance
 
-# Colours and sizes below are chosen by eye.
+# The colours and sizes below are chosen by eye.
 PRESSURE_COLOURS = ((0.50, 0.58, 0.67), (0.87, 0.34, 0.29), (0.97, 0.58, 0.16), (1.00, 0.94, 0.50))
-"""Colours from no pressure to full scale, evenly spaced: warmer and lighter with pressure, on dark skin."""
+"""Colours for pressures from 0 to full scale, evenly spaced. With pressure the colours become warmer and
+lighter, on dark skin."""
 FIELD_COLOURS = (
     (0.25, 0.60, 0.95), (0.45, 0.80, 0.30), (0.10, 0.80, 0.76), (0.74, 0.55, 0.98), (0.85, 0.88, 0.92)
 )  # fmt: skip
-"""Colours of the receptive fields, repeated in order: cool ones, since those of pressure are warm."""
+"""Colours of the receptive fields; the list is repeated if there are more fields. The colours are cool, since
+the colours of pressure are warm."""
 SKIN_COLOUR = (0.30, 0.32, 0.36)
 """Colour of links that carry skin."""
 FULL_SCALE = 40e3
-"""Pressure [Pa] at the upper end of the colours."""
+"""Pressure [Pa] of the last colour."""
 _SWELL = 1.0
-"""Relative growth of a taxel's dot from no pressure to full scale, so that a small contact is visible."""
+"""Relative increase of a dot's radius from no pressure to full scale, so that a small contact is visible."""
 _LEVEL = 0.010
-"""Largest height [m] above or below a taxel of surfaces that it colours."""
+"""Largest distance [m] above or below a taxel at which the taxel's dot colours a surface."""
 
 
 def pressure_colours(pressure: ArrayLike, full_scale: float) -> Array:
-    """Returns colours (n, 3), 0 to 1, of `pressure` (n,) [Pa]; from `full_scale` [Pa] on the last colour."""
+    """Returns the colours (n, 3), 0 to 1, of `pressure` (n,) [Pa]. Pressures above `full_scale` [Pa] have the
+    last colour."""
     share = np.clip(np.asarray(pressure, dtype=float) / full_scale, 0.0, 1.0)
     anchors = np.array(PRESSURE_COLOURS)
     places = np.linspace(0.0, 1.0, len(anchors))
@@ -41,15 +44,17 @@ def pressure_colours(pressure: ArrayLike, full_scale: float) -> Array:
 
 
 class TaxelPaint:
-    """Paints a dot on the surface around every taxel, coloured by its pressure."""
+    """Paints a dot on the surface at every taxel. The dot's colour shows the taxel's pressure."""
 
     def __init__(
         self, positions: Array, normals: Array, pressure: Array, *, full_scale: float, radius: float = 0.0016
     ) -> None:
-        """Args: `positions` (n, 3) [m] and outward `normals` (n, 3) of the taxels, both in the world;
-        `pressure` (n,) [Pa] on them; `radius` [m] of a dot.
+        """Creates a painter of taxels at `positions` (n, 3) [m] with outward `normals` (n, 3), both in the
+        world frame.
 
-        A dot is drawn on the surface under the taxel, so it is hidden if this surface is hidden.
+        `pressure` (n,) [Pa] is the pressure on the taxels, and `radius` [m] the radius of a dot at no
+        pressure. A dot is drawn on the surface at the taxel. So the dot is not visible if another object
+        hides this surface.
         """
         self._tree = KDTree(positions)
         self._normals = normals
@@ -74,24 +79,24 @@ class TaxelPaint:
 
 @dataclass(frozen=True, slots=True)
 class FieldLook:
-    """A receptive field to be drawn: a disc on the generic limb (eq. 6)."""
+    """Appearance of a receptive field, which is a disc on the generic limb (eq. 6)."""
 
     segment: str
-    """Segment of the arm: `upper_arm`, `forearm`."""
+    """Segment of the arm: `upper_arm` or `forearm`."""
     u: float
-    """Centre along the segment: 0 proximal, 1 distal."""
+    """Position of the centre along the segment: 0 is the proximal end, 1 the distal end."""
     theta: float
-    """Centre around the segment [rad]."""
+    """Angle [rad] of the centre around the segment."""
     radius: float
     """Radius [limb lengths] on the generic limb."""
     colour: tuple[float, float, float]
-    """Red, green, blue, 0 to 1."""
+    """Red, green and blue, 0 to 1."""
     strength: float = 0.45
     """Strength of the tint on the skin, 0 to 1."""
 
 
 def field_looks(fields: Sequence[ReceptiveField]) -> list[FieldLook]:
-    """Returns the looks of receptive fields in pictures."""
+    """Returns the appearance of receptive fields in pictures."""
     return [
         FieldLook(
             field.segment, field.u, field.theta, field.radius, FIELD_COLOURS[index % len(FIELD_COLOURS)]
@@ -101,7 +106,7 @@ def field_looks(fields: Sequence[ReceptiveField]) -> list[FieldLook]:
 
 
 class FieldPaint:
-    """Tints the receptive fields on one segment of a limb, and draws their rims."""
+    """Tints the receptive fields on one segment of a limb, and draws the edges of the fields."""
 
     def __init__(
         self,
@@ -114,10 +119,11 @@ class FieldPaint:
         *,
         reach: float = 0.009,
     ) -> None:
-        """Args: `positions` (n, 3) [m] and outward `normals` (n, 3) of taxels, both in the world; `T_SW` (4,
-        4), the world in the segment's frame; `length` [m] of the segment.
+        """Creates a painter of the receptive fields `fields` on skin with taxels at `positions` (n, 3) [m].
 
-        Only the outer side of surfaces within `reach` [m] of a taxel is painted.
+        `normals` (n, 3) are the outward normals of the taxels. Positions and normals are in the world frame.
+        `T_SW` (4, 4) is the pose of the world in the segment's frame, and `length` [m] the length of the
+        segment. Only the outer side of surfaces within the distance `reach` [m] of a taxel is painted.
         """
         self._tree = KDTree(positions)
         self._normals = normals

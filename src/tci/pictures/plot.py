@@ -1,4 +1,4 @@
-"""The figure of a recording: forces, response, joint angles, latencies, and the unrolled skin."""
+"""Draws the figure of a recording: forces, response, joint angles, latencies, and the unrolled skin."""
 
 from __future__ import annotations
 
@@ -36,22 +36,23 @@ SIDES = ("flexor", "lateral", "extensor", "medial")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Series:
-    """Time series of a recording, one value per period."""
+    """Time series of a recording, with one value per period."""
 
     time: Array
     """Time (k,) [s] of each period."""
     forces: dict[str, Array]
-    """Force (k,) [N] on each patch that was touched."""
+    """Force (k,) [N] on each patch that was touched, by the patch's name."""
     response: Array
-    """Largest commanded speed (k,) [rad/s] of any servo."""
+    """Largest commanded speed (k,) [rad/s] of all servos."""
     measured: dict[str, Array]
-    """Generic angles (k, n) [rad] of each part to draw."""
+    """Measured generic angles (k, n) [rad] of each part that is drawn."""
     sent: dict[str, Array]
-    """Generic angles (k, n) [rad] that were sent to each part to draw; NaN where none were."""
+    """Generic angles (k, n) [rad] that were sent to each part that is drawn. NaN in periods without angles
+    for the part."""
     peak: dict[str, Array]
-    """Largest pressure (taxels,) [Pa] of each patch."""
+    """Largest pressure (taxels,) [Pa] of each patch during the recording."""
     joints: JointReading
-    """Joint reading at the first touch."""
+    """Reading of the joints at the first touch."""
     touches: tuple[Touch, ...]
     """Touches of all parts."""
 
@@ -64,11 +65,12 @@ def collect(
     end: float = np.inf,
     part: str | None,
 ) -> tuple[tuple[str, ...], Series]:
-    """Returns the parts to draw and their series.
+    """Returns the names of the parts to draw, and their time series.
 
-    By default, these are the part touched first (else the first arm) and all parts that respond to a touch.
+    With `part`, only this part is drawn. By default, the first touched part (or the first arm, if there is no
+    touch) and all parts that respond to a touch are drawn.
 
-    Raises RecordingError if no period lies between `begin` and `end` [s], UnknownNameError for an unknown
+    Raises RecordingError if no period lies between `begin` and `end` [s], and UnknownNameError for an unknown
     part.
     """
     chosen = [period for period in periods if begin <= period.now <= end]
@@ -110,7 +112,8 @@ def collect(
 
 
 def _sent(robot: Robot, period: Perceived, part: str) -> Array:
-    """Returns the generic angles (n,) [rad] that were sent to a part; NaN before its servos are commanded."""
+    """Returns the generic angles (n,) [rad] that were sent to a part. The angles are NaN before the part's
+    servos are commanded."""
     mapped = [servo.servo for servo in robot.part(part).servos]
     decision = period.decision
     nothing = np.full(len(mapped), np.nan)
@@ -123,8 +126,8 @@ def _sent(robot: Robot, period: Perceived, part: str) -> Array:
 
 
 def draw(robot: Robot, series: Series, path: Path, *, fields: Sequence[ReceptiveField], title: str) -> None:
-    """Writes the figure in the format of the path's suffix (png, pdf, svg). Unrolls the skin of the first
-    part.
+    """Writes the figure in the format of the path's suffix (png, pdf, svg). The figure shows the unrolled
+    skin of the first part.
 
     Raises UnknownNameError for another format.
     """
@@ -158,7 +161,8 @@ def draw(robot: Robot, series: Series, path: Path, *, fields: Sequence[Receptive
 
 
 def _window(series: Series) -> tuple[float, float]:
-    """Returns the time range [s] to draw: around the touches, or everything without touches."""
+    """Returns the time range [s] that the figure shows: the touches with some time before and after, or the
+    whole recording if there is no touch."""
     begin, end = float(series.time[0]), float(series.time[-1])
     if series.touches:
         begin = max(begin, series.touches[0].began - 0.3)
@@ -200,7 +204,8 @@ def _draw_angles(axes: Axes, robot: Robot, series: Series, part: str) -> None:
 def _draw_arm(
     axes: Axes, robot: Robot, series: Series, part: str, fields: Sequence[ReceptiveField]
 ) -> PathCollection | None:
-    """Draws the largest pressure of every taxel of an arm over angle around and place along the limb."""
+    """Draws the largest pressure of every taxel of an arm. The axes are the angle around the limb and the
+    position along the limb."""
     skin, dots = Skin(robot), None
     for patch in robot.patches:
         if patch.part != part or patch.segment not in SEGMENTS:
@@ -225,8 +230,10 @@ def _draw_arm(
 
 
 def _draw_patch(axes: Axes, robot: Robot, series: Series, part: str) -> PathCollection | None:
-    """Draws the largest pressure of every taxel of the patch of a part that was pressed most, in the plane of
-    its pressure image."""
+    """Draws the largest pressure of every taxel of one patch, in the plane of the patch's pressure image.
+
+    The patch is the patch of the part with the largest pressure.
+    """
     own = [patch.name for patch in robot.skin if patch.part == part]
     axes.set_facecolor("#f7f8f9")
     if not own:
@@ -241,7 +248,7 @@ def _draw_patch(axes: Axes, robot: Robot, series: Series, part: str) -> PathColl
 
 
 def _draw_taxels(axes: Axes, places: Array, series: Series, patch: str) -> PathCollection:
-    """Draws taxels at `places` (n, 2), with their largest pressures as colours and sizes."""
+    """Draws taxels as dots at `places` (n, 2). Colour and size of a dot show the taxel's largest pressure."""
     colours = LinearSegmentedColormap.from_list("pressure", PRESSURE_COLOURS)
     highest = max((float(peak.max()) for peak in series.peak.values()), default=0.0) / 1e3
     peak = series.peak.get(patch, np.zeros(len(places))) / 1e3
@@ -259,8 +266,10 @@ def _draw_scale(figure: Figure, axes: Axes, dots: PathCollection) -> None:
 
 
 def _outline(field: ReceptiveField) -> Array:
-    """Returns points (60, 2) of a field's rim, theta [rad] and u. Distance is measured straight through the
-    limb (eq. 6)."""
+    """Returns points (60, 2) on the edge of a receptive field: theta [rad] and u.
+
+    Distance is measured along a straight line through the limb (eq. 6).
+    """
     around = np.linspace(0.0, 2.0 * np.pi, 60)
     half = np.clip(field.radius * np.sin(around) / (2.0 * RHO), -1.0, 1.0)
     theta = field.theta + 2.0 * np.arcsin(half)
@@ -293,7 +302,7 @@ def _draw_latency(axes: Axes, series: Series) -> None:
             color=PALE,
         )
     axes.set_yticks(range(len(rows)), [f"{touch.began:.2f} s" for touch in rows])
-    axes.set_ylim(max(len(rows), 3) + 0.5, -0.8)  # the last row is for the legend
+    axes.set_ylim(max(len(rows), 3) + 0.5, -0.8)  # the last row is reserved for the legend
     axes.margins(x=0.15)
     if rows:
         axes.legend(loc="lower right", ncols=3, handlelength=1.0, columnspacing=1.0, handletextpad=0.5)

@@ -1,4 +1,5 @@
-"""Draws a simulated robot at one instant: its skin with pressures and receptive fields, and the finger."""
+"""Draws a simulated robot at one instant: the robot's skin with pressures and receptive fields, and the
+finger."""
 
 from __future__ import annotations
 
@@ -25,12 +26,12 @@ from tci.skin.layout import SkinLayout
 from tci.skin.skin import Skin
 
 _FINGER_ALPHA = 0.6
-"""Opacity of the finger, which is transparent so that it does not hide the taxels it presses."""
+"""Opacity of the finger. The finger is transparent, so that it does not hide the pressed taxels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moment:
-    """State of a world at one instant, kept for a picture."""
+    """State of a world at one instant, stored for a picture."""
 
     time: float
     """Time on the world's clock [s]."""
@@ -50,8 +51,11 @@ class Portrait:
     """Draws instants of one world."""
 
     def __init__(self, world: World, fields: Sequence[FieldLook], *, full_scale: float) -> None:
-        """Args: `fields` are drawn on both arms; `full_scale` [Pa] is the upper end of the pressure
-        colours."""
+        """Prepares the drawing of a world.
+
+        `fields` are the receptive fields that are drawn on both arms. `full_scale` [Pa] is the pressure of
+        the last colour.
+        """
         self.skin = Skin(world.robot)
         """Skin of the robot."""
         self._robot = world.robot
@@ -64,7 +68,7 @@ class Portrait:
 
     def torso(self, moment: Moment) -> Array:
         """Returns `T_WT` (4, 4), the pose of the torso frame in the world."""
-        assert self._robot.model is not None  # a World has one
+        assert self._robot.model is not None  # a World always has this link
         body = moment.data.body(self._robot.model.torso_link)
         T_WT: Array = transform(body.xmat.reshape(3, 3), body.xpos) @ self._robot.model.T_LT
         return T_WT
@@ -76,9 +80,10 @@ class Portrait:
         )
 
     def outline(self, moment: Moment, *, part: str, lowest: float) -> Array:
-        """Returns corners (n, 3) [m, world] of boxes around the robot's geoms, with no other arm than `part`.
+        """Returns the corners (n, 3) [m] of boxes around the robot's geoms, in the world frame. Arms other
+        than `part` are left out.
 
-        Only corners at least as high as `lowest` [m] in the torso are included.
+        Only corners at least as high as `lowest` [m] in the torso frame are included.
         """
         model, data = self._model, self._pose(moment)
         others = {
@@ -100,14 +105,15 @@ class Portrait:
         return points[apply(invert(self.torso(moment)), points)[:, 2] >= lowest]
 
     def _pose(self, moment: Moment) -> mujoco.MjData:
-        """Returns the data of the shown model at a moment; the next call changes it."""
+        """Returns MuJoCo's data with the poses at a moment. The next call changes the returned object."""
         data, seen = self._data, moment.data
         data.qpos[:], data.mocap_pos[:], data.mocap_quat[:] = seen.qpos, seen.mocap_pos, seen.mocap_quat
         mujoco.mj_kinematics(self._model, data)
         return data
 
     def _paint(self, moment: Moment) -> list[Painter]:
-        """Returns the painters: receptive fields first, taxels over them."""
+        """Returns the painters in their order: first the receptive fields, then the taxels over these
+        fields."""
         if not self._worn:
             return []
         skin, robot, joints = self.skin, self._robot, moment.reading.joints
@@ -133,7 +139,7 @@ class Portrait:
                         [field for field in self._fields if field.segment == segment],
                     )
                 )
-        # A separate conditioner, so that pressures depend on this reading alone.
+        # A separate conditioner makes the pressures depend on this reading alone.
         conditioner = Conditioner(SkinLayout.of_robot(robot))
         conditioner.step(moment.reading.skin)
         felt = conditioner.state.by_patch(patch.name for patch in robot.patches)
@@ -150,7 +156,8 @@ class Portrait:
 
 
 def _colours(world: World, model: mujoco.MjModel) -> Array:
-    """Returns the model's colours; limbs with skin are dark all over, the finger is transparent."""
+    """Returns the colours of the model's geoms. Limbs with skin are completely dark, and the finger is
+    transparent."""
     colours = model_colours(model)
     limbs = [patch.name for patch in world.robot.patches if world.robot.limb_segment(patch)]
     bodies = [model.geom_bodyid[model.geom(skin_geom(name)).id] for name in limbs if name in world.surfaces]
@@ -162,8 +169,9 @@ def _colours(world: World, model: mujoco.MjModel) -> Array:
 
 
 def _below(model: mujoco.MjModel, bodies: Sequence[int]) -> NDArray[np.bool_]:
-    """Returns a mask (nbody,) of `bodies` and all bodies that they carry."""
+    """Returns a mask (nbody,) of `bodies` and of all bodies that are attached to these bodies, directly or
+    indirectly."""
     found = np.isin(np.arange(model.nbody), bodies)
-    for body in range(1, model.nbody):  # a parent comes before its children
+    for body in range(1, model.nbody):  # MuJoCo numbers a parent before its children.
         found[body] |= found[model.body_parentid[body]]
     return found

@@ -1,4 +1,4 @@
-"""Pressure images as PNG files."""
+"""Writes pressure images as PNG files."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from tci.pictures.paint import FULL_SCALE, pressure_colours
 
 
 def pressure_pixels(image: PressureImage, *, full_scale: float = FULL_SCALE) -> Array:
-    """Returns the colours (rows, columns, 4) of an image, 0 to 1, transparent where there is no skin.
+    """Returns the colours (rows, columns, 4) of a pressure image, 0 to 1. Pixels without skin are
+    transparent.
 
-    From `full_scale` [Pa] on, pressure has the last colour.
+    Pressures above `full_scale` [Pa] have the last colour.
     """
     skin = np.isfinite(image.pressure)
     colours = pressure_colours(np.where(skin, image.pressure, 0.0), full_scale)

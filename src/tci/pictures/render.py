@@ -18,16 +18,18 @@ from tci.pictures.shade import darken, light, outlines, smooth_normals
 _SKY = np.array([[1.0, 1.0, 1.0], [0.93, 0.945, 0.96]])
 """Background colours at the top and at the bottom of a picture."""
 _SUBPIXELS = np.array([[-0.125, -0.375], [0.375, -0.125], [0.125, 0.375], [-0.375, 0.125]])
-"""Offsets of additional rays in a pixel on an outline: a rotated grid, which suits steep and flat lines."""
+"""Offsets of the additional rays in a pixel on an outline. The offsets form a rotated grid, which gives good
+results for steep and flat lines."""
 
 
 class Painter(Protocol):
     """A function that colours the surfaces of a scene, pixel by pixel."""
 
     def __call__(self, hits: Hits, footprint: Array) -> Array:
-        """Returns red, green, blue and alpha (n, 4), 0 to 1, of n points hit by rays.
+        """Returns red, green, blue and alpha (n, 4), 0 to 1, of n points that rays hit.
 
-        `footprint` (n,) is the size [m] of a pixel at each point; edges should be blurred over that size.
+        `footprint` (n,) is the size [m] of a pixel at each point. The painter should blur edges over this
+        size.
         """
         ...
 
@@ -40,11 +42,12 @@ def render(
     paint: Sequence[Painter] = (),
     colours: Array | None = None,
 ) -> NDArray[np.uint8]:
-    """Returns a picture (height, width, 3) of the scene at `data`, which must be up to date (`mj_forward`).
+    """Returns a picture (height, width, 3) of the scene with the poses in `data`. Call `mj_forward` before,
+    so that `data` is up to date.
 
-    `paint` is applied in order to opaque surfaces, before lighting. `colours` (ngeom, 4), 0 to 1, are those
-    of the geoms; None takes `model_colours`. A geom with alpha 0 is not drawn; one with an alpha below 1 is
-    transparent, and only the nearest transparent layer is drawn.
+    The painters `paint` colour the opaque surfaces in this order, before lighting. `colours` (ngeom, 4), 0 to
+    1, are the colours of the geoms, by default those of `model_colours`. A geom with an alpha of 0 is not
+    drawn. A geom with an alpha between 0 and 1 is transparent; only the nearest transparent surface is drawn.
     """
     if colours is None:
         colours = model_colours(model)
@@ -59,14 +62,15 @@ def render(
 
 
 def background(height: int) -> Array:
-    """Returns the background colours (height, 3), 0 to 1, of the rows of a picture."""
+    """Returns the background colour (height, 3), 0 to 1, of each row of a picture."""
     return np.linspace(_SKY[0], _SKY[1], height)
 
 
 def model_colours(model: mujoco.MjModel) -> Array:
-    """Returns the colours (ngeom, 4), 0 to 1, of the model's geoms or their materials.
+    """Returns the colours (ngeom, 4), 0 to 1, of the model's geoms.
 
-    Geoms in group 3 and above get alpha 0: by convention they are for collisions only.
+    A geom with a material has the material's colour. Geoms in group 3 and above have an alpha of 0, because
+    by convention such geoms are for collisions only.
     """
     colours = np.array(model.geom_rgba, dtype=float)
     material = model.geom_matid >= 0
@@ -76,7 +80,7 @@ def model_colours(model: mujoco.MjModel) -> Array:
 
 
 def _shaded(camera: Camera, hits: Hits, colours: Array, paint: Sequence[Painter]) -> Array:
-    """Returns the colours (h, w, 3) of a whole picture before outlines are drawn."""
+    """Returns the colours (h, w, 3) of the whole picture, without outlines."""
     shape = camera.height, camera.width
     result = np.repeat(background(camera.height), camera.width, axis=0)
     normals = smooth_normals(hits.surface.reshape(shape), hits.normals.reshape(*shape, 3)).reshape(-1, 3)
@@ -98,7 +102,7 @@ def _shaded(camera: Camera, hits: Hits, colours: Array, paint: Sequence[Painter]
 
 
 def _glazed(caster: Caster, camera: Camera, behind: Hits, picture: Array, colours: Array) -> Array:
-    """Returns the picture (h, w, 3) with the nearest transparent layer blended over it."""
+    """Returns the picture (h, w, 3) with the nearest transparent surface blended over the opaque surfaces."""
     shape = camera.height, camera.width
     hits = nearer(behind, caster.cast(camera, pixel_centres(camera), opaque=False, glass=True))
     front = (hits.geom != behind.geom).reshape(shape)
@@ -119,8 +123,9 @@ def _resolve(
 ) -> Array:
     """Returns the picture (h, w, 3) with anti-aliased outlines.
 
-    Each pixel at an outline becomes the mean over a few additional rays. Such a ray takes the colour of the
-    adjacent pixel that shows the same surface at the nearest distance, so nothing is shaded twice.
+    The colour of each pixel at an outline becomes the mean over a few additional rays. The colour of such a
+    ray is the colour of the adjacent pixel with the same surface and the most similar distance, so no point
+    is shaded again.
     """
     rows, columns = np.nonzero(border)
     if not len(rows):
@@ -138,7 +143,8 @@ def _resolve(
             for dx in (0, -1, 1):
                 y, x = np.clip(rows + dy, 0, shape[0] - 1), np.clip(columns + dx, 0, shape[1] - 1)
                 away = np.abs(distance[y, x] - np.minimum(extra.distance, mujoco.mjMAXVAL))
-                # The middle pixel, which may carry the outline, is preferred to neighbours that fit as well.
+                # The middle pixel may be part of the outline. It is preferred to neighbours at an equal
+                # distance.
                 away += 0.5 * (dx != 0 or dy != 0) * distance[y, x] / camera.focal
                 away[surface[y, x] != extra.surface] = np.inf
                 better = away < best

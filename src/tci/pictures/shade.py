@@ -1,4 +1,4 @@
-"""Shading of ray hits: smooth normals, two lights, and dark outlines."""
+"""Shades the points that rays hit: smooth normals, two lights, and dark outlines."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from tci.frames import Array
 from tci.pictures.camera import Camera
 from tci.pictures.cast import Hits
 
-# Values below are chosen by eye.
+# The values below are chosen by eye.
 _CREASE = np.cos(np.deg2rad(40.0))
-"""Cosine of the largest angle between faces that are shaded as one smooth surface."""
+"""Cosine of the largest angle between two faces that are shaded as one smooth surface."""
 _KEY = np.array([-0.55, -0.75, -0.55])
-"""Direction from the scene to the key light in the camera frame: above, from the left, behind the camera."""
+"""Direction of the rays of the key light, in the camera frame. The light is above, to the left of and behind
+the camera."""
 _AMBIENT, _KEY_STRENGTH, _HEAD_STRENGTH = 0.50, 0.45, 0.32
 _JUMP = 3.0
-"""Step in depth across the surface, in pixel sizes, above which there is an outline."""
+"""Least step in depth, in pixel sizes across the surface, at which an outline is drawn."""
 _OUTLINE = 0.55
 """Fraction of black in the colour of an outline."""
 
@@ -24,7 +25,8 @@ Offset = tuple[slice, slice]
 
 
 def _neighbours(step: int) -> list[tuple[Offset, Offset]]:
-    """Returns pairs of views of an image: each pixel, and that `step` pixels right, below, and diagonally."""
+    """Returns pairs of views of an image. The second view of a pair is shifted by `step` pixels: to the
+    right, down, or diagonally."""
     here, there, everywhere = slice(None, -step), slice(step, None), slice(None)
     return [
         ((everywhere, here), (everywhere, there)),
@@ -35,9 +37,11 @@ def _neighbours(step: int) -> list[tuple[Offset, Offset]]:
 
 
 def smooth_normals(surface: NDArray[np.int32], normals: Array, *, passes: int = 2) -> Array:
-    """Returns normals (h, w, 3) without a mesh's facets, averaged within a surface (h, w) and its creases.
+    """Returns normals (h, w, 3) without visible facets of a mesh. Normals are averaged only within one
+    surface (h, w), and not across creases.
 
-    Dammertz et al. 2010, edge-avoiding a-trous wavelet: each pass reaches twice as far.
+    The filter is the edge-avoiding a-trous wavelet of Dammertz et al. 2010: each pass averages over twice the
+    distance of the previous pass.
     """
     result = normals.astype(np.float32)
     for level in range(passes):
@@ -52,7 +56,8 @@ def smooth_normals(surface: NDArray[np.int32], normals: Array, *, passes: int = 
 
 
 def light(camera: Camera, normals: Array) -> Array:
-    """Returns the brightness (n,) of surfaces with unit normals (n, 3) in the world, by Lambert's law."""
+    """Returns the brightness (n,) of surfaces by Lambert's law. The unit normals (n, 3) are in the world
+    frame."""
     normals_C = normals @ camera.T_WC[:3, :3]
     key = np.clip(normals_C @ (_KEY / np.linalg.norm(_KEY)), 0.0, None)
     head = np.clip(-normals_C[:, 2], 0.0, None)
@@ -62,10 +67,11 @@ def light(camera: Camera, normals: Array) -> Array:
 
 
 def outlines(camera: Camera, hits: Hits) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Returns two masks (h, w) of a picture: pixels that carry an outline, and pixels on either side of one.
+    """Returns two masks (h, w) of a picture: pixels on which an outline is drawn, and pixels on both sides of
+    an edge.
 
-    An outline lies where neighbouring pixels show different surfaces or a step in depth; the pixel nearer to
-    the camera carries it.
+    An edge lies where neighbouring pixels show different surfaces, or where the depth has a step. The outline
+    is drawn on the pixel that is nearer to the camera.
     """
     shape = camera.height, camera.width
     surface, distance = hits.surface.reshape(shape), hits.distance.reshape(shape)
@@ -87,5 +93,5 @@ def outlines(camera: Camera, hits: Hits) -> tuple[NDArray[np.bool_], NDArray[np.
 
 
 def darken(colours: Array, line: NDArray[np.bool_]) -> Array:
-    """Returns colours (h, w, 3) with the outlines (h, w) drawn."""
+    """Returns the colours (h, w, 3) with the outlines (h, w) drawn in a darker colour."""
     return colours * np.where(line, 1.0 - _OUTLINE, 1.0)[..., None]

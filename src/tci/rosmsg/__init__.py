@@ -1,4 +1,5 @@
-"""ROS messages as bytes, without ROS.
+"""ROS messages as bytes, without a ROS installation.
 
-`cdr` describes message types and reads and writes their values. Recordings and the ROS drivers use it.
+The module `cdr` defines message types, and reads and writes the values of messages. Recordings and the ROS
+drivers use this module.
 """

@@ -1,6 +1,7 @@
-"""ROS 2 messages as bytes: the flat part of CDR (OMG DDS-RTPS, encapsulation CDR_LE).
+"""Reads and writes ROS 2 messages as bytes in the encoding CDR (OMG DDS-RTPS, encapsulation CDR_LE).
 
-Decoding is bounded: a declared length is compared with the bytes that are there before anything is allocated.
+Lengths in untrusted messages can't cause large allocations: each declared length is compared with the number
+of remaining bytes before memory is allocated.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ SIZES = {item: struct.calcsize(form) for item, form in NUMBERS.items()}
 DTYPES = {item: np.dtype("<" + form) for item, form in NUMBERS.items()}
 STRUCTS = {item: struct.Struct("<" + form) for item, form in NUMBERS.items()}
 HEADER = (("int32", "sec"), ("uint32", "nanosec"), ("string", "frame_id"))
-"""`std_msgs/Header`, flat: CDR does not mark where a nested message begins or ends."""
+"""Fields of `std_msgs/Header` and of the nested time, in one list. The list is sufficient because CDR does
+not mark where a nested message begins or ends."""
 HEADER_TEXT = """
 ================================================================================
 MSG: std_msgs/Header
@@ -37,22 +39,23 @@ uint32 nanosec
 
 @dataclass(frozen=True, slots=True)
 class MessageType:
-    """A message type made of numbers, strings, nested messages and sequences of them."""
+    """Message type that consists of numbers, strings, nested messages, and sequences of these."""
 
     name: str
-    """`package/msg/Name`."""
+    """Name in the form `package/msg/Name`."""
     fields: tuple[tuple[str, str], ...]
-    """Type and name of each field after the header, which is flat; a type with [] is a sequence."""
+    """Type and name of each field after the header. A type with [] is a sequence."""
     says: str = ""
-    """Comment at the top of the definition."""
+    """Comment at the top of the message's definition."""
     needs: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = ()
-    """Nested messages by `package/Name`, with their fields; a field's type is the last part of that name."""
+    """Nested messages by `package/Name`, with their fields. The type of a field is the part `Name`."""
     headed: bool = True
-    """True if the message begins with a header."""
+    """True if the message begins with a `std_msgs/Header`."""
 
     @property
     def definition(self) -> str:
-        """Returns the ROS definition including nested messages, as other programs read it from the file."""
+        """Returns the ROS definition, including nested messages, in the text format that other programs read
+        from recordings."""
         lines = [f"# {line}" for line in self.says.splitlines()]
         lines += ["std_msgs/Header header"] if self.headed else []
         lines += [f"{kind} {name}" for kind, name in self.fields]
@@ -62,7 +65,7 @@ class MessageType:
 
     @property
     def flat(self) -> tuple[tuple[str, str], ...]:
-        """Returns all fields, those of the header first."""
+        """Returns all fields, beginning with the fields of the header."""
         return HEADER + self.fields if self.headed else self.fields
 
     def inside(self, name: str) -> tuple[tuple[str, str], ...]:
@@ -72,7 +75,7 @@ class MessageType:
 
 
 def encode(kind: MessageType, values: Sequence[Any]) -> bytes:
-    """Returns the bytes of a message; `values` are in the order of `MessageType.flat`."""
+    """Returns the bytes of a message. The `values` must have the order of `MessageType.flat`."""
     out = bytearray()
     _fields(out, kind, kind.flat, values)
     return ENCAPSULATION + bytes(out)
@@ -101,18 +104,20 @@ def _fields(
 def item_of(type_: str) -> tuple[str, int | None]:
     """Splits a field type into the type of its items and their number.
 
-    The number is None for a single value, 0 for a sequence, else the length of an array.
+    The number is None for a single value, 0 for a sequence, and the length for an array.
     """
     item, bracket, rest = type_.partition("[")
     return item, int(rest.rstrip("]") or 0) if bracket else None
 
 
 def decode(kind: MessageType, data: bytes) -> dict[str, Any]:
-    """Returns the fields of a message by name: numeric sequences as arrays, nested messages as dictionaries.
+    """Returns the fields of a message by name. Numeric sequences are arrays, and nested messages are
+    dictionaries.
 
     Raises RecordingError if the bytes do not fit the type.
     """
-    if data[:2] != ENCAPSULATION[:2]:  # some vendors count bytes of padding in the other two
+    # Some vendors store the number of padding bytes in the other two bytes.
+    if data[:2] != ENCAPSULATION[:2]:
         raise RecordingError(f"{kind.name}: encapsulation {data[:4].hex()}; valid: {ENCAPSULATION.hex()}")
     return _read(_Reader(memoryview(data)[4:], kind.name), kind, kind.flat)
 
@@ -155,7 +160,7 @@ def _put(out: bytearray, kind: MessageType, item: str, value: Any) -> None:
 
 
 class _Reader:
-    """A position in the bytes of one message."""
+    """Reading position in the bytes of one message."""
 
     def __init__(self, data: memoryview, name: str) -> None:
         self._data, self._name, self._at = data, name, 0
@@ -171,7 +176,7 @@ class _Reader:
         return STRUCTS[item].unpack(self._take(SIZES[item], SIZES[item]))[0]
 
     def count(self, least: int) -> int:
-        """Reads a declared number of items that take at least `least` bytes each."""
+        """Reads the declared number of items, of which each needs at least `least` bytes."""
         count = int(self.number("uint32"))
         if count * least > len(self._data) - self._at:
             raise RecordingError(f"{self._name}: {count} items declared, too few bytes for them")
@@ -182,7 +187,7 @@ class _Reader:
         return raw.removesuffix(b"\0").decode("utf-8", "surrogateescape")
 
     def numbers(self, item: str, many: int = 0) -> Any:
-        """Reads a sequence of numbers, or an array of `many`."""
+        """Reads a sequence of numbers. With `many`, reads an array of this length."""
         size = SIZES[item]
         count = many or self.count(size)
         return np.frombuffer(self._take(count * size, size if count else 1), dtype=DTYPES[item])

@@ -9,6 +9,7 @@ from ruckig import RuckigError
 
 from gate.gate_checks import LIMITS, PERIOD, Driven, make_robot
 from tci.frames import Array
+from tci.gate.acceptance import SLOWEST
 from tci.gate.bounds import bounds_of
 from tci.gate.stop_plan import StopTrajectory
 from tci.gate.trajectory import OnlineTrajectory
@@ -108,6 +109,20 @@ def test_a_motion_that_is_refused_does_not_end_the_way_inside_of_another_servo()
     assert LIMIT - 1e-4 < path[-1, 0] <= LIMIT
     assert np.abs(np.diff(path[:, 0])).max() / PERIOD <= 1.001 * CREEP
     assert trajectory.rests
+
+
+@pytest.mark.parametrize("straight", [False, True])
+def test_a_servo_comes_in_also_if_a_command_asks_for_the_least_speed(straight: bool) -> None:
+    """In an earlier version the group was to move at a tenth of this speed, which takes longer than ruckig
+    plans. So no servo of the group moved at all."""
+    trajectory = limiter(set())
+    trajectory.aim(np.array([1.5, 1.9, 0.0]), np.full(3, SLOWEST))
+    trajectory._set_straight(straight)
+    path, _ = go(trajectory, 4.0)
+    way = path[0] - path[-1]
+    assert -way[1] == pytest.approx(4.0 * SLOWEST, rel=0.1)
+    assert 0.1 * SLOWEST < way[0] <= 4.0 * SLOWEST
+    assert np.abs(np.diff(path, axis=0)).max() / PERIOD <= 1.001 * SLOWEST
 
 
 def test_a_halt_ends_the_way_inside() -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from tci.frames import Array
+from tci.gate.acceptance import SLOWEST
 from tci.reasons import Code, Reason
 
 CREEP = 0.1
@@ -26,10 +27,13 @@ STILL = 1e-9
 
 def creeping(speed: Array, *, straight: bool) -> Array:
     """Returns the speed (n,) [rad/s] at which servos with the speed limits `speed` (n,) [rad/s] move while
-    one of them is outside its limits. If `straight` is True, all speeds are reduced by one factor."""
-    if straight:
-        return speed * (CREEP * min(1.0, QUICK / float(speed.max())))
-    return CREEP * np.minimum(speed, QUICK)
+    one of them is outside its limits. If `straight` is True, all speeds are reduced by one factor.
+
+    A speed is not reduced below SLOWEST, because ruckig would refuse the motion: it would take too long.
+    """
+    most = speed.max() if straight else speed
+    reduced: Array = np.maximum(CREEP * np.minimum(most, QUICK), np.minimum(most, SLOWEST))
+    return speed * (reduced / most)
 
 
 def was_there(back: Array, here: Array, span: Array, found: Array, measured: Array) -> bool:

@@ -127,6 +127,20 @@ def test_only_the_poked_patch_feels_it_and_only_where_taxels_are(world: World) -
         assert (frame.values[others] == round(patch.sensor.rest)).all()
 
 
+def test_a_touch_on_the_end_of_a_limb_s_skin_is_not_felt() -> None:
+    """The end has no taxels. In an earlier version the taxels of the side felt the touch, so a NAO's reflex
+    took it for a touch on the side of the thigh, and pressed the thigh into the finger by 0.04 N."""
+    world = World(load_robot("nao-whole"), posture={"right_leg": np.array([-0.4, 0.8, 0.0, 1.9, -0.9, 0.1])})
+    place = 0.5 * world.surfaces["right_thigh"].positions[-1]
+    place[2] = world.surfaces["right_thigh"].positions[:, 2].min()
+    world.finger.poke("right_thigh", place, normal=np.array([0.0, 0.0, -1.0]))
+    world.advance(0.2)
+    assert world.contact_truth("right_thigh").force > 1.0
+    assert (
+        frame_of(world, "right_thigh").values == round(world.robot.patch("right_thigh").sensor.rest)
+    ).all()
+
+
 def test_raw_values_stop_at_the_sensor_s_range(nao: World) -> None:
     patch = nao.robot.patches[0]
     nao.finger.poke(patch.name, 100, depth=0.03)

@@ -21,6 +21,10 @@ NUMBERS = 13
 WIDE = 0.02
 """Width [m] of a kernel above which its shares are computed twice, see `_share`. Assumed: this is far above
 the width of a taxel."""
+SIDE = 0.2
+"""Cosine of the angle between a contact's normal and the taxels' normals below which the taxels do not feel
+the contact. Such a contact is on an end of a limb's skin, where there are no taxels. Assumed: on the skin of
+the included robots, this cosine is below 0.2 on these ends, and above 0.7 at almost all other places."""
 SENSOR, FLOOR, BODY, BEGIN, END, CHANNEL, NODE, NODES, AXES, COUNT, DUE, TAKEN, TOUCHED, PRESSED = range(14)
 """Columns of a patch's integers:
 
@@ -120,6 +124,20 @@ def _share(
 
 
 @inlined
+def _feels(normal: Array, count: int, taxels: Array, lists: Array, work: Array) -> bool:
+    """Returns True if the taxels `NEAR` feel a contact with this `normal` (3,), see `SIDE`. The normal of a
+    taxel is the cross product of its tangents."""
+    cosine = 0.0
+    for j in range(count):
+        row = taxels[lists[NEAR, j]]
+        x = row[X + 1] * row[Y + 2] - row[X + 2] * row[Y + 1]
+        y = row[X + 2] * row[Y] - row[X] * row[Y + 2]
+        z = row[X] * row[Y + 1] - row[X + 1] * row[Y]
+        cosine += work[SHARE, j] * (x * normal[0] + y * normal[1] + z * normal[2])
+    return abs(cosine) >= SIDE
+
+
+@inlined
 def _add(
     push: tuple[float, float, float, float], count: int, axes: int, taxels: Array, lists: Array, active: int,
     load: Array, work: Array,
@@ -149,8 +167,9 @@ def press(patch: int, skin: Arrays) -> tuple[int, int]:
     """Finds the active taxels of a patch and the forces on them.
 
     Writes the taxels into the list `ACTIVE`, and the forces [N] into `load`. Returns the number of contacts
-    and the number of active taxels. Contacts with a floor are counted only if there is no other contact. If
-    there are more contacts than slots, the number of active taxels is 0.
+    and the number of active taxels. Contacts beside the taxels are not felt. Contacts with a floor are
+    counted only if there is no other contact. If there are more contacts than slots, the number of active
+    taxels is 0.
     """
     sensors, centres, turns, patches, floats, positions, taxels, _, _, load, lists, spots, work, _ = skin
     integers, numbers = patches[patch], floats[patch]
@@ -195,6 +214,8 @@ def press(patch: int, skin: Arrays) -> tuple[int, int]:
             y = -(second * tangent[1] + third * third_y)
             z = -(second * tangent[2] + third * third_z)
         near = _share(places, point, way, sigma, mine, row, spots[row], work)
+        if number >= 0 and not _feels(way, near, own, mine, work):
+            continue
         active = _add((pressing, x, y, z), near, integers[AXES], own, mine, active, load, work)
     return max(found, 1), active
 

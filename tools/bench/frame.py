@@ -256,29 +256,31 @@ def kernel(
         np.testing.assert_allclose(frame.gains, frame.numpy(), atol=2e-3)
     repeats = max(2, min(200, 200_000 // taxels))
     most_ratio = 1.5 if taxels >= 230 else None
-    name = f"kernel, {frame.n} taxels, {fields} fields, {found} contacts"
+    name = f"kernel, {frame.n} taxels, {fields} fields, {found} contact{'s' * (found != 1)}"
     rows = []
     for what, values, flicker, limit in (
-        ("hot", frame.touched, False, most),
-        ("every taxel flickers", frame.touched, True, None),
-        ("idle", frame.rest, False, idle_most),
+        ("data in caches", frame.touched, False, most),
+        ("every taxel fluctuates", frame.touched, True, None),
+        ("no touch", frame.rest, False, idle_most),
     ):
         frame.show(values, flicker=flicker)
         for _ in range(4):
             frame.called(), frame.ours(2), peer()
-        label = f"kernel, {frame.n} taxels, idle" if what == "idle" else f"{name}, {what}"
+        label = f"kernel, {frame.n} taxels, no touch" if what == "no touch" else f"{name}, {what}"
         pairs = _inner(frame, peer, taxels, repeats)
-        rows.append(row(label, "C -O3", pairs, most_ratio=most_ratio))
+        rows.append(row(label, "C program", pairs, most_ratio=most_ratio))
         if flicker:
             continue
         colds = cold(frame.called), cold(peer)
-        label = label.removesuffix(", hot") + ", loops called from Python"
-        rows.append(row(label, "C called by ctypes", in_turn(frame.called, peer), most=limit, colds=colds))
-        if small and what == "hot":
+        label = label.removesuffix(", data in caches") + ", loops called from Python"
+        rows.append(
+            row(label, "C program called by ctypes", in_turn(frame.called, peer), most=limit, colds=colds)
+        )
+        if small and what == "data in caches":
             rows.append(
                 row(
                     f"{name}, loops called from Python",
-                    "the tests' NumPy",
+                    "NumPy version in the tests",
                     in_turn(frame.called, frame.numpy),
                 )
             )

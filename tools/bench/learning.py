@@ -36,6 +36,6 @@ def _with_rate(rate: float, **target: float) -> Measured:
             count += 1
         pairs.append((count / (time.thread_time() - start), LEAST))
         steps += count
-    note = f"steps of 20 ms; in contact {touched / steps:.0%} of them"
-    name = f"Gymnasium environment, {rate:g} commands per second: steps per second of a core"
-    return row(name, "the target", pairs[1:], unit="1/s", note=note, **target)
+    note = f"steps of 20 ms; arm touched in {touched / steps:.0%} of the steps"
+    name = f"Gymnasium environment, {rate:g} commands per second: steps per second on one core"
+    return row(name, "none: the target", pairs[1:], unit="1/s", note=note, **target)

@@ -60,21 +60,22 @@ def _with_page(shown: Viewer, alone: list[tuple[float, float]]) -> list[Measured
         poked = [_window(shown, poke=True) for _ in range(WINDOWS)]
         page.stdin.close()
     counts = [sum(len(s.positions) for s in f.skin.surfaces.values()) for f in shown.figures.values()]
-    name = f"viewer, robots of {' and '.join(map(str, counts))} taxels, "
+    name = f"processor use of the viewer, robots of {' and '.join(map(str, counts))} taxels, "
     return [
-        _share(name + "nobody looks", alone),
-        _share(name + "a page looks", idle, most=CORE),
-        _share(name + "both poked", poked, most=CORE),
-        row("page of both, until it can be clicked", "the target", [(opened + clicked, USABLE)], unit="s",
-            most=USABLE, note=f"{opened:.2f} s until it shows the robots, {clicked:.2f} s for a click"),
+        _share(name + "no page open", alone),
+        _share(name + "a page open", idle, most=CORE),
+        _share(name + "both robots poked", poked, most=CORE),
+        row("time until the page of both robots accepts clicks", "none: the target",
+            [(opened + clicked, USABLE)], unit="s",
+            most=USABLE, note=f"{opened:.2f} s until the page shows the robots, {clicked:.2f} s for a click"),
     ]  # fmt: skip
 
 
 def _share(name: str, windows: list[tuple[float, float]], *, most: float | None = None) -> Measured:
     pictures = ", ".join(f"{rate:.1f}" for _, rate in windows)
     return row(
-        name, "a core", [(share, 1.0) for share, _ in windows], unit="cores", most=most,
-        note=f"pictures per second, of {RATE:g}: {pictures}",
+        name, "one core", [(share, 1.0) for share, _ in windows], unit="cores", most=most,
+        note=f"pictures per second (wanted: {RATE:g}): {pictures}",
     )  # fmt: skip
 
 

@@ -93,10 +93,11 @@ def loop() -> list[Measured]:
         work.append([1e6 * report.work.quantile(q) for q in (0.5, 0.99, 0.999)])
         missed, ticks = missed + report.missed, ticks + report.ticks
     took = [f"{name} {np.median([run[i] for run in work]):.0f} us" for i, name in enumerate(("p50", "p99"))]
-    note = f"{ticks} ticks and {missed} missed of {1000 * SECONDS:.0f}; work per tick {', '.join(took)}"
-    name = "1 kHz, 4000 taxels, moving: wake-up late,"
+    note = f"{ticks} of {1000 * SECONDS:.0f} periods executed, {missed} missed; "
+    note += f"computing time of a period: {', '.join(took)}"
+    name = "loop at 1 kHz, 4000 taxels, moving: delay of the wake-up,"
     return [
-        row(f"{name} p50", "bare loop beside it", [run[0] for run in late], most=5.0, note=note),
-        row(f"{name} p99", "bare loop beside it", [run[1] for run in late], most_ratio=1.5),
-        row(f"{name} p99.9", "bare loop beside it", [run[2] for run in late]),
+        row(f"{name} p50", "loop without TCI", [run[0] for run in late], most=5.0, note=note),
+        row(f"{name} p99", "loop without TCI", [run[1] for run in late], most_ratio=1.5),
+        row(f"{name} p99.9", "loop without TCI", [run[2] for run in late]),
     ]

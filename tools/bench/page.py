@@ -8,7 +8,8 @@ from typing import Any
 
 from report import TABLES, markdown
 
-HEAD = ("what", "TCI", "cold", "peer", "time", "cold", "unit", "ratio", "spread", "target", "note")
+HEAD = ("measurement", "TCI", "TCI cold", "peer", "value of the peer", "peer cold", "unit", "ratio", "spread",
+        "target", "note")  # fmt: skip
 MET = {True: ": met", False: ": missed", None: ""}
 
 

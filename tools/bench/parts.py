@@ -199,12 +199,12 @@ for _ in sys.stdin:
 
 def contacts() -> list[Measured]:
     pairs = in_turn(*clusters_and_scipy(tci.load_robot("nao")))
-    return [row("clusters of one touch", "SciPy k-d tree and components", pairs, most_ratio=1.0)]
+    return [row("clusters of one touch", "SciPy: k-d tree, connected components", pairs, most_ratio=1.0)]
 
 
 def gate() -> list[Measured]:
     return [
-        row("gate, 5 joints moving", "one ruckig update", in_turn(*gate_and_ruckig(tci.load_robot("nao"))))
+        row("gate, 5 joints moving", "one update of ruckig", in_turn(*gate_and_ruckig(tci.load_robot("nao"))))
     ]
 
 
@@ -213,7 +213,7 @@ def kinematics() -> list[Measured]:
     asked, looped = (in_turn(*kinematics_and_mujoco(nao, in_loop=one)) for one in (False, True))
     return [
         row("forward kinematics, 4 links", "mj_kinematics", asked),
-        row("forward kinematics, 4 links, in the loop", "mj_kinematics", looped),
+        row("forward kinematics, 4 links, in the control loop", "mj_kinematics", looped),
         row("pose and Jacobian of a hand", "Pinocchio", in_turn(*kinematics_and_pinocchio(nao))),
     ]
 

@@ -171,16 +171,16 @@ def pipeline() -> list[Measured]:
         peer = InC(Frame(ours.taxels, 5, ours.contacts))
         name = f"frame to safe command, {ours.taxels} taxels, {ours.contacts} contacts, {state}"
         colds = cold(ours), cold(peer)
-        rows.append(row(name, "C kernel, no gate", in_turn(ours, peer), most=most, colds=colds))
+        rows.append(row(name, "C program, without gate", in_turn(ours, peer), most=most, colds=colds))
         pairs = in_turn(other, ours)
-        rows.append(row(f"{name}, frames of float64", "frames of uint8", pairs, most_ratio=1.3))
+        rows.append(row(f"{name}, frames of float64", "TCI with frames of uint8", pairs, most_ratio=1.3))
     seldom = robot_of(every=RARE)
     pairs = [(seldom.rare(), 120.0) for _ in range(ROUNDS)]
-    name = f"frame to safe command, the tick in {RARE} that has a new command"
-    rows.append(row(name, "the target", pairs, most=120.0))
+    name = f"frame to safe command, period with a new command (one in {RARE} periods)"
+    rows.append(row(name, "none: the target", pairs, most=120.0))
     around, below = robot_of(towards=None), robot_of()
-    name = f"frame to safe command, {around.contacts} contacts all around, judged anew in each frame"
-    return [*rows, row(name, "contacts from below", in_turn(around, below))]
+    name = f"frame to safe command, {around.contacts} contacts on all sides, checked in each frame"
+    return [*rows, row(name, "TCI with contacts from below", in_turn(around, below))]
 
 
 SIZES = ((230, 4, 1), (4000, 16, 0), (100_000, 16, 30), (1_000_000, 16, 30))
@@ -194,7 +194,7 @@ def scale(sizes: Sequence[tuple[int, int, int]] = SIZES) -> list[Measured]:
         ours = Pipeline(taxels, patches, contacts, every=TURN)
         peer = InC(Frame(ours.taxels, 5, contacts))
         name = f"frame to safe command, {ours.taxels} taxels, {ours.contacts} contacts, moving"
-        rows.append(row(name, "C kernel, no gate", in_turn(ours, peer)))
+        rows.append(row(name, "C program, without gate", in_turn(ours, peer)))
     return rows
 
 
@@ -227,5 +227,10 @@ def events() -> list[Measured]:
 
     pairs = in_turn(ours, peer)
     return [
-        row("conditioning of 16 patches at rest, event-driven", "every frame sent", pairs, most_ratio=1.0)
+        row(
+            "conditioning of 16 untouched patches, frames sent on change",
+            "TCI with all frames sent",
+            pairs,
+            most_ratio=1.0,
+        )
     ]

@@ -40,12 +40,12 @@ def seconds(*command: str, **variables: str) -> float:
 def start() -> list[Measured]:
     """Times the start of processes. The loops are compiled before, except in rows whose name says
     otherwise."""
-    cases = {"tci --help": ((TCI, "--help"), None), "import tci": (("-c", "import tci"), None)}
+    cases = {"`tci --help`": ((TCI, "--help"), None), "`import tci`": (("-c", "import tci"), None)}
     rows = []
     seconds("-c", FIVE)
-    for name, (command, most) in {**cases, "the five lines": (("-c", FIVE), 1000.0)}.items():
+    for name, (command, most) in {**cases, "the README's program": (("-c", FIVE), 1000.0)}.items():
         pairs = [(1e3 * seconds(*command), 1e3 * seconds("-c", "import numpy")) for _ in range(ROUNDS)]
-        rows.append(row(name, "import numpy", pairs, unit="ms", most=most))
+        rows.append(row(f"run time of {name}", "run time of `import numpy`", pairs, unit="ms", most=most))
     return [*rows, *fresh()]
 
 
@@ -56,7 +56,13 @@ def fresh() -> list[Measured]:
         with TemporaryDirectory() as cache:
             pairs.append(tuple(seconds("-c", FIVE, NUMBA_CACHE_DIR=cache) for _ in range(2)))
     return [
-        row("the five lines, the first time", "the second", [(a, b) for a, b in pairs], unit="s", most=15.0)
+        row(
+            "run time of the README's program, first start",
+            "second start",
+            [(a, b) for a, b in pairs],
+            unit="s",
+            most=15.0,
+        )
     ]
 
 
@@ -65,7 +71,7 @@ def demo() -> list[Measured]:
     with TemporaryDirectory() as folder:
         command = (TCI, "demo", "--headless", "--out", folder)
         pairs = [(seconds(*command), 25.0) for _ in range(2)]
-    return [row("tci demo", "the target", pairs, unit="s", most=25.0)]
+    return [row("run time of `tci demo`", "none: the target", pairs, unit="s", most=25.0)]
 
 
 def memory() -> list[Measured]:
@@ -75,8 +81,14 @@ def memory() -> list[Measured]:
         view = [TCI, "view", "--headless", "--port", "0", "--out", folder, "--duration", f"{VIEWED:g}"]
         taken = [(largest(run) / MIB, largest(view) / MIB) for _ in range(FEW)]
     return [
-        row("tci run icub", "the target", [(a, 350.0) for a, _ in taken], unit="MiB", most=350.0),
-        row("tci view", "the target", [(b, 450.0) for _, b in taken], unit="MiB", most=450.0),
+        row(
+            f"memory of `{name}`",
+            "none: the target",
+            [(one[n], most) for one in taken],
+            unit="MiB",
+            most=most,
+        )
+        for n, (name, most) in enumerate((("tci run icub", 350.0), ("tci view", 450.0)))
     ]
 
 

@@ -136,13 +136,15 @@ def in_contact(what: str, limbs: Robot, faster: dict[int, float]) -> list[Measur
         peer, other = with_more(robot, sites), with_more(robot, tactile)
         for rate in (1000.0, 100.0):
             world = pressed(with_skin_rate(robot, rate))
-            name = f"simulated skin in contact, {what}, {taxels} taxels, {rate:.0f} frames/s: step"
+            name = f"one step with touched skin, {what}, {taxels} taxels, {rate:.0f} frames/s"
             pairs = beside(world, peer)
-            rows.append(row(name, "MuJoCo touch sites, each step", pairs, most_ratio=1.0 / wanted))
-            rows.append(row(name, "MuJoCo tactile (depths), each step", beside(world, other)))
+            rows.append(row(name, "MuJoCo's touch sites, read in each step", pairs, most_ratio=1.0 / wanted))
+            rows.append(
+                row(name, "MuJoCo's tactile sensors (depths), read in each step", beside(world, other))
+            )
             if taxels == 1000:
                 nobody = pressed(with_skin_rate(robot, NEVER))
-                rows.append(row(name, "the same, never read", beside(world, nobody), most_ratio=1.25))
+                rows.append(row(name, "TCI, skin never read", beside(world, nobody), most_ratio=1.25))
         force = world.contact_truth(robot.patches[0].name).force
         spread = sum(world._taxels.vectors(patch)[:, 2].sum() for patch in world.surfaces)
         assert abs(spread - force) <= 1e-5 * force, (spread, force)
@@ -163,8 +165,10 @@ def touch_hand() -> list[Measured]:
     limbs = with_dense_skin(robot.model_copy(update={"patches": robot.patches[:4]}), 1000)
     felt, bare = pressed(limbs), pressed(with_skin_rate(limbs, NEVER))
     pairs = [(a / b, other) for (a, b), other in zip(beside(felt, bare), theirs, strict=True)]
-    name = f"a step with touch by one without: NAO with {sum(p.channels for p in limbs.patches)} taxels"
-    return [row(name, "Gymnasium-Robotics' hand with 92", pairs, unit="x", most=1.25)]
+    name = (
+        f"time of a step with skin / without skin: NAO with {sum(p.channels for p in limbs.patches)} taxels"
+    )
+    return [row(name, "hand of Gymnasium-Robotics, 92 sensors", pairs, unit="x", most=1.25)]
 
 
 STILL = 1e-3
@@ -232,9 +236,9 @@ def real_time_factor() -> list[Measured]:
                 pairs.append((SPAN / (time.thread_time() - start), 1.0))
             touched.append(capability.touched / capability.steps)
             moved.append(sum(one > STILL for one in speeds) / len(speeds))
-        note = f"in contact {min(touched):.0%} of the time, in motion {min(moved):.0%}"
+        note = f"arm touched for {min(touched):.0%} of the time, moving for {min(moved):.0%}"
         assert min(*touched, *moved) > 0.35, note
-        name = f"NAO, both arms' skins, reflex and gate each {1e3 * step:.0f} ms: real-time factor"
+        name = f"NAO with skin on both arms, reflex and gate every {1e3 * step:.0f} ms: real-time factor"
         rows.append(row(name, "real time", pairs, unit="x", least_ratio=least, note=note))
     return rows
 
@@ -255,5 +259,11 @@ def worlds() -> list[Measured]:
         )
         pairs.append((fast, slow))
     return [
-        row("2 worlds on 2 cores: speed of each", "one after the other", pairs, unit="x", least_ratio=0.8)
+        row(
+            "2 simulated worlds on 2 cores: speed of each",
+            "worlds in turn on 1 core",
+            pairs,
+            unit="x",
+            least_ratio=0.8,
+        )
     ]

@@ -161,14 +161,14 @@ def wires() -> list[Measured]:
             both = [(flight.fly(), peer()) for _ in range(ROUNDS)]
             pairs = [(ours[0], theirs[0]) for ours, theirs in both]
             ways = [(ours[1], theirs[1]) for ours, theirs in both]
-            note = f"{struct.calcsize('d') * size} bytes each way"
+            note = f"{struct.calcsize('d') * size} bytes in each direction"
             most = MOST if size == CASES[0][0] else None
             name = f"YARP port by {carrier}, {size} doubles"
-            rows.append(row(f"{name}, one way", "raw TCP", ways, note=note))
+            rows.append(row(f"{name}, one way", "plain TCP socket", ways, note=note))
             rows.append(
                 row(
-                    f"{name}, there and back",
-                    "raw TCP",
+                    f"{name}, round trip",
+                    "plain TCP socket",
                     pairs,
                     most_ratio=most,
                     note=note,
@@ -190,6 +190,6 @@ def networks() -> list[Measured]:
             1e6 * np.median(times, axis=1) for times in in_turn(name, where, blocks=ROUNDS, calls=CALLS)
         )
         pairs = [(float(ours), float(theirs)) for ours, theirs in zip(*medians, strict=True)]
-        note = f"{8 * SIZE} bytes each way; both ends poll, encode, check and decode"
-        rows.append(row(f"{name}, {SIZE} doubles, there and back", "raw TCP", pairs, note=note))
+        note = f"{8 * SIZE} bytes in each direction; both processes poll, encode, check and decode"
+        rows.append(row(f"{name}, {SIZE} doubles, round trip", "plain TCP socket", pairs, note=note))
     return rows

@@ -39,7 +39,7 @@ TABLE = TABLES / "middleware.md"
 CONTRACT = "tests/drivers/test_driver.py"
 HEAD = (
     "middleware", "tests passed", "program at the other end", "tests with this program",
-    "768 doubles there and back [ms]", "the same over plain TCP [ms]",
+    "round trip of 768 doubles [ms]", "this round trip over plain TCP [ms]",
     "hold after the other process is killed [ms]", "when this process runs again",
 )  # fmt: skip
 AGAIN = "connect again; earlier commands are lost"

@@ -153,10 +153,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if any(f"{robot} {via}" in cells for via in vias)
     ]
     again = sum(cell.again for cell in cells.values())
-    what = "one poke of each part" if asked.short else "the pokes of `tci demo`, and pokes of the other parts"
+    what = (
+        "Each part is poked once."
+        if asked.short
+        else "The pokes are those of `tci demo`, and pokes of the other parts."
+    )
     patience = f" Robots held after a silence of {asked.patience:g} s." if asked.patience else ""
     about = (
-        f"The pokes are {what}. A cell contains the number of pokes that the reflexes answered, and the "
+        f"{what} A cell contains the number of pokes that the reflexes answered, and the "
         f"median time from the first contact to the first command. Measured at {commit()} on "
         f"{os.cpu_count()} cores at a load of {load:.1f}; {again} pokes were answered only when they were "
         f"repeated.{patience}"

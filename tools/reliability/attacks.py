@@ -33,13 +33,13 @@ def limits(full: bool) -> Row:
     peak = max((result["peak"] for result in done), default=0.0)
     good, bad, passed = (sum(result[key] for result in done) for key in ("commands", "malformed", "passed"))
     return Row(
-        f"hostile commands, {len(robots)} robots, all modes",
+        f"hostile commands to {len(robots)} robots, in all modes",
         sum(result["cycles"] for result in done),
         1e7,
         "cycles",
-        f"{good} commands, {bad} of them malformed, {passed} accepted; "
-        f"{len(faults)} outside; peak {peak:.0e}",
-        "0 outside any limit, peak <= 1e-6",
+        f"{good} commands, {bad} of them malformed; {passed} malformed commands accepted; "
+        f"{len(faults)} outputs outside a limit; largest excess over a limit {peak:.0e}",
+        "0 accepted, 0 outputs outside a limit, excess <= 1e-6",
         not faults and not passed and peak <= 1e-6,
     )
 
@@ -52,12 +52,13 @@ def bodies(full: bool) -> Row:
     deepest = max((result["overlap"] for result in done), default=0.0)
     near = sum(result["near"] for result in done)
     return Row(
-        f"the same, seen by MuJoCo's collision detection, {len(robots)} robots",
+        f"overlap of links during hostile commands to {len(robots)} robots",
         sum(result["cycles"] for result in done),
         1e6,
         "cycles",
-        f"{near} motions ended; {len(faults)} outside; deepest overlap {deepest * 1e3:.2f} mm",
-        "0 outside, 0 overlaps",
+        f"the gate ended {near} motions early; {len(faults)} outputs outside a limit; "
+        f"deepest overlap {deepest * 1e3:.2f} mm",
+        "0 outputs outside a limit, 0 overlaps",
         not faults and deepest <= 0.0 and (near > 0 or not full),
     )
 

@@ -27,12 +27,12 @@ def moves_away(full: bool) -> Row:
     touches, answered, refused = (sum(one[key] for one in done) for key in ("touches", "answered", "refused"))
     rises = [rise for one in done for rise in one["rises"]]
     worst = max((one["worst"] for one in done), default=0.0)
-    words = f"{answered} answered, {refused} told why not; {len(rises)} raised the force"
-    words += f", {worst:.2g} N at most"
+    words = f"{answered} touches answered, {refused} refused with a reason; "
+    words += f"{len(rises)} motions raised the contact force; largest rise {worst:.2g} N"
     print(*rises, sep="\n")
     return Row(
-        f"reflexes move away, {len(names)} robots", touches, TOUCHES, "touches", words,
-        f"0 raise the force within {NEXT * 1e3:.0f} ms", not rises and answered > 0,
+        f"reflexes of {len(names)} robots to touches at random places", touches, TOUCHES, "touches", words,
+        f"0 motions raise the contact force within {NEXT * 1e3:.0f} ms", not rises and answered > 0,
     )  # fmt: skip
 
 

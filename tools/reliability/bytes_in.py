@@ -22,8 +22,8 @@ def descriptions(full: bool) -> Row:
     done = gather("descriptions", _descriptions, jobs, full=full)
     uncaught = sum(result["uncaught"] for result in done)
     return Row(
-        "damaged descriptions", sum(result["tried"] for result in done), 1e5, "files",
-        f"{uncaught} uncaught", "0 uncaught", uncaught == 0,
+        "damaged robot descriptions", sum(result["tried"] for result in done), 1e5, "files",
+        f"{uncaught} uncaught errors", "0 uncaught errors", uncaught == 0,
     )  # fmt: skip
 
 
@@ -51,12 +51,12 @@ def guided(full: bool) -> Row:
     for words in uncaught:
         print(words)
     return Row(
-        f"coverage-guided fuzzing, {len(TARGETS)} readers",
+        f"coverage-guided fuzzing of {len(TARGETS)} readers",
         sum(result["seconds"] for result in done),
         wanted * len(TARGETS),
         "s",
-        f"{sum(result['runs'] for result in done)} inputs, {len(uncaught)} uncaught",
-        "10 minutes each, 0 uncaught",
+        f"{sum(result['runs'] for result in done)} inputs, {len(uncaught)} uncaught errors",
+        "10 minutes for each reader, 0 uncaught errors",
         not uncaught,
     )
 
@@ -72,8 +72,8 @@ def heartbeats(full: bool) -> Row:
     done = gather("heartbeats", _heartbeats, jobs, full=full)
     wrong = sum(result["wrong"] for result in done)
     return Row(
-        "damaged heartbeats", sum(result["tried"] for result in done), 1e6, "datagrams",
-        f"{wrong} accepted", "0 accepted, 0 crashes", wrong == 0,
+        "damaged heartbeat messages", sum(result["tried"] for result in done), 1e6, "datagrams",
+        f"{wrong} accepted as valid", "0 accepted as valid, 0 crashes", wrong == 0,
     )  # fmt: skip
 
 

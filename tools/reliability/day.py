@@ -154,12 +154,12 @@ def false_reflexes(full: bool) -> Row:
         key: sum(d[key] for d in done) for key in ("hours", "false", "touches", "missed", "twice", "broken")
     }
     return Row(
-        "false reflexes in noise, drift and single-taxel faults",
+        "reflexes on a simulated skin with noise, drift and faulty single taxels",
         total["hours"],
         24.0,
         "hours",
-        f"{total['false']} false, {total['missed']} of {total['touches']} touches missed, "
-        f"{total['twice']} answered twice; {total['broken']} taxels broken",
-        "0 false, 0 of 1e4 missed",
+        f"{total['false']} reflexes without a touch; {total['missed']} of {total['touches']} touches missed; "
+        f"{total['twice']} touches answered twice; {total['broken']} taxels were broken",
+        "0 reflexes without a touch, 0 of 10000 touches missed",
         total["false"] == total["missed"] == 0,
     )

@@ -35,13 +35,19 @@ def heartbeat(full: bool) -> Row:
         "heartbeat", _kills, [(seed, 10 if full else 6) for seed in range(100 if full else 1)], full=full
     )
     slowest, paused = max((one["slowest"] for one in done), default=0.0), sum(one["paused"] for one in done)
-    words = f"hold after {slowest * 1e3:.0f} ms at most"
+    words = f"reason to hold after at most {slowest * 1e3:.0f} ms"
     if paused:
-        words += f"; {paused} tried again: who listens got no time for {PAUSE * 1e3:.0f} ms"
+        words += f"; {paused} trials repeated, because the listening process got no processor time for "
+        words += f"{PAUSE * 1e3:.0f} ms"
     return Row(
-        "SIGKILL, SIGSTOP of a needed process", sum(one["tried"] for one in done), 1000, "times",
-        words, "100 ms", slowest <= 0.1,
-    )  # fmt: skip
+        "SIGKILL or SIGSTOP to a process that the robot needs",
+        sum(one["tried"] for one in done),
+        1000,
+        "times",
+        words,
+        "at most 100 ms",
+        slowest <= 0.1,
+    )
 
 
 def _kills(seed: int, count: int) -> Result:

@@ -59,14 +59,17 @@ def dropped(full: bool) -> Any:
     tried = {name: sum(len(one["times"]) for one in done if one["name"] == name) for name in names}
     slowest, worst = max(((max(one["times"], default=0.0), one["name"]) for one in done), default=(0.0, ""))
     failed, paused = (sum(one[key] for one in done) for key in ("failed", "paused"))
-    words = f"{failed} never at rest, else {slowest * 1e3:.0f} ms at most beside braking ({worst})"
+    words = f"{failed} trials in which the robot did not come to rest; otherwise at rest after at most "
+    words += f"{slowest * 1e3:.0f} ms plus the braking time (slowest driver: {worst})"
     if paused:
-        words += f"; {paused} tried again: the robot's process got no time for {PAUSE * 1e3:.0f} ms"
+        words += f"; {paused} trials repeated, because the robot's process got no processor time for "
+        words += f"{PAUSE * 1e3:.0f} ms"
     if away := [name for name in names if not tried[name]]:
-        words += f"; did not run: {', '.join(sorted(away))}"
+        words += f"; drivers that did not run: {', '.join(sorted(away))}"
     return Row(
-        f"commander silent while moving: SIGSTOP, SIGKILL; each of {len(names)} drivers",
-        min(tried.values()), 1000, "times", words, "at rest within 100 ms + braking time",
+        f"SIGSTOP or SIGKILL to the commander of a moving robot, over each of {len(names)} drivers",
+        min(tried.values()), 1000, "times with each driver", words,
+        "at rest within 100 ms plus the braking time",
         not failed and not away and slowest <= 0.1,
     )  # fmt: skip
 

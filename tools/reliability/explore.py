@@ -30,13 +30,13 @@ def loop(full: bool) -> Row:
     missing = {(a.value, b.value) for a, b in TRANSITIONS} - transitions
     faults = {name for seen in done for name in seen["faults"]}
     return Row(
-        "stateful exploration of the loop",
+        "random exploration of the control loop",
         sum(seen["steps"] for seen in done),
         1e6,
         "steps",
-        f"{len(broken)} broken; {len(TRANSITIONS) - len(missing)} of {len(TRANSITIONS)} transitions; "
-        f"{len(faults & {*NAMES})} of {len(NAMES)} faults",
-        "0 broken, every transition seen",
+        f"{len(broken)} invariants violated; {len(TRANSITIONS) - len(missing)} of {len(TRANSITIONS)} "
+        f"transitions and {len(faults & {*NAMES})} of {len(NAMES)} faults occurred",
+        "0 invariants violated, every transition occurs",
         not broken and (not full or not done or (not missing and faults >= set(NAMES))),
     )
 

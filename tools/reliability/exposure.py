@@ -85,8 +85,8 @@ SERVERS = {
     "ros2": _serve("ros2", "`ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET`"),
     "rosbridge": _serve(
         "rosbridge", "the settings of the rosbridge server",
-        read="whoever can connect to the rosbridge server",
-        command="whoever can connect to the rosbridge server",
+        read="every program that can connect to the rosbridge server",
+        command="every program that can connect to the rosbridge server",
         beside=(str(ROOT / "tests" / "drivers" / "rosbridge_relay.py"),),
     ),
     "unitree": Server(("serve", "g1", "--via", "unitree"), "`unitree:INTERFACE`"),
@@ -248,8 +248,9 @@ def exposure(full: bool) -> Row:
     beyond = [f"{name} at {one.address}:{one.port}" for name, one in sockets if one.beyond]
     said = f": {', '.join(beyond)}" if beyond else ""
     return Row(
-        "sockets of every server at its defaults", len(found), len(SERVERS), "servers",
-        f"{len(beyond)} of {len(sockets)} beyond loopback{said}", "0", not beyond,
+        "sockets of every server with default settings", len(found), len(SERVERS), "servers",
+        f"{len(beyond)} of {len(sockets)} sockets can be reached from other machines{said}", "0 sockets",
+        not beyond,
     )  # fmt: skip
 
 

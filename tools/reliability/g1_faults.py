@@ -32,7 +32,8 @@ def unitree_faults(full: bool) -> Row:
         peer.stop()
     wrong = [f"{name}: {one.wrong}" for name, one in found.items() if one.wrong]
     return Row(
-        "faults rehearsed over a G1's topics", len(found), len(EXPECTED), "faults",
-        f"{len(found) - len(wrong)} as without a wire, {again} late ones repeated {'; '.join(wrong)}".strip(),
-        "all", not wrong,
+        "faults injected into a G1, over Unitree's topics", len(found), len(EXPECTED), "faults",
+        f"{len(found) - len(wrong)} with the expected result; {again} delayed trials repeated "
+        f"{'; '.join(wrong)}".strip(),
+        "all with the expected result", not wrong,
     )  # fmt: skip

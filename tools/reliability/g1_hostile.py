@@ -56,12 +56,17 @@ def unitree_hostile(full: bool) -> Row:
     keys = "heard", "commands", "refused", "received"
     heard, commands, refused, received = (sum(one.get(key, 0) for one in done) for key in keys)
     faults = [fault for one in done for fault in one["faults"]]
+    first = f" (the first: {faults[0]})" if faults else ""
     return Row(
-        "hostile commands to a G1, as its own end receives them", commands, 1e6, "commands",
-        f"{refused} refused; {len(faults)} of {heard} messages outside, {received} of them received over DDS "
-        f"by the vendor's SDK {' '.join(faults[:1])}".strip(),
-        "0 outside position, speed, torque, gains, weight", bool(heard and received) and not faults,
-    )  # fmt: skip
+        "hostile commands to a G1, judged by the messages that TCI sends to it",
+        commands,
+        1e6,
+        "commands",
+        f"{refused} commands refused; {len(faults)} of {heard} messages with a fault{first}; the vendor's "
+        f"SDK received {received} of the messages over DDS",
+        "0 messages outside the limits of position, speed, torque, gains and weight",
+        bool(heard and received) and not faults,
+    )
 
 
 def _jobs(count: int) -> list[Job]:
@@ -189,7 +194,7 @@ class Robot:
             "gains": ~((kp >= 0.0) & (kp <= GAINS[0]) & (kd >= 0.0) & (kd <= GAINS[1])),
         }
         self.faults += [
-            f"{name} of {self.slots[int(np.argmax(bad))]}" for name, bad in checks.items() if bad.any()
+            f"{name} of motor {self.slots[int(np.argmax(bad))]}" for name, bad in checks.items() if bad.any()
         ]
         if not 0.0 <= motors[WEIGHT, 1] <= 1.0:
             self.faults.append(f"weight {motors[WEIGHT, 1]}")

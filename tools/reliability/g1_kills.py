@@ -229,11 +229,15 @@ def unitree_kills(full: bool) -> Row:
     kills, taken, faults, again = (sum(one[key] for one in done) for key in keys)
     slowest = max((one["slowest"] for one in done), default=0.0)
     return Row(
-        "kill -9 of processes that hold a G1's arms", kills, 1000, "kills",
-        f"{taken} after the arms were taken; {kills - faults} faded completely, within {slowest:.2f} s; "
-        f"{again} starts repeated",
-        "all fade to weight 0, without a step", bool(kills) and not faults,
-    )  # fmt: skip
+        "kill -9 of processes that command a G1's arms",
+        kills,
+        1000,
+        "kills",
+        f"{taken} kills after the process had taken over the arms; {kills - faults} kills without a fault; "
+        f"last message after at most {slowest:.2f} s; {again} starts repeated",
+        "after every kill the weight falls to 0 without a step",
+        bool(kills) and not faults,
+    )
 
 
 def _kills(number: int, count: int) -> Result:

@@ -38,11 +38,15 @@ def unitree_messages(full: bool) -> Row:
     states, wrong = _states(count)
     encode, decode = _costs()
     return Row(
-        "messages of a G1 at 500 Hz, with the vendor's SDKs", min(heard, states), COUNT, "each way",
-        f"{bad} of {heard} commands and {wrong} of {states} states with a wrong checksum; "
-        f"encoded in {encode * 1e6:.1f}, decoded in {decode * 1e6:.1f} us (p50)",
-        "0 wrong, 20 us", bool(heard and states) and not bad and not wrong and max(encode, decode) <= 20e-6,
-    )  # fmt: skip
+        "messages of a G1 at 500 Hz, exchanged with the vendor's SDKs",
+        min(heard, states),
+        COUNT,
+        "messages in each direction",
+        f"{bad} of {heard} commands and {wrong} of {states} states with a wrong checksum; median time to "
+        f"encode a message {encode * 1e6:.1f} us, to decode a message {decode * 1e6:.1f} us",
+        "0 wrong checksums, at most 20 us",
+        bool(heard and states) and not bad and not wrong and max(encode, decode) <= 20e-6,
+    )
 
 
 def _commands(count: int) -> tuple[int, int]:

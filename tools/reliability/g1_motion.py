@@ -34,10 +34,14 @@ def unitree_motion(full: bool) -> Row:
     above = float(np.median(late)) if pokes else np.nan
     least, most = (bound(late, initial=0.0) for bound in (np.min, np.max))
     return Row(
-        "first motion of a reflex over a G1's topics", pokes, 3 * POKES, "pokes",
-        f"median {above:.0f} ms above in-process, from {least:.0f} to {most:.0f}",
-        f"median {ABOVE:g} ms above in-process", bool(above <= ABOVE),
-    )  # fmt: skip
+        "delay of a G1's first motion, caused by the connection over Unitree's topics",
+        pokes,
+        3 * POKES,
+        "pokes",
+        f"median {above:.0f} ms, smallest {least:.0f} ms, largest {most:.0f} ms",
+        f"median at most {ABOVE:g} ms",
+        bool(above <= ABOVE),
+    )
 
 
 def _pokes(via: str | None, seed: int) -> Result:

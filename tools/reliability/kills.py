@@ -180,11 +180,15 @@ def yarp_kills(full: bool) -> Row:
             trial.close()
     seen = trial.seen
     return Row(
-        "kills of name server, board and robot over YARP", count, 100, "kills",
-        f"joint data at most {seen.oldest * 1e3:.0f} ms old without hold; {seen.jumps} jumps; "
-        f"{count - len(seen.lost)} went on {' '.join(seen.lost)}".strip(),
-        "100 ms, 0 jumps, all go on", seen.oldest <= HELD and not seen.jumps and not seen.lost,
-    )  # fmt: skip
+        "kills of the name server, a board or the robot, over YARP",
+        count,
+        100,
+        "kills",
+        f"oldest joint data without HOLD {seen.oldest * 1e3:.0f} ms; {seen.jumps} jumps of the joint; after "
+        f"{count - len(seen.lost)} kills the motion continued {' '.join(seen.lost)}".strip(),
+        "at most 100 ms, 0 jumps, the motion continues after every kill",
+        seen.oldest <= HELD and not seen.jumps and not seen.lost,
+    )
 
 
 if __name__ == "__main__":

@@ -18,12 +18,12 @@ def non_finite(full: bool) -> Row:
     done = gather("non_finite", _one, jobs, full=full)
     reached = sum(result["reached"] for result in done)
     return Row(
-        "non-finite values at the gate",
+        "NaN and infinity in commands and joint data",
         sum(result["tried"] for result in done),
         1e6,
         "values",
-        f"{reached} reached a driver",
-        "0",
+        f"{reached} outputs of the gate contained NaN or infinity",
+        "0 outputs",
         reached == 0,
     )
 

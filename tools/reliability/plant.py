@@ -28,13 +28,13 @@ def plant(full: bool) -> Row:
     nearest = max(shares, key=lambda what: shares[what], default="nothing")
     wrong = sum(result["wrong"] for result in done)
     return Row(
-        f"joints of unknown mass around the gate, {len(CONTROL_MODES)} modes",
+        f"joints whose masses the gate does not know, in {len(CONTROL_MODES)} modes",
         sum(result["cycles"] for result in done),
         4e6,
         "cycles",
-        f"readings went wrong {wrong} times; {len(faults)} outside; "
-        f"nearest to its bound: {nearest}, {shares.get(nearest, 0.0):.0%}",
-        "0 outside what a joint may truly do",
+        f"false readings began {wrong} times; {len(faults)} values outside their limits; "
+        f"largest share of a limit: {nearest}, {shares.get(nearest, 0.0):.0%}",
+        "0 true positions, speeds or energies of a joint outside their limits",
         not faults,
     )
 

@@ -40,8 +40,9 @@ def killed(full: bool) -> Row:
     done = gather("killed", _kill, jobs, full=full)
     worst, damaged = max((d["worst"] for d in done), default=0), sum(d["damaged"] for d in done)
     return Row(
-        "SIGKILL of a recording process", sum(d["tried"] for d in done), 100, "times",
-        f"at most {1e3 * PERIOD * worst:.0f} ms lost, {damaged} damaged", "20 ms, 0",
+        "SIGKILL to a recording process", sum(d["tried"] for d in done), 100, "times",
+        f"at most {1e3 * PERIOD * worst:.0f} ms of the recording lost, {damaged} files damaged",
+        "at most 20 ms lost, 0 files damaged",
         PERIOD * worst <= 0.02 and not damaged,
     )  # fmt: skip
 
@@ -78,9 +79,9 @@ def minute(full: bool) -> Row:
     done = gather("minute", _minute, [(6000,)], full=full, alone=True)
     size, speed, closed = (done[0][key] for key in ("size", "speed", "closed")) if done else (0.0, 99.0, 0.0)
     return Row(
-        "a minute of recording", sum(d["tried"] for d in done), 6000, "periods",
-        f"{size:.1f} MB, written {speed:.0f} times as fast as it was, closed in {closed:.1f} s",
-        "10 MB, 50 times", size < 10.0 and speed >= 50.0,
+        "writing a recording of one minute", sum(d["tried"] for d in done), 6000, "periods",
+        f"{size:.1f} MB; written {speed:.0f} times as fast as real time; closed in {closed:.1f} s",
+        "at most 10 MB, at least 50 times as fast as real time", size < 10.0 and speed >= 50.0,
     )  # fmt: skip
 
 

@@ -63,10 +63,15 @@ def yarp_skin(full: bool) -> Row:
         feed.close()
         writer.communicate()
     return Row(
-        f"skin of {TAXELS} taxels at {RATE} Hz over YARP", seconds, 60, "s",
-        f"{expected - read} of {expected} frames lost ({dropped} dropped by the writer, {wrong} refused)",
-        "0 lost in 60 s", read == expected and wrong == 0,
-    )  # fmt: skip
+        f"skin of {TAXELS} taxels at {RATE} Hz over YARP",
+        seconds,
+        60,
+        "s",
+        f"{expected - read} of {expected} frames lost ({dropped} dropped by the writer); "
+        f"{wrong} frames refused",
+        "0 frames lost in 60 s",
+        read == expected and wrong == 0,
+    )
 
 
 if __name__ == "__main__":

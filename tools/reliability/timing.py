@@ -134,17 +134,18 @@ def one_kilohertz(full: bool) -> Row:
     words = f", {done[0]['how']}" if done and len({result["how"] for result in done}) == 1 else ""
     moving = min((result["moving"] for result in done), default=1.0)
     return Row(
-        f"1 kHz loop, a touch every 2 s{words}",
+        f"control loop at 1 kHz, with a touch every 2 s{words}",
         sum(result["seconds"] for result in done),
         3600.0,
         "s",
-        f"thread time p50 {median:.3f}, p99.9 {work:.2f} ms, {_ratio(median, bare_median)} and "
-        f"{_ratio(work, bare_work)} times that of a bare loop that moves the same data; late p99.9 "
-        f"{late:.2f} ms, bare loop {bare_late:.2f} ms; {moving:.0%} of the time in motion; {missed} missed, "
-        f"{unreported} of them not counted; a period takes {usual:.1f} kB of memory at once, {most:.0f} at "
-        f"most, and keeps {kept:.3f} blocks; {faults:.2f} page faults in 1000 periods; memory "
+        f"processor time of a period: p50 {median:.3f} ms, p99.9 {work:.2f} ms "
+        f"({_ratio(median, bare_median)} and {_ratio(work, bare_work)} times the time of a loop without TCI "
+        f"that moves equal data); delay of a period: p99.9 {late:.2f} ms (loop without TCI: {bare_late:.2f} "
+        f"ms); the robot moved for {moving:.0%} of the time; {missed} periods missed, {unreported} of them "
+        f"without a report; memory allocated in a period: {usual:.1f} kB (median), {most:.0f} kB (largest), "
+        f"{kept:.3f} blocks kept; {faults:.2f} page faults in 1000 periods; growth of memory "
         f"{slope:+.2f} MB/h",
-        f"thread time p99.9 <= {BOUND} ms, no unreported overrun, memory < 1 MB/h",
+        f"p99.9 of the processor time <= {BOUND} ms, every missed period reported, growth < 1 MB/h",
         work <= BOUND and not unreported and moving > 0.0 and (not full or slope < 1.0),
     )
 
@@ -201,7 +202,7 @@ def _run(piece: int, seconds: float) -> Result:
         how = ""
         try:
             stack.enter_context(real_time(processor=max(processors)))
-            how = "in real time on a processor of its own"
+            how = "with real-time priority on a reserved processor"
         except TciError as error:
             print(error)
         run(driver, tci.WithdrawalReflex(), duration=seconds, report=report, observe=observe)

@@ -29,10 +29,14 @@ def whole_arm(full: bool) -> Row:
     print(*(one for one in done if one["towards"] or not one["answered"]), sep="\n")
     words = ", ".join(f"{name} {share:.1%}" for name, share in shares.items())
     return Row(
-        f"reflex of the whole arm, {len(ROBOTS)} robots", len(done), 1000 * len(ROBOTS), "pokes",
-        f"answered: {words}; {len(towards)} towards the finger",
-        f"{LEAST:.0%} on each, 0 towards the finger", not towards and min(shares.values()) >= LEAST,
-    )  # fmt: skip
+        f"withdrawal reflex to pokes anywhere on the arms of {len(ROBOTS)} robots",
+        len(done),
+        1000 * len(ROBOTS),
+        "pokes",
+        f"pokes answered: {words}; {len(towards)} motions towards the finger",
+        f"{LEAST:.0%} answered on each robot, 0 motions towards the finger",
+        not towards and min(shares.values()) >= LEAST,
+    )
 
 
 def _poke(name: str, seed: int) -> dict[str, Any]:

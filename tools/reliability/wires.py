@@ -195,11 +195,15 @@ def wires(full: bool) -> Row:
     for words_ in crashed:
         print(words_)
     return Row(
-        f"mutated frames, each of {len(RECEIVERS)} receivers", min(tried.values()), 1e6, "frames",
-        f"{len(crashed)} crashes, {wrong} wrong and accepted where the wire has a check, "
-        f"{grown / 1e6:.0f} MB more at most",
-        "0, 0, < 50 MB", not crashed and not wrong and grown < MEMORY,
-    )  # fmt: skip
+        f"damaged messages to each of {len(RECEIVERS)} receivers",
+        min(tried.values()),
+        1e6,
+        "messages to each receiver",
+        f"{len(crashed)} crashes; {wrong} damaged messages accepted although the protocol has a checksum; "
+        f"largest growth of memory {grown / 1e6:.0f} MB",
+        "0 crashes, 0 damaged messages accepted, growth < 50 MB",
+        not crashed and not wrong and grown < MEMORY,
+    )
 
 
 def _ros_messages() -> list[tuple[MessageType, Sequence[Any]]]:

@@ -24,11 +24,16 @@ def felt_places(full: bool) -> Row:
     tried = len(error)
     place, share, wrong = np.median(error), np.mean(right), np.median(force)
     return Row(
-        f"{NEWTON:.0f} N on a forearm without skin", tried, 200, "pushes",
-        f"median {place * 100:.1f} cm off, {share:.0%} on the right segment, median force {wrong:.0%} off, "
-        f"{np.mean(force <= 0.25):.0%} within 25 %",
-        "5 cm, 85 %, 25 %", bool(tried and place <= 0.05 and share >= 0.85 and wrong <= 0.25),
-    )  # fmt: skip
+        f"pushes of {NEWTON:.0f} N on a forearm without skin",
+        tried,
+        200,
+        "pushes",
+        f"median error of the place {place * 100:.1f} cm; segment right for {share:.0%} of the pushes; "
+        f"median error of the force {wrong:.0%}; error of the force at most 25 % for "
+        f"{np.mean(force <= 0.25):.0%} of the pushes",
+        "place 5 cm, segment 85 %, force 25 % (median)",
+        bool(tried and place <= 0.05 and share >= 0.85 and wrong <= 0.25),
+    )
 
 
 def felt_nothing(full: bool) -> Row:
@@ -37,10 +42,14 @@ def felt_nothing(full: bool) -> Row:
     hours, false = len(done) * STRETCH / 3600.0, sum(one["false"] for one in done)
     slowest = max((one["step"] for one in done), default=0.0)
     return Row(
-        "motion without touch, without skin", round(hours, 3), 3, "hours",
-        f"{false} false contacts; 99 % of the perceptions within {slowest * 1e3:.2f} ms",
-        "< 1 per hour, < 2 ms", bool(done) and false < max(1.0, hours) and slowest < 2e-3,
-    )  # fmt: skip
+        "motion of a robot without skin that is not touched",
+        round(hours, 3),
+        3,
+        "hours",
+        f"{false} false contacts; 99 % of the perceptions computed within {slowest * 1e3:.2f} ms",
+        "less than 1 false contact per hour, 99 % within 2 ms",
+        bool(done) and false < max(1.0, hours) and slowest < 2e-3,
+    )
 
 
 def felt_reflex(full: bool) -> Row:
@@ -49,9 +58,14 @@ def felt_reflex(full: bool) -> Row:
     answered, away = (sum(one[key] for one in done) for key in ("answered", "away"))
     tried = BATCH * len(done)
     return Row(
-        "withdrawal reflex without skin", tried, 100, "pushes", f"{answered} answered, {away} moved away",
-        "9 of 10 answered and moved away", bool(tried) and away >= 0.9 * tried,
-    )  # fmt: skip
+        "withdrawal reflex of a robot without skin",
+        tried,
+        100,
+        "pushes",
+        f"{answered} pushes answered; in {away} of them the arm moved away from the push",
+        "in 9 of 10 pushes the arm moves away from the push",
+        bool(tried) and away >= 0.9 * tried,
+    )
 
 
 def _jobs(count: int) -> list[Job]:

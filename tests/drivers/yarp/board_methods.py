@@ -114,7 +114,7 @@ def page() -> str:
         place = V4.name, is_answered(answer_v4(shown, call), V4)
         name = re.sub("(One|Group|All)$", "", method)
         found.setdefault(interface, {}).setdefault(place, {})[name] = None
-    lines = ["| interface | | 3.12 | 4.0 |", "|---|---|---|---|"]
+    lines = ["| interface | reply | methods in 3.12 | methods in 4.0 |", "|---|---|---|---|"]
     for interface in sorted(found):
         for kind, answered in (("answered", True), ("refused", False)):
             cells = [", ".join(found[interface].get((name, answered), ())) for name in (V3.name, V4.name)]

@@ -1,6 +1,6 @@
 """The command line, `tci`.
 
-The file `main` registers the commands, each of which is declared in the file of its name, and `options`
-declares options that several commands share. Large modules are imported inside functions, so that --help and
-completion are fast.
+The module `main` registers the commands, each command has a module of the same name, and `options` declares
+the options that several commands share. The functions of the commands import large modules, so that --help
+and completion are fast.
 """

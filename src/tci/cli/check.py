@@ -1,4 +1,4 @@
-"""`tci check`."""
+"""`tci check`: checks a robot description, and tests the robot in simulation or on hardware."""
 
 from __future__ import annotations
 
@@ -21,50 +21,56 @@ if TYPE_CHECKING:
 def check(
     robot: RobotName,
     simulate: Annotated[
-        bool, typer.Option("--simulate", help="Test it in simulation: axes, limits, reflexes.")
+        bool, typer.Option("--simulate", help="Test the robot in simulation: axes, limits and reflexes.")
     ] = False,
     hardware: Annotated[
-        bool, typer.Option("--hardware", help="Test it on the robot, joint by joint and taxel by taxel.")
+        bool, typer.Option("--hardware", help="Test the real robot, joint by joint and taxel by taxel.")
     ] = False,
     via: Annotated[
         str,
         typer.Option(
-            help="With --hardware: driver that reaches the robot, NAME or NAME:ADDRESS.",
+            help="With --hardware: driver that connects to the robot, NAME or NAME:ADDRESS.",
             autocompletion=completion.drivers,
         ),
     ] = "sim",
     only: Annotated[
         list[str] | None,
-        typer.Option(help="With --hardware: test only this part, joint or patch; repeat for several."),
+        typer.Option(
+            help="With --hardware: test only this part, joint or patch. Repeat the option for several."
+        ),
     ] = None,
     taxels: Annotated[
-        int, typer.Option(min=-1, help="With --hardware: taxels to press on each patch; -1: all.")
+        int,
+        typer.Option(min=-1, help="With --hardware: number of taxels to press on each patch, -1 for all."),
     ] = 12,
     friction: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="With --hardware: then measure friction of the joints that feel touches, into it.",
+            help="With --hardware: also measure the friction of joints that detect touches, and write FILE.",
         ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Check a robot description. Prints all faults, each with its line and the valid values.
+    """Check a robot description. Prints each fault with the line in the file and the valid values.
 
     Also compares the description with its kinematic model, and the left side of the robot with its right
-    side. The comparison finds values that are valid but doubtful: a limit, a sign, a link, a place or a unit.
+    side. The comparison finds values that are valid in the file format but probably wrong: limits, signs,
+    links, positions and units.
 
-    --simulate tests the simulated robot. It compares the axes of the robot's arms with those of the generic
-    arm, and commands both arms to angles far outside their limits. Then it pokes every receptive field of the
-    withdrawal reflexes and the middle of every patch; the touched part must move away from the finger.
+    --simulate tests the simulated robot. The test compares the axes of the robot's arms with the axes of the
+    generic arm, and commands both arms to angles far outside the limits. Then a simulated finger pokes every
+    receptive field (skin region that triggers a reflex) of the withdrawal reflexes and the middle of every
+    patch. The touched part must move away from the finger.
 
-    --hardware tests the real robot. It first reads joints and skin. Then it moves one joint after another
-    slowly by 2 degrees: it asks you before each motion, and asks afterwards what you saw. Then it asks you to
-    press the skin. The test finds wrong signs, zeros, limits and units. With --friction it also measures the
-    friction of each joint of limbs without skin: after asking, it moves the joint slowly by 10 degrees and
-    back, at two speeds.
+    --hardware tests the real robot. The test first reads joints and skin. Then the test moves one joint after
+    another slowly by 2 degrees. Before each motion, the test asks for your permission; after the motion, the
+    test asks about the motion that you saw. Finally, the test asks you to press the skin. The test finds
+    wrong signs, zeros, limits and units. --friction also measures the friction of each joint of limbs without
+    skin. For this measurement, the test asks for your permission and then moves the joint slowly by 10
+    degrees and back, at two speeds.
 
-    Exit status: 0 if the file is valid and the tests passed, else 1.
+    The exit status is 0 if the file is valid and the tests passed, otherwise 1.
 
     Example:  tci check my-robot.xml --simulate
 
@@ -107,10 +113,11 @@ def _prove(robot: Robot, *, quiet: bool) -> Proof:
 
         def show(what: str) -> None:
             progress.update(task, advance=1, description=what)
-            if not quiet and not console.is_terminal:  # there is no bar in a file or a pipe
+            if not quiet and not console.is_terminal:  # a progress bar is only shown on a terminal
                 console.print(f"... {what}", highlight=False, markup=False)
 
-        with told_here():  # it commands far beyond all limits on purpose, so the log would list clamps
+        # the test commands angles outside all limits on purpose, so the log would list clamps
+        with told_here():
             return prove(robot, progress=show)
 
 
@@ -155,9 +162,8 @@ def _print_check(name: str, robot: Robot, notes: list[str], doubtful: list[str])
 
 
 def remarks(robot: Robot) -> list[str]:
-    """Lists properties of a description that are valid but notable, such as a servo without limits.
-
-    The gate refuses to move a servo without limits.
+    """Returns a remark for each property of a description that is valid but restricts the robot's use. An
+    example is a servo without limits, since the gate refuses to move such a servo.
     """
     needed = ("lower", "upper", "velocity", "acceleration", "jerk")
     notes = []

@@ -1,5 +1,5 @@
-"""Shell completion of names. It reads only entry points and file names, and imports no driver, so that the
-shell responds quickly to the Tab key."""
+"""Shell completion of the names of robots, drivers, servers and capabilities. Completion reads only entry
+points and file names, and imports no driver, so that the shell responds quickly to the Tab key."""
 
 from __future__ import annotations
 
@@ -7,24 +7,25 @@ from importlib.metadata import entry_points
 
 
 def robots(incomplete: str) -> list[str]:
-    """Lists robots whose name begins with `incomplete`. If no name does, the shell offers file names."""
+    """Returns the names of robots that begin with `incomplete`. If no name begins with `incomplete`, the
+    shell offers file names."""
     from tci.robot.catalogue import robot_names
 
     return _beginning(incomplete, robot_names())
 
 
 def drivers(incomplete: str) -> list[str]:
-    """Lists the names of drivers that begin with `incomplete`; the list has no addresses."""
+    """Returns the names of drivers that begin with `incomplete`, without addresses."""
     return _entries("tci.drivers", incomplete)
 
 
 def servers(incomplete: str) -> list[str]:
-    """Lists the names of servers that begin with `incomplete`; the list has no addresses."""
+    """Returns the names of servers that begin with `incomplete`, without addresses."""
     return _entries("tci.servers", incomplete)
 
 
 def capabilities(incomplete: str) -> list[str]:
-    """Lists capabilities whose name begins with `incomplete`."""
+    """Returns the names of capabilities that begin with `incomplete`."""
     return _entries("tci.capabilities", incomplete)
 
 

@@ -21,7 +21,8 @@ def print_json(value: Any) -> None:
 
 @contextmanager
 def told_here() -> Iterator[None]:
-    """Hides the log messages of `tci`, for a command that prints these events itself."""
+    """Hides the log messages of TCI inside the block. Needed for a command that prints the logged events
+    itself."""
     log, quiet = logging.getLogger("tci"), logging.NullHandler()
     log.addHandler(quiet)
     try:
@@ -33,8 +34,8 @@ def told_here() -> Iterator[None]:
 def written(
     out: Path, counts: Mapping[str, int], more: Mapping[str, Any] | None = None, *, as_json: bool
 ) -> None:
-    """Prints the path of the file that was written, its size and its number of messages. With JSON output it
-    also prints `more`."""
+    """Prints the path, the size and the number of messages of a recording that was written. With JSON output,
+    also prints the values in `more`."""
     size = out.stat().st_size
     if as_json:
         print_json({"file": str(out), "bytes": size, **counts, **(more or {})})

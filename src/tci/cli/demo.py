@@ -34,15 +34,17 @@ if TYPE_CHECKING:
 def demo(
     robot: SomeRobots = None,
     mode: Annotated[
-        str, typer.Option(help="Form of the reflex: position, velocity, or impedance (soft arms).")
+        str,
+        typer.Option(help="Control mode of the reflex: position, velocity, or impedance (compliant arms)."),
     ] = "position",
-    out: Annotated[Path, typer.Option(help="Folder to write report.json and demo.png to.")] = Path("out"),
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the pokes' timing.")] = 0,
+    out: Annotated[Path, typer.Option(help="Folder for report.json and demo.png.")] = Path("out"),
+    seed: Annotated[int, typer.Option(min=0, help="Random seed for the times of the pokes.")] = 0,
     headless: Annotated[
         bool, typer.Option("--headless", help="Do not open the picture or a browser.")
     ] = False,
     skin_rate: Annotated[
-        float | None, typer.Option(help="Rate of the skin \\[Hz]. \\[default: that of each robot]")
+        float | None,
+        typer.Option(help="Frame rate of the skin \\[Hz]. \\[default: the rate in each robot's description]"),
     ] = None,
     via: Annotated[
         str | None,
@@ -54,19 +56,22 @@ def demo(
     ] = None,
     fault: Faults = None,
     view: Annotated[
-        bool, typer.Option("--view", help="Afterwards show the robots in the browser, to poke them yourself.")
+        bool,
+        typer.Option(
+            "--view", help="Show the robots in the browser afterwards, so that you can poke the robots."
+        ),
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Poke simulated robots. All of them respond with the withdrawal reflex.
+    """Poke simulated robots. All robots respond with the withdrawal reflex.
 
-    A compliant finger pokes five sites of both arms, with the reflex and without it. A table lists the
-    measurements, OUT/demo.png shows them as a picture, and OUT/report.json contains all numbers.
+    A simulated compliant finger pokes five places on both arms, with the reflex and without the reflex. The
+    command prints a table of measurements, draws the measurements in OUT/demo.png, and writes all numbers to
+    OUT/report.json.
 
-    --fault pokes one robot once, injects the named fault, and prints each event when it happens.
-
-    --via tests a middleware: it serves the simulated robot in real time, as tci serve does, and runs the
-    reflex in another process.
+    --fault pokes one robot once, injects the named fault, and prints each event immediately. --via tests a
+    middleware: this process serves the simulated robot in real time, as tci serve does, and another process
+    runs the reflex.
 
     Example:  tci demo nao --out /path/to/folder
 
@@ -162,8 +167,8 @@ def _run_trials(
 
 
 def _mode(name: str) -> Mode:
-    """Returns a control mode of the reflex by its name. Raises UnknownNameError if the reflex does not
-    support it."""
+    """Returns the control mode with the name `mode`. Raises UnknownNameError if the reflex does not support
+    this mode."""
     from tci.capabilities.withdrawal import MODES
 
     for mode in MODES:
@@ -210,7 +215,8 @@ def _table(report: Report, mode: str) -> Table:
 
 
 def _touches(same: Sequence[SameTouch]) -> Table:
-    """Returns a table that compares the robots for equal touches: the force and the gain on each robot."""
+    """Returns a table that compares the responses of the robots to equal touches: the force and the gain on
+    each robot."""
     from rich.table import Table
 
     table = Table(

@@ -1,4 +1,4 @@
-"""`tci describe`."""
+"""`tci describe`: prints the parts, joints, limits and skin of a robot."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def describe(
     ] = "table",
     as_json: AsJson = False,
 ) -> None:
-    """Show a robot: its generic parts with joint maps and limits, and its skin.
+    """Show a robot's generic parts with joint maps and limits, and the robot's skin.
 
     Example:  tci describe nao --format dh
     """

@@ -1,4 +1,4 @@
-"""`tci doctor`: diagnoses this machine and the connection to a robot. It moves no robot."""
+"""`tci doctor`: examines this machine and the connection to a robot. The command moves no robot."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ MARKS = {Level.OK: "[green]ok[/]", Level.NOTE: "[cyan]note[/]", Level.WARNING: "
 def doctor(
     robot: OptionalRobot = None,
     via: OptionalVia = None,
-    duration: Annotated[float, typer.Option(help="Time to read the robot \\[s].", min=0.1)] = 2.0,
+    duration: Annotated[
+        float, typer.Option(help="Time \\[s] for which the command reads the robot's data.", min=0.1)
+    ] = 2.0,
     as_json: AsJson = False,
 ) -> None:
-    """Find faults of this machine or of the connection to a robot, and print advice. Moves no robot.
-
-    Without the name of a robot it examines this machine. With a name it examines the connection to the robot:
-    each step of connecting, rates, lost frames and the age of the data. It also compares the robot with its
-    description.
-
-    The exit status is 1 if it finds a fault.
+    """Find faults of this machine or of the connection to a robot, and print advice. Moves no robot. Without
+    the name of a robot, the command examines this machine. With the name of a robot, the command examines the
+    connection to the robot: each step of connecting, frame rates, lost frames and the age of the data. The
+    command also compares the robot with the robot's description. The exit status is 1 if the command finds a
+    fault.
 
     Example:  tci doctor
 
@@ -62,7 +62,8 @@ def _examine(
 ) -> tuple[tuple[Finding, ...], tuple[Stream, ...]]:
     """Examines the connection to the robot, then reads the robot through its driver for `duration` [s].
 
-    Returns the findings and the measured data streams. If the driver can't be opened, there are no streams.
+    Returns the findings and the measured data streams. If the driver can't be opened, the list of streams is
+    empty.
     """
     from rich.progress import BarColumn, Progress, TextColumn
 
@@ -138,6 +139,6 @@ def _table(title: str, findings: Sequence[Finding]) -> Table:
 
 
 def _finite(value: object) -> object:
-    """Returns a value for JSON: None if it is infinite, because JSON has no infinity. The age of a source
-    that never sent data is infinite."""
+    """Returns `value`, or None if `value` is infinite, because JSON has no infinity. The age of a source that
+    never sent data is infinite."""
     return None if isinstance(value, float) and value in (float("inf"), float("-inf")) else value

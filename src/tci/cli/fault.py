@@ -1,5 +1,5 @@
-"""`tci fault list`: prints the catalogue of faults, with the expected reaction to each fault and its name for
---fault."""
+"""`tci fault list`: prints the catalogue of faults. Each row has the expected reaction to a fault, and the
+name of the fault for --fault."""
 
 from __future__ import annotations
 
@@ -8,21 +8,22 @@ import typer
 from tci.cli.options import AsJson
 
 app = typer.Typer(
-    help="Faults: the expected reaction, its test, and the name that injects the fault.",
+    help="List known faults, the expected reactions, and the names for --fault.",
     no_args_is_help=True,
 )
 
 
 @app.callback()
 def fault() -> None:
-    """Show known faults: the expected reaction, the test, and the name for --fault."""
+    """Show known faults. Each fault has the expected reaction, the test of this reaction, and the name for
+    --fault."""
 
 
 @app.command("list")
 def list_faults(
     as_json: AsJson = False,
 ) -> None:
-    """List the catalogue of faults. To inject a fault that has a name, use --fault NAME@TIME."""
+    """List the catalogue of faults. To inject a fault with a name, use --fault NAME@TIME."""
     from rich import box
     from rich.table import Table
 

@@ -1,4 +1,4 @@
-"""`tci gesture`: records a gesture on one robot and plays it on any other."""
+"""`tci gesture`: records a gesture on one robot, and plays the gesture on any other robot."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from tci.gestures.gesture import Fitted, Gesture
     from tci.robot.description import Robot
 
-app = typer.Typer(help="Record a gesture on one robot, play it on any other.", no_args_is_help=True)
+app = typer.Typer(
+    help="Record a gesture on one robot, and play the gesture on another robot.", no_args_is_help=True
+)
 
 
 @app.command()
@@ -115,7 +117,9 @@ def play(
     plain: Annotated[
         bool,
         typer.Option(
-            "--plain", help="Send the generic angles as they are. \\[default: solve for exact directions]"
+            "--plain",
+            help="Send the generic angles without changes. \\[default: solve for exact directions of the "
+            "limbs]",
         ),
     ] = False,
     reflex: Annotated[
@@ -165,8 +169,8 @@ def play(
 
 
 def _writable(path: Path) -> None:
-    """Raises CommandError if a gesture can't be written to `path`. The caller checks this before a person
-    moves the robot."""
+    """Raises CommandError if a gesture can't be written to `path`. Called before a person moves the robot, so
+    that no motion is lost."""
     if path.suffix.lower() != ".csv" or not path.parent.is_dir():
         raise CommandError(f"{path} can't hold a gesture; valid: a .csv file in a folder that exists")
     if path.exists():
@@ -174,9 +178,10 @@ def _writable(path: Path) -> None:
 
 
 def load(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
-    """Reads a gesture (.csv) or motion capture (.bvh), and the names of its joints by generic part.
+    """Reads a gesture (.csv) or a file of motion capture (.bvh). Returns the gesture and the names of the
+    joints in the file by generic part.
 
-    Raises CommandError for another kind of file, and DescriptionError if the file can't be read.
+    Raises CommandError if the file has another ending, and DescriptionError if the file can't be read.
     """
     from tci.gestures.bvh import read_bvh
     from tci.gestures.files import read_csv

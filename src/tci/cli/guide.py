@@ -1,5 +1,5 @@
-"""Lists the commands to try first, and for each command the next command to try. The help of a command names
-the next command at its end."""
+"""Lists the commands to try first, and for each command the next command to try. The help text of each
+command ends with the next command."""
 
 import os
 import shutil
@@ -8,10 +8,10 @@ import sys
 FIRST = (
     ("tci demo", "poke simulated robots, with a table, a picture and a report"),
     ("tci view", "poke simulated robots yourself, in the browser"),
-    ("tci run withdrawal nao --poke", "run the withdrawal reflex and see each of its decisions"),
-    ("tci doctor", "find out what is missing on this machine"),
+    ("tci run withdrawal nao --poke", "run the withdrawal reflex and print each decision"),
+    ("tci doctor", "find faults of this machine, such as missing libraries"),
 )
-"""Commands to try first, each with its purpose. They need neither a robot nor an option."""
+"""Commands to try first, each with the purpose of the command. These commands need no real robot."""
 
 NEXT = {
     "demo": "tci view",
@@ -42,12 +42,12 @@ NEXT = {
     "zenoh secure": "tci zenoh router keys/router.json5",
     "zenoh router": "tci serve nao --via zenoh",
 }
-"""For each command: the command to try next."""
+"""The next command to try, by the command that the user has tried."""
 
 
 def next_command(after: str) -> str:
-    """Returns the command to try after another command. If the shell does not find `tci`, the result also
-    contains the command that activates the environment."""
+    """Returns the command to try after the command `after`. If the shell does not find `tci`, the result also
+    contains the command that activates the Python environment."""
     if shutil.which("tci"):
         return NEXT[after]
     folder = os.path.relpath(os.path.join(sys.prefix, "bin", "activate"))

@@ -1,5 +1,5 @@
-"""`tci check ROBOT --hardware`: first tests of a real robot. The program asks the operator before each
-motion."""
+"""`tci check ROBOT --hardware`: first tests of a real robot. The command asks the operator for permission
+before each motion."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 
 class Terminal:
-    """The operator at a keyboard."""
+    """Operator who answers the questions at a keyboard."""
 
     def __init__(self, shown: Console) -> None:
-        """Prints questions on `shown`."""
+        """Stores the console `shown`, on which the questions are printed."""
         self._shown = shown
 
     def may(self, what: str) -> bool:
@@ -51,10 +51,9 @@ class Terminal:
 
 
 class Simulation:
-    """Replaces the operator for a simulated robot: the simulated finger presses the skin, and each answer is
-    the expected answer.
-
-    The simulated encoders report the true angles, so no person needs to look at the joints.
+    """Replaces the operator for a simulated robot. The simulated finger presses the skin, and each question
+    gets the expected answer. A person need not look at the joints, because the simulated encoders report the
+    true angles.
     """
 
     def __init__(self, driver: SimulatedDriver) -> None:
@@ -73,7 +72,7 @@ class Simulation:
         try:
             self._driver.world.finger.poke(patch, taxel, depth=0.004)
         except TciError:
-            return False  # no room for the finger
+            return False  # the simulated finger can't reach the taxel
         return True
 
     def release(self) -> None:
@@ -83,21 +82,21 @@ class Simulation:
 def check_hardware(
     name: str, *, via: str, parts: list[str], taxels: int, friction: Path | None, as_json: bool
 ) -> None:
-    """Reads the robot, moves its joints after asking, and asks the operator to press the skin. The exit
-    status is 1 if a test found a fault.
+    """Reads the robot's data, moves the joints with the operator's permission, and asks the operator to press
+    the skin. Exits with status 1 if a test found a fault.
 
     Args:
-        name: Robot by name or description file.
-        via: Driver that reaches it.
-        parts: Parts, joints or patches to test; empty for all.
-        taxels: Taxels to press on each patch; -1 for all, 0 for none.
-        friction: File for the friction of the joints through which touches are felt; None to skip this
-            measurement.
-        as_json: Prints JSON instead of text.
+        name: Name of the robot, or path of a description file.
+        via: Driver that connects to the robot, NAME or NAME:ADDRESS.
+        parts: Names of the parts, joints or patches to test; an empty list for all.
+        taxels: Number of taxels to press on each patch; -1 for all, 0 for none.
+        friction: File for the friction of the joints whose torques are used to detect touches; None to skip
+            this measurement.
+        as_json: True to print JSON instead of text.
 
     Raises DriverError if the robot can't be reached or armed, and UnknownNameError for a part that the robot
     lacks. Raises CommandError if the operator does not answer a question, or if `friction` is given for a
-    robot that feels no touches through joints.
+    robot that does not detect touches by joint torques.
     """
     import numpy as np
 
@@ -109,14 +108,15 @@ def check_hardware(
     from tci.robot.catalogue import load_robot
 
     robot = load_robot(name)
-    wanted(robot, parts)  # before anything is taken
+    wanted(robot, parts)  # unknown names are found before the robot is commanded
     if friction is not None and not any(patch.through_joints for patch in robot.patches):
         raise CommandError(
             f"--friction: no patch of {robot.name} is felt through joints; valid: a description with "
             "<felt_through_joints/>, such as g1-bare"
         )
     with connect(robot, via, arm=True) as driver:
-        servos, patches = wanted(driver.robot, parts)  # some drivers carry no skin
+        # some drivers read no skin, so `driver.robot` may have fewer patches
+        servos, patches = wanted(driver.robot, parts)
         shown = Console(stderr=True) if as_json else console
         operator = Simulation(driver) if isinstance(driver, SimulatedDriver) else Terminal(shown)
         if not as_json:

@@ -10,13 +10,13 @@ import typer
 from tci.cli.log_import import import_
 from tci.cli.options import AsJson, Begin, End, NewRecording, RecordedRobot, RecordingFile
 
-app = typer.Typer(help="Recordings: what is in them, cut, export, import.", no_args_is_help=True)
+app = typer.Typer(help="Show, cut, export and import recordings.", no_args_is_help=True)
 app.command("import")(import_)
 
 
 @app.command()
 def info(file: RecordingFile, as_json: AsJson = False) -> None:
-    """Show the contents of a recording, and whether it is complete or was cut off.
+    """Show the contents of a recording. Also shows if the recording is complete or if the end is missing.
 
     Example:  tci log info touch.mcap
     """
@@ -68,8 +68,8 @@ def cut(
     end: End = float("inf"),
     as_json: AsJson = False,
 ) -> None:
-    """Copy a time span of a recording to a new, compressed file. If you give no span, repair a recording that
-    was cut off.
+    """Copy a time span of a recording to a new, compressed file. Without --from and --to, repair a recording
+    whose end is missing.
 
     Example:  tci log cut touch.mcap poke.mcap --from 0.2 --to 0.9
     """
@@ -92,7 +92,7 @@ def cut(
     about = recording.about
     try:
         robot = load_robot(about.get("robot", "")) if "/" not in about.get("robot", "/") else None
-    except Exception:  # a robot that is not installed here: the file then has no point clouds
+    except Exception:  # without the robot's description, the export has no point clouds
         robot = None
     if robot is not None and robot.digest != about.get("description_sha256"):
         robot = None
@@ -103,7 +103,7 @@ def cut(
 @app.command()
 def export(
     file: RecordingFile,
-    out: Annotated[Path, typer.Argument(help="Folder to write to; with npz the file.")],
+    out: Annotated[Path, typer.Argument(help="Folder for the tables. With npz: file for the tables.")],
     robot: RecordedRobot = None,
     form: Annotated[
         str | None,
@@ -113,10 +113,10 @@ def export(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write a recording as tables: joints, decisions of the gate, contacts and skin frames.
+    """Write a recording as tables of joint data, gate decisions, contacts and skin frames.
 
-    The table of a patch has a row for each skin frame: the received raw values, and pressures \\[Pa] and
-    forces \\[N] of all taxels.
+    The table of a patch has one row for each skin frame. A row contains the received raw values, and the
+    pressures \\[Pa] and forces \\[N] of all taxels.
 
     Example:  tci log export touch.mcap tables --format csv
     """

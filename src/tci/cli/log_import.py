@@ -1,4 +1,4 @@
-"""`tci log import`: converts files of other programs to recordings."""
+"""`tci log import`: converts recordings of other programs to recordings of TCI."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ def import_(
     log: Annotated[
         Path,
         typer.Argument(
-            help="Log of yarpdatadumper (data.log, or its folder), ROS bag, or arrays (.npz, .mat, .csv)."
+            help="Log of yarpdatadumper (data.log or the folder of data.log), ROS bag, or arrays (.npz, "
+            ".mat, .csv)."
         ),
     ],
     out: NewRecording,
@@ -32,16 +33,17 @@ def import_(
         ),
     ] = None,
     patch: Annotated[
-        str, typer.Option(help="For a log of raw values: patch of skin that they are of.")
+        str, typer.Option(help="For a log of raw values: name of the patch of skin that sent the values.")
     ] = "skin",
     mapping: Annotated[
         Path | None,
-        typer.Option("--map", help="For arrays: names of times and values in the file (.toml)."),
+        typer.Option("--map", help="For arrays: file (.toml) with the names of times and values."),
     ] = None,
     tables: Annotated[
         Path | None,
         typer.Option(
-            help="For a contact list: folder of skin files; those that it was recorded with are named.",
+            help="For a contact list: folder of skin files. The command prints the skin files that fit "
+            "the list.",
             exists=True, file_okay=False,
         ),
     ] = None,
@@ -111,8 +113,8 @@ def _facts(fit: TableFit) -> dict[str, Any]:
 
 
 def _sentence(fit: TableFit) -> str:
-    """Returns a line of text: whether the contacts of a part fit the robot's taxels, and which position files
-    fit."""
+    """Returns a line of text about one part. The text says if the contacts fit the robot's taxels, and which
+    position files fit the contacts."""
     said = {
         "fits": "the robot's taxels are where they were recorded",
         "wrong": f"the robot's taxels are {1e3 * fit.off:.1f} mm from where they were recorded (median): "

@@ -1,4 +1,5 @@
-"""The `tci` command. Each command imports its modules when it runs, so that --help is fast."""
+"""The `tci` command. Each subcommand imports large modules only when the subcommand runs, so that --help is
+fast."""
 
 from __future__ import annotations
 
@@ -50,7 +51,7 @@ app.add_typer(zenoh_app, name="zenoh")
 def _finish_help(commands: typer.Typer, group: str = "") -> None:
     """Joins the lines of help texts into paragraphs, because Typer would print the line breaks of the source.
 
-    Also adds the command to try next at the end of each help text.
+    Also adds the next command to try at the end of each help text.
     """
     for command in commands.registered_commands:
         name = command.name or str(getattr(command.callback, "__name__", ""))
@@ -78,8 +79,8 @@ def main_options(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print TCI's version.")
     ] = False,
 ) -> None:
-    """Defines the options that a user writes before the command. Without a command, prints the commands to
-    try first."""
+    """Defines the options that a user writes before the subcommand. Without a subcommand, prints the commands
+    to try first."""
     if context.invoked_subcommand is None:
         print(first_steps())
 
@@ -89,29 +90,28 @@ INTERRUPTED = 130
 
 
 def _message(error: TciError | OSError) -> str:
-    """Returns the message of an error. If the error concerns a file, the message consists of the file's name
-    and the system's message."""
+    """Returns the message of an error as text. For an error of a file (OSError), the message consists of the
+    file's name and the system's message."""
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return f"{error.filename}: {error.strerror}"
     return str(error)
 
 
 def _printable(text: str) -> str:
-    """Escapes control characters, because a text from outside, such as a file name, must not control the
-    terminal."""
+    """Replaces control characters by escape sequences, because control characters in a file name or a
+    received text could control the terminal."""
     return "".join(one if one.isprintable() or one == "\n" else ascii(one)[1:-1] for one in text)
 
 
 def main() -> None:
     """Runs the command line. If an error of TCI or of a file occurs, prints one message and exits with status
-    1.
-
-    SIGTERM has the effect of Ctrl-C.
+    1. The signal SIGTERM has the effect of Ctrl-C.
     """
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     as_json = "--json" in sys.argv
     try:
-        status = app(standalone_mode=not as_json)  # when False, usage errors are raised
+        # with False, Typer raises usage errors instead of printing them
+        status = app(standalone_mode=not as_json)
         if status == INTERRUPTED:
             _print_fields({"error": "interrupted"})
         raise SystemExit(status)
@@ -130,7 +130,8 @@ def main() -> None:
 
 
 def _print_fields(fields: dict[str, Any]) -> None:
-    """Prints JSON. If this fails, for example on a full disk, prints the error as text instead."""
+    """Prints the values as JSON. If printing fails, for example because the disk is full, prints the error as
+    text."""
     try:
         print(json.dumps(fields, indent=2), flush=True)
     except OSError:

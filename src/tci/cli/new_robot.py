@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from tci.robot.description import Robot
 
 MODELS = (".urdf", ".xml", ".mjcf")
-"""Suffixes of the model files that are searched in a package."""
+"""Suffixes of the model files for which an installed package is searched."""
 
 COMMENT = """Proposed by tci new-robot from {file}: review it.
 From that file: joints; limits of position, speed and torque, except those marked assumed.
@@ -29,43 +29,53 @@ response, the initial posture, the zero of pronation (that of the robot)."""
 
 def new_robot(
     model: Annotated[
-        Path, typer.Argument(help="URDF or MJCF file of the robot; with --package its name suffices.")
+        Path, typer.Argument(help="URDF or MJCF file of the robot. With --package, the file name is enough.")
     ],
-    name: Annotated[str | None, typer.Option(help="Name of the robot. \\[default: that of the file]")] = None,
+    name: Annotated[
+        str | None, typer.Option(help="Name of the robot. \\[default: the name in the file]")
+    ] = None,
     package: Annotated[
-        str | None, typer.Option(help="Installed Python package that contains the model, if one does.")
+        str | None, typer.Option(help="Installed Python package that contains the model.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Description to write. \\[default: robot.xml beside the model]")
+        Path | None,
+        typer.Option(help="Description to write. \\[default: robot.xml in the folder of the model]"),
     ] = None,
     meshes: Annotated[
         Path | None,
-        typer.Option(help="Folder to search for meshes that are not where the model says, beside --out."),
+        typer.Option(
+            help="Folder to search for meshes that are missing at the paths in the model. The folder must "
+            "be beside --out."
+        ),
     ] = None,
     without_meshes: Annotated[
         bool,
         typer.Option(
             "--without-meshes",
-            help="Leave out all meshes; skin is then as thick as lengths of links suggest.",
+            help="Leave out all meshes. The size of the skin is then estimated from the lengths of the "
+            "links.",
         ),
     ] = False,
     arms: Annotated[
         str | None,
-        typer.Option(help="First joints of both shoulders, LEFT,RIGHT, if arms and legs are in doubt."),
+        typer.Option(
+            help="First joints of both shoulders, LEFT,RIGHT. Needed if arms and legs can't be distinguished."
+        ),
     ] = None,
     elbow: Annotated[
         int | None,
         typer.Option(
             min=-1,
             max=1,
-            help="Direction, 1 or -1, in which the left elbow's joint bends the arm, if in doubt.",
+            help="Direction, 1 or -1, in which the joint of the left elbow bends the arm. Needed if the "
+            "direction can't be found.",
         ),
     ] = None,
     fingers: Annotated[
         str | None,
         typer.Option(
             metavar="names|places|none",
-            help="Decision if names and places of fingers contradict each other, or no fingers.",
+            help="Decision if the names and the positions of fingers contradict each other, or no fingers.",
         ),
     ] = None,
     hand_skin: Annotated[
@@ -82,14 +92,14 @@ def new_robot(
             "rotation.",
         ),
     ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace a description that exists.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing description.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Propose the description of a humanoid from its URDF or MJCF.
 
     Finds arms, hands, fingers, head, torso and legs by their geometry, reads limits from the file, and puts
-    sleeves of skin around the arms. Check the result before you use it: values that the model lacks are
-    assumed, and marked as such.
+    sleeves of skin around the arms. Check the result before you use it: if the model lacks a value, TCI
+    assumes a value and marks this value as assumed.
 
     Example:  tci new-robot my_robot.urdf
     """
@@ -151,7 +161,8 @@ def _plain(stem: str) -> str:
 
 
 def _both(arms: str | None) -> tuple[str, str] | None:
-    """Returns the joints of --arms. Raises CommandError if --arms does not name two joints."""
+    """Returns the two joint names in the option --arms. Raises CommandError if --arms does not contain two
+    names."""
     if arms is None:
         return None
     names = [name.strip() for name in arms.split(",")]
@@ -161,14 +172,14 @@ def _both(arms: str | None) -> tuple[str, str] | None:
 
 
 def _direction(elbow: int | None) -> Sign | None:
-    """Returns the direction of --elbow. Raises CommandError for 0."""
+    """Returns the direction in the option --elbow. Raises CommandError if the direction is 0."""
     if elbow == 0:
         raise CommandError("--elbow 0; valid: 1 or -1")
     return None if elbow is None else 1 if elbow > 0 else -1
 
 
 def _trust(fingers: str | None) -> Trust | None:
-    """Returns the choice of --fingers. Raises CommandError for another word."""
+    """Returns the choice in the option --fingers. Raises CommandError if --fingers has no valid value."""
     from tci.authoring.proposed_fingers import Trust
 
     if fingers not in (None, *get_args(Trust)):
@@ -177,9 +188,8 @@ def _trust(fingers: str | None) -> Trust | None:
 
 
 def _beside(path: Path, target: Path, *, what: str) -> str:
-    """Returns a path relative to the description's folder.
-
-    Raises CommandError for a path outside this folder.
+    """Returns a path relative to the description's folder. Raises CommandError if the path is outside this
+    folder.
     """
     folder = target.absolute().parent.resolve()
     resolved = path.resolve()
@@ -193,11 +203,9 @@ def _beside(path: Path, target: Path, *, what: str) -> str:
 
 
 def _in_package(model: Path, package: str) -> tuple[Path, str]:
-    """Returns the path of a model in an installed package, and the end of this path. The model is given by
-    its path or the end of its path.
-
-    Raises CommandError if the package is not installed, or if no file or several files in it fit the given
-    path.
+    """Returns the path of a model in an installed package, and the end of this path. The argument `model` is
+    the path of the model or the end of this path. Raises CommandError if the package is not installed, or if
+    no file or several files of the package fit `model`.
     """
     from tci.robot.xml.node import listed
 
@@ -223,8 +231,8 @@ def _in_package(model: Path, package: str) -> tuple[Path, str]:
 
 
 def _found(robot: Robot) -> list[str]:
-    """Lists the proposed parts, joint maps and patches, a line for each, so that a person can compare them
-    with the robot."""
+    """Returns one line of text for each proposed part, joint map and patch, so that a person can compare the
+    proposal with the robot."""
     import numpy as np
 
     assert robot.model is not None

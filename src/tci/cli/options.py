@@ -19,7 +19,8 @@ def _above_zero(seconds: float | None) -> float | None:
 
 
 def _known_robots(given: str | list[str] | None) -> str | list[str] | None:
-    """Raises UnknownNameError for a robot without a description, before a command loads anything else."""
+    """Raises UnknownNameError if a robot has no description. Called before the command loads other
+    modules."""
     from tci.robot.catalogue import check_name
 
     for name in [given] if isinstance(given, str) else given or ():
@@ -27,7 +28,7 @@ def _known_robots(given: str | list[str] | None) -> str | list[str] | None:
     return given
 
 
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 _robot = typer.Argument(
     help="Robot: a name from tci robots, or a description file.",
     autocompletion=completion.robots,
@@ -47,16 +48,18 @@ SomeRobots = Annotated[
 RecordedRobot = Annotated[
     str | None,
     typer.Argument(
-        help="Robot that was recorded: a name or a description file. \\[default: as the recording says]",
+        help="Recorded robot: a name or a description file. \\[default: the robot's name in the recording]",
         autocompletion=completion.robots,
     ),
 ]
 _via = typer.Option(
-    help="Driver that reaches the robot, NAME or NAME:ADDRESS.", autocompletion=completion.drivers
+    help="Driver that connects to the robot, NAME or NAME:ADDRESS.", autocompletion=completion.drivers
 )
 Via = Annotated[str, _via]
 OptionalVia = Annotated[str | None, _via]
-Arm = Annotated[bool, typer.Option("--arm", help="Allow the robot to move; a simulated robot always may.")]
+Arm = Annotated[
+    bool, typer.Option("--arm", help="Allow a real robot to move. Simulated robots need no permission.")
+]
 Duration = Annotated[
     float | None, typer.Option(help="Duration \\[s]. \\[default: until Ctrl-C]", callback=_above_zero)
 ]
@@ -70,5 +73,9 @@ Faults = Annotated[
 RecordingFile = Annotated[Path, typer.Argument(help="Recording (.mcap).")]
 NewRecording = Annotated[Path, typer.Argument(help="Recording to write (.mcap), a new file.")]
 NewGesture = Annotated[Path, typer.Argument(help="Gesture to write (.csv), a new file.")]
-Begin = Annotated[float, typer.Option("--from", help="Begin \\[s], on the clock of the recording.")]
-End = Annotated[float, typer.Option("--to", help="End \\[s], on the clock of the recording.")]
+Begin = Annotated[
+    float, typer.Option("--from", help="Start of the time span \\[s], on the clock of the recording.")
+]
+End = Annotated[
+    float, typer.Option("--to", help="End of the time span \\[s], on the clock of the recording.")
+]

@@ -15,18 +15,25 @@ from tci.errors import RecordingError
 def plot(
     file: RecordingFile,
     out: Annotated[
-        Path | None, typer.Option(help="File to write: png, pdf or svg. \\[default: beside the recording]")
+        Path | None,
+        typer.Option(
+            help="File to write: png, pdf or svg. \\[default: a file in the folder of the recording]"
+        ),
     ] = None,
     robot: RecordedRobot = None,
     part: Annotated[
         str | None,
-        typer.Option(help="Generic part to draw. \\[default: the one touched first, and those that respond]"),
+        typer.Option(
+            help="Generic part to draw. \\[default: the part that was touched first, and the parts that "
+            "respond]"
+        ),
     ] = None,
     begin: Begin = float("-inf"),
     end: End = float("inf"),
     as_json: AsJson = False,
 ) -> None:
-    """Draw a recording as a figure for a paper: forces, response, joint angles, unrolled skin, latencies.
+    """Draw a recording as a figure for a paper. The figure shows forces, the response, joint angles, the
+    unrolled skin and latencies.
 
     Example:  tci plot touch.mcap --out touch.pdf
     """

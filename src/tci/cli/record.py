@@ -1,4 +1,4 @@
-"""`tci record`: writes the sensor data of a robot to a file. It sends no commands."""
+"""`tci record`: writes the sensor data of a robot to a file. The command moves no robot."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def record(
 
 
 def print_recording(recorder: Recorder, *, as_json: bool) -> None:
-    """Prints the path of the recording, its number of periods and its size. If recording failed, prints the
+    """Prints the path, the number of periods and the size of a recording. If recording failed, prints the
     reason."""
     if as_json:
         print_json(recorder.to_json())

@@ -1,4 +1,4 @@
-"""`tci robots`."""
+"""`tci robots`: lists the robots that have a description."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from tci.robot.description import Robot
 
 PAPER = ("icub", "nao")
-"""The paper's two robots."""
+"""Names of the two robots in the paper."""
 
 
 def robots(as_json: AsJson = False) -> None:
@@ -58,7 +58,7 @@ def robots(as_json: AsJson = False) -> None:
 
 
 def _load(name: str) -> Robot | MissingExtraError:
-    """Returns a robot, or the error for a model that is not installed."""
+    """Returns the robot `name`, or the error if the robot's model is not installed."""
     from tci.robot.catalogue import load_robot
 
     try:
@@ -91,7 +91,7 @@ def _skin(row: dict[str, Any]) -> str:
 
 
 def load_robots(names: Sequence[str]) -> list[Robot]:
-    """Loads the robots with these names. Without names, loads those of the paper's two robots that are
+    """Loads the robots with the given names. Without names, loads each of the paper's two robots that is
     installed."""
     from tci.robot.catalogue import load_robot
 

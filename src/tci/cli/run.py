@@ -1,4 +1,4 @@
-"""`tci run`: runs a capability on a robot and prints the events of gate and loop when they happen."""
+"""`tci run`: runs a capability on a robot, and immediately prints the events of the gate and the loop."""
 
 from __future__ import annotations
 
@@ -34,22 +34,22 @@ def run(
     arm: Arm = False,
     poke: Annotated[
         bool,
-        typer.Option("--poke", help="Poke the left forearm, and no other part, with a simulated finger."),
+        typer.Option("--poke", help="Poke the left forearm of a simulated robot with the simulated finger."),
     ] = False,
     fault: Faults = None,
-    record: Annotated[Path | None, typer.Option(help="Record the run to this new file (.mcap).")] = None,
+    record: Annotated[Path | None, typer.Option(help="Record the run in this new file (.mcap).")] = None,
     film: Annotated[
         Path | None,
         typer.Option(
-            help="Film a simulated robot in slow motion (3x): .gif, .webp, .png; .mp4 needs the extra video."
+            help="Film a simulated robot in slow motion (3x), as .gif, .webp, .png or .mp4 (needs the "
+            "extra video)."
         ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Run a capability on a robot. Prints touches, commands, holds, refusals and clamps when they happen.
-
-    A real robot moves only with --arm; without it TCI only reads the robot. The exit status is 1 if the robot
-    had to stop, or if the gate refused every command.
+    """Run a capability on a robot. Prints touches, commands, holds, refusals and clamps immediately. A real
+    robot moves only with --arm. Without --arm, TCI only reads the robot's data. The exit status is 1 if the
+    gate stopped the robot, or if the gate refused every command.
 
     Example:  tci run withdrawal nao --duration 1 --poke --fault stall@0.32
 
@@ -83,21 +83,22 @@ def run_capability(
     as_json: bool = False,
     rehearsal: bool = False,
 ) -> None:
-    """Runs a capability and prints the events. The exit status is 1 after a STOP, or if every command was
-    refused.
+    """Runs a capability and prints the events. Exits with status 1 if the gate stopped the robot or refused
+    every command.
 
     Args:
-        name: Capability by name or MODULE:CLASS.
-        robot: Robot by name or description file.
+        name: Name of the capability, or MODULE:CLASS.
+        robot: Name of the robot, or path of a description file.
         via: Driver, NAME or NAME:ADDRESS.
-        duration: Time [s]; None runs until Ctrl-C.
-        arm: Allows a real robot to move.
-        poke: Pokes the left forearm with the simulated finger.
+        duration: Duration [s] of the run; None runs until Ctrl-C.
+        arm: True to allow a real robot to move.
+        poke: True to poke the left forearm with the simulated finger.
         faults: Faults to inject, NAME@TIME or NAME@TIME:DURATION [s].
-        record: Recording to write.
-        film: Film to write.
-        as_json: Prints JSON instead of text.
-        rehearsal: Runs until the faults are over, with realistic noise on the simulated skin.
+        record: Path of the recording to write; None for no recording.
+        film: Path of the film to write; None for no film.
+        as_json: True to print JSON instead of text.
+        rehearsal: True to run until the injected faults have ended, with realistic noise on the simulated
+            skin.
 
     Raises UnknownNameError for an unknown name, DriverError if the connection fails, CommandError for invalid
     times of a fault or for a poke of a real robot, and the errors of the capability.
@@ -152,7 +153,7 @@ def run_capability(
 
 
 def _film(driver: Driver, path: Path) -> Film:
-    """Begins a film of the left arm of a simulated robot. Raises CommandError for a real robot."""
+    """Starts to film the left arm of a simulated robot. Raises CommandError if the robot is not simulated."""
     from tci.capabilities.fields import default_fields
     from tci.drivers.simulated import SimulatedDriver
     from tci.pictures.film import Film

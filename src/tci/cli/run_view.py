@@ -1,4 +1,4 @@
-"""Prints a run while it happens: a line for each event, and below these lines one line with the current
+"""Shows a run on the terminal: one line for each event, and below these lines one line with the current
 state."""
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ COLOURS = {
 
 
 class RunView:
-    """Shows a run on the terminal. If `quiet` is true, it shows nothing."""
+    """View of a run on the terminal. With `quiet`, the view prints nothing."""
 
     def __init__(self, *, quiet: bool) -> None:
         self._live = None if quiet else Live(console=console, refresh_per_second=10, transient=True)
 
     def shown(self) -> AbstractContextManager[object]:
-        """Returns a context manager that shows the line with the state."""
+        """Returns a context manager that shows the line with the current state inside the block."""
         return self._live or nullcontext()
 
     def event(self, event: Event) -> None:
@@ -42,7 +42,7 @@ class RunView:
             console.print(_row(f"{event.now:8.3f} s", event.kind, event.words, _colour(event.kind)))
 
     def tick(self, tick: Tick, session: Session) -> None:
-        """Updates the line with the state."""
+        """Updates the line with the current state."""
         if self._live is None:
             return
         line = Text(f"{tick.now:8.3f} s  ")
@@ -56,7 +56,7 @@ class RunView:
 
 
 def conclude(session: Session) -> None:
-    """Prints the end of a run: repeated refusals and clamps, the outcome of each fault, and the
+    """Prints the summary of a run: repeated refusals and clamps, the outcome of each injected fault, and the
     statistics."""
     for kind, reasons in (("refused", session.log.refused), ("clamped", session.log.clamped)):
         for notice in reasons.notices():
@@ -121,8 +121,7 @@ def _colour(kind: str) -> str:
 
 
 def _row(time: str, kind: str, words: str, colour: str) -> RenderableType:
-    """Lays out an event in three columns. If a text needs more than one line, all its lines are in one
-    column."""
+    """Returns an event as a row of three columns. A text that needs several lines stays within its column."""
     table = Table.grid(padding=(0, 2, 0, 0))
     table.add_column(width=10, justify="right", no_wrap=True)
     table.add_column(width=7, no_wrap=True)

@@ -1,4 +1,5 @@
-"""`tci serve`: offers a robot to other programs. The gate of this process checks the programs' commands."""
+"""`tci serve`: lets other programs read and command a robot. The gate of this process checks the commands of
+these programs."""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ def serve(
     via: Annotated[
         str,
         typer.Option(
-            help="Middleware by which others reach the robot: NAME or NAME:ADDRESS.",
+            help="Middleware over which other programs connect: NAME or NAME:ADDRESS.",
             autocompletion=completion.servers,
         ),
     ],
@@ -27,7 +28,7 @@ def serve(
         str,
         typer.Option(
             "--from",
-            help="Driver that reaches the robot itself, NAME or NAME:ADDRESS.",
+            help="Driver that connects this process to the robot: NAME or NAME:ADDRESS.",
             autocompletion=completion.drivers,
         ),
     ] = "sim",
@@ -35,10 +36,9 @@ def serve(
     duration: Duration = None,
     as_json: AsJson = False,
 ) -> None:
-    """Offer a robot, real or simulated, to other programs. The gate of this process checks all commands.
-
-    A real robot moves only with --arm; without it the programs can only read the robot. The exit status is 1
-    if the robot had to stop.
+    """Let other programs read and command a real or simulated robot. The gate of this process checks all
+    commands. A real robot moves only with --arm. Without --arm, the other programs can only read the robot's
+    data. The exit status is 1 if the gate stopped the robot.
 
     Example:  tci serve nao --via zenoh
     """
@@ -72,7 +72,7 @@ def serve(
             serve_robot(server, duration=duration, observe=see, report=report, served=served)
         except KeyboardInterrupt:
             pass
-        except SystemExit as end:  # by SIGTERM
+        except SystemExit as end:  # SIGTERM raises SystemExit
             status = int(end.code or 0)
         state = driver.gate.state
     if as_json:

@@ -16,7 +16,7 @@ from tci.cli.skin_fit import fit
 from tci.cli.skin_locate import locate
 from tci.cli.skin_mount import mount
 
-app = typer.Typer(help="Skins: fit, check, mount, locate, calibrate, draw.", no_args_is_help=True)
+app = typer.Typer(help="Fit, check, mount, locate, calibrate and draw skins.", no_args_is_help=True)
 for command in (fit, check, mount, locate, calibrate):
     app.command()(command)
 
@@ -26,13 +26,15 @@ def show(
     skin: Annotated[
         str,
         typer.Argument(
-            help="Skin file, name of a robot, or description file.", autocompletion=completion.robots
+            help="Skin file, name of a robot, or description file of a robot.",
+            autocompletion=completion.robots,
         ),
     ],
     out: Annotated[Path, typer.Option(help="Picture to write (.png).")] = Path("skin.png"),
     as_json: AsJson = False,
 ) -> None:
-    """Draw an unrolled skin: x along the limb, theta around the limb, and each taxel with its channel number.
+    """Draw an unrolled skin. The picture shows each taxel with the channel number, at x along the limb and at
+    the angle theta around the limb.
 
     Example:  tci skin show left_forearm.txt --out forearm.png
     """

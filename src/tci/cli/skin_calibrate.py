@@ -1,5 +1,5 @@
-"""`tci skin calibrate`: measures rest values, noise and response of a patch, with weights that a person
-places on it."""
+"""`tci skin calibrate`: measures rest values, noise and response of a patch of skin. A person places weights
+on the patch."""
 
 from __future__ import annotations
 
@@ -26,25 +26,29 @@ def calibrate(
     patch: Annotated[str, typer.Option(help="Patch of skin to calibrate.")],
     via: Via = "sim",
     weight: Annotated[
-        list[float] | None, typer.Option(help="Known load \\[N]; repeat for several, light ones first.")
+        list[float] | None,
+        typer.Option(help="Known load \\[N]. Repeat the option for several loads, the lightest first."),
     ] = None,
     force_log: Annotated[
         Path | None,
         typer.Option(
-            help="Instead of weights: log of a force/torque sensor beside the recording, CSV (time,force or "
-            "time,fx,fy,fz) or yarpdatadumper."
+            help="Instead of weights: log of a force/torque sensor from the time of the recording, as CSV "
+            "(time,force or time,fx,fy,fz) or from yarpdatadumper."
         ),
     ] = None,
-    frames: Annotated[int, typer.Option(min=20, help="Number of frames to take at rest.")] = 200,
+    frames: Annotated[int, typer.Option(min=20, help="Number of skin frames to measure at rest.")] = 200,
     out: Annotated[
-        Path | None, typer.Option(help="Calibration to write. \\[default: beside the robot's description]")
+        Path | None,
+        typer.Option(
+            help="Calibration to write. \\[default: a file in the folder of the robot's description]"
+        ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and ask nothing.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, and ask no questions.")] = False,
 ) -> None:
-    """Measure the rest values and the noise of a patch, and its response to known loads, step by step.
-
-    If you give no loads, TCI keeps the response in the description. In simulation the simulated finger
-    presses the patch. The result is stored in a file beside the description; from then on TCI uses this file.
+    """Measure the rest values and the noise of a patch, and the response of the patch to known loads, step by
+    step. Without loads, TCI keeps the response in the description. In simulation, the simulated finger
+    presses the patch. TCI stores the result in a file beside the description, and uses this file in all later
+    runs.
 
     Example:  tci skin calibrate nao --patch left_forearm --weight 0.5 --weight 2 --out nao.skin.json
 
@@ -60,7 +64,7 @@ def calibrate(
             return
         if not sys.stdin.isatty():
             raise CommandError("no terminal to press Enter in; valid: a terminal, --json, or --force-log")
-        bar.stop()  # it would be drawn over the answer
+        bar.stop()  # the progress bar would cover the user's answer
         console.input(f"{words} [dim]Press Enter when ready.[/] ")
         bar.start()
 

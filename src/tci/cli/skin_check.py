@@ -1,4 +1,4 @@
-"""`tci skin check`: compares the positions of taxels with the mesh of their link."""
+"""`tci skin check`: compares the positions of taxels with the mesh of the link that carries the taxels."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def check(
     link: Annotated[str | None, typer.Option(help="Link that carries the skin of the file.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Measure the distances between taxels and the surface of their link. If the frame of the taxels is
-    wrong, compute its correction.
+    """Measure the distances between taxels and the surface of the link that carries the taxels. If the frame
+    of the taxels is wrong, compute the correction of the frame.
 
     The exit status is 1 if a skin does not fit its link.
 
@@ -69,7 +69,7 @@ def _table(robot: str, rows: list[dict[str, Any]]) -> Table:
 
 
 def _advise(row: dict[str, Any]) -> None:
-    """Prints the correction of a skin with a wrong frame, or the reason for which there is no correction."""
+    """Prints the correction of a skin with a wrong frame, or the reason why no correction was found."""
     if row["verdict"] == "not checked":
         console.print(f"{row['skin']}: {row['reason']}", style="yellow", highlight=False, markup=False)
     elif row["verdict"] == "wrong" and row["correction"]["mends"]:

@@ -18,26 +18,30 @@ def fit(
     skin: Annotated[
         str,
         typer.Argument(
-            help="Skin file (.txt as iCub's, .csv, .urdf), name of a robot, or description file.",
+            help="Skin file (.txt in iCub's format, .csv, .urdf), name of a robot, or description file.",
             autocompletion=completion.robots,
         ),
     ],
     axis: Annotated[
         tuple[float, float, float] | None,
         typer.Option(
-            help="For a file: direction of the limb's axis towards the hand, in its frame. \\[default: 0 0 1]"
+            help="For a skin file: direction of the limb's axis towards the hand, in the frame of the "
+            "file. \\[default: 0 0 1]"
         ),
     ] = None,
     origin: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(help="For a file: a point \\[m] on that axis, in its frame. \\[default: 0 0 0]"),
+        typer.Option(
+            help="For a skin file: a point \\[m] on the limb's axis, in the frame of the file. "
+            "\\[default: 0 0 0]"
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Fit the paper's truncated cone to a skin, and print the distances between the taxels and this cone.
 
-    There are three fits: with the given axis, with an axis that may move sideways, and with an axis that may
-    also tilt. If you name a robot, the given axes are the axes of its segments.
+    The command computes three fits: with the given axis, with an axis that may also move sideways, and with
+    an axis that may also tilt. For a robot, the given axes are the axes of the robot's segments.
 
     Example:  tci skin fit left_forearm.txt --axis 0.9659 0 0.2588
 

@@ -17,20 +17,21 @@ def locate(
     touches: Annotated[
         Path | None,
         typer.Option(
-            help="Touches (.csv): x y z \\[m] and nx ny nz in the patch's link, then the raw frame."
+            help="Touches (.csv). Each row has x y z \\[m] and nx ny nz in the frame of the patch's link, "
+            "then the raw values."
         ),
     ] = None,
-    count: Annotated[int, typer.Option(min=3, max=100000, help="Number of touches, in simulation.")] = 200,
+    count: Annotated[int, typer.Option(min=3, max=100000, help="Number of simulated touches.")] = 200,
     wrong: Annotated[
-        float, typer.Option(min=0.0, max=0.1, help="Error \\[m] of the initial positions, in simulation.")
+        float, typer.Option(min=0.0, max=0.1, help="Error \\[m] of the initial positions in the simulation.")
     ] = 0.010,
-    out: Annotated[Path | None, typer.Option(help="Table to write the positions to (.csv).")] = None,
+    out: Annotated[Path | None, typer.Option(help="Table of the positions to write (.csv).")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Find the positions of taxels from touches at known places (spatial self-calibration).
 
-    Without --touches, TCI tests the method in simulation: a probe touches a skin with wrong positions, and
-    TCI prints the error that remains after the correction.
+    Without --touches, TCI tests the method in simulation. A simulated probe touches a skin with wrong
+    positions, and TCI prints the error that remains after the correction.
 
     Example:  tci skin locate nao --patch left_forearm
     """

@@ -1,4 +1,4 @@
-"""`tci skin mount`: finds the pose of a skin on its link, from touches by another skin of the robot."""
+"""`tci skin mount`: computes the pose of a skin on a link from touches by another skin of the robot."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ from tci.cli.options import AsJson, RobotName
 
 def mount(
     robot: RobotName,
-    patch: Annotated[str, typer.Option(help="Patch of skin whose mount is in doubt.")],
+    patch: Annotated[str, typer.Option(help="Patch of skin with an uncertain pose on its link.")],
     touches: Annotated[
         Path | None,
-        typer.Option(help="Recording in which the robot touches this patch with another one (.mcap)."),
+        typer.Option(help="Recording (.mcap) in which the robot touches this patch with another patch."),
     ] = None,
-    count: Annotated[int, typer.Option(min=10, max=10000, help="Number of touches, in simulation.")] = 100,
+    count: Annotated[int, typer.Option(min=10, max=10000, help="Number of simulated touches.")] = 100,
     wrong: Annotated[
-        float, typer.Option(min=0.0, max=0.05, help="Error \\[m] of the mount, in simulation.")
+        float, typer.Option(min=0.0, max=0.05, help="Error \\[m] of the mounted position in the simulation.")
     ] = 0.010,
     turned: Annotated[
-        float, typer.Option(min=0.0, max=30.0, help="Error \\[deg] of the mount, in simulation.")
+        float,
+        typer.Option(min=0.0, max=30.0, help="Error \\[deg] of the mounted orientation in the simulation."),
     ] = 5.0,
     out: Annotated[
         Path | None,
@@ -31,11 +32,11 @@ def mount(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find the pose of a skin on its link from self-touch: another skin of the robot touches it. TCI uses
-    only which taxels are pressed, not how much.
+    """Find the pose of a skin on its link from self-touch: another skin of the robot touches this skin. TCI
+    uses only the indices of the pressed taxels, not the pressures.
 
-    Without --touches, TCI tests the method in simulation: a robot with a wrongly mounted skin touches itself,
-    and TCI prints the error that remains after the correction.
+    Without --touches, TCI tests the method in simulation. A simulated robot with a wrongly mounted skin
+    touches this skin, and TCI prints the error that remains after the correction.
 
     Example:  tci skin mount nao --patch left_forearm
 

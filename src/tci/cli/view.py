@@ -1,4 +1,4 @@
-"""`tci view`: shows robots in the browser."""
+"""`tci view`: shows robots and recordings in the browser."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 REPLAY = "replay:"
 SIMULATED = {"step": 0.002, "rate": 100.0}
-"""Physics step [s] and control rate [Hz] of simulated robots in the viewer. The rate is the frame rate of
-NAO's skin, the faster skin of the paper's two robots, so no frame is lost. A faster loop would leave less
-time for drawing."""
+"""Physics step [s] and control rate [Hz] of simulated robots in the viewer. The rate equals the frame rate of
+NAO's skin, the faster skin of the paper's two robots, so that the loop reads every frame. A faster loop would
+leave less time for drawing."""
 
 
 def needs_viewer() -> None:
@@ -41,7 +41,8 @@ def view(
     via: Annotated[
         list[str] | None,
         typer.Option(
-            help="Driver, NAME or NAME:ADDRESS; give one for all robots or one for each. \\[default: sim]",
+            help="Driver, NAME or NAME:ADDRESS. Give one driver for all robots, or one driver for each "
+            "robot. \\[default: sim]",
             autocompletion=completion.drivers,
         ),
     ] = None,
@@ -55,16 +56,24 @@ def view(
     ] = "withdrawal",
     arm: Arm = False,
     host: Annotated[
-        str, typer.Option(help="Address to listen on. Browsers on other machines need the token.")
+        str,
+        typer.Option(
+            help="Network address on which the viewer listens. Browsers on other machines need the "
+            "printed token."
+        ),
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 chooses a free one.")] = 8080,
-    out: Annotated[Path, typer.Option(help="Folder for recordings.")] = Path("recordings"),
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port on which the viewer listens; 0 chooses a free port.")
+    ] = 8080,
+    out: Annotated[Path, typer.Option(help="Folder for the recordings that you make in the viewer.")] = Path(
+        "recordings"
+    ),
     duration: Duration = None,
     headless: Annotated[bool, typer.Option("--headless", help="Do not open the browser.")] = False,
 ) -> None:
-    """Show robots in the browser, side by side: poke their skin, move their arms, inject faults, record.
-
-    Needs the extra viewer. A real robot moves only with --arm; without it TCI only reads the robot.
+    """Show robots in the browser, side by side. In the browser you can poke the skin, move the arms, inject
+    faults and record. The command needs the extra viewer. A real robot moves only with --arm. Without --arm,
+    TCI only reads the robot's data.
 
     Example:  tci view nao icub
 
@@ -146,8 +155,8 @@ def _player(file: str, robot: str | None) -> Player:
 
 
 def _one_each(vias: Sequence[str], robots: int) -> list[str]:
-    """Returns one `via` for each robot. Raises CommandError if the user gave neither one `--via` for all
-    robots nor one for each robot."""
+    """Returns a list with one driver for each robot. Raises CommandError unless the user gave one `--via` for
+    all robots, or one `--via` for each robot."""
     if len(vias) == 1:
         return list(vias) * robots
     if len(vias) != robots:

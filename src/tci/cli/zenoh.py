@@ -14,21 +14,29 @@ from tci.cli.options import AsJson
 from tci.errors import DriverError
 from tci.installed import needs
 
-app = typer.Typer(help="Zenoh over networks: keys, passwords, rights, and a router.", no_args_is_help=True)
+app = typer.Typer(
+    help="Make keys, passwords and access rights for Zenoh, and run a router.", no_args_is_help=True
+)
 
-Users = Annotated[list[str] | None, typer.Option(help="NAME=ROBOT or NAME=ROBOT,ROBOT; repeat for several.")]
+Users = Annotated[
+    list[str] | None,
+    typer.Option(help="NAME=ROBOT or NAME=ROBOT,ROBOT. Repeat the option for several users."),
+]
 
 
 @app.command()
 def secure(
-    folder: Annotated[Path, typer.Argument(help="A new folder for the files.")],
+    folder: Annotated[Path, typer.Argument(help="New folder for the files.")],
     robot: Annotated[list[str], typer.Argument(help="Names of the robots on the network.")],
-    endpoint: Annotated[str, typer.Option(help="Address at which others reach the router: tls/HOST:PORT.")],
+    endpoint: Annotated[
+        str, typer.Option(help="Address at which other programs connect to the router: tls/HOST:PORT.")
+    ],
     commander: Users = None,
     watcher: Users = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write certificates, passwords and configuration files, which define who may command or read each robot.
+    """Write certificates, passwords and configuration files. The configuration files define which users may
+    command or read each robot.
 
     Example:  tci zenoh secure keys kitchen --endpoint tls/10.0.0.1:7447 --commander reflex=kitchen
     """
@@ -56,7 +64,7 @@ def secure(
 def router(
     file: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="Configuration file of Zenoh.")],
 ) -> None:
-    """Run a router until Ctrl-C. Use it on machines that do not have Zenoh's own router, zenohd."""
+    """Run a Zenoh router until Ctrl-C. Use this command on machines without Zenoh's own router, zenohd."""
     _needs_zenoh()
     from tci.drivers.remote.address import RemoteAddress
     from tci.drivers.zenoh.session import close_session, open_session

@@ -1,5 +1,5 @@
-"""Connections to a robot (Fig. 2, L2): simulated, replayed, or over a middleware.
-
-Each connection is a `Driver` (module `driver`), which reads sensors and writes the commands that its gate
-approved. Servers make a robot available to other programs, and `faults` injects faults into any driver.
+"""Connections to a simulated robot, a recorded robot, or a robot on a middleware (layer L2 in Fig. 2 of the
+paper). Each connection is a `Driver` (module `driver`), which reads the robot's sensors and sends the
+commands that the driver's gate approved. Servers make a robot available to other programs, and `faults`
+injects faults into any driver.
 """

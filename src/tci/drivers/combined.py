@@ -1,5 +1,5 @@
-"""Separate drivers for joints and skin, combined into one, for example a NAO's joints over NAOqi and its skin
-over YARP."""
+"""Combines separate drivers for joints and skin into one driver, for example for a NAO with joints on NAOqi
+and skin on YARP."""
 
 from __future__ import annotations
 
@@ -14,15 +14,13 @@ from tci.messages import Reading, SkinFrame
 
 
 class CombinedDriver(DriverWrapper):
-    """One driver for the joints and others for the skin, used as a single driver. Its gate, clock and lease
-    are those of the joints' driver."""
+    """A driver that combines one driver for the joints with several drivers for the skin. The combined driver
+    uses the gate, the clock and the lease of the joints' driver."""
 
     def __init__(self, joints: Driver, skins: Sequence[Driver]) -> None:
-        """Reads the joints from `joints`, and each patch of skin from the first driver in `skins` that has
-        sent a frame of this patch.
-
-        Closing this driver also closes `joints` and `skins`. Raises DriverError if one of them does not use
-        this machine's own clock.
+        """Combines the drivers. Joints are read from `joints`, and each patch of skin from the first driver
+        in `skins` that has sent a frame of this patch. Closing the combined driver also closes `joints` and
+        `skins`. Raises DriverError if one of these drivers does not use this machine's own clock.
         """
         for driver in (joints, *skins):
             if not isinstance(driver.clock, MonotonicClock):

@@ -1,4 +1,5 @@
-"""Several servers of one robot, for example a G1's joints over Unitree's topics and its skin over YARP."""
+"""Combines several servers of one robot, for example for a G1 with joints on Unitree's topics and skin on
+YARP."""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ class CombinedServer(Server):
     robot."""
 
     def __init__(self, servers: Sequence[Server]) -> None:
-        """Takes `servers`, which all serve the same driver. Closing this server also closes them."""
+        """Stores `servers`, which all serve one driver. Closing the combined server also closes `servers`."""
         super().__init__(servers[0].driver, JOIN.join(server.address for server in servers))
         self.servers = tuple(servers)
         self._senders: dict[int, Server] = {}

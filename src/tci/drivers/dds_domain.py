@@ -1,4 +1,5 @@
-"""DDS domains that are open in this process. The DDS library Cyclone accepts one configuration per domain."""
+"""DDS domains that are open in this process. The DDS library Cyclone accepts only one configuration per
+domain and process."""
 
 from __future__ import annotations
 
@@ -8,18 +9,17 @@ from cyclonedds.domain import Domain
 from tci.errors import DriverError
 
 MOST_PARTICIPANTS = 32
-"""Largest number of processes on this machine that can find each other in one domain without multicast. ROS
-has the same limit."""
+"""Largest number of processes on this machine that can discover each other in one domain without multicast,
+equal to the limit in ROS."""
 _open: dict[int, tuple[Domain, str, int]] = {}
-"""Open domains by number: the domain, its user, and how many times it was opened."""
+"""Open domains by domain number. Each entry has the domain, the domain's user, and the number of calls that
+opened the domain."""
 
 
 def open_domain(number: int, settings: str, user: str) -> None:
-    """Opens domain `number` for `user`, for example `ROS 2`, with `settings` for Cyclone.
-
-    If `user` has opened this domain before, the open domain is used again.
-
-    Raises DriverError if Cyclone refuses the settings, or if another user has the domain open.
+    """Opens the domain `number` for the user `user` (for example `ROS 2`) with `settings` for Cyclone. If the
+    domain is open for `user` already, only counts the call. Raises DriverError if Cyclone refuses the
+    settings, or if another user has the domain open.
     """
     if number in _open:
         domain, other, count = _open[number]
@@ -37,7 +37,7 @@ def open_domain(number: int, settings: str, user: str) -> None:
 
 
 def close_domain(number: int) -> None:
-    """Undoes one call of `open_domain`. Undoing the last call closes the domain."""
+    """Reverts one call of `open_domain`. Closes the domain when all calls are reverted."""
     domain, user, count = _open.pop(number)
     if count > 1:
         _open[number] = domain, user, count - 1

@@ -8,8 +8,8 @@ from cyclonedds.idl import IdlStruct
 
 
 def carry_raw(kind: type[IdlStruct]) -> type[IdlStruct]:
-    """Makes cyclonedds send and receive the `raw` bytes of samples, instead of encoding them field by
-    field."""
+    """Changes a DDS type so that cyclonedds sends and receives the attribute `raw` (bytes) of a sample,
+    instead of encoding and decoding each member."""
 
     def serialize(self: Any, *args: Any, **options: Any) -> bytes:
         return bytes(self.raw)

@@ -1,4 +1,4 @@
-"""Findings about a driver, with advice. The command `tci doctor` prints them."""
+"""Findings about a driver, with advice. The command `tci doctor` prints findings."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ class Level(Enum):
     """Severity of a finding."""
 
     OK = "ok"
-    """The checked property is as it should be."""
+    """The checked property is correct."""
     NOTE = "note"
-    """The finding needs no action."""
+    """The finding is information and requires no action."""
     WARNING = "warning"
-    """The driver works, but not as well as it could."""
+    """The driver works, but a change would improve the data or the motion."""
     FAULT = "fault"
     """The driver can't work until the cause is removed."""
 
@@ -33,8 +33,8 @@ class Finding:
     advice: str = ""
     """Recommended action; empty if none is needed."""
     figures: Mapping[str, float | str] = field(default_factory=lambda: MappingProxyType({}))
-    """Values of the finding by name, for programs. If a value has a unit, its name ends in the unit, as in
-    `offset_s`."""
+    """Numerical values of the finding by name, for programs. The name of a value with a unit ends in the
+    unit, for example `offset_s`."""
 
     def to_json(self) -> dict[str, object]:
         """Returns the finding as a dictionary that can be written as JSON."""

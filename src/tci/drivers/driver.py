@@ -19,12 +19,11 @@ from tci.robot.description import Robot, Servo
 
 
 class Driver(ABC):
-    """A connection to one robot: `read` returns sensor data, `write` sends the commands that the driver's
-    gate created.
-
-    A subclass communicates with the robot in `_receive`, `_send` and `_close`. In these methods it converts
-    the robot's units to SI units and the robot's joint order to the description's order, and back. Reading is
-    always allowed. Writing needs an armed driver and a command that `gate` created.
+    """A connection to one robot. `read` returns sensor data, and `write` sends the commands that the driver's
+    gate created. A subclass implements `_receive`, `_send` and `_close`, which communicate with the robot.
+    These methods also convert between the robot's units and SI units, and between the robot's joint order and
+    the description's joint order. `read` is always allowed. `write` requires an armed driver and a command
+    that `gate` created.
     """
 
     before_write: Callable[[], None] | None = None
@@ -32,10 +31,11 @@ class Driver(ABC):
     longer command the robot."""
 
     def __init__(self, info: DriverInfo) -> None:
-        """Stores `info`, the facts about the connection. Every subclass must call this constructor first.
-        Most subclasses create `info` with `DriverInfo.of`."""
+        """Stores `info`, the facts about the connection. The constructor of every subclass must call this
+        constructor first. Most subclasses create `info` with `DriverInfo.of`."""
         self.info = info
-        """Facts about the connection. A driver may replace them while it connects, but not later."""
+        """Facts about the connection. The constructor of a driver may replace these facts; later the facts do
+        not change."""
         self._open = True
 
     @property
@@ -45,7 +45,7 @@ class Driver(ABC):
 
     @property
     def clock(self) -> Clock:
-        """Clock of all stamps."""
+        """Clock of all time stamps."""
         return self.info.clock
 
     @property
@@ -65,8 +65,8 @@ class Driver(ABC):
 
     @abstractmethod
     def _receive(self) -> Reading:
-        """Returns the latest reading of joints and skin. Joints are in SI units and in the description's
-        order."""
+        """Returns the latest reading of joints and skin. Joint data is in SI units and in the description's
+        joint order."""
 
     @abstractmethod
     def _send(self, safe: SafeCommand) -> None:
@@ -74,28 +74,26 @@ class Driver(ABC):
 
     @abstractmethod
     def _close(self) -> None:
-        """Closes the connection and every resource."""
+        """Closes the connection and releases all resources."""
 
     @classmethod
     def load_library(cls) -> None:
-        """Loads optional libraries. The driver's module does not import them, since some installations lack
-        them.
-
-        Raises MissingExtraError if a library is not installed.
+        """Imports the optional libraries that this driver needs. The driver's module does not import these
+        libraries, since they are missing in some installations. Raises MissingExtraError if a library is not
+        installed.
         """
         return
 
     @classmethod
     def probe(cls, robot: Robot, address: str) -> tuple[Finding, ...]:
-        """Checks each step of a connection to `address`, to find out why a connection fails. Creates no
-        driver, and moves nothing.
-
-        If a step fails, the result contains a finding with advice; no exception is raised.
+        """Checks each step of a connection to `address`, to find the reason why connecting fails. Creates no
+        driver, and moves no joint. If a step fails, adds a finding with advice to the result and raises no
+        exception.
         """
         return ()
 
     def diagnose(self) -> tuple[Finding, ...]:
-        """Returns findings that only this kind of driver can provide. Moves nothing.
+        """Returns findings that are specific to this kind of driver. Moves no joint.
 
         Examples are the protocol version in use, lost frames, the offset of the robot's clock, and
         differences between the robot's own limits and its description.
@@ -105,9 +103,8 @@ class Driver(ABC):
         return ()
 
     def ticks(self, *, duration: float | None = None, start: float | None = None) -> Iterator[float]:
-        """Yields the present time [s] once per `period`, for a loop.
-
-        Begins at `start` [s], by default now. Ends after `duration` [s]; by default it never ends.
+        """Yields the present time [s] once per `period`, for a control loop. Starts at the time `start` [s],
+        by default now. Ends after `duration` [s], by default never.
         """
         return ticks(self.clock, self.period, duration=duration, start=start)
 
@@ -134,11 +131,9 @@ class Driver(ABC):
         return safe
 
     def halt(self) -> None:
-        """Stops all joints at their present angles. This calls the robot's own stop function instead of
-        sending a command of the gate.
-
-        After this call TCI commands no joint until the next `write`. Raises DriverError if the driver is
-        closed or not armed.
+        """Stops all joints at the present angles. Calls the robot's own stop function instead of sending a
+        command of the gate. After this call, TCI commands no joint until the next `write`. Raises DriverError
+        if the driver is closed or not armed.
         """
         self._check_open()
         if not self.armed:
@@ -149,20 +144,19 @@ class Driver(ABC):
         self.gate.drop()
 
     def _halt(self) -> None:
-        """Calls the robot's own stop function. The default does nothing: the robot stops at its last
-        target."""
+        """Calls the robot's own stop function. The default implementation has no effect, so the robot stops
+        at the last target."""
         return
 
     def native(self, robot_part: str) -> NativePart:
-        """Returns the robot's own joints of `robot_part`.
-
-        A program can command these joints in addition to the generic joints, through the gate of this driver.
-        Raises UnknownNameError if the robot lacks `robot_part`.
+        """Returns the robot's own joints of `robot_part`. A program can command these joints in addition to
+        the generic joints. The gate of this driver checks the commands. Raises UnknownNameError if the robot
+        lacks `robot_part`.
         """
         return NativePart(robot_part, self.robot.servos_of(robot_part))
 
     def close(self) -> None:
-        """Closes the connection. A second call does nothing."""
+        """Closes the connection. A second call has no effect."""
         if self._open:
             self._open = False
             self._close()
@@ -181,8 +175,8 @@ class Driver(ABC):
 
 
 class NativePart:
-    """Joints of one robot part, under the robot's own names. Needed for joints that are not generic, such as
-    wrists, fingers and toes (§3)."""
+    """Joints of one robot part, with the robot's own joint names. Needed for joints that are not generic,
+    such as wrists, fingers and toes (section 3 of the paper)."""
 
     def __init__(self, name: str, servos: tuple[Servo, ...]) -> None:
         self.name = name
@@ -196,8 +190,8 @@ class NativePart:
     def command(
         self, values: Mapping[str, float], *, mode: Mode = Mode.POSITION, speed: float = np.inf
     ) -> PlatformCommand:
-        """Returns a command for the gate, from `values` by the robot's own joint names ([rad] in position
-        mode).
+        """Returns a command for the gate. `values` are the commanded values ([rad] in position mode) by the
+        robot's own joint names.
 
         `speed` [rad/s] is an upper bound of the speed, in addition to the servos' limits. Raises CommandError
         if `values` is empty, and UnknownNameError if the part lacks a joint.

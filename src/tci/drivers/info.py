@@ -20,26 +20,27 @@ class DriverInfo:
 
     robot: Robot
     clock: Clock
-    """Clock of all stamps."""
+    """Clock of all time stamps."""
     gate: Gate
-    """Safety gate. The driver writes only commands that this gate created. The period of the gate is the time
-    between two commands."""
+    """Safety gate of the driver. The driver writes only commands that this gate created. The gate's period is
+    the time between two commands."""
     armed: bool
-    """True if the driver may write."""
+    """True if the driver may send commands."""
     lease_name: str
-    """Name of the lease, which is the right to command the robot. Drivers with equal lease names reach the
-    same robot, and only one of these drivers may command it at a time."""
+    """Name of the lease, which is the right to command the robot. Drivers with equal lease names connect to
+    one robot, and only one of these drivers may command the robot at a time."""
     keep_alive: float | None = None
-    """Longest time [s] between two frames of a patch, if a frame is sent only when its values change. None if
-    every frame is sent."""
+    """Longest time [s] between two frames of a patch, if the robot sends a frame only when values change
+    (send-on-delta). None if the robot sends every frame."""
     about: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
-    """Facts that a recording stores so that the run can be repeated: random seed and time step of the
-    physics."""
+    """Facts for a recording that are required to repeat the run, such as the random seed and the time step of
+    a simulation."""
     recorded: bool = False
-    """True if the driver replays a recording. Then `write` moves nothing, and `read` returns each reading
-    once."""
+    """True if the driver replays a recording. In this case `write` moves no robot, and `read` returns each
+    reading only once."""
     unreached: Mapping[int, str] = field(default_factory=lambda: MappingProxyType({}))
-    """For each servo that the driver reads but can't move: the reason, by servo index."""
+    """Reasons why the driver can't move some servos, by servo index. Servos that the driver can move are
+    missing."""
 
     @classmethod
     def of(
@@ -56,11 +57,10 @@ class DriverInfo:
         about: Mapping[str, str] | None = None,
         recorded: bool = False,
     ) -> Self:
-        """Returns the facts about a connection over `middleware`, with a new gate.
-
-        `settings` are the settings of the gate. By default, the `period` [s] of the commands comes from the
-        robot's binding (its settings for this middleware), and the `lease_name` consists of middleware and
-        robot.
+        """Returns the facts about a connection over `middleware`, with a new gate. `settings` are the
+        settings of the gate. By default, the `period` [s] of the commands is the value in the robot's binding
+        (the description's settings for this middleware), and the `lease_name` consists of the names of
+        middleware and robot.
 
         Raises UnknownNameError if the robot has no binding to the middleware.
         """

@@ -1,7 +1,6 @@
-"""Access to sockets that a library opens in this process without offering settings for them.
-
-Works only on Linux, which lists the sockets of a process. On other systems this module finds no sockets and
-changes nothing.
+"""Sets options of sockets that a library opens in this process, if the library lacks settings for these
+options. Works only on Linux, which lists the sockets of a process. On other systems, this module finds no
+sockets and has no effect.
 """
 
 from __future__ import annotations
@@ -28,8 +27,8 @@ except ModuleNotFoundError:  # Windows
 
 FOLDER = Path("/proc/self/fd")
 INTERVAL = 0.25
-"""Time [s] between two checks of a library's connections. Assumed: a flood opens no more than a few hundred
-connections between two checks."""
+"""Time [s] between two checks of a library's connections. Assumed: even an attacker opens no more than a few
+hundred connections between two checks."""
 SO_DOMAIN = 39
 """Linux's socket option SO_DOMAIN, the address family of a socket. Python does not define the option."""
 INFO = 256
@@ -43,10 +42,8 @@ _C: Any = ctypes.CDLL(None, use_errno=True) if FOLDER.is_dir() else None
 
 
 class OwnSocket:
-    """A second file descriptor of a socket that a library opened.
-
-    The descriptor is not wrapped in a Python socket, because that might also make the library's own
-    descriptor non-blocking.
+    """A second file descriptor of a socket that a library opened. The descriptor is not wrapped in a Python
+    socket, because a Python socket might also make the library's own descriptor non-blocking.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -55,28 +52,30 @@ class OwnSocket:
         """Name that Linux gives the socket: `socket:[INODE]`."""
 
     def get(self, level: int, option: int, size: int = 4) -> bytes:
-        """Returns a socket option as bytes. Raises OSError."""
+        """Returns a socket option as bytes. Raises OSError if the system refuses the request."""
         data, length = ctypes.create_string_buffer(size), ctypes.c_uint(size)
         _checked(_C.getsockopt(self._descriptor, level, option, data, ctypes.byref(length)))
         return data.raw[: length.value]
 
     def flag(self, option: int) -> int:
-        """Returns an integer option of level SOL_SOCKET. Raises OSError."""
+        """Returns an integer option of level SOL_SOCKET. Raises OSError if the system refuses the request."""
         return int.from_bytes(self.get(socket.SOL_SOCKET, option), sys.byteorder)
 
     def bind_to(self, device: bytes) -> None:
-        """Makes the socket receive data from one network interface only. Raises OSError."""
+        """Limits the socket to data from one network interface. Raises OSError if the system refuses the
+        option."""
         option = (socket.SOL_SOCKET, socket.SO_BINDTODEVICE, device, len(device))
         _checked(_C.setsockopt(self._descriptor, *option))
 
     def port(self) -> int:
-        """Returns the local port. Raises OSError."""
+        """Returns the local port. Raises OSError if the system refuses the request."""
         data, length = ctypes.create_string_buffer(128), ctypes.c_uint(128)
         _checked(_C.getsockname(self._descriptor, data, ctypes.byref(length)))
         return int.from_bytes(data.raw[2:4], "big")
 
     def end(self) -> None:
-        """Shuts the connection down, also for the library's own descriptor. Raises OSError."""
+        """Shuts the connection down, also for the library's own descriptor. Raises OSError if the socket has
+        no connection."""
         _checked(_C.shutdown(self._descriptor, socket.SHUT_RDWR))
 
 
@@ -88,7 +87,7 @@ def _checked(result: int) -> None:
 def own_sockets(kind: socket.SocketKind) -> Iterator[OwnSocket]:
     """Yields each IP socket of type `kind` in this process; valid only until the next socket is yielded."""
     for number in os.listdir(FOLDER) if FOLDER.is_dir() else ():
-        with suppress(OSError):  # closed in the meantime
+        with suppress(OSError):  # the socket may be closed before it is duplicated
             descriptor = os.dup(int(number))
             try:
                 found = OwnSocket(descriptor)
@@ -106,10 +105,9 @@ def listening() -> set[int]:
 
 @contextmanager
 def on_interface(name: str) -> Iterator[None]:
-    """Makes UDP sockets that are opened inside the block receive data from one network interface only.
-
-    Needed for DDS, which listens on every network interface although it is configured to use only one.
-    Without this function, DDS would also read data that arrives on the other interfaces.
+    """Limits UDP sockets that are opened inside the block to data from one network interface. Needed because
+    DDS listens on every network interface, although DDS is configured for only one interface. Without this
+    function, DDS would also read data that arrives on the other interfaces.
     """
     before = {found.name for found in own_sockets(socket.SOCK_DGRAM)}
     yield
@@ -119,28 +117,26 @@ def on_interface(name: str) -> Iterator[None]:
 
 
 def on_loopback() -> AbstractContextManager[None]:
-    """Makes UDP sockets that are opened inside the block receive data from this machine only."""
+    """Limits UDP sockets that are opened inside the block to data from this machine."""
     return on_interface("lo")
 
 
 class ConnectionMonitor:
-    """Bounds the number of connections to a library's server in this process.
-
-    `ConnectionLimit` has the same rules for TCI's own servers. A connection counts as unverified until it has
-    sent a byte.
+    """Bounds the number of connections to a library's server in this process. `ConnectionLimit` applies equal
+    rules to TCI's own servers. A connection counts as unverified until the other program has sent a byte.
     """
 
     def __init__(self, port: int, *, most: int = MOST) -> None:
         self._port, self._most = port, most
         self.ended = 0
-        """Number of connections that were closed."""
+        """Number of connections that this monitor closed."""
         self._closed = threading.Event()
         _open_more_files()
         threading.Thread(target=self._keep_checking, name=f"connections to {port}", daemon=True).start()
 
     def check(self) -> None:
-        """Closes connections above the largest number, and connections that have sent no byte for too
-        long."""
+        """Closes connections in excess of the largest number, and connections on which no byte has arrived
+        for too long."""
         now, going = time.monotonic(), set[str]()
         found = [_connection(partial(going.add, one.name), one, now) for one in self._connections()]
         for connection in surplus(found, now, self._most):
@@ -161,15 +157,15 @@ class ConnectionMonitor:
 
     def _keep_checking(self) -> None:
         while not self._closed.wait(INTERVAL):
-            with suppress(OSError):  # a connection may end in the meantime
+            with suppress(OSError):  # a connection may end during the check
                 self.check()
 
 
 def _open_more_files() -> None:
     """Raises the process's limit on open files to the system's maximum.
 
-    Needed for NAOqi's server: if the server can't open a file for one connection, it accepts no further
-    connections.
+    Needed because NAOqi's server accepts no further connections after a connection for which the process
+    could open no file.
     """
     if resource is not None:
         most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]

@@ -12,16 +12,16 @@ from tci.robot.description import Limits, Robot
 
 
 class PartialGate(Gate):
-    """Gate that refuses commands to servos that a connection can't reach; works like `Gate` otherwise.
-
-    A command to a whole robot part is not refused: it moves only the servos of the part that can be reached.
+    """Gate that refuses commands to servos that a connection can't move, and otherwise works like `Gate`. A
+    command to a whole robot part is not refused, but moves only those servos of the part that the connection
+    can move.
     """
 
     def __init__(
         self, robot: Robot, unreached: Mapping[int, str], *, period: float, stale_after: float
     ) -> None:
-        """Makes the gate; `unreached` has the index of each servo that can't be reached, with the reason
-        why."""
+        """Creates the gate. `unreached` contains the index of each servo that the connection can't move, with
+        the reason."""
         super().__init__(robot, period=period, stale_after=stale_after)
         self._unreached = unreached
         servos = tuple(
@@ -50,7 +50,8 @@ class PartialGate(Gate):
         return super().step(kept, joints, now, refused=why)
 
     def _refusal(self, order: PlatformOrder) -> Reason | None:
-        """Returns the reason to refuse an order that moves an unreached servo, or None."""
+        """Returns the reason to refuse an order that moves a servo in `unreached`, or None if the order moves
+        no such servo."""
         for servo, why in self._unreached.items():
             if servo in order.servos:
                 return Reason(Code.ROBOT_REFUSES, f"{self.robot.servos[servo].name} can't be moved: {why}")

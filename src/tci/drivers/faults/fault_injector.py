@@ -1,7 +1,6 @@
-"""Fault injection: a driver that wraps another driver and corrupts its data from a given time on.
-
-Most faults change only the readings that the loop gets. The wrapped driver and its gate stay unchanged. Users
-can test their own behaviours with the faults that TCI's tests use (docs/reliability.md).
+"""Fault injection: a driver that wraps another driver and corrupts the wrapped driver's data from a given
+time on. Most faults change only the readings that the loop receives. The wrapped driver and its gate do not
+change. Users can test their own behaviours with the faults that TCI's tests use (docs/reliability.md).
 """
 
 from __future__ import annotations
@@ -20,16 +19,16 @@ from tci.frames import read_only
 from tci.messages import Reading, SkinFrame
 
 SWITCH = 16
-"""A sensor with a range below this number of counts is treated as a switch and gets no noise. Assumed: a
-pressure sensor has a larger range."""
+"""Range [counts] below which a sensor counts as a switch and gets no noise. Assumed: every pressure sensor
+has a larger range."""
 
 
 @dataclass(frozen=True, slots=True)
 class FaultPlan:
-    """One fault and its time."""
+    """One fault with start time and duration."""
 
     name: str
-    """Name of the injector."""
+    """Name of the fault injector."""
     at: float
     """Time [s] from the first reading to the start of the fault."""
     lasts: float = float("inf")
@@ -61,30 +60,31 @@ def parse_fault(text: str) -> FaultPlan:
 
 
 class FaultInjector(DriverWrapper):
-    """A driver that injects faults into the driver `inner`. It uses the gate, clock and lease of `inner`."""
+    """A driver that injects faults into the data of the driver `inner`. The fault injector uses the gate,
+    clock and lease of `inner`."""
 
     def __init__(self, inner: Driver, plans: Sequence[FaultPlan], *, flicker: float = 0.0) -> None:
-        """Adds noise of `flicker` counts (standard deviation) to each raw value of the skin. Real sensors
-        have noise. Without noise, a dead taxel can't be distinguished from a taxel at rest."""
+        """Wraps `inner`. `flicker` [counts] is the standard deviation of noise that is added to each raw
+        value of the skin. Real sensors have noise, and without noise a dead taxel can't be distinguished from
+        a taxel at rest."""
         super().__init__(inner)
         self._flicker, self._random = flicker, np.random.default_rng(0)
         self._frames: dict[str, SkinFrame] = {}
         self.begun: list[FaultPlan] = []
-        """Faults that have begun, the earliest first."""
+        """Faults that have started, the earliest first."""
         self._waiting = sorted(plans, key=lambda plan: plan.at)
         self._active: list[tuple[FaultPlan, Injector]] = []
         self._start: float | None = None
 
     def inject(self, plan: FaultPlan) -> None:
-        """Adds a fault. Its start time `plan.at` counts from now. Call this method from the thread of the
-        loop."""
+        """Adds a fault that starts `plan.at` [s] from now. Call this method in the thread of the loop."""
         since = 0.0 if self._start is None else self.clock.now() - self._start
         self._waiting.append(replace(plan, at=plan.at + since))
         self._waiting.sort(key=lambda waiting: waiting.at)
 
     @property
     def active(self) -> tuple[FaultPlan, ...]:
-        """Faults that are active now."""
+        """Faults that have started and not ended."""
         return tuple(plan for plan, _ in self._active)
 
     def _receive(self) -> Reading:
@@ -109,7 +109,7 @@ class FaultInjector(DriverWrapper):
         return frozen
 
     def _flickering(self, frame: SkinFrame) -> SkinFrame:
-        """Returns the frame with noise. A frame that is read twice gets equal noise both times."""
+        """Returns the frame with noise. A frame that is read again gets equal noise again."""
         sensor = self.robot.patch(frame.patch).sensor
         if sensor.highest - sensor.lowest < SWITCH:
             return frame

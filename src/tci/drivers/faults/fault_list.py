@@ -1,5 +1,5 @@
-"""The catalogue of faults. A row has a number, a description, the required reaction, and the test of the
-reaction. If a fault has no test yet, the row names the part that TCI still lacks."""
+"""The catalogue of faults. Each row contains a number, a description, the required reaction, and the test of
+the reaction. If a fault has no test, the row names the missing part of TCI."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class KnownFault:
     expected: str
     """Required reaction of TCI."""
     test: str
-    """Test that checks the reaction, as `path::test`. Empty if there is no test yet."""
+    """Test that checks the reaction, as `path::test`. Empty if the fault has no test."""
     missing: str
-    """Part that TCI still lacks for this fault. Empty if the fault is tested."""
+    """Missing part of TCI for which this fault has no test. Empty if the fault has a test."""
 
 
 def _load() -> dict[int, KnownFault]:

@@ -1,1 +1,1 @@
-"""Robots that are served and commanded over LCM."""
+"""Driver and server for robots on the middleware LCM."""

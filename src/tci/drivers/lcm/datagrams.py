@@ -1,7 +1,8 @@
 """Datagrams of LCM, sent and received without LCM's own library.
 
-LCM's own library is not used for two reasons. Damaged datagrams crash its receiver. The library also joins
-the multicast group on the interface of the default route, which may be a public network.
+TCI does not use LCM's own library for two reasons. Damaged datagrams crash the library's receiver. The
+library also joins the multicast group on the interface of the default route, which may belong to a public
+network.
 
 A short message is one datagram. The datagram contains:
 
@@ -37,15 +38,15 @@ URL = "udpm://239.255.76.67:7667?ttl=0"
 VALID = f"valid: {URL}; with ttl=1 everybody on the local network may read and command"
 PER_POLL = 1024
 """Largest number of datagrams that one call of `poll` reads. Assumed: usually fewer datagrams wait, so `poll`
-reaches the latest one, and in a flood of datagrams `poll` still ends soon."""
+reads the latest datagram; if very many datagrams arrive, this number bounds the time of the call."""
 BUFFER = 1 << 18
 """Size [bytes] of the operating system's send and receive buffers. Assumed: twice the longest message."""
 LONGEST = 1 << 17
-"""Length [bytes] of the longest message that is accepted. Assumed: about two datagrams of the largest
-size."""
+"""Length [bytes] of the longest accepted message. Assumed: a message of TCI fits in two datagrams of the
+largest size."""
 SENDERS = 64
-"""Largest number of senders for which message numbers and pieces are stored. Assumed: this bounds the
-memory."""
+"""Largest number of senders for which message numbers and pieces are stored. Assumed: fewer programs send;
+the number bounds the used memory."""
 PATIENCE = 0.1
 """Longest time [s] from the first to the last piece of a message. Assumed: a sender sends all pieces of a
 message without a pause."""
@@ -54,13 +55,15 @@ PIECE = 65_487 if sys.platform == "linux" else 1435
 longer datagrams."""
 _SHORT, _LONG = struct.Struct(">4sI"), struct.Struct(">4sIIIHH")
 IP_MULTICAST_ALL = 49
-"""Number of a Linux socket option that Python does not define. By default, a socket also receives messages
-from interfaces on which only other programs joined the group; `Receiver` switches this off."""
+"""Number of the Linux socket option IP_MULTICAST_ALL, which Python does not define. By default, a socket also
+receives messages from interfaces on which only other programs joined the group. `Receiver` switches this
+default off."""
 
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """A multicast group, and how far its datagrams travel (`ttl`, in hops)."""
+    """A multicast group, and the largest distance (`ttl`, in network hops) that the group's datagrams
+    travel."""
 
     address: str
     port: int
@@ -107,12 +110,12 @@ class Datagrams:
         self.lost = 0
         """Number of messages that were lost."""
         self.rejected = 0
-        """Number of rejected datagrams: damaged ones, duplicates, and pieces of messages that were never
+        """Number of rejected datagrams: damaged datagrams, duplicates, and pieces of messages that were never
         completed."""
 
     def take(self, data: bytes, sender: object) -> tuple[str, bytes] | None:
-        """Takes a datagram of `sender`. Returns channel and bytes of the message that is complete now, or
-        None."""
+        """Handles a datagram of `sender`. If the datagram completes a message, returns the channel and the
+        bytes of the message, otherwise None."""
         magic = data[:4]
         if magic == b"LC02" and len(data) >= _SHORT.size:
             return self._short(data, sender)
@@ -241,7 +244,7 @@ class Receiver:
             raise DriverError(f"lcm: {url}: {error.strerror}; {VALID}") from error
 
     def poll(self) -> Iterator[tuple[str, bytes, Address]]:
-        """Yields channel, bytes and sender of the messages that arrived, oldest first. Reads at most
+        """Yields channel, bytes and sender of each message that has arrived, the oldest first. Reads at most
         `PER_POLL` datagrams."""
         for _ in range(PER_POLL):
             try:

@@ -7,9 +7,9 @@
 | `tci/NAME/facts` | `tci_lcm.facts_t`: the robot's facts, once a second | robot |
 | `tci/NAME/orders` | `tci_lcm.orders_t`: orders and heartbeat, in every period | behaviour |
 
-Every member of the multicast group may command the robot, since LCM has no passwords. By default the group is
-joined on the loopback interface, so only programs on this machine are members. A URL with ttl=1 opens the
-robot to the whole local network. To use a robot over a network, prefer Zenoh.
+Every member of the multicast group may command the robot, since LCM has no passwords. By default, TCI joins
+the group on the loopback interface, so only programs on this machine can be members. A URL with ttl=1 opens
+the robot to the whole local network. To use a robot over a network, prefer Zenoh.
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ from tci.messages import Reading, SkinFrame
 from tci.robot.description import Robot
 
 PER_POLL = 64
-"""Largest number of messages that one call of `poll` returns. If more have arrived, the older ones are
-dropped. Assumed: this bounds the time for decoding in a flood of messages."""
+"""Largest number of messages that one call of `poll` returns. If more messages have arrived, `poll` drops the
+older messages. Assumed: this number bounds the time for decoding if very many messages arrive."""
 FACTS = 1.0
-"""Time [s] between two messages with the robot's facts. Assumed: a new client can't request the facts over
-LCM, so it waits up to this time."""
+"""Time [s] between two messages with the robot's facts. Assumed: a client that waits for this time after
+connecting is acceptable, since LCM has no requests."""
 
 
 class _Bus:
     """Connection of this process to a multicast group."""
 
     def __init__(self, address: RemoteAddress) -> None:
-        """Joins the multicast group. Raises DriverError if that fails."""
+        """Joins the multicast group. Raises DriverError if the group can't be joined."""
         self.receiver = Receiver(address.where)
         self.transmitter = Transmitter(address.where)
         self._where, self._prefix = address, f"tci/{address.robot}"
@@ -67,7 +67,8 @@ class _Bus:
                 raise DriverError(f"{self._where}: the network accepts no data: {error.strerror}") from error
 
     def poll(self) -> Iterable[tuple[str, bytes, Address]]:
-        """Returns channel name, bytes and sender of the latest messages, oldest first, at most `PER_POLL`."""
+        """Returns channel name, bytes and sender of the latest messages, at most `PER_POLL`, the oldest
+        first."""
         latest: deque[tuple[str, bytes, Address]] = deque(maxlen=PER_POLL)
         for channel, data, sender in self.receiver.poll():
             prefix, _, name = channel.rpartition("/")
@@ -102,7 +103,8 @@ class LcmDriver(RemoteDriver):
         before = self._state
         reading = super()._receive()
         end = self.clock.now() + self.gate.stale_after
-        # Without a reader the system keeps the oldest datagrams: the latest state may still arrive.
+        # If no program reads the socket, the system keeps the oldest datagrams, so the latest state may be
+        # unread.
         while self._state is not before and self._is_late() and self.clock.now() < end:
             self.clock.sleep_until(self.clock.now() + self.period)
             reading = super()._receive()
@@ -114,8 +116,9 @@ class LcmDriver(RemoteDriver):
         return self.clock.now() - (self._state.now + self._shift) > self.gate.stale_after
 
     def _poll(self) -> Iterator[State | SessionFrame]:
-        """Yields the received states and frames. A message with this driver's session number is accepted only
-        from the sender of the first state, since every member of the group can read that number."""
+        """Yields the received states and frames. A message with the session number of the robot's process is
+        accepted only from the sender of the first state, since every member of the group can read the session
+        number."""
         readers: dict[str, Callable[[Robot, bytes], State | SessionFrame]] = {
             "state": to_state, "skin": to_skin
         }  # fmt: skip
@@ -144,7 +147,7 @@ class LcmDriver(RemoteDriver):
 
     @property
     def lost(self) -> int:
-        """Number of messages that were sent to the group and never arrived."""
+        """Number of messages that other processes sent to the group and that never arrived."""
         return self._bus.receiver.datagrams.lost
 
     def diagnose(self) -> tuple[Finding, ...]:
@@ -172,8 +175,8 @@ class LcmServer(RemoteServer):
         self._bus = _Bus(self._where)
         self._homes: dict[int, Address] = {}
         self.rejected = 0
-        """Number of rejected messages: messages without valid orders for this robot, and orders with the
-        client number of a process at another address."""
+        """Number of rejected messages. Reasons are: the message has no valid orders for this robot, or the
+        orders have the client number of a process at another address."""
         self._facts, self._due = facts_bytes(driver.robot), -float("inf")
         self._open = True
 

@@ -1,7 +1,7 @@
 """Conversion between the messages of `tci.drivers.remote` and the LCM messages in `tci_lcm/tci.lcm`.
 
-The program lcm-gen generates code for these LCM messages in eight languages. Their last field, `check`, is
-the CRC-32 of all bytes before this field.
+The program lcm-gen generates code for these LCM messages in eight languages. The last field of each message,
+`check`, is the CRC-32 of all bytes before this field.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ def robot_number(robot: Robot) -> int:
 
 
 def facts_bytes(robot: Robot) -> bytes:
-    """Returns an encoded facts_t with the facts about the robot."""
+    """Returns a facts_t with the facts about the robot as bytes."""
     json = zlib.compress(query(robot).model_dump_json().encode())
     return _sealed(facts_t, robot=robot_number(robot), size=len(json), json=json)
 
 
 def state_bytes(robot: Robot, state: State) -> bytes:
-    """Returns a state_t."""
+    """Returns a state_t with the state as bytes."""
     joints, effort = state.joints, state.joints.torque
     modes = () if joints.modes is None else joints.modes
     powered = () if joints.powered is None else joints.powered.tolist()
@@ -70,7 +70,7 @@ def state_bytes(robot: Robot, state: State) -> bytes:
 
 
 def to_state(robot: Robot, data: bytes) -> State:
-    """Decodes a state_t. Raises FrameError if it is invalid or for another robot."""
+    """Decodes a state_t. Raises FrameError if the state_t is invalid or belongs to another robot."""
     found = _opened(robot, state_t, data)
     if found.num_joints != len(robot.servos) or found.num_commanders > MOST_COMMANDERS:
         raise FrameError(f"{found.num_joints} joints, {found.num_commanders} commanders for {robot.name}")
@@ -97,7 +97,7 @@ def to_state(robot: Robot, data: bytes) -> State:
 
 
 def frame_bytes(robot: Robot, message: SessionFrame) -> bytes:
-    """Returns a skin_t."""
+    """Returns a skin_t with the skin frame as bytes."""
     frame = message.frame
     data = np.ascontiguousarray(frame.values).tobytes()
     return _sealed(
@@ -107,8 +107,8 @@ def frame_bytes(robot: Robot, message: SessionFrame) -> bytes:
 
 
 def to_skin(robot: Robot, data: bytes) -> SessionFrame:
-    """Decodes a skin_t. Raises FrameError if it is invalid or for another robot. Skin conditioning checks
-    later if the frame fits its patch."""
+    """Decodes a skin_t. Raises FrameError if the skin_t is invalid or belongs to another robot. Skin
+    conditioning later checks if the frame fits the patch."""
     found = _opened(robot, skin_t, data)
     if found.patch not in {patch.name for patch in robot.patches}:
         raise FrameError(f"frame of a patch {found.patch[:40]!r}, which {robot.name} lacks")
@@ -124,7 +124,7 @@ def to_skin(robot: Robot, data: bytes) -> SessionFrame:
 
 
 def orders_bytes(robot: Robot, message: Orders) -> bytes:
-    """Returns an orders_t."""
+    """Returns an orders_t with the orders as bytes."""
     return _sealed(
         orders_t, robot=robot_number(robot), session=message.session, seen=message.seen,
         client=message.client, name=message.name, sequence=message.sequence,
@@ -135,8 +135,8 @@ def orders_bytes(robot: Robot, message: Orders) -> bytes:
 
 
 def to_orders(robot: Robot, data: bytes) -> Orders:
-    """Decodes an orders_t. Raises FrameError if it is invalid or for another robot. The gate checks later if
-    the orders are allowed."""
+    """Decodes an orders_t. Raises FrameError if the orders_t is invalid or belongs to another robot. The gate
+    later checks if the orders are allowed."""
     found = _opened(robot, orders_t, data)
     if found.num_orders > MOST_ORDERS or not 0 < found.first < HIGHEST:
         raise FrameError(f"{found.num_orders} orders from number {found.first}; valid: {MOST_ORDERS}, from 1")

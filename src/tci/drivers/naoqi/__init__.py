@@ -6,6 +6,6 @@ Modules:
 - `server` offers any NAO, for example the simulated one, to NAOqi clients. `services` has the offered
   methods.
 - `session` opens sessions, `poller` requests joints and skin, and `stream` sends angles.
-- `words` has the names that driver and server both use.
+- `words` defines the names that driver and server both use.
 - `autonomy` handles the robot's autonomous motions.
 """

@@ -1,8 +1,9 @@
-"""Autonomous motions and reflexes of a NAO, which interfere with a behaviour.
+"""Finds and switches autonomous motions of a NAO, which disturb the motions of a behaviour.
 
 An armed driver refuses to connect while an autonomous motion moves the joints. If the address contains
-`?life=off`, the driver switches these motions off, and on again when the driver is closed. Without this
-option nothing is switched. The robot's own reflexes are not changed.
+`?life=off`, the driver switches these motions off, and switches these motions on again when the driver is
+closed. Without this option, the driver switches no motion. The driver does not change the robot's own
+reflexes.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from tci.errors import DriverError
 PATIENCE = 5.0
 """Longest time [s] for switching a motion on or off. Assumed: ending autonomous life takes a few seconds."""
 LIFE_OFF = "disabled"
-"""State of autonomous life in which the robot makes no autonomous motions (Aldebaran's documentation)."""
+"""State of autonomous life in which the robot moves no joints by itself (Aldebaran's documentation)."""
 LIFE = "ALAutonomousLife"
 """Name of the service of autonomous life."""
 EVERY = 1.0
@@ -35,10 +36,11 @@ REFLEXES = {
 
 @dataclass(frozen=True, slots=True)
 class Mover:
-    """An autonomous motion. The object contains only names, so it can also be used in a later session."""
+    """An autonomous motion. The object contains only names, so a driver can use the object also in a later
+    session."""
 
     name: str
-    """Description for messages."""
+    """Description of the motion for texts that people read."""
     service: str
     """Service with the method that switches the motion."""
     method: str
@@ -50,11 +52,12 @@ class Mover:
 
     @property
     def switch(self) -> tuple[str, str, tuple[Any, ...]]:
-        """Key of this motion. It does not depend on the former state of the motion."""
+        """Key of this motion, independent of the motion's former state."""
         return self.service, self.method, self.off
 
     def turn(self, session: Any, arguments: tuple[Any, ...]) -> None:
-        """Switches the motion; `arguments` are `off` or `on`. Raises DriverError if that fails."""
+        """Switches the motion off or on; `arguments` are the attribute `off` or the attribute `on`. Raises
+        DriverError if the call fails."""
         method = getattr(service(session, self.service), self.method)
         answer(method(*arguments, _async=True), f"{self.service}.{self.method}", timeout=PATIENCE)
 
@@ -89,8 +92,8 @@ def reflexes(motion: Any) -> list[str]:
 
 
 def switch_off(session: Any, found: list[Mover]) -> None:
-    """Switches autonomous motions off. If one can't be switched off, switches the earlier ones on again and
-    raises DriverError."""
+    """Switches autonomous motions off. If a motion can't be switched off, switches the previous motions on
+    again and raises DriverError."""
     done: list[Mover] = []
     for mover in found:
         try:
@@ -102,8 +105,8 @@ def switch_off(session: Any, found: list[Mover]) -> None:
 
 
 def switch_on(session: Any, found: list[Mover]) -> list[str]:
-    """Switches autonomous motions on again, in reverse order. Returns the names of motions for which this
-    failed, each with the reason."""
+    """Switches autonomous motions on again, in reverse order. Returns the name of each motion that could not
+    be switched on, with the reason."""
     left = []
     for mover in reversed(found):
         try:
@@ -118,8 +121,8 @@ class Lookout:
     background, at most once per `EVERY`."""
 
     def __init__(self, session: Any, *, was_off: bool) -> None:
-        """Takes `was_off`: True if autonomous life was off or not started, False if it was on and may still
-        be ending."""
+        """Prepares the queries. `was_off` is True if autonomous life was off or not started, and False if
+        autonomous life was on and may still be ending."""
         self._session, self._was_off = session, was_off
         self._question = getattr(_service(session, LIFE), "getState", None)
         self._answer: Any = None
@@ -151,7 +154,7 @@ def _service(session: Any, name: str) -> Any:
 
 
 def _ask(one: Any, question: str, *arguments: Any) -> Any:
-    """Returns the answer of a method; None if the robot lacks the method or the call fails."""
+    """Returns the answer of a method, or None if the robot lacks the method or the call fails."""
     try:
         return answer(getattr(one, question)(*arguments, _async=True), question, timeout=PATIENCE)
     except (AttributeError, DriverError):

@@ -21,7 +21,7 @@ class Board:
     """The latest measured values and the latest orders. Calls never wait, and older values are dropped."""
 
     def __init__(self, robot: Robot, first: Reading) -> None:
-        """Takes `first`, a reading that is made before the server starts."""
+        """Stores `first`, a reading from before the start of the server."""
         self.robot = robot
         self.measured: list[float] = first.joints.position.tolist()
         """Measured angles [rad] of all servos."""
@@ -82,7 +82,7 @@ class Board:
             self._shares.update({s.index: share for s, share in zip(servos, shares, strict=True)})
 
     def keys(self) -> dict[str, Callable[[], Any]]:
-        """Returns for each key of ALMemory a function that returns the present value."""
+        """Returns a function for each key of ALMemory. The function returns the present value of the key."""
         keys: dict[str, Callable[[], Any]] = {"TCI/Gate": lambda: self.gate}
         for servo in self.robot.servos:
             keys[words.angle_key(servo.name, "Sensor")] = partial(self._measured, servo.index)
@@ -107,7 +107,7 @@ class Board:
         return self.commanded[servo]
 
     def _current(self, servo: int, constant: float) -> float:
-        """Returns the current [A] of a servo without its sign."""
+        """Returns the magnitude [A] of a servo's motor current."""
         return abs(self.torque[servo]) / constant
 
     def _channel(self, patch: str, place: int) -> float | None:

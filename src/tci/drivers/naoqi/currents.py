@@ -22,8 +22,8 @@ class Currents:
     """Converts the currents of all servos with a known constant to torques."""
 
     def __init__(self, robot: Robot, names: Sequence[str]) -> None:
-        """Takes `names` (n,), the robot's own names of its joints. Raises the errors that `joint_calibration`
-        raises."""
+        """Prepares the conversion. `names` (n,) are the robot's own joint names. Raises the errors of
+        `joint_calibration`."""
         known = joint_calibration(robot).amperes
         servos = [servo.index for servo in robot.servos if servo.name in known]
         self._count, self._servos = len(robot.servos), np.array(servos, dtype=np.intp)
@@ -40,7 +40,7 @@ class Currents:
         """Returns the torques (n,) [N m] of all servos.
 
         `values` are the values of `keys`, and `position` (n,) [rad] are the measured angles. The torque of a
-        servo is NaN if it has no constant, or if one of its values is not a number.
+        servo is NaN if the servo has no constant, or if one of the servo's values is not a number.
         """
         numbers = [value if isinstance(value, int | float) else np.nan for value in values]
         amperes, wanted = np.array(numbers, dtype=float).reshape(2, -1)

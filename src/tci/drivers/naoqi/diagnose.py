@@ -1,4 +1,4 @@
-"""Comparison of a NAO's own data with its description. Nothing is switched or moved."""
+"""Compares a NAO's own data with the robot's description. Switches nothing and moves no joint."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from tci.errors import DriverError
 from tci.robot.description import Robot
 
 CLOSE = np.deg2rad(0.6)
-"""Limits that differ by at most this angle [rad] count as equal. Assumed: manufacturers round limits to half
-a degree."""
+"""Largest difference [rad] between two limits that count as equal. Assumed: manufacturers round limits to
+half a degree."""
 OFFSET = 1.0
 """Largest offset [s] of the robot's clock with which the robot's logs can be compared with TCI's logs.
-Assumed: the times of log entries are compared with a resolution of one second."""
+Assumed: a person compares the times of log entries with a resolution of one second."""
 
 
 def examine(robot: Robot, poller: Poller, stream: Stream | None) -> tuple[Finding, ...]:

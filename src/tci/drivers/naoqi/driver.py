@@ -39,22 +39,22 @@ autonomous motions off, and `close` can switch them on again only afterwards. As
 
 
 class NaoqiDriver(Driver):
-    """Driver of a NAO. The driver is armed only on request, and never while the robot moves by itself."""
+    """Driver of a NAO. The driver is armed only on request, and never while autonomous motions move the
+    robot."""
 
     def __init__(
         self, robot: Robot, address: str = "", *, arm: bool = False, joints: bool = True, skin: bool = True
     ) -> None:
         """Connects to `address`, such as `//10.0.0.5` or `//nao@10.0.0.5`.
 
-        With `joints=False`, only the skin is read, and nothing can be moved. With `skin=False`, only the
-        joints are read.
+        With `joints=False`, the driver reads only the skin, and moves no joint. With `skin=False`, the driver
+        reads only the joints.
 
-        An armed driver does not connect to a robot that moves by itself (for example autonomous life or
+        An armed driver does not connect to a robot with autonomous motions (for example autonomous life or
         breathing). With `?life=off` after the address, the driver switches these motions off until it is
-        closed. After a lost connection, the new connection is checked in the same way. If the robot then
-        moves by itself and the address lacks `?life=off`, the gate stops all joints.
-
-        Raises DriverError if the robot can't be reached, does not fit the description, or moves by itself.
+        closed. After each reconnection, the driver checks autonomous motions again. If such a motion is on
+        and the address lacks `?life=off`, the gate stops all joints. Raises DriverError if the robot can't be
+        reached, does not fit the description, or has autonomous motions that are on.
         """
         self.where = parse_address(address)
         clock, lease_name = MonotonicClock(), f"naoqi:{numeric(self.where.host)}:{self.where.port}"
@@ -105,7 +105,7 @@ class NaoqiDriver(Driver):
         if self._poller.generation != self._generation:
             self._generation = self._poller.generation
             if self._stream is not None:
-                if self.armed:  # a robot that was away must not continue its last command
+                if self.armed:  # after a reconnection, the robot must not continue the last command
                     with suppress(RuntimeError):
                         motion = self._poller.services.motion
                         motion.killTasksUsingResources(self._poller.names, _async=True)
@@ -120,13 +120,14 @@ class NaoqiDriver(Driver):
 
     def _send(self, safe: SafeCommand) -> None:
         if self._poller.trouble or self._poller.generation != self._generation:
-            return  # not connected: joint data grows old, the gate holds, and nothing is sent later
+            # without a connection, joint data becomes too old, the gate holds, and no command is sent later
+            return
         motion = self._poller.services.motion
         try:
             if safe.stiffness:
                 names = [self._poller.names[servo] for servo in safe.stiffness]
                 values = [float(share) for share in safe.stiffness.values()]
-                # Angles must not arrive before the stiffness that they need.
+                # Angles must not arrive before the stiffness, since a servo without stiffness does not move.
                 answer(motion.setStiffnesses(names, values, _async=True), "setStiffnesses", timeout=1.0)
                 self._on[list(safe.stiffness)] = self.clock.now()
             assert self._stream is not None  # armed drivers have a stream
@@ -199,13 +200,13 @@ class NaoqiDriver(Driver):
             )
         autonomy.switch_off(services.session, found)
         for mover in found:
-            self._switched.setdefault(mover.switch, mover)  # keeps the state before the first switch
+            self._switched.setdefault(mover.switch, mover)  # stores the state before the first switch
         was_off = all(mover.service != autonomy.LIFE for mover in found)
         self._lookout = autonomy.Lookout(services.session, was_off=was_off)
 
     def _restore(self) -> None:
-        """Switches autonomous motions on again that this driver switched off. If the session has ended, a new
-        session is opened. Warns about motions that stay off."""
+        """Switches on the autonomous motions that this driver switched off. If the session has ended, opens a
+        new session. Warns about motions that stay off."""
         found, services = list(self._switched.values()), self._poller.services
         left: list[str] = []
         try:

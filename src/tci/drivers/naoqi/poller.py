@@ -34,16 +34,17 @@ EARLY, LATE = 0.0005, 0.0025
 """A skin frame is requested from EARLY [s] before its expected time until LATE [s] after it. Assumed: a
 longer window causes more requests, a shorter window misses late frames."""
 STEP = 0.001
-"""A skin frame that a request returns for the first time is assumed to be at most this old [s]."""
+"""Largest assumed age [s] of a skin frame that a request returns for the first time."""
 FIRST = 0.003
-"""A skin frame that is due within this time [s] is requested before the joints. Assumed: `EARLY` + `LATE`."""
+"""Time [s] before the expected time of a skin frame in which the frame is requested before the joints.
+Assumed: `EARLY` + `LATE`."""
 SLOW = 0.05
 """Time [s] between two requests for stiffness. Assumed: stiffness changes slowly."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sensed:
-    """The data from one request."""
+    """The data that one request returned."""
 
     reading: Reading
     stiffness: Array
@@ -57,11 +58,10 @@ class Poller:
         self, robot: Robot, address: Address, clock: Clock, *, joints: bool, skin: bool,
         greet: Callable[[Services], None], glance: Callable[[], None],
     ) -> None:  # fmt: skip
-        """Connects, and requests data once. Raises DriverError if that fails.
-
-        After each reconnection, the thread calls `greet`. The robot counts as connected when `greet` has
-        returned. If `greet` raises DriverError, the thread connects again. After each answer, the thread
-        calls `glance`, for tasks that are not urgent.
+        """Connects, and requests data once. Raises DriverError if the robot does not answer. After each
+        reconnection, the thread calls `greet`. The robot counts as connected when `greet` has returned. If
+        `greet` raises DriverError, the thread connects again. After each answer, the thread calls `glance`
+        for tasks that are not urgent.
         """
         self.robot, self.address, self.clock = robot, address, clock
         self._greet, self._glance = greet, glance
@@ -75,7 +75,7 @@ class Poller:
         self.counts: Counter[str] = Counter()
         """Counts of requests (`polls`), `failures`, `reconnections` and invalid skin frames (`bad`)."""
         self.trouble = ""
-        """Reason why the robot does not answer now. Empty if it answers."""
+        """Reason why the robot does not answer at present. Empty if the robot answers."""
         self._joints = joints
         self._currents = Currents(robot, self.names)
         self._channels = {patch.name: patch.channels for patch in robot.skin}
@@ -108,9 +108,9 @@ class Poller:
         self._thread.start()
 
     def read(self, patience: float) -> Sensed:
-        """Requests new data and returns it; returns the previous data if no answer arrives in time.
-
-        Waits at most `patience` [s] for the answer, plus `LATE` [s] if a skin frame is due in this time.
+        """Requests new data and returns the new data, or returns the previous data if no answer arrives in
+        time. Waits at most `patience` [s] for the answer, plus `LATE` [s] if a skin frame is due in this
+        time.
         """
         self._fresh.clear()
         self._until = self.clock.now() + patience
@@ -119,7 +119,8 @@ class Poller:
         return self.latest
 
     def end(self, patience: float) -> None:
-        """Ends the thread. Waits at most `patience` [s] for the end, since the thread may be connecting."""
+        """Ends the thread. Waits at most `patience` [s] until the thread has ended, since the thread may be
+        connecting."""
         self._end.set()
         self._wanted.set()
         self._thread.join(timeout=patience)
@@ -145,9 +146,12 @@ class Poller:
                     self._end.wait(max(0.0, due - EARLY - self.clock.now()))
                     sensed = self._ask(sensed.reading.joints)
                 if again or (missed and self.clock.now() - answered > stale):
-                    self.generation += 1  # a new session, or away long enough for the gate to hold
+                    # the session is new, or the robot did not answer for longer than `stale_after`
+                    self.generation += 1
                 self.latest = sensed
-                self.trouble = ""  # set last: a reader who sees that it is back also sees the new generation
+                # set after `generation`, so that a thread that reads the empty `trouble` also reads the new
+                # `generation`
+                self.trouble = ""
                 answered, missed = self.clock.now(), False
                 self._fresh.set()
                 self._glance()
@@ -157,7 +161,7 @@ class Poller:
                 missed = True
                 late = self.clock.now() - answered < GONE
                 if not self.trouble and late and self.services.session.isConnected():
-                    continue  # only late: joint data grows old, and the gate holds meanwhile
+                    continue  # the answer is only late; the gate holds if joint data becomes too old
                 self.trouble = str(error)
                 self.services.close()
                 self._end.wait(AGAIN)
@@ -170,8 +174,8 @@ class Poller:
         return min((one for one in due if now - LATE < one < self._until), default=None)
 
     def _skin_first(self) -> bool:
-        """Returns True if the skin is requested before the joints. This is so if a skin frame is due soon,
-        and the joint data of the previous period is recent enough."""
+        """Returns True if the skin is requested before the joints. The skin is requested first if a skin
+        frame is due soon and the joint data of the previous period is recent enough."""
         due, before = self._next_frame(), self._before
         now, longest = self.clock.now(), 2.0 * self._period
         return due is not None and before is not None and due - now < FIRST and now - before.stamp < longest
@@ -184,14 +188,15 @@ class Poller:
         self.counts["reconnections"] += 1
 
     def _look_again(self) -> None:
-        """Searches again for patches that the first connection found and a later connection lacks. Their
-        publisher may start later than NAOqi."""
+        """Searches again for patches that the first connection found and a later connection did not find. The
+        program that publishes these patches may start later than NAOqi."""
         lost = {p: self.keys[p] for p, keys in self._known.items() if self._asks.get(p) != keys}
         if lost and self.clock.now() >= self._look:
             self._look = self.clock.now() + GONE
             here = {p for p in lost if p in self._frames and self._frames[p].stamp > self._back}
             self._asks |= words.find_keys(lost, self._try)
-            self._known |= {p: self._asks[p] for p in here}  # published again, possibly in another form
+            # the patch is published again, possibly under another key
+            self._known |= {p: self._asks[p] for p in here}
 
     def _try(self, key: str) -> Any:
         """Returns the value of a key, None if there is no value, or `words.REFUSED` if NAOqi refuses the
@@ -236,7 +241,8 @@ class Poller:
                 continue
             if frame is not None:
                 self._frames[patch] = frame
-                if len(some) <= 2 and self._every[patch] > self._period:  # published, no switches
+                # patches that a program publishes, not switches
+                if len(some) <= 2 and self._every[patch] > self._period:
                     missed = self._missed.get(patch, -np.inf)
                     self._seen[patch] = max((missed + begin) / 2.0, begin - STEP)
             else:
@@ -261,7 +267,7 @@ class Poller:
         before, velocity = self._before, np.zeros(count)
         if before is not None and begin > before.stamp:
             velocity = (position - before.position) / (begin - before.stamp)
-        # The stamp is the time of the request: data is never younger than its stamp says.
+        # The stamp is the time of the request, since the measurement may be that old.
         joints = JointReading(begin, self.counts["polls"], read_only(position), read_only(velocity))
         self._before = joints
         return joints
@@ -277,13 +283,14 @@ class Poller:
         return numbers
 
     def _frame(self, patch: str, stamp: float, found: list[Any]) -> SkinFrame | None:
-        """Returns the frame if it is new, otherwise None. Raises FrameError if the frame is invalid."""
+        """Returns a new skin frame, or None if the values are those of the previous frame. Raises FrameError
+        if the frame is invalid."""
         old = self._frames.get(patch)
         if len(self.keys[patch]) > 1:
             self._due[patch] = stamp + 0.9 * self._every[patch]
             if not all(isinstance(value, int | float) for value in found):
-                return None  # a robot without these sensors
-            # A switch is read directly, not published: each reading is a new frame.
+                return None  # the robot lacks these sensors
+            # Switches are read directly, so each reading of switches is a new frame.
             return SkinFrame(patch, stamp, 0 if old is None else old.sequence + 1, _vector(patch, found))
         value, number = found[0], found[1] if len(found) > 1 else None
         if isinstance(value, str):
@@ -304,7 +311,8 @@ class Poller:
 
 
 def _vector(patch: str, value: list[Any] | tuple[Any, ...]) -> NDArray[np.generic]:
-    """Converts a vector of numbers from ALMemory. Its length is checked later, as for all frames."""
+    """Converts a vector of numbers from ALMemory to a skin frame's values. Skin conditioning later checks the
+    number of values."""
     try:
         values = np.array(value)
     except ValueError:

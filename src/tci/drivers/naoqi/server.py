@@ -1,9 +1,8 @@
-"""`tci serve nao --via naoqi`: serves any NAO, for example the simulated one, as NAOqi would.
-
-Clients are programs that use NAOqi through the library `qi`; they connect over a real socket. As with the
-real ALMotion, joints move to the latest target at a fraction of the top speed. In addition, every motion
-passes the safety gate of this process. There is no login, so by default only programs on this machine can
-connect.
+"""`tci serve nao --via naoqi`: serves any NAO, for example the simulated NAO, with NAOqi's services. Clients
+are programs that use NAOqi with the library `qi`. These programs connect over a socket. Joints move to the
+latest target at a fraction of the top speed, as ALMotion on a real NAO moves the joints. In addition, the
+safety gate of this process checks every motion. The server has no login, so by default only programs on this
+machine can connect.
 """
 
 from __future__ import annotations
@@ -28,10 +27,10 @@ LOCAL = "127.0.0.1"
 
 
 class NaoqiServer(Server):
-    """Serves the robot of a driver as NAOqi would."""
+    """Serves the robot of a driver with NAOqi's services."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """Listens at `address` (HOST:PORT). Raises DriverError if that fails."""
+        """Listens at `address` (HOST:PORT). Raises DriverError if the server can't listen at this address."""
         super().__init__(driver, address)
         host, _, port = address.removeprefix("//").rpartition(":")
         if not host and port and not port.isdigit():
@@ -63,7 +62,8 @@ class NaoqiServer(Server):
 
     def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
         self._board.store(reading, sent)
-        if not self._ready:  # as on a robot that starts: services appear when they can work
+        # services are registered when the first data is available, as on a robot that starts
+        if not self._ready:
             self._ready = True
             for name, one in services.all_services(self._board).items():
                 self._session.registerService(name, one)

@@ -1,7 +1,6 @@
-"""NAOqi services of a served robot. Threads of `qi` call their methods.
-
-They offer only the methods of a real NAO that concern joints, touch and memory. Each method has the name, the
-arguments and the meaning that Aldebaran's documentation gives.
+"""NAOqi services of a served robot. Threads of `qi` call the methods of these services. The services have
+only the methods of a real NAO for joints, touch and memory. Each method has the name, the arguments and the
+meaning that Aldebaran's documentation gives.
 """
 
 from __future__ import annotations
@@ -18,8 +17,8 @@ from tci.drivers.naoqi.board import Board
 from tci.robot.description import Servo
 
 SETTLED = 0.01
-"""In a blocking motion, a joint has arrived if it is within this distance [rad] of its target. Assumed: 0.6
-degrees; because of backlash, a smaller distance may never be reached."""
+"""Largest distance [rad] from the target at which a joint counts as arrived in a blocking motion. Assumed:
+0.6 degrees; because of backlash, a joint may never reach a smaller distance."""
 LONGEST = 1000
 """Largest number of joints or keys in one call."""
 
@@ -56,7 +55,7 @@ class ALMotion:
 
     @qi.bind(qi.Void, [qi.Dynamic, qi.Dynamic])
     def setStiffnesses(self, names: Any, stiffnesses: Any) -> None:
-        """Sets stiffnesses 0..1. Takes one number for all joints, or one number per joint."""
+        """Sets stiffnesses 0..1. `stiffnesses` is one number for all joints, or one number per joint."""
         servos = self._find(names)
         shares = _numbers(stiffnesses, len(servos), "stiffness", 0.0, 1.0)
         self._board.stiffen(servos, shares)
@@ -64,7 +63,7 @@ class ALMotion:
     @qi.bind(qi.Void, [qi.Dynamic, qi.Dynamic, qi.Float])
     def setAngles(self, names: Any, angles: Any, fractionMaxSpeed: float) -> None:
         """Moves joints to `angles` [rad] at the fraction `fractionMaxSpeed` of their top speed. A later call
-        replaces these targets at once."""
+        immediately replaces these targets."""
         servos = self._find(names)
         wanted = _numbers(angles, len(servos), "angle [rad]", -7.0, 7.0)
         share = _numbers(fractionMaxSpeed, 1, "fractionMaxSpeed", 1e-6, 1.0)[0]
@@ -120,11 +119,11 @@ class ALMotion:
         self.setStiffnesses("Body", 1.0)
 
     def rest(self) -> None:
-        """Sets zero stiffness. A real NAO sits down first; a served NAO does not, since it has no legs."""
+        """Sets zero stiffness. A real NAO first sits down, but a served NAO does not sit down."""
         self.setStiffnesses("Body", 0.0)
 
     def robotIsWakeUp(self) -> bool:
-        """Returns True if at least one joint is stiff."""
+        """Returns True if at least one joint has a stiffness above 0."""
         return max(self._board.stiffness) > 0.0
 
     def getBreathEnabled(self, chain: str) -> bool:
@@ -132,7 +131,7 @@ class ALMotion:
         return self._breath.get(chain, False)
 
     def setBreathEnabled(self, chain: str, enabled: bool) -> None:
-        """Stores the setting; it has no other effect."""
+        """Stores the setting without any other effect."""
         self._breath[str(chain)[:40]] = bool(enabled)
 
     def _find(self, names: Any) -> list[Servo]:
@@ -174,7 +173,7 @@ class ALMemory:
     """Values by key: the robot's own values, and values that clients insert."""
 
     def __init__(self, live: dict[str, Callable[[], Any]]) -> None:
-        """Takes `live`: for each key of the robot, a function that returns the present value."""
+        """Stores `live`: for each key of the robot, a function that returns the present value."""
         self._live = live
         self._own: dict[str, tuple[Any, float]] = {}
         self._lock = threading.Lock()
@@ -197,7 +196,7 @@ class ALMemory:
 
     def getTimestamp(self, key: str) -> list[Any]:
         """Returns a value and its time on the robot's clock, as seconds and microseconds. The time of an
-        inserted value is the time of insertion; for a value of the robot it is now."""
+        inserted value is the time of the insertion; the time of a robot's value is the present time."""
         value = self.getData(key)
         stamp = self._own[key][1] if key in self._own else time.time()
         return [value, int(stamp), int(1e6 * (stamp % 1.0))]
@@ -227,17 +226,17 @@ class ALMemory:
 
 @qi.multiThreaded()
 class ALAutonomousLife:
-    """Autonomous life. Its state is only stored and moves nothing."""
+    """NAOqi's service for autonomous life. The state is only stored and causes no motion."""
 
     def __init__(self) -> None:
         self._state = "disabled"
 
     def getState(self) -> str:
-        """Returns the state."""
+        """Returns the state of autonomous life."""
         return self._state
 
     def setState(self, state: str) -> None:
-        """Sets the state."""
+        """Sets the state of autonomous life."""
         valid = ("disabled", "solitary", "interactive", "safeguard")
         if state not in valid:
             raise ValueError(f"state {str(state)[:40]!r}; valid: {', '.join(valid)}")

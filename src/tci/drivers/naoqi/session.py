@@ -30,14 +30,14 @@ qi.logging.setLevel(qi.logging.SILENT)
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Address of a NAOqi."""
+    """Address of the NAOqi of one robot."""
 
     host: str
     port: int
     user: str = ""
     """User name for the login. Empty for NAOqi up to 2.8, which has no login."""
     life: str = "refuse"
-    """Action of an armed driver if the robot moves by itself: `refuse` to connect, or switch these motions
+    """Action of an armed driver if autonomous motions are on: `refuse` to connect, or switch these motions
     `off`."""
 
     @property
@@ -113,7 +113,7 @@ def service(session: Any, name: str) -> Any:
             session.waitForService(name, _async=True).value(int(1e3 * left))
             return session.service(name, _async=True).value(int(1e3 * left))
         except RuntimeError as error:
-            # A service that has just been announced may not answer yet.
+            # A service that was registered just now may not answer the first calls.
             if time.monotonic() < until and session.isConnected():
                 time.sleep(0.05)
                 continue
@@ -126,8 +126,8 @@ class Services:
     """The services of one session."""
 
     def __init__(self, address: Address, *, motion: bool) -> None:
-        """Opens a session and its services; ALMotion only if `motion` is True. Raises DriverError if a
-        service is missing."""
+        """Opens a session and the session's services, but ALMotion only if `motion` is True. Raises
+        DriverError if a service is missing."""
         self.session = open_session(address)
         try:
             self.motion: Any = service(self.session, "ALMotion") if motion else None

@@ -1,4 +1,4 @@
-"""Continuous motion with ALMotion: new target angles in each period.
+"""Commands continuous motions to ALMotion by new target angles in each period.
 
 ALMotion comes to rest at each target unless the next target arrives earlier (libqi issue 29). Therefore a
 moving servo gets as target the position that is planned for two periods of ALMotion later. The sent speed is
@@ -18,8 +18,8 @@ from tci.frames import Array
 from tci.gate.gate import SafeCommand
 
 AHEAD = 2.0 * CYCLE
-"""Lead time [s]: each target is the position that the gate has planned for this time later. Assumed: two
-periods of ALMotion."""
+"""Lead time [s] of targets: each target is the position that the gate has planned for this time after now.
+Assumed: two periods of ALMotion."""
 CATCH_UP = 0.05
 """Time [s] in which a servo reaches its target at the sent speed. The distance is counted from the measured
 position or from the previous target, whichever is farther. Assumed: a little more than AHEAD, so that the
@@ -37,8 +37,8 @@ class Stream:
     """Stores the targets sent to each servo, and decides which targets are sent next."""
 
     def __init__(self, names: list[str], lower: Array, upper: Array, fastest: Array) -> None:
-        """Takes names (n,), lower and upper limits (n,) [rad] and top speeds (n,) [rad/s], as the robot
-        reports them."""
+        """Stores the joint names (n,), lower and upper limits (n,) [rad] and top speeds (n,) [rad/s] that the
+        robot reports."""
         self._names, self.lower, self.upper, self.fastest = names, lower, upper, fastest
         self.errors: Counter[str] = Counter()
         """Errors with which the robot refused targets, each with its count."""
@@ -60,7 +60,7 @@ class Stream:
         """
         servos, now = safe.servos, safe.stamp
         target = np.clip(ahead, self.lower[servos], self.upper[servos])
-        # At a reversal the robot's own reference may still be on its way to the previous target.
+        # When a motion reverses, the robot's own reference may still move towards the previous target.
         way = np.fmax(np.abs(target - measured[servos]), np.abs(target - self._target[servos]))
         speed = way / CATCH_UP
         share = np.clip(speed / self.fastest[servos], LEAST, 1.0)
@@ -81,8 +81,8 @@ class Stream:
             self._running |= dict.fromkeys(chosen, call)
 
     def _free(self, servo: int) -> bool:
-        """Returns True if the robot has answered the previous target. Otherwise this period sends no target
-        to the servo; a later period does."""
+        """Returns True if the robot has answered the call with the previous target. If not, no target is sent
+        in this period."""
         running = self._running.get(servo)
         if running is None:
             return True

@@ -1,12 +1,12 @@
 """Names that the driver and the server of a NAO both use: ALMemory keys, and skin frames as text.
 
-A patch of skin is one vector of numbers in ALMemory. Its key is `TCI/Skin/PATCH`, or the key in the
+A patch of skin is one vector of numbers in ALMemory. The vector's key is `TCI/Skin/PATCH`, or the key in the
 description's binding to NAOqi. Each switch has a key of its own; the binding lists these keys, separated by
 spaces.
 
 `qi` needs about 6 ms to transfer a vector of 720 numbers, but only 0.3 ms to transfer it as text. Therefore a
-publisher may also write the frame as text, under the key `KEY/Packed`. The text is `SEQUENCE TYPE BASE64`,
-with little-endian numbers.
+program that publishes the patch may also write the frame as text, under the key `KEY/Packed`. The text is
+`SEQUENCE TYPE BASE64`, with little-endian numbers.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ TYPES: dict[str, np.dtype[Any]] = {"u1": np.dtype("u1"), "i4": np.dtype("<i4"), 
 LONGEST = 1_000_000
 """Length [characters] of the longest packed frame that is decoded."""
 REFUSED = object()
-"""Marker for the value of a key that NAOqi refuses to give."""
+"""Marker that replaces the value of a key if NAOqi refuses the request."""
 _PACKED = re.compile(r"([0-9]{1,18}) (u1|i4|f4) ([A-Za-z0-9+/]*={0,2})")
 
 
@@ -77,7 +77,8 @@ def find_keys(keys: Mapping[str, tuple[str, ...]], attempt: Callable[[str], Any]
 
 
 def angle_key(servo: str, side: str) -> str:
-    """Returns ALMemory's key for a servo's angle: `side` is Sensor (measured) or Actuator (commanded)."""
+    """Returns ALMemory's key for a servo's angle: `side` is `Sensor` for the measured angle or `Actuator` for
+    the commanded angle."""
     return f"Device/SubDeviceList/{servo}/Position/{side}/Value"
 
 

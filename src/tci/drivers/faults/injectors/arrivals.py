@@ -1,4 +1,4 @@
-"""Faults of transport: data is lost, late, duplicated, or out of order."""
+"""Fault injectors for lost, late, duplicated or reordered data."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Dropped(Injector):
 
 
 class SkinSilent(Injector):
-    """Loss of the skin's data, while new joint data still arrives."""
+    """Loss of all skin data, while new joint data still arrives."""
 
     number = 10
     description = "the skin sends nothing new, while the joints go on"
@@ -48,7 +48,7 @@ class OutOfOrder(Injector):
 
 
 class Duplicates(Injector):
-    """Duplication: frames arrive twice."""
+    """Duplication: each skin frame arrives twice."""
 
     number = 12
     description = "every skin frame appears twice in one reading"

@@ -18,30 +18,30 @@ class Injector(ABC):
     description: ClassVar[str]
     """Description of the fault, for `tci fault list`."""
     shows_after: ClassVar[float] = 0.0
-    """Longest time [s] from the start of the fault until it can be detected."""
+    """Longest time [s] from the start of the fault until TCI can detect the fault."""
 
     def __init__(self, driver: Driver, first: Reading) -> None:
-        """Begins the fault; `first` is the last correct reading."""
+        """Stores `first`, the last correct reading before the fault."""
         self.driver = driver
         self.first = first
         self.begin()
 
     def begin(self) -> None:
-        """Runs once, at the beginning of the fault."""
+        """Starts the fault. Called once, at the start of the fault."""
         return
 
     def read(self, reading: Reading) -> Reading:
-        """Returns the reading that the loop gets instead of `reading`."""
+        """Returns the faulty reading that replaces `reading`."""
         return Reading(self.joints(reading.joints), tuple(map(self.frame, reading.skin)))
 
     def joints(self, joints: JointReading) -> JointReading:
-        """Returns the joint data that the loop gets instead of `joints`."""
+        """Returns the faulty joint data that replaces `joints`."""
         return joints
 
     def frame(self, frame: SkinFrame) -> SkinFrame:
-        """Returns the skin frame that the loop gets instead of `frame`."""
+        """Returns the faulty skin frame that replaces `frame`."""
         return frame
 
     def end(self) -> None:
-        """Runs once, at the end of the fault."""
+        """Ends the fault. Called once, at the end of the fault."""
         return

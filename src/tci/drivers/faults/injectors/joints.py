@@ -19,13 +19,13 @@ class _Angles(Injector):
         return replace(joints, position=read_only(self.angles(joints.position, age)))
 
     def angles(self, position: Array, age: float) -> Array:
-        """Returns the angles (n,) [rad] that are reported instead of `position`, `age` [s] after the fault
-        began."""
+        """Returns the faulty angles (n,) [rad] that replace the measured angles `position` (n,) [rad]. `age`
+        [s] is the time since the start of the fault."""
         raise NotImplementedError
 
 
 class WrongDirection(_Angles):
-    """Measured motion with inverted sign, from the start of the fault on."""
+    """Encoders that report each motion after the start of the fault with the wrong sign."""
 
     number = 19
     description = "all joints move against their commands (the sign of gamma)"
@@ -35,7 +35,7 @@ class WrongDirection(_Angles):
 
 
 class StaleEncoder(_Angles):
-    """Constant angles."""
+    """Encoders that report constant angles."""
 
     number = 20
     description = "all angles stay the same to the bit, under fresh stamps and numbers"
@@ -45,7 +45,7 @@ class StaleEncoder(_Angles):
 
 
 class Stall(Injector):
-    """Joints that only tremble instead of moving."""
+    """Joints that do not follow commands and report only small random motions."""
 
     number = 21
     description = "all joints are blocked where they are, and tremble"
@@ -58,7 +58,7 @@ class Stall(Injector):
 
 
 class EncoderStep(_Angles):
-    """A jump of the first servo's angle."""
+    """A sudden change of the reported angle of the first servo."""
 
     number = 25
     description = "the first encoder jumps by 10 degrees"
@@ -70,7 +70,7 @@ class EncoderStep(_Angles):
 
 
 class NaNAngle(_Angles):
-    """An angle that is not a number."""
+    """An encoder that reports not-a-number (NaN) as angle."""
 
     number = 4
     description = "the angle of the first servo is not a number"
@@ -82,7 +82,7 @@ class NaNAngle(_Angles):
 
 
 class ServoOff(Injector):
-    """Loss of the servos' power."""
+    """Servos that report loss of power."""
 
     number = 22
     description = "all servos report that they are off; simulated ones go limp"

@@ -1,4 +1,4 @@
-"""Faults of this process: its clock, its loop, its threads, and signals."""
+"""Fault injectors for this process: the clock, the loop, the threads, and signals."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from tci.drivers.faults.injectors.injector import Injector
 
 HOUR = 3600.0
 THREAD = "rehearsal"
-"""Name of the thread that fails."""
+"""Name of the thread in which the injected error occurs."""
 
 
 class ClockJump(Injector):
-    """A jump of the date by one hour, in this process only."""
+    """A jump of the system time by one hour, only in this process."""
 
     number = 13
     description = "the date of this process jumps by an hour; the monotonic clock does not"
@@ -30,7 +30,7 @@ class ClockJump(Injector):
 
 
 class Overrun(Injector):
-    """One period of the loop that takes as long as five periods."""
+    """One control period that lasts as long as five periods."""
 
     number = 41
     description = "one period takes as long as five"

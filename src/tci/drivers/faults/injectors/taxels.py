@@ -1,4 +1,4 @@
-"""Faults of taxels: changed data of the first patch of skin."""
+"""Fault injectors for taxels, which change the data of the first patch of skin."""
 
 from __future__ import annotations
 
@@ -19,22 +19,21 @@ class _Taxels(Injector):
         if frame.patch != self.driver.robot.patches[0].name:
             return frame
         if frame.values.dtype.kind not in "uif":
-            return frame  # already changed by another fault
+            return frame  # another fault has already changed the frame
         values = frame.values.astype(float)
         sensor = self.driver.robot.patches[0].sensor
         pressed = sensor.lowest if sensor.pascal_per_count < 0.0 else sensor.highest
         return replace(frame, values=self.change(values, float(pressed), float(sensor.rest)))
 
     def change(self, values: Array, pressed: float, rest: float) -> NDArray[np.generic]:
-        """Returns the values (channels,) that are reported instead of `values`.
-
-        `pressed` is the value at the hardest touch, `rest` is the value without touch.
+        """Returns the faulty values (channels,) that replace `values` (channels,). `pressed` is the value at
+        the hardest touch, and `rest` is the value without touch.
         """
         raise NotImplementedError
 
 
 class StuckHigh(_Taxels):
-    """One taxel that always reports the hardest touch."""
+    """One taxel that always reports the value of the hardest touch."""
 
     number = 1
     description = "one taxel of the first patch reports the hardest touch"
@@ -80,7 +79,7 @@ class NaNTaxel(_Taxels):
 
 
 class Saturated(_Taxels):
-    """Twelve channels that report the end of their range."""
+    """Twelve channels that report the value at the end of the range."""
 
     number = 5
     description = "twelve neighbouring channels of the first patch are at the end of their range"
@@ -113,7 +112,7 @@ class WrongCount(_Taxels):
 
 
 class WrongType(_Taxels):
-    """A frame of text instead of numbers."""
+    """A frame with text instead of numbers."""
 
     number = 35
     description = "frames of the first patch hold text instead of numbers"

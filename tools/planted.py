@@ -170,7 +170,13 @@ def _of_segments(robot: Robot) -> Iterator[Change]:
 
 def _of_postures(robot: Robot) -> Iterator[Change]:
     for part in robot.parts:
-        if part.side is not None:
+        if part.side is None:
+            for one in part.servos:
+                if one.servo is not None:
+                    wrong = one.model_copy(update={"initial": float(np.deg2rad(np.deg2rad(20.0)))})
+                    kind = "initial angle in radians on head or torso"
+                    yield kind, f"{part.name}: initial {one.name}", _generic(robot, part, wrong)
+        else:
             for one in part.servos:
                 if one.servo is not None and abs(one.initial) > np.deg2rad(10.0):
                     wrong = one.model_copy(update={"initial": float(np.deg2rad(one.initial))})

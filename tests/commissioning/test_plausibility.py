@@ -18,6 +18,7 @@ from tci.authoring.proposal import propose
 from tci.commissioning.both_sides import posture_doubts
 from tci.commissioning.plausibility import doubts, mirrored_limits
 from tci.robot.catalogue import load_robot
+from tci.robot.description import GenericPart
 from tci.robot.xml.writer import write_robot
 
 TOOL = Path(__file__).parents[2] / "tools" / "planted.py"
@@ -59,6 +60,39 @@ def test_an_initial_angle_in_radians_on_one_side_is_doubtful_and_told(planted: M
     assert re.search(
         r" of \S+ and of \S+ degrees; \S+ degrees are \S+ rad; valid: equal on both sides$", found
     )
+
+
+@pytest.mark.parametrize("degrees", [3.0, 20.0, -45.0])
+def test_one_initial_angle_in_radians_among_degrees_is_doubtful_on_every_part(degrees: float) -> None:
+    """An earlier version compared only the two sides, and only angles that differ by more than 5 degrees. It
+    accepted an angle in radians for the head or the torso."""
+    robot = load_robot("icub-whole")
+    assert {part.kind for part in robot.parts} == {"arm", "hand", "head", "torso", "leg", "fingers"}
+    for part in robot.parts:
+        for joint in part.servos:
+            if joint.servo is None:
+                continue
+            # Both sides have the angle in degrees. Then this part alone has the number of the radians.
+            meant = {joint.name: float(np.deg2rad(degrees))}
+            kind = tuple(with_initial(one, meant) if one.kind == part.kind else one for one in robot.parts)
+            assert [*posture_doubts(robot.model_copy(update={"parts": kind}))] == []
+            meant = {joint.name: float(np.deg2rad(np.deg2rad(degrees)))}
+            wrong = tuple(with_initial(one, meant) if one.name == part.name else one for one in kind)
+            (found,) = posture_doubts(robot.model_copy(update={"parts": wrong}))
+            assert part.name in found
+            assert f"initial {joint.name} of " in found
+            assert f"{abs(degrees):.3g} degrees are {abs(np.deg2rad(degrees)):.3g} rad" in found.replace(
+                "-", ""
+            )
+
+
+def with_initial(part: GenericPart, angles: dict[str, float]) -> GenericPart:
+    """Returns a copy of a part with other initial angles [rad] of the named joints."""
+    servos = tuple(
+        one.model_copy(update={"initial": angles[one.name]}) if one.name in angles else one
+        for one in part.servos
+    )
+    return part.model_copy(update={"servos": servos})
 
 
 def test_joints_of_both_sides_are_compared_by_name() -> None:

@@ -1,4 +1,7 @@
-"""Compares the initial postures of the left and the right side of a robot in the robot's description."""
+"""Compares the initial postures of the left and the right side of a robot in the robot's description.
+
+The comparison also finds a single angle in radians among angles in degrees.
+"""
 
 from __future__ import annotations
 
@@ -15,24 +18,45 @@ ROUNDED = 0.06
 """Largest difference [rad] for which an angle on one side counts as written in radians instead of degrees:
 the difference between its number and the other side's angle in radians. Numbers may be rounded to one
 decimal."""
+NEARLY = 0.1
+"""Largest relative difference at which a small angle counts as the other side's angle in radians. Assumed:
+more than the error of rounding to two digits."""
+TINY = 0.5 * np.pi
+"""Number of degrees [1] below which an angle of a part without another side counts as written in radians.
+Assumed: nobody turns a head or a torso by less than 1.6 degrees or by more than 90."""
 
 
 def posture_doubts(robot: Robot) -> Iterator[str]:
     """Yields a sentence for each pair of joints whose left and right initial angles differ. In a symmetric
     posture, a left and a right generic joint have equal angles with equal signs.
+
+    A part without another side, such as the head, gives a sentence for each angle that is so small that it is
+    probably in radians.
     """
     for left, right in pairs(robot):
         for one, other in joint_pairs(left, right):
-            if one.servo is None or other.servo is None or abs(one.initial - other.initial) <= UNEVEN:
+            if one.servo is None or other.servo is None:
                 continue
             angles = np.rad2deg([one.initial, other.initial])
             small, large = sorted(np.abs(angles))
-            in_radians = abs(np.deg2rad(large) - small) < ROUNDED
+            off = abs(np.deg2rad(large) - small)
+            in_radians = off < ROUNDED
+            if abs(one.initial - other.initial) <= UNEVEN and (small == 0.0 or off > NEARLY * small):
+                continue
             words = f"; {large:.3g} degrees are {np.deg2rad(large):.3g} rad" if in_radians else ""
             yield (
                 f"{left.name} and {right.name}: initial {one.name} of {angles[0]:.3g} and of {angles[1]:.3g} "
                 f"degrees{words}; valid: equal on both sides"
             )
+    paired = {part.name for pair in pairs(robot) for part in pair}
+    for part in robot.parts:
+        for one in part.servos:
+            angle = float(np.rad2deg(one.initial))
+            if one.servo is not None and part.name not in paired and 0.0 < abs(angle) < TINY:
+                yield (
+                    f"{part.name}: initial {one.name} of {angle:.3g} degrees; {np.rad2deg(angle):.3g} "
+                    f"degrees are {angle:.3g} rad; valid: one unit in the whole file"
+                )
 
 
 def pairs(robot: Robot) -> Iterator[tuple[GenericPart, GenericPart]]:

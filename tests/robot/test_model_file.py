@@ -99,6 +99,62 @@ def test_kinematics_need_no_mesh_of_mjcf_and_what_does_names_it(tmp_path: Path) 
         Clearance(robot)
 
 
+MESH = '<compiler meshdir="shapes"/><asset><mesh name="m" file="m.stl"/></asset>'
+FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
+
+
+def write_stl(path: Path, count: int) -> None:
+    """Writes a binary STL file with `count` faces, which lie on one side of a tetrahedron or another."""
+    sides = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
+    corners = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]])[sides]
+    faces = np.zeros(count, FACE)
+    faces["corners"] = corners[np.arange(count) % 4]
+    path.write_bytes(bytes(80) + np.uint32(count).tobytes() + faces.tobytes())
+
+
+@pytest.mark.parametrize("format", ["urdf", "mjcf"])
+def test_a_mesh_with_more_faces_than_mujoco_reads_is_refused_with_advice(
+    tmp_path: Path, format: Literal["urdf", "mjcf"]
+) -> None:
+    """Meshes of b1 and go1 in example-robot-data have too many faces. An earlier version reported MuJoCo's
+    own sentence ("perhaps this is an ASCII file?")."""
+    (tmp_path / "shapes").mkdir()
+    write_stl(tmp_path / "shapes" / "m.stl", 200_001)
+    if format == "urdf":
+        robot = robot_of(tmp_path, URDF.format(mesh="shapes/m.stl", axis="0 1 0"), format)
+    else:
+        robot = mjcf(tmp_path, before=MESH, geom='<geom type="mesh" mesh="m"/>')
+    expected = r"mesh .*m.stl: has 200001 faces; MuJoCo reads at most 200000; valid: .* --without-meshes"
+    with pytest.raises(DescriptionError, match=expected):
+        Clearance(robot)
+    assert robot.model is not None
+    bare = robot.model.model_copy(update={"meshes": "none"})
+    Clearance(robot.model_copy(update={"model": bare, "digest": "bare"}))
+
+
+@pytest.mark.parametrize("format", ["urdf", "mjcf"])
+def test_an_stl_file_in_text_form_is_converted(tmp_path: Path, format: Literal["urdf", "mjcf"]) -> None:
+    """An earlier version converted the file only for a URDF. For an MJCF, MuJoCo refused the file."""
+    import trimesh
+
+    (tmp_path / "shapes").mkdir()
+    shape = trimesh.creation.box((0.2, 0.1, 0.1))
+    (tmp_path / "shapes" / "m.stl").write_text(str(shape.export(file_type="stl_ascii")))
+    if format == "urdf":
+        text = URDF.replace("visual", "collision").format(mesh="shapes/m.stl", axis="0 1 0")
+        robot = robot_of(tmp_path, text, format)
+    else:
+        robot = mjcf(tmp_path, before=MESH, geom='<geom type="mesh" mesh="m"/>')
+    Clearance(robot)
+
+
+def test_a_mesh_that_mujoco_refuses_comes_with_advice(tmp_path: Path) -> None:
+    (tmp_path / "m.obj").write_text("v 0 0 0\nf 1 1 1\n")
+    robot = robot_of(tmp_path, URDF.format(mesh="m.obj", axis="0 1 0"), "urdf")
+    with pytest.raises(DescriptionError, match=r"(?s)not a usable model: .*; valid: .* --without-meshes"):
+        Clearance(robot)
+
+
 def test_what_mujoco_finds_late_is_a_fault_of_the_file(tmp_path: Path) -> None:
     robot = robot_of(tmp_path, URDF.format(mesh="", axis="0 0 0"), "urdf")
     with pytest.raises(DescriptionError, match=r"model.urdf.xml: 1 fault\n.*axis too small"):

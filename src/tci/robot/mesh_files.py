@@ -13,10 +13,17 @@ READABLE = (".stl", ".obj", ".msh")
 """File-name suffixes that MuJoCo reads."""
 NO_MESHES = "none"
 """Value of `Model.meshes` that means: read the model without its meshes."""
+VALID_MESHES = (
+    "valid: new-robot --meshes DIR with a folder that has them, or --without-meshes; in a description, "
+    f'meshes="FOLDER" or meshes="{NO_MESHES}" of <model>'
+)
+"""End of each message about meshes that are missing or broken."""
 _PACKAGE = "package://"
 _HEADER, _FACE = 84, 50
 """Sizes [bytes] in a binary STL file: the size of the header, which ends with the number of faces, and the
 size of each face."""
+MOST_FACES = 200_000
+"""Largest number of faces in an STL file that MuJoCo reads."""
 
 
 class MeshFiles:
@@ -51,22 +58,23 @@ class MeshFiles:
         self._faults[name] = Fault(0, message + _other_case(places))
         return None
 
-    def converted(self, file: Path) -> bytes:
-        """Returns the mesh of a file as a binary STL [m]; empty if the file is broken."""
+    def readable(self, file: Path, assets: dict[str, bytes]) -> str:
+        """Returns the name by which MuJoCo finds the mesh of a file. If MuJoCo can't read the file, the mesh
+        is added to `assets` as a binary STL [m]."""
+        if is_readable(file):
+            return str(file)
+        name = Path(str(file).lstrip("/").replace("/", "_")).with_suffix(".stl").name
         try:
-            return binary_stl(file)
+            assets[name] = binary_stl(file)
         except DescriptionError as error:
             self._faults[str(file)] = Fault(0, f"mesh {file}: {error.faults[0].message}")
-            return b""
+        return name
 
     def check(self) -> None:
         """Raises DescriptionError with a list of all meshes that are missing or broken, if there are any."""
         if self._faults:
             *others, last = self._faults.values()
-            message = (
-                f"{last.message}; valid: new-robot --meshes DIR with a folder that has them, or "
-                f'--without-meshes; in a description, meshes="FOLDER" or meshes="{NO_MESHES}" of <model>'
-            )
+            message = f"{last.message}; {VALID_MESHES}"
             raise DescriptionError(str(self._model), [*others, Fault(last.line, message)])
 
 
@@ -102,20 +110,33 @@ def _other_case(places: list[Path]) -> str:
 
 
 def is_readable(path: Path) -> bool:
-    """Returns True if MuJoCo can read the mesh file. MuJoCo can't read STL files in text form."""
+    """Returns True if MuJoCo can read the mesh file. MuJoCo can't read STL files that are in text form, are
+    empty, or have more than MOST_FACES faces."""
     if path.suffix.lower() == ".stl":
-        with path.open("rb") as file:
-            head = file.read(_HEADER)
-        faces = int.from_bytes(head[_HEADER - 4 :], "little")
-        return path.stat().st_size == _HEADER + _FACE * faces
+        return 0 < _faces(path) <= MOST_FACES
     return path.suffix.lower() in READABLE
+
+
+def _faces(path: Path) -> int:
+    """Returns the number of faces in a binary STL file; 0 if the file is in another form."""
+    with path.open("rb") as file:
+        head = file.read(_HEADER)
+    faces = int.from_bytes(head[_HEADER - 4 :], "little")
+    return faces if path.stat().st_size == _HEADER + _FACE * faces else 0
+
+
+def _check_faces(path: Path, faces: int) -> None:
+    """Raises DescriptionError if a mesh has more faces than MuJoCo reads."""
+    if faces > MOST_FACES:
+        message = f"has {faces} faces; MuJoCo reads at most {MOST_FACES}"
+        raise DescriptionError(str(path), [Fault(0, message)])
 
 
 def binary_stl(path: Path) -> bytes:
     """Returns the mesh of a file as a binary STL [m].
 
-    Raises DescriptionError if the file contains no mesh, and MissingExtraError if the package trimesh is not
-    installed.
+    Raises DescriptionError if the file contains no mesh or too many faces, and MissingExtraError if the
+    package trimesh is not installed.
     """
     # Cached: the model is read once for each of the robot's parts, and converting a COLLADA file takes 30 ms.
     return _converted(path, path.stat().st_mtime_ns if path.exists() else 0)
@@ -123,6 +144,8 @@ def binary_stl(path: Path) -> bytes:
 
 @lru_cache(maxsize=256)
 def _converted(path: Path, _: int) -> bytes:
+    if path.suffix.lower() == ".stl":
+        _check_faces(path, _faces(path))  # needs no other package
     with needs(f"reading the mesh {path.name}", "robots"):
         import trimesh
 
@@ -137,4 +160,5 @@ def _converted(path: Path, _: int) -> bytes:
         raise DescriptionError(str(path), [Fault(0, f"holds no readable mesh: {error}")]) from error
     if len(data) <= _HEADER:
         raise DescriptionError(str(path), [Fault(0, "holds no triangles")])
+    _check_faces(path, (len(data) - _HEADER) // _FACE)
     return data

@@ -12,7 +12,7 @@ from tci.engine import mujoco
 from tci.errors import DescriptionError, Fault
 from tci.frames import rotation_rpy
 from tci.robot.description import Attachment, Model
-from tci.robot.mesh_files import NO_MESHES, MeshFiles, is_readable
+from tci.robot.mesh_files import NO_MESHES, VALID_MESHES, MeshFiles
 
 SMALLEST = 1e-12
 """Principal moment of inertia [kg m2] below which a value is a placeholder. Assumed: one gram at a distance
@@ -108,7 +108,10 @@ def compiled(spec: mujoco.MjSpec, model: Model) -> mujoco.MjModel:
     try:
         made = compile_once(spec)
     except ValueError as error:
-        raise DescriptionError(model.path, [Fault(0, f"not a usable model: {error}{_flat(spec)}")]) from error
+        message = f"not a usable model: {error}{_flat(spec)}"
+        if _is_of_a_mesh(error, spec):
+            message += f"; {VALID_MESHES}"
+        raise DescriptionError(model.path, [Fault(0, message)]) from error
     places = (made.body_pos, made.body_quat, made.jnt_pos, made.jnt_axis, made.qpos0)
     if not all(np.isfinite(values).all() for values in places):
         raise DescriptionError(
@@ -132,11 +135,7 @@ def _read_urdf(model: Model) -> mujoco.MjSpec:
             if model.meshes == NO_MESHES:
                 left_out = True
             elif (name := mesh.get("filename")) and (file := meshes.find(str(name))) is not None:
-                if not is_readable(file):
-                    data = meshes.converted(file)
-                    file = Path(str(file).lstrip("/").replace("/", "_")).with_suffix(".stl")
-                    converted[file.name] = data
-                mesh.set("filename", str(file))
+                mesh.set("filename", meshes.readable(file, converted))
         if left_out:
             shape.getparent().remove(shape)
     meshes.check()
@@ -179,12 +178,13 @@ def _read_mjcf(model: Model) -> mujoco.MjSpec:
 def _place_meshes(spec: mujoco.MjSpec, model: Model) -> None:
     """Finds the meshes of an MJCF model. Only called if meshes are needed; kinematics do not need them."""
     meshes = MeshFiles(Path(model.path), model.meshes)
+    converted: dict[str, bytes] = {}
     for mesh in spec.meshes:
         if mesh.file and (file := meshes.find(str(Path(spec.meshdir, mesh.file)))) is not None:
-            mesh.file = str(file)
-            if not is_readable(file):
-                meshes.converted(file)
+            mesh.file = meshes.readable(file, converted)
     meshes.check()
+    if converted:
+        spec.meshdir, spec.assets = "", converted
 
 
 def _mend_inertia(spec: mujoco.MjSpec) -> None:
@@ -210,6 +210,12 @@ def _mend_masses(spec: mujoco.MjSpec) -> None:
         if body.joints and not body.mass > 0.0 and (body.explicitinertial or not body.geoms):
             body.fullinertia = np.full(6, np.nan)
             body.mass, body.inertia, body.explicitinertial = LEAST_MASS, [LEAST_INERTIA] * 3, True
+
+
+def _is_of_a_mesh(error: ValueError, spec: mujoco.MjSpec) -> bool:
+    """Returns True if MuJoCo's message names a mesh of the model."""
+    named = re.search(r"Element name '(.*)'", str(error))
+    return named is not None and named[1] in {mesh.name for mesh in spec.meshes}
 
 
 def _flat(spec: mujoco.MjSpec) -> str:

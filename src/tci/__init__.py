@@ -228,7 +228,7 @@ _NAMES = {
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
 _EXTRAS = {"tci.capabilities.behaviour_tree": "py_trees"}
-"""Package that a module of `_NAMES` needs, if an extra of TCI installs it."""
+"""Package that a module of `_NAMES` needs, if an extra of TCI installs this package."""
 
 
 def __getattr__(name: str) -> Any:
@@ -240,7 +240,8 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Lists the names that can be loaded: `help`, `inspect` and editors load each name that is listed."""
+    """Lists only the names that can be loaded, because `help`, `inspect` and editors load each name in this
+    list."""
     absent = {module for module, package in _EXTRAS.items() if find_spec(package) is None}
     return sorted([*(name for name, module in _HOME.items() if module not in absent), "__version__"])
 

@@ -35,9 +35,9 @@ class Clock(Protocol):
 class MonotonicClock:
     """The machine's monotonic clock, which does not follow changes of the date.
 
-    It sleeps with the finest timer slack and busy-waits for the last `tail` [s]. The median delay of a
-    wake-up is then below 1 us instead of about 120 us; the busy wait needs processor time. Other threads can
-    run until the busy wait begins.
+    This clock sleeps with the finest timer slack and busy-waits for the last `tail` [s]. The median delay of
+    a wake-up is then below 1 us instead of about 120 us; the busy wait needs processor time. Other threads
+    can run until the busy wait begins.
     """
 
     def __init__(self, *, tail: float = TAIL) -> None:
@@ -101,7 +101,8 @@ def ticks(
         clock.sleep_until(start + count * period)
         now = clock.now()
         yield now
-        # A tick that is a whole period late counts as the later one: two in one period would be a burst.
+        # A tick that is late by a whole period counts as the next tick, so that one period never has two
+        # ticks.
         served = int((now - start) / period + ROUNDING)
         count = max(served + 1, int((clock.now() - start) / period + ROUNDING))
 
@@ -113,7 +114,7 @@ class Every:
         self._period, self._next = period, -math.inf
 
     def due(self, now: float) -> bool:
-        """Returns True if the action is due at the time `now` [s], and then counts it as done."""
+        """Returns True if the action is due at the time `now` [s], and then counts the action as done."""
         if now < self._next:
             return False
         self._next = max(self._next + self._period, now + 0.5 * self._period)

@@ -1,9 +1,10 @@
-"""Compiles all loops in parallel before the first loop is used. This is done once per installation and
-processor.
+"""Compiles all loops in parallel before the first loop is used. The compilation happens once per installation
+and processor.
 
 Numba compiles one loop after another, each for a second or more, without any output. Here one worker process
-per processor compiles loops into Numba's cache on disk, each loop in one worker, and a line on stderr shows
-the progress. The process that waits then loads the machine code from the cache, as every later process does.
+per processor compiles loops into Numba's cache on disk. Each loop is compiled by one worker, and a line on
+stderr shows the progress. The process that waits then loads the machine code from the cache, as every later
+process does.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import Any
 
 try:
     import fcntl
-except ModuleNotFoundError:  # on Windows
+except ModuleNotFoundError:  # fcntl does not exist on Windows
     fcntl = None  # type: ignore[assignment]  # the module is missing
 
 HERE = Path(__file__).parent
@@ -30,8 +31,8 @@ CLAIMS = "TCI_COMPILE_CLAIMS"
 """Environment variable of a worker: the folder in which the workers create a file for each loop that they
 compile, so that no two workers compile the same loop."""
 MOST = 8
-"""Largest number of workers. Assumed: each needs 250 MB, and the longest loop takes a tenth of the whole
-time, so more would hardly be faster."""
+"""Largest number of workers. Assumed: each worker needs 250 MB, and the longest loop takes a tenth of the
+whole time, so more workers would hardly be faster."""
 
 Loop = tuple[Any, tuple[Any, ...]]
 """A numba function that is not compiled yet, and its signatures."""
@@ -62,7 +63,7 @@ def compile_ahead(is_missing: Callable[[], bool]) -> None:
 
 @contextmanager
 def _alone() -> Iterator[None]:
-    """Waits until no other process compiles, and prints on stderr that it waits.
+    """Waits until no other process compiles, and prints a line about this wait on stderr.
 
     On a system without file locks, two processes may do the same work; this is harmless.
     """
@@ -146,7 +147,7 @@ def modules_with_loops() -> list[str]:
 
 
 def work() -> None:
-    """Compiles every loop that no other worker has claimed. Called in a worker."""
+    """Compiles every loop that no other worker has claimed. This function is called in a worker."""
     claims = Path(os.environ[CLAIMS])
     for name in modules_with_loops():
         import_module(name)
@@ -157,7 +158,7 @@ def work() -> None:
     lines = "".join(f"{name} {size}\n" for name, size in zip(names, sizes, strict=True))
     complete = claims / f"all-{os.getpid()}"
     complete.write_text(lines)
-    complete.rename(claims / "all")  # nobody reads half a file
+    complete.rename(claims / "all")  # a rename is atomic, so no process reads an incomplete file
     for (loop, signatures), name in zip(loops, names, strict=True):
         try:
             (claims / name).touch(exist_ok=False)

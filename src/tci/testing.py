@@ -36,7 +36,8 @@ def perception(
     force: float = 2.0,
     posture: Mapping[str, ArrayLike] | None = None,
 ) -> Perception:
-    """Returns the perception of a robot that is touched on the patch `touch`, or nowhere.
+    """Returns the perception of a robot that is touched on the patch `touch`; with None, the robot is not
+    touched.
 
     See `TouchedRobot` for the other arguments, and for several perceptions of one touch.
     """
@@ -53,8 +54,8 @@ class TouchedRobot:
     def __init__(
         self, robot: Robot | str | os.PathLike[str], *, posture: Mapping[str, ArrayLike] | None = None
     ) -> None:
-        """Sets the generic angles (n,) [rad] of the parts in `posture`, by name; others are in their initial
-        posture.
+        """Sets the generic angles (n,) [rad] of the parts in `posture`, by name; all other parts are in their
+        initial posture.
 
         Raises UnknownNameError for an unknown part, CommandError for a posture of another shape, and the
         errors of `load_robot`.
@@ -69,17 +70,19 @@ class TouchedRobot:
             own = to_platform(self.robot, command, position=self._position)
             self._position[own.servos] = own.values
         self._count = -1
-        self.perceive()  # the first frame gives the taxels their rest values
+        self.perceive()  # the first frame sets the rest values of the taxels
 
     def perceive(
         self, touch: str | None = None, *, taxel: int | None = None, force: float = 2.0
     ) -> Perception:
-        """Returns the perception one `PERIOD` later, touched on the patch `touch` or nowhere.
+        """Returns the perception one `PERIOD` later, touched on the patch `touch`; with None, the robot is
+        not touched.
 
-        The touch is centred on `taxel`, or on the taxel nearest to the middle of the patch. It presses that
-        taxel, its neighbours and the gaps between them with `force` [N], rounded as the sensor does: a switch
-        is only on or off, and a force below a taxel's threshold causes no contact. Raises UnknownNameError
-        for an unknown patch or taxel, CommandError for a force that is negative or not finite.
+        The touch is centred on `taxel`, or on the taxel nearest to the middle of the patch. The touch presses
+        that taxel, its neighbours and the gaps between them with `force` [N], rounded in the same way as by
+        the sensor: a switch is only on or off, and a force below a taxel's threshold causes no contact.
+        Raises UnknownNameError for an unknown patch or taxel, CommandError for a force that is negative or
+        not finite.
         """
         self._count += 1
         now = self._count * PERIOD

@@ -1,8 +1,9 @@
-"""Calibrates a patch from a recording in which a force sensor measures the load on it.
+"""Calibrates a patch from a recording in which a force sensor measures the load on the patch.
 
 The bias of the force sensor and the rest values of the skin need not be known. The force is modelled as an
-offset plus the sum, over all taxels, of force times gain. In a recording, few places are pressed; so a
-penalty keeps the gain of each taxel near the gain of the patch. Cross-validation chooses the penalty.
+offset plus the sum, over all taxels, of force times gain. Only a few places are pressed in a recording;
+therefore a penalty keeps the gain of each taxel near the gain of the patch. Cross-validation chooses the
+penalty.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ REST = 0.05
 Assumed: on a robot that sways, each part of the skin is unloaded in this fraction of the frames."""
 PENALTIES = (np.inf, 100.0, 10.0, 1.0, 0.1, 0.01, 0.001)
 """Candidates for the penalty on differences between the gains of taxels, relative to the mean square of the
-taxels' forces. Assumed: the largest gives one gain for all taxels, the smallest gives gains that fit
-noise."""
+taxels' forces. Assumed: with the largest penalty all taxels have the same gain, and with the smallest penalty
+the gains fit noise."""
 LEAST, MOST = 0.2, 5.0
 """Range of a taxel's gain, relative to the gain of the patch. Assumed: a taxel that is hardly pressed in the
 recording must not get a gain near 0."""
@@ -43,7 +44,7 @@ class ForceFit:
     gains: Array
     """Factor (n,) for each taxel, by which the response in the description is to be multiplied.
 
-    Zeros if the measured load does not increase with the forces of the patch.
+    All factors are 0 if the measured load does not increase with the forces of the patch.
     """
     offset: float
     """Force [N] that the sensor read while the patch was at rest."""
@@ -52,10 +53,10 @@ class ForceFit:
     held_out: float
     """Root mean square error [N] on every second block of frames, after a fit to the other blocks."""
     held_out_one_gain: float
-    """Error [N] as in `held_out`, with one gain for all taxels."""
+    """Error [N], computed in the same way as `held_out`, for a fit with one gain for all taxels."""
     held_out_raw_sum: float
-    """Error [N] as in `held_out`, if the load is modelled as the sum of all raw values with gain and
-    offset."""
+    """Error [N], computed in the same way as `held_out`, for a load that is modelled as the sum of all raw
+    values with gain and offset."""
 
 
 def calibrate_to_force(
@@ -86,10 +87,11 @@ def fit_recording(
 ) -> tuple[ForceFit, Array, Array]:
     """Fits gains of taxels with `areas` (n,) [m2] to raw `values` (m, n) at `stamps` (m,) [s].
 
-    The force sensor measured `forces` (k, components) [N] at `times` (k,) [s]; `stamps` and `times` are of
-    one clock. The load is the component of the force along the direction in which the force changes most. Its
-    sign is chosen such that the load increases with the sum of the raw values. Returns the fit, and rest
-    values and noise (n,) [counts]. Raises TciError for too few frames, or for values that are not finite.
+    The force sensor measured `forces` (k, components) [N] at `times` (k,) [s]; `stamps` and `times` are times
+    on the same clock. The load is the component of the force along the direction in which the force changes
+    most. The sign of the load is chosen such that the load increases with the sum of the raw values. Returns
+    the fit, and rest values and noise (n,) [counts]. Raises TciError for too few frames, or for values that
+    are not finite.
     """
     inside = (stamps >= times[0]) & (stamps <= times[-1])
     if inside.sum() < FEWEST:
@@ -136,7 +138,7 @@ def fit_force(parts: Array, load: Array, blocks: NDArray[np.intp], *, raw: Array
 def _fit(parts: Array, load: Array, penalties: Sequence[float]) -> list[tuple[Array, float]]:
     """Returns the gains (n,) and the offset [N] for each penalty.
 
-    The gains are zeros if the load does not increase with the forces of the patch.
+    All gains are 0 if the load does not increase with the forces of the patch.
     """
     fits = []
     for factors in _factors(parts, load, penalties):
@@ -151,7 +153,7 @@ def _fit(parts: Array, load: Array, penalties: Sequence[float]) -> list[tuple[Ar
 def _factors(parts: Array, load: Array, penalties: Sequence[float]) -> Iterator[Array]:
     """Yields, for each penalty, the gains (n,) of the taxels relative to the gain of the patch.
 
-    They are found by ridge regression; the penalty is on the differences from the gain of the patch.
+    The gains are found by ridge regression, with a penalty on the differences from the gain of the patch.
     """
     same = np.ones(parts.shape[1])
     U, S, Vt = np.linalg.svd(parts - parts.mean(axis=0), full_matrices=False)
@@ -190,7 +192,7 @@ def _root_mean_square(values: Array) -> float:
 def _along(forces: Array, total: Array) -> Array:
     """Returns the component (m,) [N] of `forces` (m, components) along the direction of largest change.
 
-    Its sign is chosen such that it increases with `total` (m,).
+    The sign of this component is chosen such that the component increases with `total` (m,).
     """
     away = forces - forces.mean(axis=0)
     load: Array = forces @ np.linalg.svd(away, full_matrices=False)[2][0]

@@ -43,7 +43,7 @@ def calibrate(
 
     The force of a load is modelled as the sum of area times pressure over all taxels. Pressure is modelled as
     a piecewise linear function of the counts away from rest; its slopes are found by non-negative least
-    squares. Without loads, the response of the description stays in use. Raises TciError for data that do not
+    squares. Without loads, the response of the description is used. Raises TciError for data that do not
     determine the calibration.
     """
     _check(areas, rest, loads)
@@ -63,7 +63,7 @@ def calibrate(
 
 
 def measured_counts(counts: Array, noise: Array) -> Array:
-    """Returns counts (frames, n) away from rest without those below the threshold of conditioning.
+    """Returns counts (frames, n) away from rest; counts below the threshold of conditioning are set to 0.
 
     `noise` (n,) [counts] are standard deviations.
     """
@@ -74,7 +74,8 @@ def _response(
     sensor: Sensor, areas: Array, rest: Array, noise: Array, loads: Sequence[Load]
 ) -> tuple[tuple[tuple[float, float], ...], float]:
     sign = np.sign(sensor.pascal_per_count)
-    # Without the counts that conditioning drops, the response compensates for them.
+    # The counts that conditioning drops are left out here too, so that the response compensates for these
+    # counts.
     pressed = [measured_counts(sign * (load.values - rest), noise) for load in loads]
     most = max(float(counts.max()) for counts in pressed)
     if not most > 0.0:

@@ -27,10 +27,10 @@ def check_skins(
 ) -> list[dict[str, Any]]:
     """Returns the distances of a skin file from `link`, or of every patch of a robot from its own link.
 
-    Each row consists of JSON values. For a patch it contains the pose `mount` with which the description
-    would move the patch by the correction. `progress` is called before each skin with its name, the number of
-    skins that are done, and the number of all skins. Raises CommandError for `file` without `link`, `link`
-    without `file`, or a robot without skin.
+    Each row consists of JSON values. For a patch, the row contains `mount`: the pose that the description
+    must contain so that the patch is moved by the correction. `progress` is called before each skin with its
+    name, the number of skins that are done, and the number of all skins. Raises CommandError for `file`
+    without `link`, `link` without `file`, or a robot without skin.
     """
     if (file is None) != (link is None):
         raise CommandError("--file and --link need each other; valid: --file FILE --link LINK")
@@ -42,7 +42,7 @@ def check_skins(
         try:
             found = register(taxels, link_surface(robot, where))
             row |= _facts(found)
-            if file is None:  # a patch may have been moved already
+            if file is None:  # the description may already contain a pose of the patch
                 row["mount"] = _pose(found.correction @ mount_of(robot.patch(title)))
         except DescriptionError as error:
             row |= {"verdict": "not checked", "reason": error.faults[0].message}

@@ -1,4 +1,5 @@
-"""Finds the fingers of a hand: chains of joints beside each other on a palm, identified by place and name.
+"""Finds the fingers of a hand: chains of joints that lie side by side on a palm, identified by place and
+name.
 
 A finger bends in the direction in which its joints can move farther. The bending axis of the thumb differs
 from those of the other fingers, or the thumb bends against the other fingers. The index finger is next to the
@@ -22,27 +23,30 @@ from tci.robot.generic_fingers import FINGERS
 from tci.robot.shoulder import angle_about
 
 PARALLEL = 0.8
-"""Least cosine between the axes of joints that bend one finger. Assumed: 37 degrees; thumbs are twisted."""
+"""Least cosine between the axes of joints that bend one finger. Assumed: the axes differ by at most 37
+degrees, because the joints of thumbs are twisted."""
 FEWEST = 3
 """Least number of finger-like chains of a hand. An end effector with fewer chains counts as a gripper."""
 CLEAR = np.deg2rad(25.0)
 """Least difference [rad] between the ranges of a finger in its two directions. If the difference is larger,
 the finger bends in the direction with the larger range; if not, its bending direction is in doubt."""
 APART = 0.1
-"""The thumb is the finger without which the other bending axes are most parallel. Without the thumb, their
-least cosine must be higher by this value than without any other finger. Assumed: fingers fan out by less."""
+"""The thumb is found by leaving out one finger at a time: without the thumb, the bending axes of the other
+fingers are most parallel. The least cosine between these axes without the thumb must exceed the least cosine
+without any other finger by this value. Assumed: fingers that fan out change the cosine by less than this
+value."""
 BESIDE = 0.3
 """Least distance of a thumb from the middle of the palm, as a fraction of half the palm's width, at which the
-thumb counts as on one side. Assumed; the thumb of a Dex3 is in the middle."""
+thumb counts as on one side. Assumed: the thumb of a Dex3 hand is in the middle of the palm."""
 FLEXED = np.deg2rad(30.0)
-"""Angle [rad] by which each bending joint is bent to test which joint spreads the finger. A straight finger
-can't show this, since a joint may rotate it about its own axis."""
+"""Angle [rad] by which each bending joint is bent to test which joint spreads the finger. With a straight
+finger this test can fail, because a joint may rotate the finger about the finger's own axis."""
 SIDEWAYS = 0.3
 """Least cosine between the motion of the finger's tip and the direction of spread. Assumed: a joint with a
 smaller cosine does not spread the finger."""
 ROUNDED = float(np.deg2rad(15.0))
 """Step [rad] to which the thumb's opposition at the model's zero is rounded. Assumed: an angle derived from
-shapes is not more accurate."""
+shapes is not more accurate than this step."""
 _NAMES = {
     "thumb": re.compile(r"(?i)thumb|(?<![a-z])th(?=j|\d|_|-|$)"),
     "index": re.compile(r"(?i)index|forefinger|(?<![a-z])ff(?=j|\d|_|-|$)"),
@@ -53,12 +57,12 @@ _NAMES = {
 
 
 class DoubtfulFingersError(Exception):
-    """Fingers that can't be identified by place and names; the text lists them."""
+    """Fingers that can't be identified by place and names; the message lists these fingers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Finger:
-    """Indices of the joints of one finger, and its directions in the frame H at the model's zero.
+    """Indices of the joints of one finger, and directions of the finger in the frame H at the model's zero.
 
     Frame H lies at the model's root: x forward, y left, z up.
     """
@@ -93,7 +97,8 @@ def find_fingers(
     joints: Sequence[Joint], arm: int, side: Side, facts: Mapping[str, JointFacts],
     tips: Mapping[int, Array], *, trust: str | None = None,
 ) -> tuple[Finger, ...]:  # fmt: skip
-    """Returns the fingers that the joint `arm` carries, in the order of generic fingers; none for a gripper.
+    """Returns the fingers that the joint `arm` carries, in the order of generic fingers; the result is empty
+    for a gripper.
 
     `tips` are the ends (3,) [m] of the links, by the index of the joint that moves each link. If names and
     places of fingers contradict each other, `trust` ("names" or "places") decides. Raises
@@ -174,7 +179,8 @@ def _base(joints: Sequence[Joint], finger: Finger) -> Array:
 
 
 def _named(joints: Sequence[Joint], finger: Finger) -> str | None:
-    """Returns the finger name that most names of the finger's joints and links contain; None if none does."""
+    """Returns the finger name that most names of the finger's joints and links contain; None if these names
+    contain no finger name."""
     words = [word for one in finger.chain for word in (joints[one].name, joints[one].link)]
     counts = {name: sum(bool(words_of.search(word)) for word in words) for name, words_of in _NAMES.items()}
     most = max(counts, key=counts.__getitem__)
@@ -233,7 +239,7 @@ def _across(
 
 
 def _spread(joints: Sequence[Joint], finger: Finger, palmar: Array, radial: Array) -> Finger:
-    """Returns the finger with the joint that spreads it, if there is one."""
+    """Returns the finger with the joint that spreads it, if the finger has such a joint."""
     free = finger.chain[: -len(finger.flexion)]
     if not free:
         return finger
@@ -242,7 +248,8 @@ def _spread(joints: Sequence[Joint], finger: Finger, palmar: Array, radial: Arra
         tip = joints[one].anchor + _turned(tip - joints[one].anchor, sign * joints[one].axis, FLEXED)
     away = palmar - radial if thumb else radial if finger.name in ("index", "middle") else -radial
     away = away / np.linalg.norm(away)
-    # Any of a thumb's first joints may oppose it; other fingers may have an arch of the palm before it.
+    # Any of a thumb's first joints may oppose the thumb; in other fingers, a joint that arches the palm may
+    # precede the joint that spreads the finger.
     near = free if thumb else free[-1:]
     motions = {one: np.cross(joints[one].axis, tip - joints[one].anchor) for one in near}
     spread = max(motions, key=lambda one: abs(float(motions[one] @ away)))

@@ -9,17 +9,17 @@ from tci.authoring.joint_tree import Joint, ancestors
 from tci.robot.generic_arm import Side
 
 ALIKE = 0.96
-"""Least cosine between the axis of a knee or ankle and the y axis. Assumed: they differ by at most 16
+"""Least cosine between the axis of a knee or ankle and the y axis. Assumed: the two axes differ by at most 16
 degrees."""
 SLANTED = 0.8
-"""Least cosine between the axis of hip pitch and the y axis. Assumed: they differ by at most 37 degrees; the
-hips of some humanoids are slanted by 30 degrees."""
+"""Least cosine between the axis of hip pitch and the y axis. Assumed: the two axes differ by at most 37
+degrees, because the hips of some humanoids are slanted by 30 degrees."""
 TALL = 0.1
-"""Least height of a hip above its ankle, as a fraction of the extent of all joints. Assumed: smaller than any
-legs."""
+"""Least height of a hip above its ankle, as a fraction of the extent of all joints. Assumed: the legs of
+every humanoid are a larger fraction."""
 SEGMENT = 0.25
 """Least height between hip and knee, and between knee and ankle, as a fraction of the hip's height above the
-lowest joint. Assumed: excludes toes and parallel linkages, whose joints lie closer together."""
+lowest joint. Assumed: this value excludes toes and parallel linkages, whose joints are closer together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ def _leg(joints: Sequence[Joint], chain: Sequence[int], side: Side, slanted: flo
         if knee is None:
             continue
         ankle = next((one for one in down if one > knee and height[knee] - height[one] > least), None)
-        # The ankle of a leg lies on its side of the median plane, and a waist above it does not.
+        # The ankle of a leg lies on the leg's side of the median plane; a waist joint above the leg does not.
         if ankle is None or joints[ankle].anchor[1] * sign <= 0.0:
             continue
         first = _first_aside(joints, chain, sign)

@@ -58,13 +58,14 @@ class FoundLimbs:
 
 
 def find_limbs(model: Model, points: LinkPoints, *, arms: tuple[str, str] | None = None) -> FoundLimbs:
-    """Finds arms, legs, trunk and head of a model; `points` gives the shapes and masses of its links.
+    """Finds arms, legs, trunk and head of a model; `points` contains the shapes and masses of the model's
+    links.
 
-    The z axis of the model's root must point up, or else its y axis. If joint names contain a side, they
-    decide between left and right. `arms` are the names of the first joints of the left and the right
-    shoulder; without `arms`, places and names decide which limbs are arms. Raises DescriptionError for a
-    model without two mirrored arms of the generic kind, or if arms and legs can't be distinguished. Also
-    raises the errors of `load_spec`.
+    Either the z axis or the y axis of the model's root must point up. Joint names that contain a side decide
+    between left and right. `arms` are the names of the first joints of the left and the right shoulder;
+    without `arms`, places and names decide which limbs are arms. Raises DescriptionError for a model without
+    two mirrored arms of the generic kind, or if arms and legs can't be distinguished. Also raises the errors
+    of `load_spec`.
     """
     compiled = bare_model(model)
     data = mujoco.MjData(compiled)
@@ -178,7 +179,7 @@ def _arms_of(
 def _kind(joints: Sequence[Joint], pair: Pair, points: LinkPoints, R_RH: Array) -> Vote:
     """Returns the kind of a pair of limbs, from their place and their names.
 
-    None if the two contradict each other, or if neither of them determines the kind.
+    None if place and names contradict each other, or if neither place nor names determine the kind.
     """
     moved = [joints[limb.ball[0]].link for limb in pair.values()]
     centre = points.centre_of_mass_without(moved)
@@ -190,8 +191,8 @@ def _kind(joints: Sequence[Joint], pair: Pair, points: LinkPoints, R_RH: Array) 
 def _ended(
     model: Model, joints: Sequence[Joint], side: str, limb: Limb, points: LinkPoints, R_RH: Array
 ) -> Limb:
-    """Returns the limb with the end of its forearm: at a joint, or else at a fixed hand or the end of its
-    shape.
+    """Returns the limb with the end of its forearm: at a joint, or else at a fixed hand or at the end of the
+    forearm's shape.
 
     Raises DescriptionError if the model contains none of these.
     """
@@ -210,9 +211,10 @@ def _ended(
 
 
 def _medians(joints: Sequence[Joint]) -> list[float]:
-    """Returns places y [m] at which the median plane may be, if the model's root is beside it.
+    """Returns the coordinates y [m] at which the median plane may lie, for a model whose root is beside this
+    plane.
 
-    In each of these planes a limb is the mirror image of another one.
+    In each of these planes, a limb is the mirror image of another limb.
     """
     tolerance = MIRRORED * extent_of(joints)
     limbs = [limb for bend in range(len(joints)) if (limb := limb_at(joints, bend)) is not None]
@@ -227,13 +229,14 @@ def _medians(joints: Sequence[Joint]) -> list[float]:
 
 
 def _shifted(joints: Sequence[Joint], median: float) -> tuple[Joint, ...]:
-    """Returns the joints seen from a root in the median plane, which is at y = `median` [m]."""
+    """Returns the joints relative to a root in the median plane, which is at y = `median` [m]."""
     away = np.array([0.0, median, 0.0])
     return tuple(replace(joint, anchor=joint.anchor - away) for joint in joints)
 
 
 def _points(limb: Limb, median: float) -> dict[str, Any]:
-    """Returns the points of a limb that was found from the median plane, seen from the model's root."""
+    """Returns the points of a limb relative to the model's root; the points of `limb` are relative to the
+    median plane at y = `median` [m]."""
     away = np.array([0.0, median, 0.0])
     return {name: getattr(limb, name) + away for name in ("centre", "middle", "wrist")}
 
@@ -251,10 +254,10 @@ def _all_limbs(joints: Sequence[Joint]) -> list[Limb]:
 
 
 def extent_of(joints: Sequence[Joint]) -> float:
-    """Returns the extent [m] of all joints along the axis on which it is largest.
+    """Returns the extent [m] of all joints along the axis with the largest extent.
 
-    A joint that neither carries a joint nor is carried by one is left out: in some models it is a placeholder
-    far away.
+    A joint that carries no joint, and that no joint carries, is left out: in some models such a joint is a
+    placeholder far away.
     """
     parents = {joint.parent for joint in joints}
     chained = [one.anchor for place, one in enumerate(joints) if one.parent >= 0 or place in parents]
@@ -292,7 +295,7 @@ def _own_line(joints: Sequence[Joint], limb: Limb, trunk: tuple[int, ...]) -> li
 
 def _shared_link(model: mujoco.MjModel, bodies: list[int], path: str) -> str:
     """Returns the first link that carries both of two bodies. Raises DescriptionError if only the world
-    does."""
+    carries both bodies."""
     lines = []
     for body in bodies:
         line = []

@@ -33,8 +33,9 @@ Skin = tuple[str, int, Array, Array, Array, str, float | None]
 def fit_skins(skin: str, axis: ArrayLike | None, origin: ArrayLike | None) -> list[dict[str, Any]]:
     """Returns the cones fitted to one skin file, or to every patch on a limb of a robot, as JSON values.
 
-    `axis` (3,) and `origin` (3,) [m] are the axis of the limb, and are for a skin file only. Raises
-    CommandError if one of them is given for a robot, and TciError for a robot without skin on limbs.
+    `axis` (3,) and `origin` (3,) [m] define the axis of the limb; both arguments are allowed only for a skin
+    file. Raises CommandError if `axis` or `origin` is given for a robot, and TciError for a robot without
+    skin on limbs.
     """
     return [_fits(one) for one in _skins(skin, axis, origin)]
 

@@ -19,7 +19,7 @@ def read_force_log(path: Path) -> tuple[Array, Array]:
     """Reads stamps (n,) [s] on the driver's clock, and forces (n, 1) or (n, 3) [N].
 
     A file with the suffix .csv begins with one of HEADERS. Any other file is read as yarpdatadumper's log of
-    a six-axis sensor; its moments are ignored. Raises TciError for a file that can't be used.
+    a six-axis sensor; the measured moments are ignored. Raises TciError for a file that can't be used.
     """
     rows = _csv_rows(path) if path.suffix == ".csv" else _yarp_rows(path)
     if len(rows) < 2:

@@ -20,40 +20,41 @@ from tci.robot.xml.model import MAX_MODEL_BYTES
 SPEED = float(np.deg2rad(120.0))
 """Speed limit [rad/s] of a joint for which the file gives no limit or a placeholder."""
 FASTEST = 50.0
-"""A speed limit in the file counts as a placeholder from this value [rad/s] on."""
+"""A speed limit [rad/s] in the file that is at least this value counts as a placeholder."""
 ACCELERATION = np.deg2rad((400.0, 2400.0))
-"""Least and largest acceleration limit [rad/s2]. Between these values, the limit is the acceleration that a
-quarter of the torque gives to the largest inertia."""
+"""Least and largest acceleration limit [rad/s2]. Between these values, the limit is the acceleration of the
+largest inertia under a quarter of the torque."""
 MOST_TORQUE = 0.35
 """Largest fraction of the torque used for acceleration, if a quarter is not enough for the least acceleration
 limit."""
 SLOWEST = float(np.deg2rad(30.0))
-"""Least acceleration [rad/s2] that the full torque of an arm's joint must give to its largest inertia. Real
-arms reach more than 10 rad/s2; a file that gives less has wrong units or a placeholder."""
+"""Least acceleration [rad/s2] of an arm's joint with its largest inertia under its full torque. Real arms
+reach more than 10 rad/s2; a file from which a lower acceleration follows has wrong units or a placeholder."""
 LOST = 1.0 / 3.0
-"""Largest fraction of the torque that may be spent on damping at full speed; the rest is for motion and
-weight."""
+"""Largest fraction of the torque that may be spent on damping at full speed; the remaining torque is for
+motion and weight."""
 JERK = 100.0
 """Jerk limit divided by acceleration limit [1/s]."""
 TORQUE, FINGER_TORQUE, STRONGEST = 40.0, 1.0, 1e4
-"""Torque limits [N m] of a joint, and of a joint of a finger, for which the file gives none, and torque limit
-[N m] from which a value in the file counts as a placeholder. A motor of a finger reaches about 1 N m; with 40
-N m, the fingers of an Allegro hand pressed with 11 N on a ball before their skin reported it."""
+"""Torque limits [N m]: for a joint without a limit in the file, for a joint of a finger without a limit in
+the file, and the value from which a limit in the file counts as a placeholder. A motor of a finger reaches
+about 1 N m; with 40 N m, the fingers of an Allegro hand pressed on a ball with 11 N before their skin
+reported the touch."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointFacts:
-    """Values of a joint in a model file. A value that the file does not give is 0."""
+    """Values of a joint in a model file. A value that is missing in the file is 0."""
 
     lower: float = 0.0
     upper: float = 0.0
-    """Upper limit [rad]; equal to `lower` if the file gives no range."""
+    """Upper limit [rad]; equal to `lower` if the file contains no range."""
     velocity: float = 0.0
     """Largest speed [rad/s]."""
     torque: float = 0.0
     """Largest torque [N m]."""
     follows: str | None = None
-    """Name of the leading joint, if this joint follows it by a fixed ratio (mimic, equality)."""
+    """Name of the leading joint, if this joint follows another joint by a fixed ratio (mimic, equality)."""
     multiplier: float = 1.0
     """Change of this joint's angle per change of the leading joint's angle."""
     offset: float = 0.0
@@ -67,7 +68,7 @@ class JointFacts:
 
 
 def read_facts(model: Model, compiled: mujoco.MjModel) -> dict[str, JointFacts]:
-    """Returns the values that a model file gives for each of its joints, by joint name."""
+    """Returns the values of each joint in a model file, by joint name."""
     given = _from_mjcf(compiled) if model.format == "mjcf" else _from_urdf(model)
     found = {}
     for name, facts in given.items():
@@ -81,10 +82,10 @@ def read_facts(model: Model, compiled: mujoco.MjModel) -> dict[str, JointFacts]:
 def driven(joints: Sequence[Joint], facts: Mapping[str, JointFacts], needed: set[int]) -> set[int]:
     """Returns the indices of the joints that count as servos.
 
-    A joint that is `stuck` at the end of a chain is left out, unless it is `needed`. If a joint follows
-    another joint by a fixed ratio, only the leading joint is a servo. There is one exception: if the follower
-    is `needed` and the leading joint (a gear at the motor) carries no joint, the follower is the servo
-    instead.
+    A joint at the end of a chain with `stuck` set is left out, unless `needed` contains the joint. If a joint
+    follows another joint by a fixed ratio, only the leading joint is a servo. There is one exception: if
+    `needed` contains the follower and the leading joint (a gear at the motor) carries no joint, the follower
+    is the servo instead.
     """
     index = {joint.name: place for place, joint in enumerate(joints)}
     parents = {joint.parent for joint in joints}
@@ -121,7 +122,8 @@ def proposed_limits(given: JointFacts, inertia: float, *, usual_torque: float = 
     if given.damping * velocity > (left := LOST * (torque - given.friction)) > 0.0:
         velocity = left / given.damping
         assumed.append("velocity")
-    velocity = float(np.deg2rad(round(np.rad2deg(velocity), 2)))  # as a person reads it
+    # rounded in degrees, so that the description is readable
+    velocity = float(np.deg2rad(round(np.rad2deg(velocity), 2)))
     able = torque / max(inertia, 1e-6)
     acceleration = float(np.clip(0.25 * able, min(ACCELERATION[0], MOST_TORQUE * able), ACCELERATION[1]))
     step = 10.0 if acceleration >= np.deg2rad(10.0) else 0.1

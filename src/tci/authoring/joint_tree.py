@@ -26,7 +26,7 @@ class Joint:
 
 
 def read_joints(model: mujoco.MjModel, data: mujoco.MjData, R_RH: Array) -> tuple[Joint, ...]:
-    """Returns all revolute joints in the frame H; parents come before their children."""
+    """Returns all revolute joints in the frame H; a parent precedes its children."""
     turning = [j for j in range(model.njnt) if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE]
     last: dict[int, int] = {0: -1}
     joints: list[Joint] = []

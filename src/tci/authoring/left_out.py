@@ -23,7 +23,7 @@ def left_out(robot: Robot) -> list[str]:
     """Returns notes on joints that a proposed description does not use.
 
     One note lists the sliding joints. Another note follows for each kind of part (head, torso, legs) that is
-    left out although places or names of joints suggest it.
+    left out although places or names of joints suggest such a part.
     """
     if robot.model is None:
         return []

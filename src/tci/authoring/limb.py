@@ -17,7 +17,8 @@ from tci.frames import Array
 from tci.robot.shoulder import SLANT, nearest_point
 
 PARALLEL = 0.9
-"""Cosine above which two successive axes of a ball joint are too close to parallel. Assumed: 26 degrees."""
+"""Cosine above which two successive axes of a ball joint are too close to parallel. Assumed: 26 degrees
+between the axes."""
 ASIDE = 0.6
 """Largest offset of the limb's axis from the centre of its ball joint, and from the bending axis, as a
 fraction of the limb's length. Assumed: with a larger value other chains of joints are taken for limbs; with a

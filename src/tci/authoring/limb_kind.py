@@ -50,8 +50,8 @@ def is_named_so(joints: Sequence[Joint], pair: Pair) -> bool:
 
 
 def hangs_as(pair: Pair, centre_of_mass: float | None) -> Vote:
-    """Returns the kind of a pair from `centre_of_mass`: its height [m] for all bodies that the pair does not
-    move.
+    """Returns the kind of a pair of limbs from `centre_of_mass`: the height [m] of the centre of mass of all
+    bodies that the pair does not move.
 
     Arms begin above the centre of mass, legs below it.
     """

@@ -1,7 +1,7 @@
 """Finds the channels of a raw recording that are taxels, from the values alone, without a position file.
 
-An iCub's boards send 12 values per triangular module. Two of the 12 come from thermal pads and are no taxels.
-For a module that is not mounted, the board sends constant values.
+An iCub's boards send 12 values per triangular module. Two of the 12 values belong to thermal pads, not to
+taxels. For a module that is not mounted, the board sends constant values.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from tci.frames import Array
 PER_MODULE = 12
 _PAD = 0.25
 """A channel counts as a thermal pad if its range of values is below this fraction of the median range in its
-module. Assumed: on an iCub's foot, the fraction of a pad is 0.07."""
+module. Assumed: on an iCub's foot, the range of a pad is 0.07 of the median range."""
 
 
 def live_channels(values: Array, *, per_module: int = PER_MODULE) -> NDArray[np.bool_]:
     """Returns a mask (channels,) of the channels that are taxels, from frames (n, channels) with touches.
 
     If no channel of a module ever changes, its channels are not counted as taxels. The module is then absent
-    or its board sends no data; the values can't show which. A position in the module counts as a thermal pad
-    if its values vary little in most modules. Raises TciError for frames that do not divide into modules,
-    that contain values that are not finite, or in which no value changes.
+    or its board sends no data; the values don't distinguish between these cases. A position in the module
+    counts as a thermal pad if its values vary little in most modules. Raises TciError for frames that do not
+    divide into modules, that contain values that are not finite, or in which no value changes.
     """
     if values.ndim != 2 or values.shape[1] % per_module or not len(values):
         raise TciError(f"frames of shape {values.shape}; valid: (n, a multiple of {per_module})")

@@ -37,7 +37,7 @@ from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface, build_surface
 
 SILENCE = 5.0
-"""Longest time [s] without a frame of the patch; after it, the calibration ends with DriverError."""
+"""Longest time [s] without a frame of the patch; after this time, the calibration ends with DriverError."""
 SETTLE = 0.6
 """Time [s] that the simulated finger presses before frames are taken. Assumed: after this time, finger and
 arm are at rest."""
@@ -215,7 +215,7 @@ def _pressed(session: _LoadSession, surface: Surface, weights: Sequence[float]) 
             try:
                 finger.poke(session.patch, int(taxel), speed=0.1, depth=weight / STIFFNESS)
             except TciError:
-                continue  # the finger has no room there
+                continue  # other links leave no space for the finger
             driver.world.advance(driver.clock.now() + SETTLE)
             felt = session.take(10, f"under {weight:g} N")[1]
             yield Load(driver.world.contact_truth(session.patch).force, felt)

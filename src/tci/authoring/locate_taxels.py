@@ -170,7 +170,8 @@ class _Problem:
         x_at, c_at = 3 * self.taxels[:, None] + three, 3 * n + 3 * self.rows[:, None] + three
         away = self.x[self.taxels] - self.c[self.rows]
         square = np.einsum("ij,ij->i", away, away)
-        # Weak responses weigh less, since the error of a logarithm grows as the response fades.
+        # Weak responses have a smaller weight, since the error of a logarithm increases as the response
+        # decreases.
         trust = (
             np.sqrt(self.weights / np.maximum.reduceat(self.weights, self._firsts())[self.rows]) / LOGARITHM
         )

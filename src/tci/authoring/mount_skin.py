@@ -33,7 +33,7 @@ SPREAD = 0.005
 """Least standard deviation [m] of the touches along their second principal axis. Assumed: from touches on one
 line, the rotation about this line can't be determined."""
 OUTLIER, ROUNDS = 3.0, 10
-"""Residual, as a multiple of the median residual, beyond which a touch is left out, and largest number of
+"""Residual, as a multiple of the median residual, beyond which a touch is left out; and the largest number of
 rounds in which touches are left out. Assumed: a touch by another object has a far larger residual."""
 
 
@@ -176,7 +176,7 @@ def self_touches(body: GenericBody, patch: str, perceptions: Iterable[Perception
         if best is not None and size <= best[0]:
             continue
         other = surfaces[others[0].patch]
-        assert perception.joints is not None  # a Perceiver always sets them
+        assert perception.joints is not None  # a Perceiver always sets `joints`
         poses = chain.poses(perception.joints.position, [link, other.link])
         met = apply(invert(poses[link]) @ poses[other.link], _centre(other, others[0])[0])
         best = size, SelfTouch(*_centre(surfaces[patch], own[0]), met)
@@ -201,7 +201,8 @@ def _centre(surface: Surface, contact: Contact) -> tuple[Array, Array]:
 
 
 def _fit(reported: Array, normals: Array, met: Array) -> tuple[Array, float]:
-    """Returns the pose (4, 4) and the depth [m] with the least residual; they are fitted alternately.
+    """Returns the pose (4, 4) and the depth [m] with the least residual; pose and depth are fitted
+    alternately.
 
     If the depth were neglected, a skin around half of a limb would be placed too deep. For a flat skin the
     depth can't be determined and stays 0.

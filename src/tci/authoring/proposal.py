@@ -1,7 +1,7 @@
 """Proposes a description of a humanoid from its URDF or MJCF alone.
 
-The arms are found by their geometry: it must fit the definition of the generic arm. Limits are copied from
-the file. Sleeves of skin are fitted to the shapes of the links. Values that the file does not contain are
+The arms are found by geometry, which must fit the definition of the generic arm. Limits are copied from the
+file. Sleeves of skin are fitted to the shapes of the links. Values that the file does not contain are
 proposed and marked as assumed.
 """
 
@@ -158,8 +158,8 @@ def _side(name: str) -> Side:
 
 
 def _first(body: FoundLimbs, shoulder: int) -> int:
-    """Returns the first joint that carries only one arm. It is the shoulder, or a collar bone that carries
-    the shoulder."""
+    """Returns the first joint that carries only one arm. This joint is the shoulder, or a collar bone that
+    carries the shoulder."""
     joint = shoulder
     others = {limb.ball[0] for limb in body.arms.values()} | {leg.chain[0] for leg in body.legs.values()}
     while (parent := body.joints[joint].parent) >= 0 and len(others & set(body.behind(parent))) == 1:

@@ -29,8 +29,8 @@ FARTHER = np.deg2rad(25.0)
 """An elbow bends in the direction with the larger range of flexion, if the ranges of the two directions
 differ by more than this angle [rad]."""
 TWISTED = np.deg2rad(45.0)
-"""If the ranges of flexion do not decide, the rotations of the shoulder decide, if they differ by more than
-this angle [rad] between the two directions. The direction with the smaller rotation is used."""
+"""If the ranges of flexion do not decide, the rotations of the shoulder decide. The rotations for the two
+directions must differ by more than this angle [rad]. The direction with the smaller rotation is used."""
 
 
 def elbow_senses(
@@ -38,10 +38,10 @@ def elbow_senses(
 ) -> dict[str, Sign]:
     """Returns the direction in which each elbow's joint bends its arm, by side.
 
-    The direction of the left elbow is `left`, if given. Otherwise it is the direction in which the elbow can
-    move farther. If the limits are about symmetric, it is the direction with which the shoulder turns less
-    from the model's zero to the generic postures. The right elbow mirrors the left elbow. Raises
-    DescriptionError if none of these rules decides.
+    The direction of the left elbow is `left`, if given. Otherwise the left elbow bends in the direction in
+    which it can move farther. If the limits are about symmetric, the left elbow bends in the direction for
+    which the shoulder turns less from the model's zero to the generic postures. The right elbow mirrors the
+    left elbow. Raises DescriptionError if none of these rules decides.
     """
     ways: list[dict[str, Sign]] = [_mirrored(body, sense) for sense in (1, -1)]
     if left is not None:
@@ -89,7 +89,8 @@ def _mirrored(body: FoundLimbs, left: Sign) -> dict[str, Sign]:
     """Returns the directions of both elbows by side. The motion of the right elbow mirrors that of the
     left."""
     axes = {side: body.joints[limb.bend].axis for side, limb in body.arms.items()}
-    image = left * axes["left"] * [-1.0, 1.0, -1.0]  # axes are axial vectors
+    # axes are axial vectors, so a mirror image reverses x and z
+    image = left * axes["left"] * [-1.0, 1.0, -1.0]
     return {"left": left, "right": 1 if float(image @ axes["right"]) > 0.0 else -1}
 
 

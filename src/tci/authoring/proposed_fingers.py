@@ -23,8 +23,8 @@ from tci.robot.generic_arm import Side
 from tci.robot.generic_fingers import JOINTS, PALM
 
 Trust = Literal["names", "places", "none"]
-"""Decision on fingers in doubt. "names": their names decide. "places": their places decide. "none": the hand
-is described without fingers."""
+"""Rule for fingers in doubt. "names": the names of the fingers decide. "places": the places of the fingers
+decide. "none": the hand is described without fingers."""
 SHORTEST = 0.005
 """Least length [m] of a finger's last link by its shape; a shorter result is not used. Assumed: shorter than
 any finger tip."""
@@ -126,8 +126,8 @@ def fingers(
 def _tips(body: FoundLimbs, arm: int, points: LinkPoints) -> dict[int, Array]:
     """Returns the end (3,) [m] of each link that an arm moves.
 
-    The end is the place of the next joint. If there is no next joint, the end is that of the link's shape. If
-    the link has no shape either, the link is assumed to be as long as the previous link.
+    The end is the place of the next joint. If there is no next joint, the end is the end of the link's shape.
+    If the link has no shape either, the link is assumed to be as long as the previous link.
     """
     ends = {}
     for one in carried(body.joints, arm):
@@ -156,8 +156,8 @@ def _drive(name: str, own: Mapping[str | None, Servo], facts: Mapping[str, Joint
 def _flexion(bends: Sequence[tuple[float, _Drive]]) -> tuple[dict[int, float], float]:
     """Returns the factor of each servo, and the offset [rad], of a finger's flexion.
 
-    The flexion is the angle of the finger's first joint. If the finger has several motors, the others follow
-    in the ratio of their ranges.
+    The flexion is the angle of the finger's first joint. If the finger has several motors, the other motors
+    follow the first motor in the ratio of their ranges.
     """
     if not bends:
         return {}, 0.0
@@ -179,8 +179,8 @@ def _generic(
 ) -> GenericServo:
     """Returns a generic joint of a finger.
 
-    The conversion is eq. 1 if only one servo moves the joint and this servo moves no other joint. Else it is
-    a synergy, a weighted sum of servo angles.
+    The conversion is eq. 1 if only one servo moves the joint and this servo moves no other joint. Otherwise
+    the conversion is a synergy: a weighted sum of servo angles.
     """
     if not factors:
         return GenericServo(id=id, name=name, servo=None)

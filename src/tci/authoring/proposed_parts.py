@@ -33,7 +33,8 @@ LEG = {
 HAND = {"flexion": (-1.0, 0.0, 0.0), "deviation": (0.0, -1.0, 0.0)}
 """Axes of positive rotation of a left hand, in the torso frame, while all generic angles of the arm are 0."""
 STANDING = np.deg2rad([20.0, 0.0, 0.0, 40.0, 20.0, 0.0])
-"""Initial posture [rad] of legs, if limits allow it. Assumed: slightly bent knees, level feet."""
+"""Initial posture [rad] of legs, if the limits allow this posture. Assumed: slightly bent knees, level
+feet."""
 ROOM = np.deg2rad(3.0)
 """Distance [rad] of the initial posture from limits. Assumed: larger than encoder offsets."""
 
@@ -52,8 +53,8 @@ def middle(
 
     Pitch nods forward, roll leans right, yaw turns left. A generic joint without a matching joint in `joints`
     is fixed. `joints` are in order from the torso; of parallel joints, the joint nearest to the torso is
-    used. `sense` is 1 for joints that carry the part, and -1 for joints below the torso that the torso
-    carries, so that a positive angle moves the torso and not the legs.
+    used. `sense` is 1 for joints that carry the part. `sense` is -1 for joints below the torso that the torso
+    carries: a positive angle then moves the torso and not the legs.
     """
     servos = []
     for id, (name, axis) in enumerate(zip(("pitch", "roll", "yaw"), np.eye(3)[[1, 0, 2]], strict=True)):
@@ -91,7 +92,7 @@ def leg(
         axis = body.joints[above[-1]].axis
         thigh = (
             axis * float(np.sign(axis @ thigh)) * float(np.linalg.norm(thigh))
-        )  # along the axis of hip yaw
+        )  # the thigh is measured along the axis of hip yaw
     across, ahead, down = np.array([0.0, -1.0, 0.0]), mirror * [1.0, 0.0, 0.0], np.array([0.0, 0.0, -1.0])
     pitch, flexion = angle_about(across, down, thigh), -angle_about(across, thigh, shank)
     roll = angle_about(ahead, down, shank)
@@ -159,8 +160,8 @@ def segment(body: FoundLimbs, points: LinkPoints, name: str, link: str, begin: A
 def find_mount(shoulder: Shoulder) -> tuple[float, float, float] | None:
     """Finds the mount (roll, pitch, yaw) [rad] on which a shoulder's first axis is the axis of flexion.
 
-    It is the smallest rotation that turns the y axis to the first axis of the shoulder. None if this rotation
-    exceeds the limit for mounts.
+    The mount is the smallest rotation that turns the y axis to the first axis of the shoulder. None if this
+    rotation exceeds the limit for mounts.
     """
     axis = shoulder.axes[0] * (1.0 if shoulder.axes[0][1] >= 0.0 else -1.0)
     across = np.cross([0.0, 1.0, 0.0], axis)

@@ -26,7 +26,7 @@ def skin_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom) ->
         raise TciError(f"the axis {[float(value) for value in axis]} has no direction; give a vector (3,)")
     size = float(np.linalg.norm(np.ptp(positions, axis=0)))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RankWarning)  # raised by a flat skin, which is refused below
+        warnings.simplefilter("ignore", RankWarning)  # numpy warns about a flat skin, which is refused below
         fit = fit_cone(positions, origin=origin, axis=axis, free=free)
     if max(abs(fit.r1), abs(fit.r2)) > WIDEST * size:
         raise TciError(
@@ -53,8 +53,8 @@ def unroll(positions: Array, fit: ConeFit) -> tuple[Array, Array]:
     """Returns x (n,) [m], the place along a cone's axis from its proximal end, and the angle theta (n,) [rad]
     around the axis.
 
-    Both depend only on the axis of the cone, not on its radii (eqs 3-4). Theta is from -pi to pi. It is zero
-    in the direction of the frame axis that is closest to perpendicular to the cone's axis.
+    Both values depend only on the axis of the cone, not on its radii (eqs 3-4). Theta is from -pi to pi.
+    Theta is zero in the direction of the frame axis that is closest to perpendicular to the cone's axis.
     """
     relative = positions - fit.origin
     across = np.eye(3)[np.argmin(np.abs(fit.axis))]
@@ -67,6 +67,7 @@ def unroll(positions: Array, fit: ConeFit) -> tuple[Array, Array]:
 def flatten(positions: Array) -> tuple[Array, Array]:
     """Returns the coordinates (n,) and (n,) [m] of taxels along the two main directions of their skin."""
     relative = positions - positions.mean(axis=0)
-    # Rows of zeros do not change the directions, but make one or two taxels have three as well.
+    # The appended rows of zeros do not change the directions; with these rows, even one or two taxels have
+    # three directions.
     longest = np.linalg.svd(np.vstack([relative, np.zeros((3, 3))]), full_matrices=False)[2]
     return relative @ longest[0], relative @ longest[1]

@@ -41,7 +41,8 @@ class Perceiver:
         self._conditioner = Conditioner(body.layout, body.settings.conditioning)
         self._finder = ContactFinder(body.layout, body.settings.contacts)
         self._frames: tuple[SkinFrame, ...] = ()
-        self._crowded = False  # frames in each step leave no other one for the estimates
+        # True if the previous step had frames: the estimates then do not wait for a step without frames.
+        self._crowded = False
         self._felt: JointTouch | None = None
         if any(patch.through_joints for patch in body.robot.patches):
             own, settings = (

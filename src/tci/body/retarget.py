@@ -28,10 +28,10 @@ class Retargeted:
     """Result of retargeting an arm."""
 
     position: Array
-    """Angles (n_servos,) [rad] of all servos; those of other parts are unchanged."""
+    """Angles (n_servos,) [rad] of all servos; the angles of other parts' servos are unchanged."""
     upper_arm_error: float
-    """Angle [rad] of the rotation between the upper arm and its requested orientation; 0 if limits allow
-    it."""
+    """Angle [rad] of the rotation between the upper arm and its requested orientation; 0 if the limits allow
+    the requested orientation."""
     joint_errors: Array
     """Differences (2,) [rad] of elbow flexion and pronation from the requested angles, caused by limits."""
 
@@ -74,7 +74,7 @@ def retarget(robot: Robot, part: str, generic: Array, position: Array) -> Retarg
 
 def _within(robot: Robot, shoulder: Shoulder, wanted: Array, position: Array) -> tuple[Array, float]:
     """Returns shoulder angles (3,) [rad] within limits and couplings, and the remaining angle [rad] to the
-    wanted rotation."""
+    requested rotation."""
     servos = shoulder.servos
     rows, low, high = robot.coupling_rows
     named = rows[:, servos].any(axis=1)
@@ -93,7 +93,8 @@ def _within(robot: Robot, shoulder: Shoulder, wanted: Array, position: Array) ->
             return way, 0.0
 
     def distance(angles: Array) -> tuple[float, Array]:
-        # 3 - trace is 2 (1 - cos): smooth where the angle itself is not. The second result is its gradient.
+        # 3 - trace equals 2 (1 - cos(angle)), which is smooth where the angle itself is not smooth. The
+        # second result is the gradient of the first result.
         relative = shoulder.rotation(angles) @ wanted.T
         twist = [
             relative[2, 1] - relative[1, 2],
@@ -120,7 +121,7 @@ def _within(robot: Robot, shoulder: Shoulder, wanted: Array, position: Array) ->
 def angle_between(one: Array, other: Array) -> float:
     """Returns the angle [rad] between two rotations (3, 3).
 
-    The result is exact near zero too, unlike the arccos of the trace.
+    Unlike the arccos of the trace, the result is exact near zero too.
     """
     half = np.linalg.norm(one - other) / (2.0 * np.sqrt(2.0))
     return float(2.0 * np.arcsin(min(half, 1.0)))

@@ -41,8 +41,8 @@ class PressureImage:
     """Coordinates (taxels, 2) [m] of the taxels in the plane of the image: to the right, and up.
 
     On a limb, the first coordinate is the arc length around the limb from its flexor side; the second is the
-    distance from the distal end of the segment. On a left limb the lateral side is to the right of the flexor
-    side, on a right limb to the left of it.
+    distance from the distal end of the segment. On a left limb, the lateral side is to the right of the
+    flexor side; on a right limb, the lateral side is to the left of the flexor side.
     """
 
 
@@ -53,10 +53,11 @@ def pressure_image(
 
     A sleeve on a limb is cut along its extensor side and unrolled at its mean radius. A sleeve on another
     part is unrolled too, but the place of its cut is arbitrary. A flat patch is projected onto its mean
-    plane. All images show the skin from outside, so those of a left and a right limb are mirror images.
+    plane. All images show the skin from outside, so the image of a left limb is the mirror image of a right
+    limb's image.
 
     Raises UnknownNameError for an unknown patch. Raises TciError for a perception without skin, for a pixel
-    size that is not above 0, and for a pixel size that gives more than MOST_PIXELS.
+    size that is not above 0, and for a pixel size that results in more than MOST_PIXELS pixels.
     """
     if perception.skin is None or perception.joints is None:
         raise TciError("a perception without skin has no pressure image; valid: one made by a Perceiver")
@@ -73,7 +74,8 @@ def pressure_image(
         raise TciError(f"pressure image: pixel {pixel} m; valid: {least:.2g} m or more on {patch}")
     columns, rows = np.ceil(size / pixel).astype(int)
     x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows)[::-1] + 0.5)
-    turns = (0.0, -turn, turn) if np.isfinite(turn) else (0.0,)  # the skin goes on beyond the cut
+    # a sleeve of skin is continuous across the cut
+    turns = (0.0, -turn, turn) if np.isfinite(turn) else (0.0,)
     tree = cKDTree(np.concatenate([np.add(places, (shift, 0.0)) for shift in turns]))
     apart, nearest = tree.query(np.stack([x, y], axis=-1) * pixel + corner)
     nearest %= len(places)
@@ -85,7 +87,7 @@ def pressure_image(
 def unrolled(body: GenericBody, patch: str, joints: JointReading) -> tuple[Array, float]:
     """Returns the coordinates (taxels, 2) [m] of a patch's taxels in the plane of its pressure image.
 
-    Also returns the length [m] of a turn around the limb, which is infinite for a flat patch. Raises
+    Also returns the length [m] of one full turn around the limb, which is infinite for a flat patch. Raises
     UnknownNameError for an unknown patch.
     """
     description = body.robot.patch(patch)
@@ -95,7 +97,8 @@ def unrolled(body: GenericBody, patch: str, joints: JointReading) -> tuple[Array
         return _flattened(surface.positions, surface.normals), np.inf
     if segment is None:
         places, turn, axes = unroll(surface.positions, surface.normals)
-        places[:, 0] *= np.sign(np.linalg.det(axes))  # to the right as seen from outside
+        # the first coordinate is to the right as seen from outside
+        places[:, 0] *= np.sign(np.linalg.det(axes))
         return places, turn
     u, theta, radius = body.skin.limb(patch, joints)
     side, mean = side_sign(body.robot.part(description.part).side or "left"), float(radius.mean())
@@ -127,10 +130,10 @@ def contact_shape(contact: Contact, body: GenericBody) -> ContactShape:
     across = np.eye(3) - np.outer(contact.n_L, contact.n_L)
     own = float(force @ surface.areas[contact.taxels] / force.sum()) / 12.0
     moments = across @ ((apart.T * force) @ apart / force.sum() + own * np.eye(3)) @ across
-    values, vectors = np.linalg.eigh(moments)  # the least of the three is 0, along the normal
+    values, vectors = np.linalg.eigh(moments)  # the smallest of the three values is 0, along the normal
     axes = 2.0 * np.sqrt(
         values[:0:-1]
-    )  # an even ellipse has a variance of a quarter of each half axis squared
+    )  # along each axis, a uniform ellipse has a variance of a quarter of the squared half axis
     return ContactShape(float(np.pi * axes.prod()), frozen(axes), frozen(vectors.T[:0:-1].copy()))
 
 

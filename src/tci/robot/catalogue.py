@@ -1,4 +1,5 @@
-"""Robots by name: those in `robots/`, and those of other packages (entry points `tci.robots`).
+"""Robots by name: the robots in the folder `robots/`, and the robots of other packages (entry points
+`tci.robots`).
 
 Each robot has a folder `robots/<name>/` with a `robot.xml`. No other file of TCI contains the name of the
 robot. Every other description in this folder is a variant of the robot: `nao/whole.xml` is the robot
@@ -26,9 +27,9 @@ FILE = "robot.xml"
 
 _FOLDER = Path(__file__).with_name("robots")
 _known: weakref.WeakValueDictionary[str, Robot] = weakref.WeakValueDictionary()
-"""For each name, the latest robot that is still in use."""
+"""For each name, the robot that was loaded last, while a caller still uses this robot."""
 _files: dict[str, Files] = {}
-"""For each name, the files of the robot in `_known` when it was loaded."""
+"""For each name in `_known`, the state of the robot's files at the time when the robot was loaded."""
 
 
 def robot_names() -> tuple[str, ...]:
@@ -38,7 +39,8 @@ def robot_names() -> tuple[str, ...]:
 
 
 def check_name(name_or_path: str) -> None:
-    """Raises UnknownNameError for a text that is neither a known robot's name nor a path. Loads no robot."""
+    """Raises UnknownNameError for a text that is neither a known robot's name nor a path. This function loads
+    no robot."""
     if not (_is_path(name_or_path) or name_or_path in _packaged() or name_or_path in _entries()):
         raise UnknownNameError("robot", name_or_path, [*robot_names(), "or the path of a description (.xml)"])
 
@@ -47,15 +49,15 @@ def load_robot(name_or_path: str | os.PathLike[str]) -> Robot:
     """Returns a robot by its name, or by the path of its description. A text is a path if it contains a slash
     or ends in .xml.
 
-    While a robot is in use, a call with its name returns the existing object. So skin and collision geometry
-    of the robot are computed only once. If the description, its model file or a skin file has changed, the
-    call returns a new object.
+    While a robot is in use, a call with its name returns the existing object. Thus the skin and the collision
+    geometry of the robot are computed only once. If the description, its model file or a skin file has
+    changed, the call returns a new object.
 
     - Raises UnknownNameError, with the valid names, if there is no robot with this name.
     - Raises DescriptionError, with all faults, if the description has faults.
     - Raises MissingExtraError if the model of the robot is in a package that is not installed.
     """
-    from tci.robot.xml import read_robot  # not at the top: shell completion needs only the names
+    from tci.robot.xml import read_robot  # not at the top of the file: shell completion needs only the names
 
     text = os.fspath(name_or_path)
     if not isinstance(name_or_path, str) or _is_path(text):
@@ -115,11 +117,12 @@ def _entries() -> dict[str, EntryPoint]:
 
 
 def _path_of(entry: EntryPoint) -> Path:
-    """Returns the path of the description that the entry point of another package gives."""
+    """Returns the path of the description to which the entry point of another package refers."""
     try:
         given = entry.load()
         path = given() if callable(given) else given
-    except Exception as error:  # whatever another package raises, the message must name the robot
+    # an entry point may raise any error; the message must contain the robot's name
+    except Exception as error:
         raise TciError(f"the robot {entry.name!r} ({entry.value}) can't be loaded: {error}") from error
     if not isinstance(path, str | os.PathLike):
         raise TciError(

@@ -1,10 +1,11 @@
 """The generic fingers of a hand: flexion and spread of each of five fingers.
 
 At generic zero all fingers are straight and side by side, and the thumb is beside the palm. Flexion towards
-the palm is positive. Its value is the angle of the finger's first joint; the other joints of the finger
-follow in proportion. Spread away from the middle finger is positive. For the middle finger itself, spread
-towards the index finger is positive. The spread of the thumb is its opposition: 0 beside the palm, 90 degrees
-when the thumb is in front of the palm. Signs are equal on the left and right side.
+the palm is positive. The value of flexion is the angle of the finger's first joint; the finger's other joints
+move in proportion to this angle. Spread away from the middle finger is positive. For the middle finger
+itself, spread towards the index finger is positive. The spread of the thumb is its opposition: 0 beside the
+palm, 90 degrees when the thumb is in front of the palm. Equal signs mean equal motions on the left and the
+right hand.
 """
 
 from __future__ import annotations

@@ -19,8 +19,8 @@ from tci.messages import SkinFrame
 from tci.robot.description import Robot
 
 _EARLY = 1e-6
-"""Fraction of a period by which a frame may come before its time. It allows for rounding of the frame's
-stamp."""
+"""Fraction of a period by which a frame may arrive before its expected time. This fraction is a tolerance for
+rounding errors of the frame's stamp."""
 
 
 class SendOnDelta:
@@ -61,7 +61,8 @@ class HoldLast:
         """Raises TciError unless `keep_alive` [s] is above 0 and finite."""
         self._keep_alive = check_keep_alive(keep_alive)
         self._periods = {patch.name: 1.0 / patch.rate for patch in robot.patches}
-        self._known: dict[str, tuple[SkinFrame, SkinFrame, float]] = {}  # frame received, filled in, period
+        # received frame, filled-in frame, period [s]
+        self._known: dict[str, tuple[SkinFrame, SkinFrame, float]] = {}
         self._before = self._known
 
     def fill(self, arrived: Iterable[SkinFrame], now: float) -> tuple[SkinFrame, ...]:
@@ -76,7 +77,7 @@ class HoldLast:
         for frame in arrived:
             patch = frame.patch
             held, filled, period = known.get(patch) or (frame, frame, self._periods.get(patch))
-            if period is None:  # conditioning reports the unknown patch
+            if period is None:  # conditioning reports an unknown patch
                 frames.append(frame)
                 continue
             if held is not frame and (held.sequence != frame.sequence or held.stamp != frame.stamp):

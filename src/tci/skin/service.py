@@ -38,7 +38,7 @@ class SkinService:
         if depth < 1:
             raise TciError(f"a ring of {depth} states; valid: 1 or more")
         self.skin = skin
-        # One slot more than `depth`: the writer may be filling it while a reader reads.
+        # The ring has one slot more than `depth`: the writer may be filling this slot while a reader reads.
         self._ring: list[SkinState | None] = [None] * (depth + 1)
         self._published = 0
         self._waiting = 0
@@ -65,7 +65,7 @@ class SkinService:
     def reader(self, mode: Mode = "every", *, region: Region | None = None, step: float = 0.0) -> SkinReader:
         """Returns a new reader, which starts with the next state to be published.
 
-        The mode selects the states that the reader gets:
+        The mode selects the states that the reader receives:
 
         - `every`: each state in turn.
         - `latest`: the newest state. Earlier states are skipped.
@@ -79,20 +79,23 @@ class SkinService:
     def _get(self, index: int) -> SkinState | None:
         """Returns state `index`. Returns None if the state is no longer in the ring buffer."""
         state = self._ring[index % len(self._ring)]
-        # The index is checked after reading: a writer that overwrote the slot meanwhile has moved it on.
+        # The index is checked after reading: a writer that overwrote the slot meanwhile has also increased
+        # `_published`.
         return state if self._published - index < len(self._ring) else None
 
     def _oldest(self) -> int:
         return max(self._published - len(self._ring) + 1, 0)
 
     def _wait(self, index: int, timeout: float | None) -> bool:
-        """Waits until state `index` is published, but at most `timeout` [s]. Returns True if it is."""
+        """Waits until state `index` is published, but at most `timeout` [s]. Returns True if the state is
+        published."""
         if self._published > index:
             return True
         self._waiting += 1
         try:
             with self._fresh:
-                # A state may come between the check of `_waiting` and this wait; it is seen within 50 ms.
+                # A state may be published between the check of `_waiting` and this wait. The wait then ends
+                # after at most 50 ms.
                 end = None if timeout is None else time.monotonic() + timeout
                 while self._published <= index:
                     left = 0.05 if end is None else min(0.05, end - time.monotonic())
@@ -123,7 +126,7 @@ class SkinReader:
         self._forces: dict[str, float] | None = None
 
     def read(self, timeout: float | None = None) -> SkinState | None:
-        """Returns the next state for this reader, or None if no state came within `timeout` [s].
+        """Returns the next state for this reader, or None if no state was published within `timeout` [s].
 
         With `timeout` None the reader waits indefinitely.
         """

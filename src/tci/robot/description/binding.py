@@ -16,8 +16,8 @@ class Address(Description):
     to: str
     """Port, topic, key or name in the middleware."""
     channels: int | None = None
-    """Number of values in the middleware's message for a patch, if it is more than the patch's channels
-    (YARP)."""
+    """Number of values in the middleware's message for a patch, if the message has more values than the patch
+    has channels (YARP)."""
     modules: tuple[int, ...] = ()
     """Numbers of the modules of the message that contain the patch's channels, in order. A module has twelve
     values; ten of them are taxels."""
@@ -43,7 +43,7 @@ class Binding(Description):
 
     def entry(self, of: str) -> Address | None:
         """Returns the address element for the patch, robot part or servo named `of`; None if the description
-        has none."""
+        has no such element."""
         return next((address for address in self.addresses if address.of == of), None)
 
 
@@ -68,7 +68,8 @@ def wire_name(name: str, *, dash: bool = True) -> str:
     """Returns a name of a description in a form for addresses: only letters, digits, `_` and, if `dash` is
     True, `-`.
 
-    All other characters are replaced by `_`. If the result would begin with a digit, a `_` is put before it.
+    All other characters are replaced by `_`. If the result would begin with a digit, a `_` is put before this
+    digit.
     """
     found = re.sub(r"[^A-Za-z0-9_-]" if dash else r"[^A-Za-z0-9_]", "_", name)
     return f"_{found}" if found[0].isdigit() else found

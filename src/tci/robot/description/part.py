@@ -19,7 +19,7 @@ class Term(Description):
     servo: int
     """Index into `Robot.servos`."""
     factor: float
-    """Derivative d generic / d servo."""
+    """Derivative of the generic angle with respect to the servo angle."""
 
 
 class GenericServo(Description):
@@ -50,8 +50,8 @@ class GenericServo(Description):
     damping: float = 0.0
     """Damping that the command `home` sets, as a fraction 0..1 of full damping."""
     speed: float | None = None
-    """Speed [rad/s] of the generic joint, if the gate's limit is not lower. For a retargeted shoulder, the
-    speed of the servo itself."""
+    """Speed [rad/s] at which the generic joint moves, unless the gate's limit is lower. For a retargeted
+    shoulder, this value is the speed [rad/s] of the servo."""
     initial: float = 0.0
     """Initial generic angle [rad]."""
 
@@ -80,21 +80,21 @@ class Segment(Description):
     link: str
     """Link of the kinematic model. `origin` is given in the frame of this link."""
     origin: Vector = (0.0, 0.0, 0.0)
-    """Proximal end (3,) [m] of the segment's axis, in the frame of `link`. Here the limb coordinate u is
-    0."""
+    """Proximal end (3,) [m] of the segment's axis, in the frame of `link`. The limb coordinate u is 0 at this
+    end."""
     length: float
     """Length [m] of the segment. At its distal end, the limb coordinate u is 1."""
 
 
 class CartesianActuator(Description):
-    """A point of a generic part with a position that can be commanded (§3.1: a transformation in Cartesian
+    """A point of a generic part for which commands can set a position (§3.1: a transformation in Cartesian
     space)."""
 
     name: str
     """Name that a `CartesianCommand` gives as its `point`: `hand`, `elbow`, ..."""
     link: str | None = None
-    """Link of the kinematic model that carries the point. An actuator of an arm may give a `segment`
-    instead."""
+    """Link of the kinematic model that carries the point. For an actuator of an arm, the field `segment` can
+    be set instead of `link`."""
     xyz: Vector = (0.0, 0.0, 0.0)
     """Position (3,) [m] of the point in the frame of `link`."""
     segment: str | None = None
@@ -102,14 +102,14 @@ class CartesianActuator(Description):
     u: float = 1.0
     """Place of the point on the segment's axis: 0 at the proximal end, 1 at the distal end."""
     frame: Literal["shoulder", "torso"] = "shoulder"
-    """Frame of targets. `shoulder`: position relative to the centre of the shoulder, in the arm's mount
-    frame, in arm lengths (upper arm plus forearm). With this frame, one target means one fraction of the
-    reach on every robot. `torso`: position in the torso frame, in m."""
+    """Frame of the target positions. `shoulder`: position relative to the centre of the shoulder, in the
+    arm's mount frame, in arm lengths (upper arm plus forearm). With this frame, one target means one fraction
+    of the reach on every robot. `torso`: position in the torso frame, in m."""
     speed: float | None = None
     """Largest speed [m/s] of the point. None: only the speed limits of the joints apply."""
     tolerance: float = 1e-3
-    """Distance [m] from a target at which it counts as reached. Assumed: servos are hardly more accurate than
-    this."""
+    """A target counts as reached if the point is within this distance [m]. Assumed: servos can hardly
+    position the point more accurately than this distance."""
 
 
 USUAL_ACTUATORS = (
@@ -134,7 +134,7 @@ class GenericPart(Description):
     rotation."""
     segments: tuple[Segment, ...] = ()
     cartesian: tuple[CartesianActuator, ...] = ()
-    """Points of this part to which Cartesian commands can give a position."""
+    """Points of this part for which Cartesian commands can set a position."""
 
     @cached_property
     def R_TM(self) -> Array:

@@ -32,8 +32,8 @@ class TruncatedCone(Description):
 
 
 class TriangularModules(Description):
-    """Triangular modules of ten taxels and two thermal pads. The place of each module is a frame of the
-    kinematic model."""
+    """Triangular modules of ten taxels and two thermal pads. A frame of the kinematic model defines the pose
+    of each module."""
 
     kind: Literal["triangular_modules"] = "triangular_modules"
     frames: tuple[str, ...]
@@ -56,7 +56,8 @@ class Table(Description):
     """Format of the file: `rows` contains only rows x y z nx ny nz [m], `icub` is a skin calibration file as
     used for iCub, `csv` is a table with a header, and `urdf` is a URDF with tactile sensors."""
     sensor: str | None = None
-    """Name of the tactile sensor in a URDF. Not needed if the URDF has only one."""
+    """Name of the tactile sensor in a URDF. The name is not needed if the URDF has only one tactile
+    sensor."""
     xyz: Vector = (0.0, 0.0, 0.0)
     """Origin [m] of the file's frame, in the frame of the patch's link."""
     rpy: Vector = (0.0, 0.0, 0.0)
@@ -92,8 +93,8 @@ class Patch(Description):
     """True if the taxels are under one rigid plate, such as the load cells of a foot. All pressed taxels of
     the patch then form one contact."""
     neighbours: float | None = None
-    """Largest distance [m] between neighbouring taxels. Neighbours that are pressed form one contact. None:
-    computed from the distances between taxels (`tci skin fit` prints them)."""
+    """Largest distance [m] between neighbouring taxels. Neighbours that are pressed form one contact. If
+    None, the value is computed from the distances between taxels; `tci skin fit` prints these distances."""
 
     @property
     def through_joints(self) -> bool:

@@ -38,8 +38,8 @@ class Model(Description):
     path: str
     """Path of the file. After loading, the path is absolute."""
     package: str | None = None
-    """Installed Python package that contains the file. The extra that installs this package has the robot's
-    name."""
+    """Installed Python package that contains the file. TCI has an extra with the robot's name that installs
+    this package."""
     meshes: str | None = None
     """Folder of meshes, for meshes that are not at the path in the model. After loading, the path is
     absolute. "none": the model is read without its meshes."""

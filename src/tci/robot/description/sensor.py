@@ -30,14 +30,15 @@ class Sensor(Description):
     anew."""
     response: tuple[tuple[float, float], ...] = ()
     """Points (counts away from rest, pressure [Pa]) of a nonlinear response. Both values increase from (0,
-    0). The response is linear between the points and beyond the last point. If empty, the response is
-    `pascal_per_count`."""
+    0). The response is linear between the points and beyond the last point. If empty, the response is linear
+    with the slope `pascal_per_count`."""
     axes: Literal[1, 3] = 1
-    """Number of values per taxel. 1: the pressure. 3: the stress along the skin in x and y, and the value in
-    the outward direction z. A frame then has three times as many values as the skin has channels."""
+    """Number of values per taxel. With 1, the value is the pressure. With 3, the values are the stresses
+    along the skin in x and y, and the value in the outward direction z. A frame then has three times as many
+    values as the skin has channels."""
     shear: float | None = None
-    """Linear response [Pa per count] of the stresses along the skin, x and y. None: the absolute value of
-    pascal_per_count."""
+    """Linear response [Pa per count] of the stresses along the skin, x and y. If None, the absolute value of
+    `pascal_per_count` is used."""
 
     @property
     def shear_pascal_per_count(self) -> float:

@@ -53,7 +53,7 @@ class Servo(Description):
     mimics: tuple[Mimic, ...] = ()
     """Joints of the model that follow the servo, in addition to its own joint or instead of its own joint."""
     limits: Limits = Limits()
-    """Limits of its motion."""
+    """Limits of the servo's motion."""
     modes: tuple[Mode, ...] = (Mode.POSITION,)
     """Control modes to which the servo can be switched. The first mode is the initial mode."""
 

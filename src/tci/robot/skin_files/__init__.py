@@ -1,2 +1,2 @@
-"""Readers of files with the positions of taxels. All of them return the type `SkinLayout`
+"""Readers of files with the positions of taxels. Each reader returns the type `SkinLayout`
 (docs/skin-files.md)."""

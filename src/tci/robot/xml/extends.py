@@ -1,9 +1,10 @@
 """Descriptions that extend another description: the file of a variant contains only additions and changes.
 
-An element of the variant belongs to an element of the extended file if both have one tag and one name (id,
-middleware, ...). Its attributes and children are then added to the element of the extended file, or replace
-attributes and children of that element. An element with `removed="yes"` removes the element of the extended
-file. Elements that belong to no element of the extended file are added.
+An element of the variant belongs to an element of the extended file if both elements have the same tag and
+the same name (id, middleware, ...). The attributes and children of the variant's element are then added to
+the element of the extended file, or replace attributes and children of that element. An element with
+`removed="yes"` removes the element of the extended file. Elements that belong to no element of the extended
+file are added.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ ATTRIBUTE, REMOVED = "extends", "removed"
 KEYS = ("id", "destination_servo_id", "name", "middleware", "of", "joint", "frame", "prefix")
 """Attributes that distinguish elements with equal tags."""
 MOST = 4
-"""Largest number of files that extend each other. Assumed: a robot, its variant, and the changes of its owner
-need at most this number."""
+"""Largest number of files that extend each other. Assumed: enough for a robot, a variant of the robot, and
+changes by the robot's owner."""
 
 
 def read_element(file: Path) -> tuple[etree._Element, bytes]:

@@ -1,4 +1,4 @@
-"""Initial postures: the servo angles that the inverse transforms give, and the check that these angles are
+"""Initial postures: computes servo angles with the inverse transforms, and checks that these angles are
 within limits."""
 
 from __future__ import annotations

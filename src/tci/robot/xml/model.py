@@ -44,7 +44,7 @@ class ModelNames:
 
 def read_model(root: Node, source: Path, faults: Faults) -> tuple[Model | None, str | None]:
     """Returns the model that the description `source` names. The second result is the package that contains
-    the model, if this package is not installed; else None."""
+    the model if this package is not installed, or else None."""
     node = root.first("model")
     if node is None or not node.ok:
         return None, None
@@ -153,7 +153,8 @@ def _names(node: Node, path: Path, format: str, faults: Faults) -> ModelNames | 
     links, joints = ("link", "joint") if format == "urdf" else ("worldbody//body", "worldbody//joint")
     usual = {"urdf": "", "mjcf": "hinge"}[format]
     moving = [joint for joint in root.iterfind(joints) if joint.get("type", usual) in _ONE_AXIS]
-    # The world is no link, even if a URDF names its root so: it is no valid reference frame.
+    # The name `world` is no link, even if the root of a URDF has this name, because the world is no valid
+    # reference frame.
     return ModelNames(frozenset(_attribute(root.iterfind(links))) - {"world"}, frozenset(_attribute(moving)))
 
 

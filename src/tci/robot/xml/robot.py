@@ -24,9 +24,9 @@ from tci.robot.xml.servos import Servos, once_only, read_couplings, read_servos
 from tci.robot.xml.skin import read_skin
 
 SHARE = 0.25
-"""If more than this fraction of the angles in a file is implausible, the unit of the file is wrong. Assumed:
-some angles are small in any unit, so they are plausible in a wrong unit too. A single implausible angle among
-others is a wrong angle."""
+"""If more than this fraction of the angles in a file is implausible, the unit of the file is reported as
+wrong. Assumed: some angles are so small that they are plausible in a wrong unit too. If fewer angles are
+implausible, each of these angles is reported as wrong."""
 
 
 def read_robot(path: str | os.PathLike[str]) -> Robot:
@@ -72,7 +72,8 @@ def _read_root(element: etree._Element, source: str) -> tuple[Node, Faults]:
     """Returns the root and the faults of the whole tree. If the unit is wrong, all implausible angles
     together are reported as one fault.
 
-    If the file gives no unit, it is refused. Its angles are still checked, as if they were in degrees.
+    A file without a unit is refused. The angles of such a file are still checked, as if the unit were
+    degrees.
     """
     unit = element.get("angle_unit")
     faults, others = Faults(source), Faults(source)

@@ -54,7 +54,7 @@ def schema_text() -> str:
     schema = _XS.schema(*simple, root, elementFormDefault="qualified")
     etree.indent(schema)
     for one in schema.iter(f"{{{_NAMESPACE}}}simpleType", f"{{{_NAMESPACE}}}annotation"):
-        for inner in one.iterdescendants():  # one line each
+        for inner in one.iterdescendants():  # each element is written on one line
             one.text = inner.tail = None
             inner.text = (inner.text or "").strip() or None
     return f"{_HEAD}{etree.tostring(schema, encoding='unicode')}\n"
@@ -108,7 +108,7 @@ def _element(tag: str, element: Element, types: dict[Value, str]) -> etree._Elem
     texts = _texts(element.describes)
     for name, value in element.values.items():
         text = texts.get(element.field(name) or "", "")
-        if value.angular:  # in the file it has the file's unit
+        if value.angular:  # an angle in the file has the unit of the file
             text = re.sub(r" \[rad[^]]*\]", "", text)
         attribute = _XS.attribute(*_note(text), name=name, type=_type(value, types))
         if name in element.needs:

@@ -26,8 +26,8 @@ class Servos:
 
     def __init__(self, declared: bool) -> None:
         self.declared = declared
-        """True if the file declares its servos in elements `robot_part`. If False, its servos are those that
-        its generic parts mention."""
+        """True if the file declares its servos in elements `robot_part`. If False, the servos are those to
+        which the generic parts refer."""
         self.all: list[Servo] = []
         self.line: dict[int, int] = {}
         """Line number of each servo, by its index."""
@@ -48,8 +48,8 @@ class Servos:
         return tuple(dict.fromkeys(part for part, _ in self._index))
 
     def find(self, robot_part: str, id: int, line: int, faults: Faults) -> Servo | None:
-        """Returns the servo with the number `id` in the robot part. If there is none, returns None and
-        records a fault on `line`.
+        """Returns the servo with the number `id` in the robot part. If there is no such servo, returns None
+        and records a fault on `line`.
 
         If the robot part has a servo with an unreadable id, this servo may be the requested servo. In this
         case, no fault is recorded.
@@ -71,8 +71,8 @@ NAMELESS = "?"
 
 
 def once_only(nodes: Iterable[Node], key: str, what: str, faults: Faults) -> list[Node]:
-    """Returns `nodes` without those that have the attribute `key` of an earlier node. Each node that is left
-    out is a fault."""
+    """Returns `nodes` without each node that has the same value of the attribute `key` as an earlier node.
+    Each omitted node is recorded as a fault."""
     first: dict[Any, Node] = {}
     kept = []
     for node in nodes:
@@ -140,8 +140,8 @@ def read_couplings(
 
 
 def _mentioned(root: Node, servos: Servos) -> None:
-    """Adds the servos to which the generic parts are mapped, without limits. Used for files without
-    `robot_part`, as in Listing 2."""
+    """Adds the servos to which the generic parts are mapped, without limits. This function is for files
+    without `robot_part`, as in Listing 2."""
     mentioned: dict[Key, int] = {}
     for part in root.all("generic_robot_part"):
         for node in part.all("generic_servo"):
@@ -168,7 +168,8 @@ def _limits(node: Node, faults: Faults) -> Limits:
 
 
 def check_range(node: Node, what: str, faults: Faults) -> bool:
-    """Returns True if the angle min of the node is below the angle max. They are never swapped."""
+    """Returns True if the angle `min` of the node is below the angle `max`. The two angles are never
+    swapped."""
     lower, upper = node.get("min"), node.get("max")
     if lower < upper:
         return True

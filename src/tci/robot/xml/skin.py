@@ -1,5 +1,5 @@
-"""Reader of the element `skin`: patches, their sensors, and the ways to give the positions of taxels (eqs
-3-4)."""
+"""Reader of the element `skin`: patches, their sensors, and the elements that define the positions of taxels
+(eqs 3-4)."""
 
 from __future__ import annotations
 
@@ -56,13 +56,13 @@ def _sensor(patch: Node, faults: Faults) -> Sensor | None:
 
 
 def _only_one(patch: Node, ways: Iterable[str], what: str, faults: Faults) -> Node | None:
-    """Returns the only child of a patch with a tag in `ways`. Records a fault if there is none, or more than
-    one."""
+    """Returns the only child of a patch with a tag in `ways`. Records a fault if the patch has no such child,
+    or more than one."""
     found = [tag for tag in ways if patch.all(tag)]
     if len(found) == 1:
         return patch.all(found[0])[0]
     if not found and not patch.ok:
-        return None  # its element may be the one that is misspelt
+        return None  # a misspelt element may be the missing one
     has = " and ".join(f"<{tag}>" for tag in found) or f"no {what}"
     faults.add(patch.line, f"patch {patch.get('name', '?')!r} has {has}; valid: one of {listed(ways)}")
     return None

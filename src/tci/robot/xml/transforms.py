@@ -16,8 +16,8 @@ STEEPEST = 1e3
 """Largest slope between neighbouring points of a table. The least slope is 1 / STEEPEST. Assumed: the bounds
 of gamma (`values.Factor`) also apply to tables."""
 WORST = 1e4
-"""Largest condition number of the matrix of a coupling. Assumed: with this number, rounding errors stay far
-below the resolution of the sensors."""
+"""Largest condition number of the matrix of a coupling. Assumed: with this condition number, rounding errors
+stay far below the resolution of the sensors."""
 SHOULDER = (0, 1, 2)
 """Generic ids of the arm joints that are retargeted together."""
 
@@ -84,8 +84,8 @@ def read_terms(part: Node, node: Node, kind: str, servos: Servos, faults: Faults
 
 
 def check_coupled(node: Node, generic: Sequence[GenericServo], faults: Faults) -> None:
-    """Checks that the coupled joints of a part combine only the servos of these joints, and that their matrix
-    is invertible."""
+    """Checks that the coupled joints of a part combine only the servos of these joints, and that the matrix
+    of the factors is invertible."""
     coupled = [joint for joint in generic if joint.transform == "coupled" and joint.servo is not None]
     own = [joint.servo for joint in coupled]
     for joint in coupled:
@@ -120,7 +120,7 @@ def check_synergy(node: Node, generic: Sequence[GenericServo], faults: Faults) -
 
 def separable(coupled: Sequence[GenericServo]) -> bool:
     """Returns True if the coupled joints of a part (at least one) combine only the servos of these joints,
-    and if their matrix is invertible."""
+    and if the matrix of the factors is invertible."""
     own = [joint.servo for joint in coupled]
     if any(term.servo not in own for joint in coupled for term in joint.terms):
         return False

@@ -39,7 +39,7 @@ def write_robot(
     root = _Written(etree.Element(ROOT), GENERIC_ROBOT)
     root.fill(robot, angle_unit="deg", version="1")
     if comment:
-        plain = comment.replace("--", "-")  # XML allows none in a comment
+        plain = comment.replace("--", "-")  # XML does not allow "--" in a comment
         lines = [line for part in plain.splitlines() for line in wrap(part, 105)]
         root.node.append(etree.Comment(" " + "\n     ".join(lines) + " "))
     if robot.model is not None:

@@ -1,8 +1,8 @@
 """The force-distance model (eqs 5 and 6), one function per factor.
 
-Equation 5 is printed without parentheses, as phi F psi d Theta. Read as a product with d, this would be zero
-at the centre of a field and largest at its edge, which contradicts the text of the paper. TCI computes phi(F)
-psi(d) Theta, in agreement with the text.
+Equation 5 is printed without parentheses, as phi F psi d Theta. As a product with the distance d, the
+response would be zero at the centre of a field and largest at the edge, which contradicts the text of the
+paper. TCI computes phi(F) psi(d) Theta, in agreement with the text.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ def phi(force: float, threshold: float, saturation: float) -> float:
 def psi(distance: float, radius: float) -> float:
     """Returns the distance discount, 0 to 1 (eqs 5-6): 1 - d / r.
 
-    Distance and radius have one unit; the radius is above 0. The result is 1 at the centre, 0 from the edge
-    of the field on, and 0 for NaN.
+    Distance and radius have the same unit, and the radius is above 0. The result is 1 at the centre, 0 from
+    the edge of the field on, and 0 for NaN.
     """
     return 1.0 - distance / radius if distance < radius else 0.0
 
@@ -33,7 +33,7 @@ def psi(distance: float, radius: float) -> float:
 def psi_cosine(distance: float, radius: float) -> float:
     """Returns the distance discount, 0 to 1 (eqs 5-6): cos^2(pi d / 2 r), with slope 0 at centre and edge.
 
-    Distance and radius have one unit; the radius is above 0. The result is 1 at the centre, 0 from the edge
-    of the field on, and 0 for NaN.
+    Distance and radius have the same unit, and the radius is above 0. The result is 1 at the centre, 0 from
+    the edge of the field on, and 0 for NaN.
     """
     return math.cos(0.5 * math.pi * distance / radius) ** 2 if distance < radius else 0.0

@@ -1,8 +1,8 @@
 """Checks a motion in response to a touch: the motion must not press the skin into a touching object.
 
-A capability that responds to touches must call this check before it moves a part. The normals of the contacts
-define which direction is "away". Receptive fields do not, so the check is independent of the shape of the
-generic body.
+A capability that responds to touches must call this check before it moves a part. The direction away from the
+object is computed from the normals of the contacts. Receptive fields are not used, so the check is
+independent of the shape of the generic body.
 """
 
 from __future__ import annotations

@@ -109,8 +109,9 @@ class SoftReaction(Capability[Postures]):
                 torque += body.jacobian(perception, touch).T @ touch.f_T
             velocity = self.mobility * torque
             target = angles + AHEAD * velocity
-            # A motion along the skin, or one that limits turn aside, would not yield. A light touch moves a
-            # part by less than a withdrawal does.
+            # A motion along the skin is refused, since the part would not yield. Limits of joints can turn a
+            # motion into this direction. The least distance is 0, since a light touch moves a part less far
+            # than a withdrawal.
             reason = (
                 why_not(perception, body, part, target, mode=self.mode, answers=answers, least=0.0)
                 if velocity.any()

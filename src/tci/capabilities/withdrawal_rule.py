@@ -87,7 +87,8 @@ class Withdrawal(Generic[F]):
         return frozen(self.origin + self.gain * np.array(self.field.motion))
 
     def touched_again(self, now: float) -> Withdrawal[F]:
-        """Returns the withdrawal after a touch at `now` [s]. `replace` would take three times as long."""
+        """Returns the withdrawal after a touch at `now` [s]. A call of `dataclasses.replace` would take three
+        times as long as this constructor."""
         return Withdrawal(
             self.field, self.origin, self.gain, self.started, now, met=self.met, ended=self.ended
         )
@@ -100,8 +101,8 @@ class Withdrawal(Generic[F]):
 
 
 class Refusal(NamedTuple):
-    """Reason why a touched part does not move. It is stored, so that the touch need not be checked in each
-    period."""
+    """Reason why a touched part does not move. The reason is stored, so that the touch is not checked again
+    in each period."""
 
     reason: str
     frames: bytes
@@ -184,7 +185,8 @@ def withdraw_all(
         )  # fmt: skip
         if own and after is not None and forbids is not None and (why := forbids(part, after.target)):
             reason = refusal(why, perception)
-            # The touch is the one that the part has responded to, so its withdrawal stays, but must not grow.
+            # The part has already responded to this touch. So the withdrawal continues, but its gain must not
+            # increase.
             same = before is not None and before.started == after.started
             after = replace(after, gain=before.gain) if same and before is not None else None
         refused = told(refused, part, after, reason)
@@ -239,7 +241,7 @@ def withdraw(
     """
     now = perception.stamp
     stands = refused if refused is not None and refused.stands(perception) else None
-    # Responses in every step are one touch, even if the steps are far apart.
+    # Responses in successive steps count as one touch, even if the time between the steps is long.
     if before is not None and (before.quiet or not wishes) and now - before.touched >= refractory:
         before = None
     if before is None:
@@ -302,7 +304,8 @@ def _begin(
     # Equal gains are sorted by name, so that the result does not depend on the order of contacts.
     for wish in sorted(wishes, key=lambda wish: (-wish.rank, wish.gain, wish.field.name), reverse=True):
         ways.setdefault(wish.field.motion, []).append(wish)
-    # One check for each motion, not for each touch; and once one is refused, a first look at all others.
+    # Each motion is checked only once, even if several touches request it. After the first refusal, the fast
+    # check `are_hopeless` examines all other motions.
     hopeless = [False] * len(ways)
     for k, same in enumerate(ways.values()):
         if hopeless[k]:
@@ -347,5 +350,5 @@ def _frames(perception: Perception) -> bytes:
 
 
 def _is_same(one: F, other: F) -> bool:
-    # Comparing whole fields is slow, so identity and name come first.
+    # Comparing all values of two fields is slow, so identity and name are compared first.
     return one is other or (one.name == other.name and one == other)

@@ -42,7 +42,7 @@ def chain_to(robot: Robot, link: str) -> tuple[ChainSegment, ...]:
     the link does not exist, and the errors of `links_of`.
     """
     by_name = {found.name: found for found in links_of(robot)}
-    assert robot.model is not None  # links_of has raised
+    assert robot.model is not None  # `links_of` raises an error for a robot without a model
     if link not in by_name:
         raise UnknownNameError("link of the kinematic model", link, by_name)
     torso = robot.model.torso_link

@@ -53,13 +53,14 @@ def fit_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom = "n
     """Fits a cone to taxels at `positions` (n, 3) [m] by least squares.
 
     The initial axis of the cone is the line through `origin` (3,) [m] along `axis` (3,), which points
-    distally. `free` sets how the fit may change the axis. "none": not at all. "centre": move it sideways.
-    "axis": move and tilt it.
+    distally. `free` determines how the fit may change the axis. With "none" the axis is fixed. With "centre"
+    the axis may move sideways. With "axis" the axis may move sideways and tilt.
 
     Raises TciError if there are fewer than 6 taxels, or if all taxels lie in one plane perpendicular to the
     axis.
     """
-    from scipy.optimize import least_squares  # takes 11 MB, and most programs fit nothing
+    # This import needs 11 MB of memory, and most programs never fit a cone.
+    from scipy.optimize import least_squares
 
     positions = np.asarray(positions, dtype=np.float64)
     if positions.ndim != 2 or positions.shape[1] != 3 or len(positions) < 6:

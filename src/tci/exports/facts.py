@@ -1,4 +1,5 @@
-"""The run-time query: all facts about a robot for other programs, as one object and as JSON.
+"""Defines the data with which a served robot answers a query: all facts about the robot, as one object and as
+JSON.
 
 Values are in SI units and radians. docs/conventions.md describes the frames. `read_facts` reads and validates
 the JSON. `RobotFacts.model_json_schema()` returns the schema of the JSON.
@@ -132,8 +133,8 @@ class RobotFacts(Description):
     generic_limits: dict[str, tuple[GenericLimits, ...]]
     """Limits of the generic joints of each part, by the part's name."""
     links: tuple[KinematicLink, ...]
-    """Frames and inertias of all links. Without a kinematic model, this field and those below that need a
-    model are empty."""
+    """Frames and inertias of all links. If the robot has no kinematic model, this field is empty, and so are
+    all following fields that need a model."""
     torso_link: str
     torso_pose: Matrix
     """Pose (4, 4) of the torso frame in `torso_link`."""
@@ -142,7 +143,7 @@ class RobotFacts(Description):
     """Segments of each part for OROCOS KDL, by the part's name."""
     patches: tuple[PatchFacts, ...]
     fields: tuple[ReceptiveField, ...]
-    """Receptive fields of the withdrawal reflex on the generic limb. They are assumed, see
+    """Receptive fields of the withdrawal reflex on the generic limb. Their values are assumed, see
     `default_fields`."""
 
 
@@ -171,8 +172,8 @@ def query(robot: Robot) -> RobotFacts:
 def read_facts(text: str | bytes, *, source: str = "facts of a robot") -> RobotFacts:
     """Returns the facts in a text of JSON. `source` names this text in error messages.
 
-    Raises DescriptionError with all faults at once. Faults are text that is not JSON, another format or
-    version, a missing or unknown field, and a value of the wrong type.
+    Raises DescriptionError with all faults at once. Examples of faults: the text is not JSON, the format or
+    version is another one, a field is missing or unknown, or a value has the wrong type.
     """
     try:
         return RobotFacts.model_validate_json(text)

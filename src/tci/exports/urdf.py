@@ -36,7 +36,7 @@ def to_urdf(robot: Robot) -> str:
     for link in links:
         if link.parent or len(root.findall("link[@name='world']")):
             root.append(_joint(robot, link, link.parent or "world"))
-    assert robot.model is not None  # links_of has raised
+    assert robot.model is not None  # `links_of` raises an error for a robot without a model
     root.append(E.link(name=TORSO))
     root.append(
         E.joint(
@@ -96,7 +96,7 @@ def _joint(robot: Robot, link: KinematicLink, parent: str) -> etree._Element:
 
 def _origin(pose: Array) -> etree._Element:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # at gimbal lock several answers are equally valid
+        warnings.simplefilter("ignore", UserWarning)  # at gimbal lock several results are equally valid
         rpy = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz")
     return E.origin(xyz=_words(pose[:3, 3]), rpy=_words(rpy))
 

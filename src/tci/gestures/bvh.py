@@ -151,7 +151,7 @@ def _gesture(bones: list[Bone], period: float, frames: Array) -> Gesture:
     rest_rotations, rest = _pose(bones, np.zeros((1, frames.shape[1])))
     R_RT = _torso(rest[0], arms["left"][0], arms["right"][0])
     postures: dict[str, list[Array]] = {f"{side}_arm": [] for side in sides}
-    bends = {side: np.zeros(3) for side in sides}  # no earlier frame
+    bends = {side: np.zeros(3) for side in sides}  # the axis of an earlier frame does not exist
     begin = int(_begins_with_rest(bones, arms, chest, period, frames))
     for block in range(begin, len(frames), BLOCK):
         rotations, places = _pose(bones, frames[block : block + BLOCK])
@@ -171,10 +171,10 @@ def _gesture(bones: list[Bone], period: float, frames: Array) -> Gesture:
 def _begins_with_rest(
     bones: list[Bone], arms: dict[Side, list[int]], chest: int, period: float, frames: Array
 ) -> bool:
-    """Returns True if the first frame is not part of the motion, but a rest pose that some programs put
-    before it.
+    """Returns True if the first frame is a rest pose, which some programs insert before the motion.
 
-    This is so if a limb would have to turn faster than FASTEST to reach the second frame.
+    The first frame counts as a rest pose if a limb would turn faster than FASTEST between the first and the
+    second frame.
     """
     if len(frames) < 3:
         return False
@@ -265,8 +265,8 @@ def _postures(points: Array, thumb: Array, side: Side, before: Array) -> tuple[A
     frame.
 
     `points` (k, 3, 3) are the positions of shoulder, elbow and wrist. If the elbow is straight, the axis of
-    the previous frame is used. In the first frame, `before` is used. Without such an axis, the axis is chosen
-    so that the forearm would bend forward.
+    the previous frame is used. In the first frame, `before` is used. If `before` contains no axis, the axis
+    is chosen so that the forearm would bend forward.
     """
     steps = np.diff(points, axis=1)
     lengths = np.linalg.norm(steps, axis=2, keepdims=True)
@@ -282,7 +282,8 @@ def _postures(points: Array, thumb: Array, side: Side, before: Array) -> tuple[A
     z = -upper
     x = np.cross(y, z)
     shoulder = np.array([shoulder_angles(R_MU, side) for R_MU in np.stack([x, y, z], axis=-1)]).reshape(-1, 3)
-    flexor = np.cos(flexion)[:, None] * x + np.sin(flexion)[:, None] * z  # x of the forearm at zero pronation
+    # axis x of the forearm at zero pronation
+    flexor = np.cos(flexion)[:, None] * x + np.sin(flexion)[:, None] * z
     pronation = np.arctan2(np.einsum("ki,ki->k", y, thumb), np.einsum("ki,ki->k", flexor, thumb))
     return np.column_stack([shoulder, flexion, -side_sign(side) * pronation]), y[-1]
 

@@ -19,7 +19,8 @@ UNIT = "_deg"
 
 
 def write_csv(gesture: Gesture, path: Path, names: dict[str, list[str]]) -> None:
-    """Writes a gesture to a new file: per row a time [s], then the angles [deg] in columns `part.joint_deg`.
+    """Writes a gesture to a new file. Each row contains a time [s] and the angles [deg] in columns
+    `part.joint_deg`.
 
     `names` lists the joints of each part. Raises FileExistsError if the file exists, and the other errors of
     `open`.
@@ -36,7 +37,7 @@ def write_csv(gesture: Gesture, path: Path, names: dict[str, list[str]]) -> None
 def read_csv(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
     """Returns the gesture in a file, and the names of the gesture's joints by part.
 
-    Raises DescriptionError if the file is not valid; the message contains the line of the error and the valid
+    Raises DescriptionError if the file is not valid. The message contains the line of the error and the valid
     content.
     """
     source = str(path)
@@ -63,7 +64,7 @@ def read_csv(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
 
 
 def _names(source: str, head: list[str]) -> dict[str, list[str]]:
-    """Returns the joint names by part; `head` holds the columns of the file's first line."""
+    """Returns the joint names by part. The list `head` contains the columns of the file's first line."""
     if head[:1] != [TIME] or not 2 <= len(head) <= COLUMNS:
         raise refuse(source, 1, f"the first line is {TIME},part.joint{UNIT},... of at most {COLUMNS} columns")
     names: dict[str, list[str]] = {}

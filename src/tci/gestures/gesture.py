@@ -81,14 +81,14 @@ class Fitted:
     gesture: Gesture
     """The motion in the robot's own generic joints, with one posture every SAMPLE * `slower` seconds."""
     targets: Gesture
-    """Targets for the gate. The gate plans a stop at every target; therefore the targets are ahead of the
+    """Targets for the gate. The gate plans a stop at every target. Therefore the targets are ahead of the
     gesture by half the stopping time."""
     slower: float
-    """Duration of the fitted gesture divided by the duration of the original; above 1 if the original is too
-    fast for the robot."""
+    """Duration of the fitted gesture divided by the duration of the original gesture. The value is above 1 if
+    the original gesture is too fast for the robot."""
     missed: Mapping[str, float]
-    """Largest error [rad] of each joint that is due to the robot's limits; keys are `part.joint`. The key
-    `part.upper_arm` has the error of the upper arm's direction."""
+    """Largest error [rad] of each joint that is due to the robot's limits, by `part.joint`. The entry
+    `part.upper_arm` is the error of the upper arm's direction."""
     left_out: tuple[str, ...]
     """Parts of the gesture that the robot does not have."""
 
@@ -113,8 +113,8 @@ class TorsoView:
 def record(robot: Robot, times: Array, positions: Array) -> Gesture:
     """Returns the recorded motion of a robot as a gesture.
 
-    The servos were at `positions` (k, n_servos) [rad] at the `times` (k,) [s]. Parts that no servo moves are
-    left out. Raises TciError if the times are invalid.
+    `positions` (k, n_servos) [rad] are the servos' angles at the `times` (k,) [s]. Parts that no servo moves
+    are left out. Raises TciError if the times are invalid.
     """
     view = TorsoView(robot)
     postures = [view.posture(position) for position in positions]

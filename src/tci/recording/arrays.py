@@ -1,13 +1,13 @@
 """Imports frames of taxels from arrays of other programs (NPZ, MATLAB files, CSV).
 
-A mapping file describes the arrays. The mapping (TOML) names the times and, for each patch, the values:
+A mapping file describes the arrays. The mapping (TOML) contains the name of the times and, for each patch, the name of the values:
 
     time = "t"                  # array or column of times; or rate = 100.0 [Hz]
-    seconds = 0.001             # length [s] of their unit; default 1
+    seconds = 0.001             # length [s] of the unit of the times; default 1
 
     [skin.left_forearm]
-    values = "pressure"         # array (frames, ...); in a CSV file the first and the last column, "p0:p191"
-    axis = 0                    # axis of the frames; MATLAB's users often have them last, -1
+    values = "pressure"         # array (frames, ...); or first and last column of a CSV file, "p0:p191"
+    axis = 0                    # axis of the frames; -1 for the last axis, as often in MATLAB files
     channels = [0, 1, 2, 5]     # channel of each value; default: all in order
 """
 
@@ -71,7 +71,7 @@ class Mapping(Description):
     time: str | None = None
     """Name of the array or column with the times (frames,)."""
     rate: float | None = Field(default=None, gt=0.0)
-    """Rate [Hz] of the frames. It is given if the file has no times."""
+    """Rate [Hz] of the frames. The mapping needs this value if the file has no times."""
     seconds: float = Field(default=1.0, gt=0.0)
     """Length [s] of the unit in which the times are given."""
     skin: dict[str, PatchValues] = Field(min_length=1)

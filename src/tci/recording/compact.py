@@ -98,7 +98,7 @@ def _between(recording: Recording, begin: float, end: float) -> Iterator[Stamped
 def _clouds(recording: Recording, body: GenericBody, begin: float, end: float) -> Iterator[Stamped]:
     """Yields point clouds of the whole skin with its pressure, in the torso frame.
 
-    A reading that does not fit the robot gives no cloud.
+    Skips readings that do not fit the robot.
     """
     due, perceiver = -np.inf, Perceiver(body)
     names = [patch.name for patch in body.robot.patches]
@@ -107,7 +107,7 @@ def _clouds(recording: Recording, body: GenericBody, begin: float, end: float) -
             continue
         try:
             state = perceiver.step(tick.reading, tick.now).skin
-            assert state is not None  # as a Perceiver made it
+            assert state is not None  # a Perceiver always sets `skin`
             pressures = state.by_patch(names)
             points = [body.skin.positions(name, tick.reading.joints, frame="torso") for name in pressures]
         except TciError:

@@ -25,11 +25,11 @@ class ImportedContacts:
     periods: int
     """Number of contact lists."""
     left_out: int
-    """Number of contacts that were left out. The robot has no patch with the name of their part, or none of
-    their taxels is on this patch."""
+    """Number of contacts that were left out. A contact is left out if the robot has no patch with the name of
+    the contact's part, or if none of the contact's taxels is on this patch."""
     parts: tuple[TableFit, ...]
-    """For each part with contacts: the result of the comparison with the robot's taxels, and the names of
-    tables that agree."""
+    """Comparison of the recorded contacts with the robot's taxels, for each part with contacts. Each
+    comparison also contains the names of the tables that agree with the contacts."""
 
 
 def import_contact_list(
@@ -37,12 +37,13 @@ def import_contact_list(
 ) -> ImportedContacts:
     """Converts a log of contact lists to a recording.
 
-    `robot` must be the robot on which the log was recorded. A list contains the taxels of each contact and
-    their mean value. Each of these taxels gets this mean as its raw value. The log contains no joint angles,
-    so the joints are set to the robot's initial posture. Contacts are left out if the robot has no patch with
-    the part's name, or if none of their taxels is on this patch. The log also contains the centre of each
-    contact. The centres are compared with the taxels of the robot's skin, and with those of each skin file in
-    the folder `tables`, to find the skin file with which the log was made. Raises RecordingError.
+    `robot` must be the robot on which the log was recorded. A contact list contains, for each contact, the
+    taxels and the mean of their values. The recording contains this mean as the raw value of each of these
+    taxels. The log contains no joint angles, so the joints are set to the robot's initial posture. Contacts
+    are left out if the robot has no patch with the part's name, or if none of their taxels is on this patch.
+    The log also contains the centre of each contact. To find the skin file with which the log was made, the
+    centres are compared with the taxels of the robot's skin, and with the taxels of each skin file in the
+    folder `tables`. Raises RecordingError if the log can't be read or does not fit the robot.
     """
     patches = {patch.name: patch for patch in robot.patches if patch.surface.kind != "truncated_cone"}
     surfaces = {name: surface for name, surface in Skin(robot).surfaces.items() if name in patches}

@@ -26,8 +26,8 @@ NEAR = 1e-3
 """Largest distance [m] at which a recorded centre agrees with a table. Assumed: tables are rounded to 0.5 mm,
 and tables of two versions of an iCub's forearm differ by 2 mm or more (median)."""
 MOST = 0.9
-"""Least fraction of the contacts that must agree with a table. Assumed: with the right table of an iCub's
-hand 98 % of the contacts agree, with the table of the other hand 27 %."""
+"""Least fraction of the contacts that must agree with a table. Assumed: 98 % of the contacts agree with the
+right table of an iCub's hand, and 27 % with the table of the other hand."""
 PLACES = 10
 """Least number of different centres for which a change of frame between skin and table is also estimated.
 Assumed: these centres have five times as many coordinates as a frame has parameters."""
@@ -44,8 +44,8 @@ class TableFit:
     contacts: int
     """Number of contacts recorded on this part."""
     off: float
-    """Median distance [m] of the recorded centres from the centres that the robot's taxels give. NaN if
-    unknown."""
+    """Median distance [m] between the recorded centres and the centres that are computed from the robot's
+    taxels. NaN if this distance is unknown."""
     verdict: Verdict
     """Result of the comparison with the robot's skin:
 
@@ -93,7 +93,7 @@ def _tables(folder: Path) -> Iterator[tuple[str, Array]]:
             try:
                 yield path.name, read_layout(path).positions
             except (DescriptionError, OSError):
-                continue  # a file that is no skin
+                continue  # this file is not a skin file
 
 
 def _own_table(robot: Robot, surface: Surface) -> Array:
@@ -124,19 +124,21 @@ def _means(taxels: list[NDArray[np.intp]], positions: Array) -> Array:
 
 
 def _off(centres: Array, taxels: list[NDArray[np.intp]], positions: Array) -> Array:
-    """Returns the distances [m] of the centres (k, 3) from the means that a table gives.
+    """Returns the distances [m] of the recorded centres (k, 3) from the mean positions of the contacts'
+    taxels.
 
-    Contacts without such a mean are left out.
+    The means are computed from the `positions` of a table. Contacts whose mean is NaN are left out.
     """
     away: Array = np.linalg.norm(_means(taxels, positions) - centres, axis=1)
     return away[np.isfinite(away)]
 
 
 def _off_skin(centres: Array, taxels: list[NDArray[np.intp]], positions: Array) -> Array:
-    """Returns the distances [m] of the centres (k, 3) from the means of a table, as `_off` does.
+    """Returns the distances [m] of the recorded centres (k, 3) from the mean positions of the contacts'
+    taxels.
 
-    If these distances are large, the best change of frame is applied first. The reason: a description may
-    give its taxels in another frame than the recorded table.
+    If these distances are large, the best change of frame is applied first, because the frame in a
+    description may differ from the frame in the recorded table.
     """
     means = _means(taxels, positions)
     known = np.isfinite(means).all(axis=1)

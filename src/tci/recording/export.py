@@ -48,7 +48,7 @@ def tables(recording: Recording, robot: Robot | None = None) -> dict[str, Table]
             fields = decode(kind, data)
             names = names or distinct(fields["name"])
             measured = fields["sec"] + fields["nanosec"] / 1e9
-            if row := _joints(fields):  # a recording of skin alone has none
+            if row := _joints(fields):  # empty if the recording contains only skin
                 rows.setdefault("joints", []).append((measured, row))
         elif kind is SKIN:
             frame = to_frame(decode(kind, data))
@@ -146,7 +146,7 @@ def _perceived_tables(
         for p, patch in enumerate(names):
             k = row.get(patch, {}).get((skin.stamp[p], skin.sequence[p]))
             if k is None:
-                continue  # none, or a repeated frame of a skin that sends on change
+                continue  # no frame, or a repeated frame of a skin that sends frames only when values change
             pressure, areas = skin.on(p), skins.surfaces[patch].areas
             if patch not in perceived:
                 shape = len(frames[patch]), pressure.size

@@ -20,8 +20,8 @@ FIRST = 100
 interval. Assumed. With fewer readings the period would depend on single delays. With more readings the import
 would read farther ahead."""
 FARTHEST = 2**63 / 1e9
-"""Largest time [s] that a recording can contain: 292 years. Times are stored in nanoseconds. A time in
-milliseconds since 1970 that is taken for seconds is larger than this."""
+"""Largest time [s] that a recording can contain: 292 years. Times are stored in nanoseconds. A time since
+1970 that is in milliseconds by mistake exceeds this limit."""
 LONGEST_LINE = 2**20
 """Longest line [characters] that is read. Assumed. This length limits the memory that a damaged or hostile
 file can use."""

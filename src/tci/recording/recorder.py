@@ -103,7 +103,8 @@ class Recorder:
         commands: Sequence[Order] = (),
         sent: SafeCommand | None = None,
     ) -> None:
-        """Writes one period of the loop. Errors of the disk are not raised. They are stored in `failed`."""
+        """Writes one period of the loop. If an error of the disk occurs, it is stored in `failed` and not
+        raised."""
         if self.failed or not self._open:
             return
         with _Guard(self):
@@ -169,7 +170,7 @@ class Recorder:
 
 
 class _Guard:
-    """Ends the recording after the last complete period if the disk fails."""
+    """Context manager that ends the recording after the last complete period if the disk fails."""
 
     def __init__(self, recorder: Recorder) -> None:
         self._recorder = recorder
@@ -222,9 +223,9 @@ class _Out:
 
 
 def _same_joints(a: JointReading, b: JointReading) -> bool:
-    """True if the JointState and Imu messages of `a` and `b` are equal.
+    """Returns True if the JointState and Imu messages of `a` and `b` are equal.
 
-    Other fields need no comparison, since they are in every Tick.
+    The other fields are not compared, since every Tick contains them.
     """
     if a is b:
         return True

@@ -202,7 +202,7 @@ class Recording:
     def _records(self) -> Iterator[Any]:
         """Yields every record outside and inside chunks.
 
-        It ends at the place where the file ends or was cut off.
+        Stops at the end of the file, or at the byte where the file was cut off.
         """
         self.complete = False
         with _Bounded(io.FileIO(self.path)) as file:
@@ -212,7 +212,7 @@ class Recording:
             try:
                 yield from self._unpacked(records)
             except (EndOfFile, struct.error):
-                return  # cut off: all records before are complete
+                return  # the file was cut off here: all previous records are complete
             except InvalidMagic:
                 raise RecordingError(f"{self.path} is no MCAP file; {VALID}") from None
             except (

@@ -28,7 +28,8 @@ JUMP = 1.0
 
 
 def is_bag(path: Path) -> bool:
-    """True if a path looks like a bag. A bag is a folder made by `ros2 bag record`, or a single file."""
+    """Returns True if a path looks like a bag, which is a folder made by `ros2 bag record`, or a single
+    file."""
     return path.suffix in SUFFIXES or (path / "metadata.yaml").is_file()
 
 
@@ -63,7 +64,8 @@ def _readings(bag: Path, robot: Robot) -> Iterator[Reading]:
     for kind, arrival, message in _messages(bag):
         stamp = _stamp(message) if stamped else 1e-9 * arrival
         if kind == SKIN.name:
-            # The header's stamp, as the field `stamp` is on the sender's clock, not on that of the joints.
+            # The header's stamp is used, because the field `stamp` is a time on the sender's clock, and the
+            # joints have another clock.
             frame = to_frame({name: getattr(message, name) for _, name in SKIN.fields} | {"stamp": stamp})
             if frame.patch not in patches:
                 valid = ", ".join(sorted(patches))

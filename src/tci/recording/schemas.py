@@ -142,7 +142,7 @@ def imu_bytes(joints: JointReading) -> bytes:
     The message's other fields are marked as unknown. The acceleration is NaN if the robot no longer reports
     it.
     """
-    unknown = [-1.0, *[0.0] * 8]  # as the ROS message defines it
+    unknown = [-1.0, *[0.0] * 8]  # In an Imu message, a first value of -1 marks a quantity as unknown.
     force = np.full(3, np.nan) if joints.gravity is None else -joints.gravity
     values = ((0.0, 0.0, 0.0, 0.0), unknown, (0.0, 0.0, 0.0), unknown, tuple(force.tolist()), [0.0] * 9)
     return encode(IMU, (*header(joints.stamp), *values))
@@ -221,7 +221,8 @@ def decision_bytes(sent: SafeCommand) -> bytes:
 
 
 def same_decision(sent: SafeCommand, recorded: Mapping[str, Any]) -> bool:
-    """True if a decision equals a recorded decision bit for bit: in its numbers, modes, state and codes.
+    """Returns True if a decision equals a recorded decision bit for bit: in its numbers, modes, state and
+    codes.
 
     Texts are not compared. Codes are not compared if the recording has no codes.
     """

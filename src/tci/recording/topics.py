@@ -13,7 +13,7 @@ class Topics:
     """Writes messages to one MCAP file."""
 
     def __init__(self, writer: Writer) -> None:
-        self._writer: Any = writer  # parts of mcap carry no types
+        self._writer: Any = writer  # some functions of mcap have no type annotations
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
 

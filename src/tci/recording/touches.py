@@ -32,7 +32,7 @@ class Touch:
     peak_force: float = 0.0
     """Largest total force [N] of the contacts on the part."""
     lasts: bool = False
-    """True if the contact lasts to the end of the recording."""
+    """True if the contact continues until the end of the recording."""
     commands: dict[str, float] = field(default_factory=dict)
     """Time [s] of the first command for each part since the touch began. The key "" is for commands to the
     robot's own joints."""
@@ -41,7 +41,8 @@ class Touch:
 
     @property
     def responding(self) -> str:
-        """Part whose response is measured: the touched part, or the first one if only others respond."""
+        """Part whose response is measured. This is the touched part, or the first responding part if only
+        other parts respond."""
         among = {part: time for part, time in self.commands.items() if part} or self.motions
         return self.part if self.part in among or not among else min(among, key=among.__getitem__)
 
@@ -58,7 +59,8 @@ class Touch:
     def to_json(self) -> dict[str, object]:
         """Returns plain values for JSON.
 
-        Times of command, motion and loss are in milliseconds after the first contact.
+        The times of the command, of the motion and of the contact's end are in milliseconds after the first
+        contact.
         """
         return {
             "part": self.part,
@@ -75,8 +77,8 @@ class Touch:
 def find_touches(periods: Iterable[Perceived]) -> list[Touch]:
     """Returns all touches, in the order in which they began.
 
-    If another part was commanded immediately before a touch, as in a gesture, its commands and its motion are
-    no response.
+    If another part was commanded immediately before a touch, for example in a gesture, the commands and the
+    motion of that part do not count as a response.
     """
     found: list[Touch] = []
     last: dict[str, Touch] = {}

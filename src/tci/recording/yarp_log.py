@@ -23,15 +23,16 @@ def log_file(log: Path) -> Path:
 
 
 def is_text(log: Path) -> bool:
-    """True if the beginning of the log has no zero byte, which binary files have there."""
+    """Returns True if the file's beginning contains no zero byte, as in a text file. Binary files contain
+    zero bytes there."""
     with log_file(log).open("rb") as file:
         return b"\0" not in file.read(1024)
 
 
 def is_contact_list(log: Path) -> bool:
-    """True if the log contains contact lists of skinManager.
+    """Returns True if the log contains contact lists of skinManager.
 
-    Then the first message with values is a list of lists and not numbers.
+    In such a log, the first message with values is a list of lists instead of a list of numbers.
     """
     stamped = False
     with log_file(log).open(encoding="utf-8", errors="replace") as file:
@@ -39,7 +40,7 @@ def is_contact_list(log: Path) -> bool:
             if len(line.split(None, 2)) == 3:
                 return "(" in line
             stamped = stamped or not line.isspace()
-    return stamped  # stamps alone: a skin that nobody touched
+    return stamped  # a log with stamps only: a contact list of a skin that nobody touched
 
 
 def read_yarp_log(log: Path, *, patch: str) -> Iterator[SkinFrame]:
@@ -62,7 +63,7 @@ def read_yarp_log(log: Path, *, patch: str) -> Iterator[SkinFrame]:
 def _frame(line: str, patch: str, where: str) -> SkinFrame:
     words = line.split()
     try:
-        if "_" in line:  # Python reads 1_0 as 10
+        if "_" in line:  # Python's `float` accepts 1_0 as 10
             raise ValueError
         sequence, stamp = int(words[0]), float(words[1])
         values = read_only([float(word) for word in words[2:]])

@@ -41,7 +41,7 @@ tolerance and smaller than a visible overlap."""
 def add_finger(spec: mujoco.MjSpec, *, step: float, radius: float = RADIUS) -> None:
     """Adds the finger, far away from the robot.
 
-    The finger's base can be placed anywhere, and its tip slides on the base along the z axis.
+    The finger's base can be placed anywhere. The tip slides along the z axis of the base.
     """
     base = spec.worldbody.add_body(name=FINGER, mocap=True, pos=_PARKED)
     tip = base.add_body(name=_TIP, gravcomp=1.0)
@@ -60,7 +60,8 @@ def add_finger(spec: mujoco.MjSpec, *, step: float, radius: float = RADIUS) -> N
         group=2,
         rgba=_COLOUR,
     )
-    # The shaft needs its own body: MuJoCo's rays miss most of it if it shares that of the tip.
+    # The shaft needs a separate body. If tip and shaft shared one body, most rays of MuJoCo would miss the
+    # shaft.
     tip.add_body(gravcomp=1.0).add_geom(
         type=mujoco.mjtGeom.mjGEOM_CAPSULE,
         size=[RADIUS, 0.0, 0.0],
@@ -85,8 +86,9 @@ def add_finger(spec: mujoco.MjSpec, *, step: float, radius: float = RADIUS) -> N
 class Finger:
     """The simulated finger of a world: a sphere, usually of 10 mm diameter, on a spring of 800 N/m.
 
-    A poke moves the spring's base along the skin's inward normal at a constant speed. The base stops `depth`
-    beyond its place at the tip's first contact. Then the base rests, also if the skin moves.
+    A poke moves the spring's base along the skin's inward normal at a constant speed. The base stops when it
+    has moved by `depth` after the tip's first contact. Then the base does not move again, even if the skin
+    moves.
     """
 
     def __init__(self, physics: Physics, skin: PosedSkin) -> None:
@@ -149,9 +151,9 @@ class Finger:
 
     @property
     def pose(self) -> Array | None:
-        """`T_WF` (4, 4): pose of the tip's centre in the world.
+        """`T_WF` (4, 4): pose of the tip's centre in the world frame.
 
-        Its z axis points into the skin. None without a finger.
+        The z axis of F points into the skin. None if the finger is removed.
         """
         return self._physics.pose(self._tip) if self.state[at.ACTIVE] else None
 
@@ -200,13 +202,14 @@ class Finger:
     ) -> None:
         """Starts a poke at a `point` (3,) [m] against the outward `normal` (3,).
 
-        Both are given in the torso frame.
+        Point and normal are in the torso frame.
         """
         point, outward = self._skin.from_torso(point, normal)
         self._start(point, outward, speed, depth, gap)
 
     def pull(self, way: float) -> None:
-        """Moves the finger out of the skin by `way` [m] at once, against the direction of its poke."""
+        """Moves the finger's base by `way` [m] at once, out of the skin and against the direction of the
+        poke."""
         outward = np.empty(3)
         mujoco.mju_rotVecQuat(outward, [0.0, 0.0, -1.0], self._physics.data.mocap_quat[self._mocap])
         self._physics.data.mocap_pos[self._mocap] += way * outward
@@ -219,7 +222,7 @@ class Finger:
         data = self._physics.data
         data.mocap_pos[self._mocap] = point + (self.radius + gap) * outward
         mujoco.mju_quatZ2Vec(data.mocap_quat[self._mocap], -outward)
-        # The tip starts at full speed, so that it does not swing on its spring.
+        # The tip starts at full speed, because it would otherwise oscillate on the spring.
         data.qpos[self._qpos] = 0.0
         data.qvel[self._dof] = speed
         self._clear()
@@ -232,7 +235,7 @@ class Finger:
     def _check_room(self) -> None:
         """Raises TciError if the finger starts inside the skin.
 
-        Contact would then be violent and at a wrong place.
+        In this case the contact force would be too large and at a wrong point.
         """
         self._physics.refresh()
         model, data = self._physics.model, self._physics.data

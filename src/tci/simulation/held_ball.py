@@ -1,6 +1,6 @@
 """Finds a ball that the fingers of a hand can close around.
 
-Kinematics gives the ball's place on the palm and its size.
+The module computes the ball's size and its position on the palm by kinematics.
 """
 
 from __future__ import annotations
@@ -44,46 +44,48 @@ class HeldBall:
     """A ball on a palm, and the fingers that touch the ball when the hand closes."""
 
     patch: str
-    """Skin of the palm."""
+    """Name of the palm's patch."""
     taxel: int
-    """Taxel under the ball."""
+    """Index of the palm's taxel under the ball."""
     radius: float
     """Radius [m]."""
     fingers: tuple[str, ...]
-    """Fingers that meet it."""
+    """Names of the fingers that touch the ball."""
     posture: Array
     """Generic angles (10,) [rad] of the hand just before the fingers touch the ball."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Path:
-    """Places of one fingertip's skin in the frame of the palm's link, while the hand closes."""
+    """Positions of one fingertip's taxels while the hand closes, in the frame of the palm's link. There are b
+    flexions and k taxels."""
 
     angles: Array
-    """Flexion (b,) [rad]."""
+    """Flexion (b,) [rad] of the finger."""
     positions: Array
-    """Taxels (b, k, 3) [m]."""
+    """Positions (b, k, 3) [m] of the taxels."""
     normals: Array
-    """Outward unit normals (b, k, 3)."""
+    """Outward unit normals (b, k, 3) of the taxels."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Meeting:
-    """Data of a finger that bends towards a ball."""
+    """Contact between a ball and a finger that bends towards the ball."""
 
     start: float
     """Flexion [rad] at which the finger waits without touching the ball."""
     faces: float
-    """Cosine of the angle between the finger's skin and the ball's direction where they meet, less the push
-    out of the palm. 0 if the finger does not hold the ball."""
+    """Cosine of the angle between the skin's outward normal and the direction to the ball's centre, at the
+    first contact. If the finger pushes the ball out of the palm, the cosine of this push is subtracted. The
+    value is 0 for a finger that can't hold the ball."""
 
 
 def held_ball(robot: Robot, part: str, *, opposition: float = 1.2) -> HeldBall:
-    """Returns the ball that the thumb and the most other fingers of a hand touch.
+    """Returns the ball that the thumb and the largest number of other fingers of a hand touch.
 
-    If several balls are equal in this, returns the ball that the fingers face best. The thumb is opposed to
-    the palm by `opposition` [rad], as in a light grasp. Raises TciError if the hand has no skin on its palm,
-    or if no finger touches a ball.
+    If several balls are touched by equal numbers of fingers, returns the ball with the largest sum of
+    `_Meeting.faces`. The thumb is opposed to the palm by `opposition` [rad], which is the angle in a light
+    grasp. Raises TciError if the hand has no skin on the palm, or if no finger touches a ball.
     """
     worn = {patch.segment: patch.name for patch in robot.patches if patch.part == part}
     surfaces = {surface.patch: surface for surface in surfaces_of(robot)}
@@ -118,8 +120,8 @@ def _waiting(
 ) -> Array:
     """Returns the posture (10,) [rad] of a hand before the grasp.
 
-    Fingers that will touch the ball wait beside the ball. Fingers that share a motor with these also wait
-    there.
+    Fingers that will touch the ball are bent until they are just beside the ball. Fingers that share a motor
+    with such a finger are bent by an equal flexion.
     """
     posture = np.array(open_hand)
     for group in joints.tied:
@@ -155,10 +157,10 @@ def _paths(
 
 
 def _meeting(path: _Path, place: Array, normal: Array, radius: float) -> _Meeting | None:
-    """Returns how a finger meets a ball on the palm.
+    """Returns the contact between a finger and a ball on the palm.
 
-    `place` (3,) [m] is the ball's place and `normal` (3,) the palm's outward normal. Returns None if the
-    finger is in the ball's way.
+    `place` (3,) [m] is the point of the palm under the ball, and `normal` (3,) the palm's outward normal.
+    Returns None if the open finger blocks the ball's path to the palm.
     """
     centre = place + radius * normal
     gap, before = (

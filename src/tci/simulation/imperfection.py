@@ -27,8 +27,9 @@ class Imperfection:
     creep_time: float = 10.0
     """Time constant [s] of creep."""
     hysteresis: float = 0.0
-    """Fraction of a decrease by which the signal stays too high: while the load falls, this fraction of the
-    difference from the touch's largest signal is added. Nothing is added after the load has ended."""
+    """Strength of the hysteresis: while the load decreases, the signal is too high by this fraction of the
+    difference between the touch's largest signal and the ideal signal. After the end of the load the signal
+    has no hysteresis."""
     gradient: float = 0.0
     """Difference [counts] between the rest values at the two ends of a patch, after one end has become warm.
     """

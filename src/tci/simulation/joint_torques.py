@@ -13,14 +13,14 @@ from tci.simulation.physics import Physics
 
 
 class JointTorques:
-    """Torques between motors and links. They move the links and hold the links against weight and touches.
+    """Computes the torques between motors and links, which move the links and resist weight and touches.
 
     A robot on a fixed base is simulated without weight, since its servos have no integral action. So the
     torques that would hold its weight are added to the simulated torques.
     """
 
     def __init__(self, physics: Physics, robot: Robot, *, stands: bool) -> None:
-        """Raises what Gravity raises."""
+        """Raises the errors of `Gravity`."""
         self._physics = physics
         self._gravity = None if stands else Gravity(robot)
         servos, _, columns = joints_of(robot, physics.model)
@@ -45,10 +45,10 @@ class JointTorques:
         return read_only(torques)
 
     def _acceleration(self) -> Array:
-        """Returns the acceleration (nv,) that the implicit integrator gives the joints.
+        """Returns the acceleration (nv,) of the joints that results from MuJoCo's implicit integrator.
 
-        MuJoCo's `qacc` is explicit: it does not include that the damping of stiff servos changes the
-        acceleration within the step.
+        MuJoCo's `qacc` is the acceleration of an explicit integrator. An explicit integrator neglects that
+        the damping of stiff servos changes the acceleration within the step.
         """
         model, data = self._physics.model, self._physics.data
         mujoco.mj_fullM(model, data, self._inertia)

@@ -32,7 +32,7 @@ class Physics:
         self._fresh = -1
         data = self.data
         self.qpos, self.qvel, self.ctrl, self.sensors = data.qpos, data.qvel, data.ctrl, data.sensordata
-        """MuJoCo's own arrays, stored because a look-up takes longer than reading the array."""
+        """MuJoCo's arrays. The references are stored, because a look-up in MuJoCo's data takes longer."""
         self.motors = data.actuator_force
         """Torque [N m] of each actuator in the latest step."""
         self._warm = data.qacc_warmstart
@@ -54,7 +54,7 @@ class Physics:
         self.touch()
 
     def advance(self, until: int, *others: Any) -> None:
-        """Steps until the number of steps is `until`.
+        """Executes steps until the total number of steps is `until`.
 
         `others` are the arrays of servos, finger and taxels, see `stepping.march`.
         """
@@ -67,14 +67,15 @@ class Physics:
         """Updates poses, contacts and sensors to the current joint angles. Nothing else changes."""
         if self._fresh == self.steps:
             return
-        # The solver starts from its last result, which is restored so that later steps are not affected.
+        # The solver starts from its previous result. This result is restored, so that later steps are not
+        # affected.
         warm = self.data.qacc_warmstart.copy()
         mujoco.mj_forward(self.model, self.data)
         self.data.qacc_warmstart[:] = warm
         self._fresh = self.steps
 
     def touch(self) -> None:
-        """Marks derived quantities as out of date. To be called after joints or servos were changed."""
+        """Marks derived quantities as out of date. Call this method after a change of joints or servos."""
         self._fresh = self.whole[stepping.AHEAD] = -1
 
     def pose(self, body: int) -> Array:

@@ -15,7 +15,7 @@ from tci.skin.surfaces import Surface
 
 
 class PosedSkin:
-    """The patches of a world, in the world frame or the torso frame."""
+    """Poses of a world's patches of skin, in the world frame or the torso frame."""
 
     def __init__(self, physics: Physics, model: Model, surfaces: Mapping[str, Surface]) -> None:
         self.surfaces = surfaces

@@ -35,8 +35,8 @@ def build_scene(
 ) -> mujoco.MjModel:
     """Builds a model of the robot with its servos and skin, and of a finger. The model is ready to simulate.
 
-    With `shown` the model also contains what only pictures need. Bodies and joints do not differ from a model
-    without `shown`.
+    With `shown` the model also contains parts that are needed only for pictures. Bodies and joints do not
+    differ from a model without `shown`.
 
     Links that overlap in `posture` (n_servos,) [rad] are assumed to overlap by design. The robot's base is
     fixed, and the robot has no weight. With `stands` the robot has its weight and stands in `posture` on a
@@ -48,8 +48,9 @@ def build_scene(
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     _add_servos(spec, robot)
     if not stands:
-        # A real servo's integral action compensates the weight in the end. These servos have none, so
-        # gravity is left out: a posture is then held exactly, from the start.
+        # The integral action of a real servo compensates the weight after some time. The simulated servos
+        # have no integral action, so gravity is left out. Then the servos keep a posture exactly, from the
+        # start.
         spec.option.gravity = np.zeros(3)
     for patch in robot.patches:
         if patch.name in surfaces:
@@ -97,7 +98,7 @@ def _add_servos(spec: mujoco.MjSpec, robot: Robot) -> None:
 
     `Servos` sets the gains of the actuators.
     """
-    # Until a specification is compiled, its angles are in the unit of its file.
+    # Before a specification is compiled, its angles have the unit of its file.
     unit = np.rad2deg(1.0) if spec.compiler.degree else 1.0
     for servo in robot.servos:
         limits = servo.limits

@@ -96,7 +96,8 @@ class Servos:
         armature = np.maximum(armature, own - inertia + pushes * TIME_CONSTANT**2 / self.state[at.LAG])
         model.dof_armature[self._dofs] = armature
         total = inertia - own + armature
-        # A joint whose own damping is more than critical needs more stiffness too, or it would lag behind.
+        # If the joint's own damping is more than critical, the stiffness is increased too. Otherwise the
+        # joint would lag behind.
         damping = model.dof_damping[self._dofs]
         kp = np.maximum(total / TIME_CONSTANT**2, damping / (2.0 * TIME_CONSTANT))
         kv = np.maximum(2.0 * total / TIME_CONSTANT, damping)
@@ -143,7 +144,8 @@ class Servos:
         _aim(index, values, self._top, float(self._ramp_steps), self.places, self.asked, self.state)
 
     def set_stiffness(self, servos: ArrayLike, share: ArrayLike) -> None:
-        """Sets fractions (k,) 0..1 of full stiffness. At 0 a servo is limp. Raises CommandError."""
+        """Sets fractions (k,) 0..1 of full stiffness. At 0 a servo exerts no torque. Raises CommandError for
+        an invalid fraction."""
         index, values = _checked(servos, share, len(self._home), share=True)
         self._stiffness[index] = values
         self._apply_gains()
@@ -168,7 +170,7 @@ class Servos:
             *modes,
         )
         if wanted == self._switched[1:] and now is self._switched[0]:
-            return  # streamed commands repeat their modes in every period
+            return  # commands that are sent in every period repeat their modes
         index, _ = _checked(servos, np.zeros(len(modes)), len(self._home))
         changes = [(s, mode) for s, mode in zip(index.tolist(), modes, strict=True) if mode is not now[s]]
         after = list(now)
@@ -212,7 +214,7 @@ class Servos:
         return result
 
     def _catch(self, servo: int) -> None:
-        """Makes a limp servo hold its current angle, at first without torque."""
+        """Lets a servo without torque keep its current angle, at first without torque."""
         self._torques[servo] = 0.0
         here = self.measured()[at.JOINT]
         self._targets[servo] = here[servo]
@@ -241,13 +243,14 @@ class Servos:
         loose = np.array([self.modes[servo] is Mode.TORQUE for servo in self.moving], dtype=bool)
         stiffness, damping = self._stiffness[self.moving], self._damping[self.moving]
         kp, wanted = stiffness * self._kp, (np.sqrt(stiffness) + damping) * self._kv
-        # The damping of the model's joint counts towards it.
+        # The damping of the joint in the model is a part of the wanted damping, so it is subtracted.
         kv = np.maximum(wanted - model.dof_damping[self._dofs], 0.0)
         held = on & ~loose
         kp, kv = kp * held, kv * held
         modes = [self.modes[servo] for servo in self.moving]
         yielding = np.array([mode is Mode.IMPEDANCE for mode in modes], dtype=bool)
-        # Damping in impedance mode acts on the velocity error, so it does not brake a motion (Hogan 1985).
+        # In impedance mode the damping acts on the velocity error. So the damping does not slow down a
+        # commanded motion (Hogan 1985).
         lead = kv / np.where(kp > 0.0, kp, np.inf) / self._physics.step
         self.state[at.LEAD] = np.where(yielding, lead, 0.0)
         self.places[at.LOOSE], self.places[at.YIELDING] = loose, yielding

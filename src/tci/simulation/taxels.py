@@ -1,4 +1,4 @@
-"""The simulated skin: turns contacts of the physics into raw frames of all patches."""
+"""Simulated skin: converts contacts of the physics simulation to raw frames of all patches."""
 
 from __future__ import annotations
 
@@ -108,7 +108,8 @@ class Taxels:
 
     @property
     def noisy(self) -> bool:
-        """True if frames have noise or imperfections. These are added after each step with a frame."""
+        """True if frames have noise or imperfections. Noise and imperfections are added after each step with
+        a frame."""
         return self._noise > 0.0 or self._imperfection is not None
 
     def reset(self) -> None:
@@ -139,7 +140,10 @@ class Taxels:
         return self._latest
 
     def _frame(self, number: int, integers: list[int]) -> SkinFrame:
-        """Returns the latest frame of a patch. The patch is given by its integers of the loop."""
+        """Returns the latest frame of the patch with index `number`.
+
+        `integers` are the patch's values in the integer array of the loop, see `sampling`.
+        """
         patch, found = self._patches[number], integers[at.TOUCHED]
         taken = integers[at.TAKEN] * self._physics.step
         self._check(number, found)

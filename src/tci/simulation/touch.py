@@ -34,7 +34,7 @@ FINGER_PRIORITY = 1
 """
 _CORNERS = 8
 _THICKNESS = 2e-3
-"""Thickness [m] of a sheet of skin. Assumed: about the thickness of a robot's skin. The finger would tunnel
+"""Thickness [m] of a sheet of skin. Assumed: about the thickness of a robot's skin. The finger would pass
 through a thinner sheet."""
 _COLOUR = (0.22, 0.23, 0.25, 1.0)
 
@@ -63,8 +63,8 @@ def skin_geom(patch: str) -> str:
 def stiff(step: float) -> list[float]:
     """Returns MuJoCo's solref of a contact with the finger.
 
-    The contact is stiff, since the light tip would otherwise sink in deeply (with this value it sinks in by
-    0.2 mm at 8 N).
+    The contact is stiff, since the light tip would otherwise move deeply into the skin. With this value the
+    tip moves into the skin by 0.2 mm at 8 N.
     """
     return [max(0.002, 2.0 * step), 1.0]
 

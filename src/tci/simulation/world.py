@@ -29,7 +29,7 @@ from tci.skin.surfaces import Surface, surfaces_of
 
 MIDDLEWARE = "sim"
 MAX_STEP = 0.005
-"""Longest step [s] of the physics. It equals the time constant of the servos. From a step of 0.002 s on,
+"""Longest step [s] of the physics. It equals the time constant of the servos. With steps of 0.002 s or more,
 contacts are softer than with shorter steps."""
 MAX_TIP = 0.05
 """Largest radius [m] of the finger's tip. It is the radius of the largest ball that a hand can hold."""
@@ -222,7 +222,8 @@ class World:
         return self._servos.stiffness
 
     def set_stiffness(self, servos: ArrayLike, share: ArrayLike) -> None:
-        """Sets fractions (k,) 0..1 of full stiffness. At 0 a servo is limp. Raises CommandError."""
+        """Sets fractions (k,) 0..1 of full stiffness. At 0 a servo exerts no torque. Raises CommandError for
+        an invalid fraction."""
         self._servos.set_stiffness(servos, share)
 
     def set_damping(self, servos: ArrayLike, share: ArrayLike) -> None:

@@ -99,7 +99,7 @@ class Viewer:
         if self.playback is not None:
             self.playback.advance(now)
         if not self.server.get_clients():
-            return  # a page that opens gets the last drawing, and the next picture
+            return  # a page that opens later shows the last drawing, and then the next picture
         self._framing.update()
         for key, source in self.sources.items():
             if source.view is not None:

@@ -102,7 +102,7 @@ class Controls:
     async def _moved(self, part: str, event: viser.GuiEvent[Any]) -> None:
         view = self._session.view
         if event.client is None or view is None:
-            return  # set by the viewer itself
+            return  # The viewer has moved the slider, and not a person.
         self._touched[part] = time.monotonic()
         posture = np.array(view.posture[part])
         for joint, slider in self._sliders[part]:

@@ -49,7 +49,8 @@ class Framing:
             if client.camera.image_width < NARROW and number not in self._folded:
                 self._folded.add(number)
                 handle = client.gui.main_panel
-                handle._placement_uuid = self._panel._placement_uuid  # viser itself folds for all only
+                # viser can fold the panel only for all clients together
+                handle._placement_uuid = self._panel._placement_uuid
                 handle.minimize()
 
     def _half(self, aspect: float) -> float:

@@ -72,7 +72,8 @@ class Guard:
             if urlsplit(request.path).path == ALIVE:
                 return Response(HTTPStatus.NO_CONTENT, "No Content", Headers())
             if "Accept-Encoding" in request.headers:
-                del request.headers["Accept-Encoding"]  # a script is added to the page
+                # The page must not be compressed, because a script is added to it.
+                del request.headers["Accept-Encoding"]
             response = answer(connection, request)
             if response is not None:
                 _adapt_page(response, self.title)
@@ -200,7 +201,8 @@ def open_server(
     loopback interface, creates a token that clients need. Raises DriverError if the port is in use, or if the
     host is not an address of this machine.
     """
-    # The library refuses malformed requests of strangers itself; users need no traceback of each.
+    # The library refuses malformed requests. Its log is off, because users do not need a traceback for each
+    # of these requests.
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
     guard = Guard(host, "" if host in LOOPBACK else secrets.token_urlsafe(24), title=title)
     family = socket.AF_INET6 if ":" in host else socket.AF_INET

@@ -35,10 +35,10 @@ def pick(figure: Figure, origin: Array, direction: Array) -> tuple[Place, float]
         near = np.flatnonzero(aside < NEAR)
         if not near.size:
             continue
-        # Of the taxels near the ray, the one in front.
+        # Of all taxels near the ray, the nearest to the camera is selected.
         taxel = near[np.argmin(depth[near] + 2.0 * aside[near])]
         if best is None or depth[taxel] < best[0]:
-            # The place is where the ray meets the tangent plane at that taxel.
+            # The selected place is the point at which the ray meets the tangent plane of the taxel.
             normal = surface.normals[taxel]
             reach = (
                 float(offset[taxel] @ normal / (along @ normal))

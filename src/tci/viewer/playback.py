@@ -44,7 +44,7 @@ class Playback:
         @self.slider.on_update
         async def _(event: viser.GuiEvent[Any]) -> None:
             if event.client is None:
-                return  # moved by the viewer itself
+                return  # The viewer has moved the slider, and not a person.
             self._touched = time.monotonic()
             self._asked.put(partial(self.seek, float(self.slider.value)))
 

@@ -1,4 +1,4 @@
-"""One fault that a person injects, and the gate's response to this fault."""
+"""Describes one fault that a person injects, and the gate's response to this fault."""
 
 from __future__ import annotations
 

@@ -227,7 +227,7 @@ class Session:
             with self._recording:
                 if self.recorder is not None:
                     self.recorder.tick(now, reading)
-            assert perception.skin is not None  # as a Perceiver made it
+            assert perception.skin is not None  # a Perceiver always sets `skin`
             felt = perception.skin.by_patch(self._patches)
             fault = fault_of_reading(self.robot, reading.joints, now, self.driver.gate.stale_after)
             old = text_of(fault)
@@ -303,7 +303,7 @@ class Session:
                 raise _Closed
             if self.world is None:
                 return
-            pace = self.pace  # read once: another thread changes it
+            pace = self.pace  # The value is read only once, because another thread may change it.
             if pace > 0.0:
                 break
             self._real_time.forget()

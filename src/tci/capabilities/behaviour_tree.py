@@ -1,7 +1,7 @@
 """Capabilities combined in a behaviour tree, which replaces the paper's task description language (TDL).
 
-A tree consists of selectors, sequences, parallels and decorators of the package py-trees; see its manual. TCI
-adds leaves that run capabilities, and the capability `BehaviourTree`, which ticks the tree::
+A tree consists of selectors, sequences, parallels and decorators of the package py-trees, see the manual of
+py-trees. TCI adds leaves that run capabilities, and the capability `BehaviourTree`, which ticks the tree::
 
     def tree():
         return Selector("arm", memory=False, children=[
@@ -11,7 +11,7 @@ adds leaves that run capabilities, and the capability `BehaviourTree`, which tic
 
     tci.run(driver, BehaviourTree(tree))
 
-In this example the reflex is ticked first. While the reflex is busy, the task is interrupted; afterwards the
+In this example the reflex is ticked first. While the reflex is busy, the task is interrupted. Afterwards the
 task continues.
 """
 
@@ -44,7 +44,7 @@ class Leaf(Behaviour):
         self.memory: Any = None
         """Memory of the capability."""
         self.seen: tuple[Perception, GenericBody] | None = None
-        """Perception of this tick, and the generic body; None if the leaf is not in a `BehaviourTree`."""
+        """Perception of this tick, and the generic body. None if the leaf is not in a `BehaviourTree`."""
         self.orders: list[Order] = []
         """Orders of the capability in this tick."""
 
@@ -79,7 +79,7 @@ class Reflex(Leaf):
 
 
 class Task(Leaf):
-    """A leaf with a capability that runs until it is done.
+    """Leaf with a capability that runs until the task is done.
 
     The status of the leaf is RUNNING until the task is done, and then SUCCESS. If the leaf is ticked after
     SUCCESS, the capability starts from the beginning. After an interruption, the capability continues with
@@ -179,7 +179,7 @@ class BehaviourTree(Capability[Behaviour]):
         return tuple(note for leaf in _leaves(memory) for note in leaf.capability.notes(leaf.memory))
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """Returns the first reason of a leaf to stop the robot; None if no leaf has one."""
+        """Returns the first reason of a leaf to stop the robot; None if no leaf has a reason."""
         reasons = (leaf.capability.fault(perception, body) for leaf in _leaves(self.tree()))
         return next(filter(None, reasons), None)
 

@@ -5,7 +5,8 @@ the sum over all taxels of a contact. A leg that carries the robot must not move
 touches only in two cases:
 
 - The `stance` is "supported", and no sole measures the robot's weight.
-- Other legs carry the robot: their soles measure its weight, and the centre of mass would stay above them.
+- Other legs carry the robot: the soles of these legs measure the robot's weight, and the centre of mass would
+  stay above these soles.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ class BodyWithdrawal(Capability[BodyMemory]):
     """
 
     fields: BodyFields = field(default_factory=default_body_fields)
-    """Receptive fields; `load_body_fields` reads others from a file."""
+    """Receptive fields. The function `load_body_fields` reads other fields from a file."""
     refractory: float = 0.5
     """Refractory time [s]: if no touch has caused a response for this time, the part can withdraw again.
     Assumed: a hand that slides or shakes makes contact again in less time."""
@@ -112,7 +113,8 @@ class BodyWithdrawal(Capability[BodyMemory]):
         return None
 
     def _own(self, part: str, body: GenericBody) -> list[BodyField]:
-        """Returns the fields of a part's kind, without those that would move no joint of this robot."""
+        """Returns the fields of a part's kind. Fields whose motion contains no joint of this robot are left
+        out."""
         has = body.has_joint(part)
         own = [one for one in self.fields.field if part in body.parts(one.kind)]
         return [one for one in own if len(one.motion) == len(has) and np.any(one.motion * has)]

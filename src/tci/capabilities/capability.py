@@ -15,7 +15,8 @@ Memory = TypeVar("Memory")
 
 
 class Capability(ABC, Generic[Memory]):
-    """A behaviour that uses only the generic body, so it is independent of robot, clock and middleware.
+    """A behaviour that uses only the generic body. So the behaviour is independent of robot, clock and
+    middleware.
 
     The object contains only frozen settings. All state is in the memory: the caller passes the memory to each
     step, and the step returns the next memory. If memory and perception are equal, the commands must be equal
@@ -44,7 +45,7 @@ class Capability(ABC, Generic[Memory]):
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
         """Returns the orders to execute once before the first step, such as switches of the control mode.
 
-        By default there are none. If the robot refuses one of these orders, the capability is not run.
+        By default there are no orders. If the robot refuses one of these orders, the capability is not run.
         """
         return ()
 
@@ -54,7 +55,7 @@ class Capability(ABC, Generic[Memory]):
     ) -> tuple[tuple[Order, ...], Memory]:
         """Returns the commands for this instant, and the memory for the next step. Changes no argument.
 
-        A command is needed only if the target changes: without a new command, the gate (the safety filter
+        Return a command only if the target changes. If there is no new command, the gate (the safety filter
         before the driver) continues the motion to the last target.
 
         Contacts may be on any part of the robot, for example on the switches of NAO's head. Use only contacts

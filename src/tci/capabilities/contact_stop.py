@@ -70,7 +70,7 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
     def step(
         self, memory: StopMemory[Memory], perception: Perception, body: GenericBody
     ) -> tuple[tuple[Order, ...], StopMemory[Memory]]:
-        """Returns the behaviour's commands without those to stopped parts, and the orders that stop or
+        """Returns the behaviour's commands to parts that are not stopped, and the orders that stop or
         continue parts.
 
         Raises the errors of the behaviour, and CommandError if the behaviour commands the robot's own joints,

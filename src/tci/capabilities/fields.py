@@ -1,7 +1,7 @@
 """Receptive fields and their base motions (§4.1), read from TOML files.
 
 Fields of arms are circles on the generic limb. Fields of other parts are discs on the skin around a landmark.
-There is one file for arms and one file for the other parts; each is valid for all robots and both sides.
+There is one file for arms and one file for the other parts. Each file is valid for all robots and both sides.
 """
 
 from __future__ import annotations
@@ -102,14 +102,14 @@ class ReceptiveField(Circle):
 
 
 class BodyField(Description):
-    """A disc on the skin of a part, and the motion in response to a touch there (eqs 5-6)."""
+    """A disc on the skin of a part, and the motion in response to a touch of this disc (eqs 5-6)."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
     """Name of the field; no other field of a set has this name."""
     kind: BodyKind
     """Kind of the generic part on which the field lies."""
     segment: str = ""
-    """Segment of the part; empty for skin that belongs to no segment."""
+    """Segment of the part. Empty for skin that belongs to no segment."""
     towards: Annotated[Vector, Field(strict=False)]
     """Direction (3,) in which the centre lies on the skin, see `tci.messages.Landmark`."""
     radius_m: Annotated[float, Field(gt=0.0, le=1.0)]
@@ -177,9 +177,9 @@ def default_fields(*, measure: Measure = "total") -> tuple[ReceptiveField, ...]:
 
 @cache
 def default_surround(*, measure: Measure = "total") -> tuple[ReceptiveField, ...]:
-    """Returns the default wide fields of arms. Together they cover forearm and upper arm.
+    """Returns the default wide fields of arms. The wide fields together cover forearm and upper arm.
 
-    They are used in addition to `default_fields`.
+    Use the wide fields in addition to `default_fields`.
     """
     with as_file(files("tci.capabilities") / "withdrawal.toml") as path:
         return load_fields(path, measure=measure, surround=True)

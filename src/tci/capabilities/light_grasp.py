@@ -2,8 +2,8 @@
 
 The hand opens when a finger is pulled. This imitates the palmar grasp of an infant. The flexion of each
 finger controls the force on this finger (integral force control, Raibert & Craig 1981). The robot needs
-generic fingers with skin on palm and finger tips. Fingers that share a motor close until the first of them
-presses enough.
+generic fingers with skin on palm and finger tips. Fingers that share a motor close until one of these fingers
+presses with enough force.
 """
 
 from __future__ import annotations
@@ -71,9 +71,9 @@ class LightGrasp(Capability[Grips]):
     """Speed [rad/s] of the flexion until a finger presses. Assumed: a faster finger would press too much
     before its skin measures the contact."""
     gain: float = 0.05
-    """Speed of a pressing finger per missing force [rad/s per N]; the missing force is `force` minus the
-    measured force. Assumed: stiff fingers do not oscillate, although their skin reports a change about 20 ms
-    later."""
+    """Speed of a pressing finger, divided by the missing force [rad/s per N]. The missing force is `force`
+    minus the measured force. Assumed: stiff fingers do not oscillate, although their skin reports a change
+    about 20 ms later."""
     opposition: float = 1.2
     """Angle [rad] of the thumb across the palm while the hand is closed."""
     patience: float = 0.15

@@ -15,7 +15,7 @@ from tci.messages import Order, Perception
 
 
 def begin_of(capability: Capability[Memory], perception: Perception, body: GenericBody) -> tuple[Order, ...]:
-    """Returns the first orders of a capability. Raises CommandError if they are no orders (see
+    """Returns the first orders of a capability. Raises CommandError if an item is not an order (see
     `as_orders`)."""
     return as_orders(capability.begin(perception, body), f"{type(capability).__name__}: begin")
 
@@ -25,7 +25,7 @@ def step_of(
 ) -> tuple[tuple[Order, ...], Memory]:
     """Returns the commands of a capability's step, and the new memory.
 
-    Raises CommandError if the step does not return a pair, or if its commands are no orders (see
+    Raises CommandError if the step does not return a pair, or if one of the commands is not an order (see
     `as_orders`).
     """
     answer: object = capability.step(memory, perception, body)

@@ -41,7 +41,7 @@ class GestureMemory:
     time: float
     """Time [s] since the beginning of the gesture, without pauses."""
     since: float | None
-    """Time [s] at which the phase began; None before the first step."""
+    """Time [s] at which the phase began. None before the first step."""
     stamp: float
     """Time of the latest step [s]."""
     reflex: Any
@@ -76,7 +76,7 @@ class PlayGesture(Capability[GestureMemory]):
 
     @property
     def gesture(self) -> Gesture:
-        """The motion that the robot should follow, in the generic joints that it has."""
+        """The motion that the robot should follow, in the robot's generic joints."""
         return self.fitted.gesture
 
     def init(self, body: GenericBody) -> GestureMemory:
@@ -144,8 +144,8 @@ class PlayGesture(Capability[GestureMemory]):
         )
 
     def _hold(self, perception: Perception, busy: frozenset[str]) -> tuple[Order, ...]:
-        """Returns commands that hold each part of the gesture at its present posture, except the parts `busy`
-        that the reflex moves."""
+        """Returns commands that keep each part of the gesture at its present posture. The parts `busy`, which
+        the reflex moves, get no command."""
         return tuple(
             GenericCommand(part, Mode.POSITION, perception.posture[part])
             for part in self.gesture.postures

@@ -40,8 +40,8 @@ def why_not(
 
     The text is empty if the part may move. The motion must not press a contact on any part into its object,
     anywhere on its path. `answers` are the contacts to which the motion responds, as indices in
-    `perception.contacts`; at least one of them must move away from its object, by `least` [m] or more. `mode`
-    is the control mode of the motion.
+    `perception.contacts`. At least one of these contacts must move away from its object, by `least` [m] or
+    more. `mode` is the control mode of the motion.
     """
     inwards, across = body.retreat(perception, part, target, mode)
     if not inwards.size:
@@ -67,10 +67,11 @@ def are_hopeless(
     targets: Array,
     answers: Sequence[Sequence[int]],
 ) -> list[bool]:
-    """Returns for each of m motions True if `why_not` would refuse it because of its end.
+    """Returns m values: True for each motion that `why_not` would refuse because of the motion's end.
 
-    This check is fast, but does not check the path: motions with the result False must still be checked by
-    `why_not`. The motions go to `targets` (m, n) [rad]; `answers` are the contacts to which each responds.
+    This check is fast, but does not examine the path. So motions with the result False must also be checked
+    by `why_not`. `targets` (m, n) [rad] are the ends of the motions, and `answers` the contacts to which each
+    motion responds.
     """
     inwards = body.retreat_at_ends(perception, part, targets)[0]
     pressed = inwards.min(axis=1, initial=np.inf) < -PRESSED
@@ -81,7 +82,8 @@ def are_hopeless(
 
 
 def _why_kept(patch: str, way: Array, across: Array, least: float) -> str:
-    """Returns the reason why a contact point does not move away far or directly enough; else an empty text.
+    """Returns the reason why a contact point does not move away from the object far enough or directly
+    enough. The text is empty if the motion is permitted.
 
     Args:
         patch: Patch of the contact.

@@ -28,7 +28,7 @@ NO_JOINT = "it has no joint on this robot"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Posture:
-    """Last posture of a part, and the posture that the part holds while it is not touched."""
+    """Last posture of a part, and the posture that is commanded while the part is not touched."""
 
     stamp: float
     """Time [s] of the last posture."""
@@ -38,7 +38,7 @@ class Posture:
     """Generic angles (n,) [rad] at the end of the last touch. In torque mode the part is held at these
     angles."""
     refused: str = ""
-    """Reason why the touched part does not yield; an empty text if it yields."""
+    """Reason why the touched part does not yield. The text is empty if the part yields."""
 
 
 Postures = Mapping[str, Posture]
@@ -62,7 +62,7 @@ class SoftReaction(Capability[Postures]):
     """In torque mode: commanded torque divided by the torque of the touch. The commanded torque is added to
     the torque of the touch, so the part yields to a smaller force."""
     stiffness: float = 8.0
-    """In torque mode: stiffness [N m/rad] with which a part is held while it is not touched."""
+    """In torque mode: stiffness [N m/rad] of a part that is not touched."""
     damping: float = 0.4
     """In torque mode: damping [N m s/rad] of every motion."""
     threshold: float = 0.3

@@ -62,11 +62,13 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     """
 
     fields: Sequence[ReceptiveField] = field(default_factory=default_fields)
-    """Receptive fields; `load_fields` reads others from a file. Without fields there is no reflex."""
+    """Receptive fields. The function `load_fields` reads other fields from a file. Without fields there is no
+    reflex."""
     surround: Sequence[ReceptiveField] | None = None
     """Wide fields, used if none of `fields` responds, or if the motion of the responding field is not
     permitted. The wide field with the closest centre is tried first, then the second closest. If None,
-    `default_surround` is used with the default `fields`, and no wide fields with other `fields`."""
+    `default_surround` is used together with the default `fields`. With other `fields`, None means that there
+    are no wide fields."""
     refractory: float = 0.5
     """Refractory time [s]: if no touch has caused a response for this time, the arm can withdraw again.
     Assumed: a hand that slides or shakes makes contact again in less time."""
@@ -132,7 +134,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         """
         contacts, wishes = perception.contacts, dict[str, list[Wish[ReceptiveField]]]()
         if len(contacts):
-            # A moving part responds to the strongest touch of each field; weaker ones have no effect.
+            # A moving part responds to the strongest touch of each field. Weaker touches have no effect.
             moving = frozenset([part for part, one in memory.motions.items() if not one.quiet])
             sites, numbers = contacts.site.tolist(), site_numbers(contacts.sites, moving)
             around = self._asking(memory, {numbers.part[site] for site in {*sites}})
@@ -164,7 +166,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     def answer(self, contact: Contact) -> Answer | None:
         """Returns the response to one contact (eqs 5-7), or None if no field responds.
 
-        Of all `fields` that contain the contact, the one with the closest centre responds. If no field
+        Of all `fields` that contain the contact, the field with the closest centre responds. If no field
         contains the contact, the field of `surround` with the closest centre that contains the contact
         responds. Only one field responds, since the sum of the responses of overlapping fields would not be
         bounded.
@@ -182,9 +184,9 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         return found
 
     def _asking(self, memory: WithdrawalMemory, touched: Collection[str]) -> set[str]:
-        """Returns those of the `touched` arms for which fields of `surround` may respond.
+        """Returns the `touched` arms for which fields of `surround` may respond.
 
-        They are the arms at rest, and the arms that a field of `surround` already moves.
+        These are the arms at rest, and the arms that a field of `surround` already moves.
         """
         own = memory.motions
         return {part for part in touched if part not in own or own[part].field.name in self._around}
@@ -222,7 +224,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
 
     @cached_property
     def _tables(self) -> list[tuple[tuple[int, ...], Sequence[ReceptiveField], Array]]:
-        """Returns two rows, for `fields` and for `surround`: ranks of the responses, fields, and their
-        table."""
+        """Returns two rows, for `fields` and for `surround`: ranks of the responses, fields, and the table of
+        the fields."""
         sets = ((0,), self.fields), ((1, 2), self.surround or ())
         return [(ranks, fields, field_table(fields)) for ranks, fields in sets if fields]

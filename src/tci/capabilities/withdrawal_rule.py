@@ -2,7 +2,7 @@
 
 A touch in a receptive field starts a *withdrawal* of the touched part. The withdrawal lasts until no field of
 the part has been touched for the refractory period. During this time all touches of the part count as one
-touch: the gain may increase, at most to 1, but no other field responds, and no motion is added twice.
+touch. The gain may increase, at most to 1. No other field responds, and no motion is added twice.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from tci.messages import GenericCommand, Mode, Perception
 from tci.reasons import Code, Reason
 
 ANEW = 0.02
-"""Time [s] after which a refused motion is checked again, also without a new skin frame, because the robot
-may have moved. Assumed: the period of the slowest skin."""
+"""Time [s] after which a refused motion is checked again, even if no new skin frame has arrived, because the
+robot may have moved. Assumed: the period of the slowest skin."""
 
 LEAST_COVERAGE = 0.5
 """A field is blind if the fraction of its healthy taxels is below this value. Assumed: most touches of the
@@ -48,7 +48,7 @@ class Wish(NamedTuple, Generic[F]):
     """The response that one contact requests."""
 
     field: F
-    """Field that responds; it contains the contact."""
+    """Field that responds. This field contains the contact."""
     gain: float
     """phi(F) psi(d), above 0 and at most 1 (eq. 5)."""
     contact: int
@@ -74,7 +74,7 @@ class Withdrawal(Generic[F]):
     quiet: bool = False
     """True if no field of this part was touched in the latest step."""
     met: frozenset[int] = frozenset()
-    """Identities of the contacts that have been checked: the motion does not press any of them."""
+    """Identities of the contacts that have been checked. The motion does not press any of these contacts."""
     ended: Array | None = None
     """Generic posture (n,) [rad] at which the motion was ended because of an object on the path; else
     None."""
@@ -294,8 +294,8 @@ def _begin(
     met: frozenset[int],
     mode: Mode,
 ) -> tuple[Withdrawal[F] | None, str]:
-    """Starts the motion of the first permitted wish, in order of rank and gain. If none is permitted, returns
-    None and the reason for which the first wish is refused."""
+    """Starts the motion of the first permitted wish, in order of rank and gain. If no wish is permitted,
+    returns None and the reason for which the first wish is refused."""
     posture, first = perception.posture[part], ""
     if not np.isfinite(posture).all():
         return None, ""
@@ -335,7 +335,8 @@ def _meet(
 ) -> tuple[Withdrawal[F], str]:
     """Ends a withdrawal at the present posture if its remaining motion would press a new contact.
 
-    Returns the withdrawal, and the reason for which it was ended, or `reason` if it was not ended.
+    Returns the withdrawal, and the reason for which the withdrawal was ended. If the withdrawal was not
+    ended, the second value is `reason`.
     """
     if withdrawal.ended is not None or met <= withdrawal.met:
         return withdrawal, reason

@@ -1,6 +1,7 @@
 """Imports frames of taxels from arrays of other programs (NPZ, MATLAB files, CSV).
 
-A mapping file describes the arrays. The mapping (TOML) contains the name of the times and, for each patch, the name of the values:
+A mapping file (TOML) contains the name of the array of times and, for each patch, the name of the array of
+values:
 
     time = "t"                  # array or column of times; or rate = 100.0 [Hz]
     seconds = 0.001             # length [s] of the unit of the times; default 1

@@ -36,8 +36,8 @@ WIDTH = 390
 SPACE = 0.25
 """Free space [m] between two robots."""
 SKY = (208, 218, 230), (250, 250, 250)
-"""Colours of the background, from top to bottom. They are darker than white, so that a white robot is
-visible."""
+"""Colours of the background, from top to bottom. These colours are darker than white, so that a white robot
+is visible."""
 Source = Session | Player
 """A source of views: a running robot or a recorded one."""
 HINT = "**Click the skin of an arm** to poke it there. Drag to rotate, scroll to zoom."
@@ -54,11 +54,11 @@ class Viewer:
         port: int = 8080,
         folder: Path = Path("recordings"),
     ) -> None:
-        """Opens the page. New recordings are written to `folder`. Raises DriverError if the port is in
+        """Opens the page. The viewer writes new recordings to `folder`. Raises DriverError if the port is in
         use."""
         self.sources: Mapping[str, Source] = _by_key(sources)
         self.sessions = {key: source for key, source in self.sources.items() if isinstance(source, Session)}
-        """Sources with a running robot, by key; recordings are left out."""
+        """Sources with a running robot, by key. Recordings are not included."""
         names = " and ".join(dict.fromkeys(_title(source) for source in sources))
         self.server, self.guard, self.address = open_server(host, port, label="TCI", title=f"{names} - TCI")
         self.pictures = 0
@@ -83,7 +83,7 @@ class Viewer:
             self._stop.wait(due - time.monotonic())
 
     def stop(self) -> None:
-        """Lets `run` return. Any thread may call it."""
+        """Lets `run` return. Any thread may call this method."""
         self._stop.set()
 
     def close(self) -> None:
@@ -115,8 +115,8 @@ class Viewer:
                 self.playback.update()
 
     def poke(self, key: str, place: Place) -> None:
-        """Pokes a robot's skin with the force and speed of the sliders. If selected on the page, also pokes
-        the corresponding place on the other robots."""
+        """Pokes a robot's skin with the force and speed of the sliders. If a person has selected this on the
+        page, also pokes the corresponding points on the other robots."""
         touched = self.sources[key]
         self._poke(touched, place)
         if self._everywhere is None or not self._everywhere.value or touched.view is None:

@@ -19,17 +19,17 @@ from tci.viewer.rehearsal import description
 from tci.viewer.session import Session
 
 LEFT_OUT = ("sigterm",)
-"""Faults that the page does not offer, because they would end the viewer."""
+"""Faults that are not offered on the page, because these faults would end the viewer."""
 MINE = 1.0
-"""Time [s] for which a slider stays where a person moved it, before it follows the robot again. Assumed: a
-person who drags a slider never pauses for longer."""
+"""Time [s] after a person's movement of a slider, in which the robot's posture does not change the slider.
+Assumed: a person who drags a slider never pauses for longer."""
 STEP = 0.5
 """Finest step [deg] of a slider."""
 FULL_TURN = 180.0
 
 
 class Controls:
-    """The controls of one session. They are added to the container that is open in viser."""
+    """Controls of one session. The controls are added to the container that is open in viser."""
 
     def __init__(self, server: viser.ViserServer, session: Session, key: str, folder: Path) -> None:
         """Adds the controls to the page. New recordings are written to `folder`."""
@@ -45,15 +45,15 @@ class Controls:
         self._add_recording()
 
     def update(self) -> None:
-        """Shows the gate's response to a fault, and updates the sliders. It does this in viser's thread, so
-        that a person's input is handled first."""
+        """Shows the gate's response to a fault, and updates the sliders. The update runs in viser's thread,
+        so that a person's input is handled first."""
         rehearsal = self._session.rehearsal
         if rehearsal is not None and self._answer.content != rehearsal.words:
             self._answer.content = rehearsal.words
         self._server.get_event_loop().call_soon_threadsafe(self._follow)
 
     def _follow(self) -> None:
-        """Moves the sliders to the robot's posture, unless a person has just moved them."""
+        """Moves the sliders to the robot's posture. Sliders that a person has just moved are not changed."""
         view = self._session.view
         if view is None:
             return
@@ -98,7 +98,7 @@ class Controls:
             else:
                 self._session.reset()
 
-    # `async`: viser then runs it at once, in its own thread.
+    # viser runs an `async` function at once, in viser's own thread.
     async def _moved(self, part: str, event: viser.GuiEvent[Any]) -> None:
         view = self._session.view
         if event.client is None or view is None:

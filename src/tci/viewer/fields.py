@@ -1,4 +1,5 @@
-"""Receptive fields on the page: finds the field of a place, and gives colours and legend of the fields."""
+"""Receptive fields on the page: finds the field at a point, and returns the colours and the legend of the
+fields."""
 
 from __future__ import annotations
 
@@ -33,8 +34,8 @@ def fields_of(capability: Capability[Any]) -> tuple[ReceptiveField, ...]:
 def nearest_field(
     fields: Sequence[ReceptiveField], segment: str, u: ArrayLike, theta: ArrayLike
 ) -> NDArray[np.intp]:
-    """Returns, for each place (...) of a segment, the index of the nearest field that contains the place. The
-    index is -1 if no field contains it."""
+    """Returns, for each point (...) of a segment, the index of the nearest field that contains the point. The
+    index is -1 if no field contains the point."""
     u = np.asarray(u, dtype=float)
     found, least = np.full(u.shape, -1), np.full(u.shape, np.inf)
     for index, field in enumerate(fields):

@@ -24,9 +24,9 @@ from tci.viewer.fields import OUTSIDE, REST, is_outside, nearest_field, tints
 from tci.viewer.meshes import body_meshes, disc, quaternion, towards
 from tci.viewer.view import View
 
-# Sizes, times and colours of the drawing are assumed; they change the picture only.
+# Sizes, times and colours of the drawing are assumed. They change only the picture.
 FADE = 0.15
-"""Time constant [s] with which a shown pressure fades. Without the slow fading a touch of 50 ms would not be
+"""Time constant [s] with which a shown pressure fades. With a faster fading a touch of 50 ms would not be
 visible."""
 ARROW = 0.02
 """Length [m/N] of a contact's arrow."""

@@ -1,5 +1,5 @@
-"""Access control of the web server. The server accepts requests only from its own page, and requests from
-other machines only with a token.
+"""Access control of the web server. The server accepts requests only from its own page. Requests from other
+machines also need a token.
 
 A page of another web site in the user's browser could send requests to a server on the loopback interface,
 directly or through DNS rebinding. Therefore every request must name this machine as its host, and every web
@@ -47,8 +47,8 @@ class Guard:
     """Checks each request before the server handles it."""
 
     def __init__(self, host: str, token: str, *, title: str = "TCI") -> None:
-        """Takes the address `host` on which the server listens, the `token` that every client needs, and the
-        `title` of the page. If `token` is empty, clients need no token."""
+        """Creates the access control. The server listens on the address `host`, and the page has the title
+        `title`. Every client needs the `token`, except if `token` is empty."""
         self.local = host in LOOPBACK
         self.token = token
         self.title = title
@@ -131,8 +131,8 @@ def _bounded() -> type[ServerConnection]:
     limit = ConnectionLimit()
 
     class Bounded(ServerConnection):
-        """A connection of the server. It closes if there are too many connections, and is untrusted until its
-        first request is permitted."""
+        """A connection of the server. The connection closes if there are too many connections, and is
+        untrusted until its first request is permitted."""
 
         def connection_made(self, transport: asyncio.BaseTransport) -> None:
             super().connection_made(transport)
@@ -155,9 +155,9 @@ class LoopEvent(asyncio.Event):
     """An event that only the thread of the event loop may set. Other threads must use `call_soon_threadsafe`.
 
     viser sets the event that wakes its sender in two ways: by the safe call, and directly from other threads.
-    If the direct call comes after the sender has checked the event and before it waits, the safe call finds
-    the event set and does nothing. Then the sender waits for ever: the page gets no more updates, although
-    messages from the page still arrive.
+    An error occurs if the direct call is executed after the sender's check of the event and before the sender
+    waits: the event is then set already, so the safe call has no effect. In this case the sender waits for
+    ever, and the page gets no more updates, although messages from the page still arrive.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -165,7 +165,8 @@ class LoopEvent(asyncio.Event):
         self._home = loop
 
     def set(self) -> None:
-        """Sets the event as `asyncio.Event` does. Calls from other threads have no effect."""
+        """Sets the event in the event loop's thread, like `asyncio.Event.set`. Calls from other threads have
+        no effect."""
         if asyncio._get_running_loop() is self._home:
             super().set()
 
@@ -195,11 +196,11 @@ def _query_token(request: Request) -> str:
 def open_server(
     host: str, port: int, *, label: str, title: str = "TCI"
 ) -> tuple[viser.ViserServer, Guard, str]:
-    """Opens a viser server behind a guard; returns the server, the guard, and the address to open.
+    """Opens a viser server with access control. Returns the server, the guard, and the address of the page.
 
-    `label` is the heading of the page's panel, `title` that of the browser's tab. If the host is not the
-    loopback interface, creates a token that clients need. Raises DriverError if the port is in use, or if the
-    host is not an address of this machine.
+    `label` is the heading of the page's panel, and `title` is the title of the browser's tab. If the host is
+    not the loopback interface, creates a token that clients need. Raises DriverError if the port is in use,
+    or if the host is not an address of this machine.
     """
     # The library refuses malformed requests. Its log is off, because users do not need a traceback for each
     # of these requests.
@@ -225,11 +226,11 @@ def open_server(
             create_connection=_bounded(), **options,
         )  # fmt: skip
 
-    # viser has no hook for a check, and takes the next port if one is in use.
+    # viser has no hook for a check of requests. It uses the next port if a port is in use.
     with _patching:
         websockets.asyncio.server.serve = serve_guarded  # type: ignore[assignment,misc]  # see above
         try:
-            with redirect_stdout(StringIO()):  # the library's banner names an address without the token
+            with redirect_stdout(StringIO()):  # the library would print an address without the token
                 server = viser.ViserServer(host=host, port=bound, label=label, verbose=False)
         finally:
             websockets.asyncio.server.serve = serve  # type: ignore[misc]  # see above

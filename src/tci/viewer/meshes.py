@@ -16,8 +16,9 @@ CELL, COARSER = 0.003, 1.25
 """Edge [m] of the cubes in which vertices are merged, and the factor by which the edge is enlarged until
 there are few enough triangles. Assumed: a balance of detail and transfer time."""
 ENOUGH, COARSEST = 4000, 0.006
-"""Largest number of triangles of one colour on one body, and largest edge [m] of a cube. Merging ends if one
-of the two is reached. Assumed: a balance of detail and transfer time."""
+"""Largest number of triangles of one colour on one body, and largest edge [m] of a cube. Merging ends when
+the number of triangles is small enough, or when the edge is large enough. Assumed: a balance of detail and
+transfer time."""
 
 ROUND = 32
 """Number of sides of a round shape. Assumed: with so many sides the shape looks round on a screen."""
@@ -100,8 +101,8 @@ _SIDES = np.array([
 
 
 def _turned(profile: Array) -> tuple[Array, NDArray[np.intp]]:
-    """Returns the surface that a `profile` (k, 2) of radius and z [m] makes when it turns around the z axis.
-    The profile begins at the top and ends at the bottom; both ends are on the axis."""
+    """Returns the surface of revolution around the z axis of a `profile` (k, 2), which contains radius and z
+    [m]. The profile begins at the top and ends at the bottom. Both ends of the profile are on the z axis."""
     angle = 2.0 * np.pi * np.arange(ROUND) / ROUND
     radius, z = profile[:, :1], profile[:, 1:]
     rings = np.stack([radius * np.cos(angle), radius * np.sin(angle), z + 0.0 * angle], axis=2)

@@ -1,4 +1,4 @@
-"""Conversion of a click to a place on the skin."""
+"""Converts a click to a point on the skin."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ are thinner."""
 
 
 def pick(figure: Figure, origin: Array, direction: Array) -> tuple[Place, float] | None:
-    """Returns the place of a figure's skin that a ray of the scene meets, and the distance [m] along the ray.
+    """Returns the point of a figure's skin that a ray of the scene hits, and the distance [m] along the ray.
 
-    `origin` (3,) [m] and the unit vector `direction` (3,) define the ray. Returns None if the ray meets no
-    skin, or meets another surface first. If the ray misses the skin by at most `NEAR`, it selects the nearest
-    visible taxel.
+    `origin` (3,) [m] and the unit vector `direction` (3,) define the ray. Returns None if the ray hits no
+    skin, or hits another surface first. If the distance between ray and skin is at most `NEAR`, the nearest
+    visible taxel is selected.
     """
     best: tuple[float, Place] | None = None
     for name, surface in figure.skin.surfaces.items():

@@ -14,15 +14,15 @@ from tci.viewer.player import Player
 
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "5")
 MINE = 0.5
-"""Time [s] for which the slider stays where a person moved it, before it follows the recording again.
+"""Time [s] after a person's movement of the slider, in which the recording does not change the slider.
 Assumed: a person who drags the slider never pauses for longer."""
 STEP = 0.01
 """Finest step [s] of the slider."""
 
 
 class Playback:
-    """The controls of all players. They are added to the container that is open in viser. `advance`
-    executes the requests."""
+    """Controls of all players. The controls are added to the container that is open in viser. The method
+    `advance` executes a person's requests."""
 
     def __init__(self, server: viser.ViserServer, players: Sequence[Player]) -> None:
         self._server = server
@@ -40,7 +40,7 @@ class Playback:
         jump.on_click(lambda _: self._asked.put(self.next_touch))
         speed.on_update(lambda _: self._asked.put(partial(self.set_speed, float(speed.value))))
 
-        # `async`: viser then runs it at once, in its own thread.
+        # viser runs an `async` function at once, in viser's own thread.
         @self.slider.on_update
         async def _(event: viser.GuiEvent[Any]) -> None:
             if event.client is None:
@@ -81,7 +81,7 @@ class Playback:
             player.seek(player.begin + moment)
 
     def next_touch(self) -> None:
-        """Goes to the next touch. After the last touch, goes to the first touch."""
+        """Sets the time of the next touch. After the last touch, sets the time of the first touch."""
         following = [moment for moment in self._began if moment > self.time + 1e-9]
         playing = self.playing
         self.seek((following or self._began)[0])
@@ -98,7 +98,8 @@ class Playback:
         self._server.get_event_loop().call_soon_threadsafe(self._follow)
 
     def _follow(self) -> None:
-        """Moves the slider, unless a person has just moved it, and updates the label of the button."""
+        """Moves the slider, unless a person has just moved this slider. Also updates the label of the
+        button."""
         value = min(round(self.time, 2), self.slider.max)
         if time.monotonic() - self._touched > MINE and abs(value - self.slider.value) > STEP / 2.0:
             self.slider.value = value  # type: ignore[misc] # viser's types say read-only

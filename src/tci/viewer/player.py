@@ -41,8 +41,8 @@ class Player:
     def __init__(
         self, recording: Recording, robot: Robot, *, progress: Callable[[float], None] = lambda now: None
     ) -> None:
-        """Computes the perceptions of the recording again. During this it calls `progress` with the recorded
-        time [s] that it has reached.
+        """Computes the perceptions of the recording again. During the computation, `progress` is called with
+        the recorded time [s] up to which perceptions are computed.
 
         Raises RecordingError if the recording has no periods or is too long.
         """
@@ -97,7 +97,8 @@ class Player:
         return f"recorded; {state} at {self._time - self.begin:.2f} of {self.end - self.begin:.2f} s"
 
     def play(self) -> None:
-        """Starts to play. If the recording is at its end, plays it from the beginning."""
+        """Starts to play. If the present time is the recording's end, plays the recording from the
+        beginning."""
         if self._time >= self.end:
             self.seek(self.begin)
         self.playing, self._before = True, None
@@ -107,8 +108,8 @@ class Player:
         self.playing = False
 
     def seek(self, moment: float) -> None:
-        """Goes to the recorded time that is nearest to a time [s]. The plots then show the seconds before
-        this time."""
+        """Sets the present time to the recorded time that is nearest to a given time [s]. The plots then show
+        the seconds before this time."""
         self._time = min(max(moment, self.begin), self.end)
         self._index = max(bisect.bisect_right(self._times, self._time) - 1, 0)
         self.history.clear()
@@ -134,7 +135,7 @@ class Player:
         self.play()
 
     def close(self) -> None:
-        """Does nothing: a recording holds no resources."""
+        """Does nothing, because a player has no open file."""
 
     def say(self, words: str) -> None:
         """Adds an event at the present time of the recording, such as the reply to a person's click."""

@@ -1,14 +1,15 @@
-"""Slows a simulation down to real time, so that a person can watch it."""
+"""Slows a simulation down to real time, so that a person can watch the simulation."""
 
 from __future__ import annotations
 
 import time
 
 AHEAD = 0.03
-"""Time [s] that a simulation may run ahead of real time before it waits. Assumed: the time of one picture. It
-needs less processor time to compute several periods at once than to wait after each period."""
+"""Time [s] that a simulation may run ahead of real time before it waits. Assumed: the time of one picture.
+The processor needs less time if several periods are computed at once, without a wait after each period."""
 LATE = 0.1
-"""Largest delay [s] behind real time that a simulation tries to make up. Assumed: three pictures."""
+"""Largest delay [s] behind real time that a simulation compensates by faster steps. Assumed: three
+pictures."""
 
 
 class RealTime:

@@ -18,8 +18,8 @@ def description(name: str) -> str:
 
 
 class Rehearsal:
-    """Follows one fault from a person's request to the end of the fault. One thread updates it; another
-    thread may read `words`."""
+    """Follows one fault from a person's request to the end of the fault. One thread updates the object.
+    Another thread may read `words`."""
 
     def __init__(self, plan: FaultPlan) -> None:
         self.plan = plan

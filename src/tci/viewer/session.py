@@ -1,4 +1,4 @@
-"""One running robot in a separate thread: runs the control loop, executes a person's requests, and makes the
+"""Runs one robot in a separate thread: executes the control loop and a person's requests, and creates the
 views for the page."""
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Session:
         self.events: deque[tuple[float, str]] = deque(maxlen=50)
         """Events as text, with their time [s]."""
         self.ended = ""
-        """Reason why the loop ended; empty while it runs."""
+        """Reason why the loop ended. The text is empty while the loop runs."""
         self.pace = 1.0
         """Speed of the simulation [simulated seconds per second]; 0 for a pause. Ignored by a live robot."""
         self.pokes = 0
@@ -119,7 +119,8 @@ class Session:
         self._inbox.put(action)
 
     def poke(self, place: Place, *, force: float, speed: float) -> None:
-        """Presses the skin with the simulated finger, with up to `force` [N]; it arrives at `speed` [m/s].
+        """Presses the skin with the simulated finger. The largest force is `force` [N], and the finger
+        approaches with `speed` [m/s].
 
         Raises CommandError if the robot is not simulated.
         """
@@ -219,7 +220,7 @@ class Session:
                         self.world.advance(self.world.time + IDLE * self.pace)
 
     def _watch(self) -> None:
-        """Makes views of a robot without commanding the robot."""
+        """Creates views of a robot without commanding the robot."""
         perceiver = Perceiver(GenericBody(self.robot), keep_alive=self.driver.info.keep_alive)
         for now in self.driver.ticks():
             reading = self.driver.read()
@@ -279,7 +280,7 @@ class Session:
             self.say(rehearsal.words)
 
     def _tell_moves(self, tick: Tick) -> None:
-        """Adds an event for each contact and each command that comes after a pause."""
+        """Adds an event for each contact and each command before which there was a pause."""
         for contact in tick.perception.contacts:
             if tick.now - self._noted.get(contact.patch, -np.inf) > QUIET:
                 self.say(touched(contact, self.fields))

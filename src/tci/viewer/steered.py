@@ -1,5 +1,4 @@
-"""A capability with additional orders from a person. The gate checks these orders like those of the
-capability."""
+"""A capability with additional orders from a person. The gate checks all orders in the same way."""
 
 from __future__ import annotations
 
@@ -17,15 +16,15 @@ class Steered(Capability[Any]):
     """Runs another capability and adds a person's orders to its orders. Recordings contain the orders of
     both.
 
-    Orders that a person gives while no loop runs are dropped. So the robot does not move merely because the
-    loop starts again.
+    A person's orders are dropped while the loop does not run. So the start of the loop does not move the
+    robot.
     """
 
     def __init__(self, inner: Capability[Any]) -> None:
         self.inner = inner
         self.orders: SimpleQueue[Order] = SimpleQueue()
-        """Orders of a person that wait for the next step. `step` returns them after the capability's own
-        orders."""
+        """Orders of a person that wait for the next step. The method `step` returns these orders after the
+        capability's orders."""
 
     def init(self, body: GenericBody) -> Any:
         self._given()

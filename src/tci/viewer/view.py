@@ -1,4 +1,4 @@
-"""The state of one robot at one instant, as the page shows it, and the history of states for the plots."""
+"""State of one robot at one instant, for the page, and history of states, for the plots."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ class View:
     response: float
     """Largest servo speed [rad/s] in the command that was sent."""
     finger: Array | None = None
-    """Pose `T_WF` (4, 4) of the simulated finger's tip, with its z axis into the skin; None if there is no
-    finger."""
+    """Pose `T_WF` (4, 4) of the simulated finger's tip. The z axis of F points into the skin. None if there
+    is no finger."""
 
     @property
     def force(self) -> float:
@@ -54,16 +54,16 @@ _Row = tuple[float, float, float, Mapping[str, Array]]
 
 
 class History:
-    """Stores the last seconds of a robot's views, for plots. One thread adds views, another thread may read
-    them."""
+    """Stores the last seconds of a robot's views, for plots. One thread adds views. Another thread may read
+    the views."""
 
     def __init__(self) -> None:
         self._rows: deque[_Row] = deque(maxlen=int(WINDOW / SAMPLE))
         self._latest: _Row | None = None
 
     def add(self, view: View) -> None:
-        """Adds a view; stores at most one sample per `SAMPLE`. If the time of the view is before that of the
-        last view, clears the history first."""
+        """Adds a view. The history contains at most one sample per `SAMPLE`. If the view is older than the
+        last view, the history is cleared first."""
         if self._rows and view.time < self._rows[-1][0]:
             self.clear()
         _, force, response, _ = self._latest or (0.0, 0.0, 0.0, {})

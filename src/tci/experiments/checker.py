@@ -1,6 +1,6 @@
 """Checks the sent commands and the simulated motion against the limits in the robot's description.
 
-The check does not use any code of the gate. It reads the limits from the description directly.
+The check does not use any code of the gate. The limits are read directly from the description.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from tci.messages import Mode
 from tci.robot.description import Coupling, Robot, Servo
 
 COMMAND_TOLERANCE = 1e-6
-"""Relative tolerance of the limits. It allows for the rounding error of the finite differences in this
+"""Relative tolerance of the limits, because of the rounding error of the finite differences in this
 module."""
 HELD = 1e-9
 """Largest change [rad] of a position that counts as a rounding error instead of a motion."""

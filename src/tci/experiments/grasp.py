@@ -19,8 +19,9 @@ from tci.simulation.held_ball import held_ball
 from tci.simulation.world import World
 
 SETTLES, HOLDS, ENDS = 1.7, 2.0, 2.9
-"""Times [s] in a trial: SETTLES is the begin of the force measurement, HOLDS the begin of the pull, ENDS the
-end of the trial. Assumed: these times are long enough, because the fingers start close to the ball."""
+"""Times [s] in a trial: SETTLES is the beginning of the force measurement, HOLDS the beginning of the pull,
+and ENDS the end of the trial. Assumed: these times are long enough, because the fingers start close to the
+ball."""
 PULL = 0.05
 """Speed [m/s] with which the ball is pulled out of the palm. Assumed: a person pulls gently with this
 speed."""
@@ -48,7 +49,7 @@ class Grasp:
 
 
 def try_grasp(robot: Robot, part: str, capability: LightGrasp | None = None) -> Grasp:
-    """Simulates a light grasp with the hand `part`, of a ball whose size fits this hand.
+    """Simulates a light grasp with the hand `part`. The size of the ball fits this hand.
 
     Raises TciError if no ball fits the hand.
     """

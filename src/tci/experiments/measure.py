@@ -36,7 +36,7 @@ class Trial:
     """Time [ms] of the first command of the reflex. None if the reflex sent no command."""
     first_motion_ms: float | None
     """First time [ms] at which a joint angle differed by at least 0.05 degrees from the trial without reflex.
-    None if no joint angle did."""
+    None if all differences were smaller."""
     contact_lost_ms: float | None
     """Time [ms] of the end of the last contact. None if the finger touched the skin until the end of the
     trial."""

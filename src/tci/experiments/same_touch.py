@@ -117,7 +117,8 @@ class Arm:
         self.name = robot.name
         self._reflex, self._count, self._now, joints = reflex, 0, 0.0, initial_joints(robot)
         self._conditioner = Conditioner(body.layout)
-        # Contacts of an isolated taxel are accepted at once. By default they are accepted after 0.2 s.
+        # Contacts of an isolated taxel are accepted at once. By default such contacts are accepted after 0.2
+        # s.
         self._finder = ContactFinder(body.layout, ContactSettings(isolated=None))
         self._posture = body.posture(joints)
         self._poses = body.skin.kinematics.pose_array(joints.position, body.layout.links)

@@ -2,7 +2,8 @@
 
 The joint turns the segment about `axis` through `origin`. `tip` is the pose of the segment's tip with the
 servo at zero. All three are in the frame of the previous segment's tip. So a segment corresponds to KDL's
-Segment(name, Joint(name, origin, axis, RotAxis), tip). A prismatic joint has TransAxis in place of RotAxis.
+Segment(name, Joint(name, origin, axis, RotAxis), tip). For a prismatic joint, RotAxis is replaced by
+TransAxis.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from tci.robot.description import Description, Robot, Vector
 
 
 class ChainSegment(Description):
-    """A joint and the link that it moves."""
+    """A joint and the link that the joint moves."""
 
     name: str
     """Name of the link."""
@@ -38,8 +39,8 @@ def chain_to(robot: Robot, link: str) -> tuple[ChainSegment, ...]:
     """Returns the segments to a link, from the torso frame if the torso carries the link, else from the root.
 
     The first segment is fixed. In a chain from the torso, the tip of the first segment is the pose of the
-    torso's link in the torso frame. In a chain from the root, it is the identity. Raises UnknownNameError if
-    the link does not exist, and the errors of `links_of`.
+    torso's link in the torso frame. In a chain from the root, the tip of the first segment is the identity.
+    Raises UnknownNameError if the link does not exist, and the errors of `links_of`.
     """
     by_name = {found.name: found for found in links_of(robot)}
     assert robot.model is not None  # `links_of` raises an error for a robot without a model

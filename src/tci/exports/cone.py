@@ -1,7 +1,7 @@
 """The paper's approximation of a limb's skin: a truncated cone (eqs 3-4), fitted to the skin's taxels.
 
-The approximation keeps a taxel's position x along the cone's axis and its angle theta around the axis. It
-replaces the taxel's distance from the axis by the cone's radius r(x). The radial error is the distance minus
+The approximation keeps a taxel's position x along the cone's axis and its angle theta around the axis. The
+taxel's distance from the axis is replaced by the cone's radius r(x). The radial error is the distance minus
 r(x).
 """
 
@@ -21,13 +21,13 @@ from tci.robot.kinematics import KinematicChain
 from tci.skin.surfaces import Surface
 
 Freedom = Literal["none", "centre", "axis"]
-"""Freedom of the cone's axis in the fit; length and radii are always fitted. "none": the axis is fixed.
+"""Freedom of the cone's axis in the fit. Length and radii are always fitted. "none": the axis is fixed.
 "centre": the axis may move sideways. "axis": the axis may move sideways and tilt."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConeFit:
-    """A truncated cone and the distances of the taxels from it."""
+    """A truncated cone, and the distances of the taxels from this cone."""
 
     origin: Array
     """Centre (3,) [m] of the proximal end, which is at the most proximal taxel."""

@@ -52,7 +52,7 @@ class DenavitHartenberg:
     """Pose (4, 4) of the link in the last frame of the table."""
 
     def pose(self, position: Array) -> Array:
-        """Returns the pose `T_TL` (4, 4) of the link in the torso frame; the servos are at `position`
+        """Returns the pose `T_TL` (4, 4) of the link in the torso frame, with the servos at `position`
         (n_servos,) [rad]."""
         result = self.base
         rows = zip(self.servos, self.a, self.alpha, self.d, self.theta, strict=True)
@@ -110,14 +110,14 @@ def denavit_hartenberg(
 def _axes(kinematics: KinematicChain, link: str, servos: tuple[int, ...]) -> tuple[Array, Array, Array]:
     """Returns `T_TL`, points (n, 3) on the servos' axes, and the directions (n, 3) of the axes.
 
-    Points and directions are in the torso frame; all servos are at zero.
+    Points and directions are in the torso frame, with all servos at zero.
     """
     position = np.zeros(kinematics.n_servos)
     T_TL, jacobian = kinematics.pose_and_jacobian(position, link)
     linear, axes = jacobian[:3, servos].T, jacobian[3:, servos].T
     if not np.allclose(np.linalg.norm(axes, axis=1), 1.0):
         raise CommandError(f"a joint between the torso and {link!r} does not turn; valid: hinges only")
-    # linear = axis x (p - point): this gives the point of the axis nearest to p, the link's origin.
+    # linear = axis x (p - point). The solution is the point of the axis nearest to p, the link's origin.
     return T_TL, T_TL[:3, 3] + np.cross(axes, linear), axes
 
 

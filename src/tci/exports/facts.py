@@ -36,7 +36,7 @@ class GenericLimits(Description):
     """Lower limit [rad]; None if a servo's limit is unknown, if no servo moves the joint, or if the limit
     depends on the angles of other joints."""
     upper: float | None
-    """Upper limit [rad]; None under the conditions of `lower`."""
+    """Upper limit [rad]. None for the reasons given for `lower`."""
 
 
 class DHRow(Description):
@@ -103,7 +103,7 @@ class PatchFacts(Description):
     segment: str
     link: str
     kind: str
-    """Form in which the description gives the surface of the patch."""
+    """Kind of surface with which the description defines the patch."""
     rate: float
     """Rate [Hz] of the patch's skin frames."""
     channels: int
@@ -173,7 +173,7 @@ def read_facts(text: str | bytes, *, source: str = "facts of a robot") -> RobotF
     """Returns the facts in a text of JSON. `source` names this text in error messages.
 
     Raises DescriptionError with all faults at once. Examples of faults: the text is not JSON, the format or
-    version is another one, a field is missing or unknown, or a value has the wrong type.
+    version is not supported, a field is missing or unknown, or a value has the wrong type.
     """
     try:
         return RobotFacts.model_validate_json(text)

@@ -1,4 +1,4 @@
-"""The kinematic tree as plain numbers: links with their parents, poses, joints and inertias.
+"""The kinematic tree as plain numbers: the parent, pose, joint and inertia of each link.
 
 Exports for other libraries are made from this tree: URDF for Pinocchio, chains for OROCOS KDL.
 """
@@ -30,7 +30,7 @@ class Inertia(Description):
 
 
 class KinematicLink(Description):
-    """One link of the kinematic tree, and the joint that moves it."""
+    """One link of the kinematic tree, and the joint that moves the link."""
 
     name: str
     parent: str

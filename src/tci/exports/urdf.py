@@ -1,4 +1,4 @@
-"""Exports a robot's kinematic model, URDF or MJCF, as one URDF without meshes."""
+"""Exports a robot's kinematic model as one URDF without meshes. The robot's model may be URDF or MJCF."""
 
 from __future__ import annotations
 

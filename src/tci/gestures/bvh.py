@@ -1,8 +1,9 @@
 """Gestures from motion capture: BVH files (Biovision hierarchy) with any convention of axes.
 
-The arms are found by the usual names of their joints. Angles of shoulder, elbow and pronation are computed
-from positions and directions in space, so they do not depend on the file's convention for rotations. Assumed:
-the thumbs point forward in the file's rest pose, as they do if the arms hang or are stretched out sideways.
+The arms are found by the usual names of arm joints. Angles of shoulder, elbow and pronation are computed from
+positions and directions in space, so these angles are independent of the file's convention for rotations.
+Assumed: the thumbs point forward in the file's rest pose, because this is natural for arms that hang or are
+stretched out sideways.
 """
 
 from __future__ import annotations
@@ -30,11 +31,11 @@ BLOCK = 4096
 """Number of frames that are processed at once. Assumed: this number bounds the memory for the rotations of
 all bones."""
 STRAIGHT = 0.1
-"""Sine of the elbow angle below which the elbow counts as straight. The rotation of the upper arm about its
-own axis is then not computed from the forearm. Assumed: at about 6 degrees, errors of position are amplified
-ten times."""
+"""Sine of the elbow angle below which the elbow counts as straight. For a straight elbow, the rotation of the
+upper arm about its axis is not computed from the forearm. Assumed: at about 6 degrees, errors of position are
+amplified ten times."""
 NONE = 1e-6
-"""Norm below which a cross product counts as zero, since it is only rounding error."""
+"""Norm below which a cross product counts as zero, since such a small norm is only rounding error."""
 FASTEST = 25.0
 """Largest angular speed [rad/s] of a limb between two frames that counts as real motion. Assumed: of all
 human limbs, only a pitcher's forearm reaches this speed."""
@@ -190,7 +191,8 @@ def _begins_with_rest(
 def _find(bones: list[Bone], side: Side, role: str) -> int:
     """Returns the bone of a side and role.
 
-    A bone named `shoulder` counts as the upper arm if the forearm is attached to it, else as the collar bone.
+    A bone named `shoulder` counts as the upper arm if the forearm is attached to this bone, else as the
+    collar bone.
     """
     pattern = re.compile(rf"^(.*[:_])?({side}|{side[0]})[_ .-]?{ROLES[role]}$", re.IGNORECASE)
     found = [index for index, bone in enumerate(bones) if pattern.match(bone.name)]

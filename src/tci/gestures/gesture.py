@@ -1,8 +1,8 @@
 """Gestures: postures over time, recorded on one robot and fitted to any other.
 
 Arm angles of a gesture are relative to the torso frame. So an arm points in one direction in space on all
-robots, although their shoulders differ. Fitting finds for every instant the nearest posture within the
-robot's limits.
+robots, although the shoulders of the robots differ. Fitting finds for every instant the nearest posture
+within the robot's limits.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class Fitted:
     """Largest error [rad] of each joint that is due to the robot's limits, by `part.joint`. The entry
     `part.upper_arm` is the error of the upper arm's direction."""
     left_out: tuple[str, ...]
-    """Parts of the gesture that the robot does not have."""
+    """Names of the gesture's parts that the robot does not have."""
 
 
 class TorsoView:
@@ -105,7 +105,7 @@ class TorsoView:
             self._maps[part.name] = joint_map(exact, part.name)
 
     def posture(self, position: Array) -> dict[str, Array]:
-        """Returns the generic angles (n,) [rad] of each part; the servos are at `position` (n_servos,)
+        """Returns the generic angles (n,) [rad] of each part, with the servos at `position` (n_servos,)
         [rad]."""
         return {name: joints.to_generic(position) for name, joints in self._maps.items()}
 

@@ -4,7 +4,7 @@ joints.
 The candidates are all points of the limb's surfaces on which touches are detected through joint torques. For
 each candidate point, the force along the inward normal has one unknown: the magnitude. Least squares,
 weighted by the errors of the model, determine the magnitude and the likelihood for each candidate. Tangential
-forces are neglected, because the number of joints in an arm is too small to determine them too.
+forces are neglected, because the number of joints in an arm is too small to determine these forces.
 """
 
 from __future__ import annotations

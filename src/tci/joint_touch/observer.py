@@ -19,8 +19,8 @@ from tci.robot.dynamics import Dynamics
 from tci.robot.joint_calibration import JointCalibration
 
 MOST = 0.2
-"""Largest product of gain and period. A larger product makes the discrete filter overshoot. KDL's example
-uses the same value."""
+"""Largest product of gain and period. A larger product makes the discrete filter overshoot. This value is
+also used in KDL's example."""
 GAP = 0.1
 """Longest time [s] between two readings. After a longer time the observer starts again from zero, since an
 unobserved change of momentum can't be distinguished from a touch. Assumed: a few periods."""

@@ -92,7 +92,7 @@ def simulate(
     if used == 1:
         runs = job(shares[0])
     else:
-        # A forked process would have copies of locked locks, but not the threads that release them.
+        # A forked process would have copies of locked locks, but not the threads that unlock these locks.
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(used, mp_context=context) as pool:
             runs = [run for share in pool.map(job, shares) for run in share]

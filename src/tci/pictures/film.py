@@ -19,7 +19,8 @@ from tci.simulation.world import World
 
 VIDEO = "mp4"
 FORMATS = ("gif", "webp", "png", VIDEO)
-"""Formats by the suffix of the file. They are animated pictures, and a video that needs the extra `video`."""
+"""Formats by the suffix of the file: formats of animated pictures, and a video format that needs the extra
+`video`."""
 # The times, sizes and directions below are chosen by eye.
 EVERY = 0.02
 """Time [s] in the run between two pictures of the film."""

@@ -22,7 +22,7 @@ lighter, on dark skin."""
 FIELD_COLOURS = (
     (0.25, 0.60, 0.95), (0.45, 0.80, 0.30), (0.10, 0.80, 0.76), (0.74, 0.55, 0.98), (0.85, 0.88, 0.92)
 )  # fmt: skip
-"""Colours of the receptive fields; the list is repeated if there are more fields. The colours are cool, since
+"""Colours of the receptive fields. The list is repeated if there are more fields. The colours are cool, since
 the colours of pressure are warm."""
 SKIN_COLOUR = (0.30, 0.32, 0.36)
 """Colour of links that carry skin."""

@@ -42,7 +42,7 @@ class Moment:
 
 
 def keep_moment(world: World, reading: Reading) -> Moment:
-    """Copies the current state of a world, without any effect on its simulation."""
+    """Copies the current state of a world. The copy has no effect on the world's simulation."""
     world.refresh()
     return Moment(world.time, reading, copy.copy(world.data))
 

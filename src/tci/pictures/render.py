@@ -47,7 +47,7 @@ def render(
 
     The painters `paint` colour the opaque surfaces in this order, before lighting. `colours` (ngeom, 4), 0 to
     1, are the colours of the geoms, by default those of `model_colours`. A geom with an alpha of 0 is not
-    drawn. A geom with an alpha between 0 and 1 is transparent; only the nearest transparent surface is drawn.
+    drawn. A geom with an alpha between 0 and 1 is transparent. Only the nearest transparent surface is drawn.
     """
     if colours is None:
         colours = model_colours(model)
@@ -143,8 +143,8 @@ def _resolve(
             for dx in (0, -1, 1):
                 y, x = np.clip(rows + dy, 0, shape[0] - 1), np.clip(columns + dx, 0, shape[1] - 1)
                 away = np.abs(distance[y, x] - np.minimum(extra.distance, mujoco.mjMAXVAL))
-                # The middle pixel may be part of the outline. It is preferred to neighbours at an equal
-                # distance.
+                # The middle pixel may be part of the outline. At equal distances the middle pixel is
+                # preferred.
                 away += 0.5 * (dx != 0 or dy != 0) * distance[y, x] / camera.focal
                 away[surface[y, x] != extra.surface] = np.inf
                 better = away < best

@@ -1,7 +1,7 @@
 """Finds the table of taxels with which a contact list was recorded, from the recorded geometric centres.
 
-A recorded contact consists of its taxels and the mean of their positions in the table of the recorded robot.
-In another table, the mean of these taxels is different.
+The log contains, for each contact, the taxels and the mean of the taxels' positions in the table of the
+recorded robot. In another table, the mean of these taxels is different.
 """
 
 from __future__ import annotations

@@ -67,7 +67,7 @@ def tables(recording: Recording, robot: Robot | None = None) -> dict[str, Table]
 
 
 def export(recording: Recording, out: Path, form: str, robot: Robot | None = None) -> list[Path]:
-    """Writes the tables and returns their paths.
+    """Writes the tables, and returns the paths of the files.
 
     `out` is a folder for the files. For npz, `out` is the one file. NPZ stores each matrix under one name,
     for example `skin_left_forearm.force_n` (frames, taxels). In CSV and Parquet the matrix is split into
@@ -114,7 +114,7 @@ def _decision(fields: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
 def _table(rows: list[tuple[float, dict[str, Any]]]) -> Table:
     """Converts rows to columns.
 
-    Missing values are NaN, for example those of servos that are commanded only later.
+    Missing values are NaN, for example the values of a servo before its first command.
     """
     columns = dict.fromkeys(key for _, row in rows for key in row)
     table = {"time_s": np.array([stamp for stamp, _ in rows])}

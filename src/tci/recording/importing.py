@@ -16,9 +16,9 @@ from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 
 FIRST = 100
-"""Number of readings at the start from which the period of a recording is estimated, as their median
-interval. Assumed. With fewer readings the period would depend on single delays. With more readings the import
-would read farther ahead."""
+"""Number of readings at the start whose median interval is the estimated period of the recording. Assumed.
+With fewer readings the period would depend on single delays. With more readings the import would read farther
+ahead."""
 FARTHEST = 2**63 / 1e9
 """Largest time [s] that a recording can contain: 292 years. Times are stored in nanoseconds. A time since
 1970 that is in milliseconds by mistake exceeds this limit."""
@@ -52,11 +52,12 @@ def import_frames(
 ) -> int:  # fmt: skip
     """Writes a recording that contains only skin frames.
 
-    Returns the number of periods, one for each item of `frames`. With a robot, its joints rest at their
-    initial posture, so that the recording can be replayed and drawn. With `twice`, two successive items may
-    have equal times, since some senders repeat the time of their own input. Raises RecordingError in three
-    cases: there are no frames, the times do not increase, or a frame does not fit. With a robot, frames must
-    fit the robot's patches. Without a robot, all frames of a patch must have one size.
+    Returns the number of periods, which is the number of items in `frames`. If `robot` is given, the recorded
+    joints rest at the robot's initial posture, so that the recording can be replayed and drawn. With `twice`,
+    two successive items may have equal times, since some senders repeat the time of their own input. Raises
+    RecordingError in three cases: there are no frames, the times do not increase, or a frame does not fit.
+    With a robot, frames must fit the robot's patches. Without a robot, all frames of a patch must have equal
+    sizes.
     """
     items = _checked(frames, robot, twice=twice)
     first = list(islice(items, FIRST))

@@ -17,7 +17,7 @@ NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 def servo_names(robot: Robot) -> list[str]:
     """Returns a unique name for each servo.
 
-    It is the servo's own name, or `robot_part.name` if several servos share the name.
+    The unique name is the servo's name, or `robot_part.name` if several servos have this name.
     """
     count = Counter(servo.name for servo in robot.servos)
     return distinct([s.name if count[s.name] == 1 else f"{s.robot_part}.{s.name}" for s in robot.servos])

@@ -17,7 +17,7 @@ from tci.robot.description import Robot
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Perceived:
-    """One recorded period with the perception that was computed for it."""
+    """One recorded period, with the perception that was computed for this period."""
 
     now: float
     """Time [s] on the driver's clock."""
@@ -35,15 +35,16 @@ class Perceived:
     @property
     def skin(self) -> SkinState:
         """Pressure on the whole skin."""
-        assert self.perception.skin is not None  # a Perceiver always sets it
+        assert self.perception.skin is not None  # a Perceiver always sets `skin`
         return self.perception.skin
 
 
 def recorded_robot(recording: Recording, robot: str | None = None) -> Robot | None:
     """Returns the robot of a recording.
 
-    `robot` is the name or path of its description. With None, the recorded name is used. Returns None if the
-    recording names no robot. Raises RecordingError if the robot's description differs from the recorded one.
+    `robot` is the name or path of its description. If `robot` is None, the recorded name is used. Returns
+    None if the recording contains no name of a robot. Raises RecordingError if the robot's description
+    differs from the recorded one.
     """
     name = recording.about.get("robot", "")
     if not name:

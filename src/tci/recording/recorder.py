@@ -1,6 +1,6 @@
 """Writes a recording while the robot runs. Every period is in the file before the next period begins.
 
-Until the file is closed, it has no chunks and no compression. So if the process is killed, nothing that was
+Until it is closed, the file has no chunks and no compression. So if the process is killed, nothing that was
 written is lost. Closing compacts the file. If the disk fails, the recording ends, but the control loop
 continues.
 """
@@ -46,7 +46,7 @@ from tci.recording.topics import Topics
 from tci.robot.description import Robot
 
 OF_THIS_MACHINE: Any = {"source": True, "model": {"path"}, "patches": {"__all__": {"surface": {"file"}}}}
-"""Fields of a description that hold local paths. These fields are not recorded, as recordings may be
+"""Fields of a description that contain local paths. These fields are not recorded, as recordings may be
 published."""
 PACKAGES = ("tci", "numpy", "mujoco", "ruckig", "numba", "mcap")
 """Packages of which a recording contains the version. The version of Python is also recorded."""
@@ -103,8 +103,7 @@ class Recorder:
         commands: Sequence[Order] = (),
         sent: SafeCommand | None = None,
     ) -> None:
-        """Writes one period of the loop. If an error of the disk occurs, it is stored in `failed` and not
-        raised."""
+        """Writes one period of the loop. Errors of the disk are stored in `failed` and not raised."""
         if self.failed or not self._open:
             return
         with _Guard(self):
@@ -126,9 +125,9 @@ class Recorder:
             self.ticks += 1
 
     def close(self, *, compacted: bool = True) -> None:
-        """Completes the file, and replaces it by a compressed file with an index and point clouds.
+        """Completes the file. The file is replaced by a compressed file with an index and point clouds.
 
-        A second call does nothing.
+        A second call has no effect.
         """
         if not self._open:
             return

@@ -1,4 +1,5 @@
-"""Reads recordings from untrusted sources. They may be complete, or cut off because a process was killed.
+"""Reads recordings from untrusted sources. A recording may be complete, or cut off because a process was
+killed.
 
 Nothing in the file is trusted. Sizes are checked before memory is allocated, only the messages of `schemas`
 are decoded, and nothing in the file is executed.
@@ -66,7 +67,7 @@ class RecordedTick:
 
 @dataclass(slots=True)
 class _State:
-    """Latest joints and frames before one place in the file."""
+    """Latest joints and frames before one position in the file."""
 
     joints: dict[str, Any] | None = None
     gravity: Array | None = None
@@ -75,12 +76,13 @@ class _State:
 
 
 class Recording:
-    """A recording on disk. Its methods read the file in small pieces; the whole file is never in memory."""
+    """A recording on disk. The methods read the file in small pieces, so the whole file is never in
+    memory."""
 
     def __init__(self, path: Path | str) -> None:
         """Raises RecordingError if the file is not a recording.
 
-        Raises FileNotFoundError and other OSError if it can't be opened.
+        Raises FileNotFoundError and other OSError if the file can't be opened.
         """
         self.path = Path(path)
         self.about: dict[str, str] = {}
@@ -140,8 +142,8 @@ class Recording:
         return dict(Counter(topic for topic, *_ in self.messages()))
 
     def ticks(self) -> Iterator[RecordedTick]:
-        """Yields every complete period, in the order of the file. Raises RecordingError when it reaches
-        invalid data."""
+        """Yields every complete period, in the order of the file. Raises RecordingError at the first invalid
+        data."""
         state = _State()
         waiting: tuple[float, Reading] | None = None
         commands: list[dict[str, Any]] = []
@@ -167,7 +169,7 @@ class Recording:
             yield RecordedTick(*waiting, tuple(commands), decision)
 
     def frames(self) -> Iterator[SkinFrame]:
-        """Yields every raw frame of the skin, in the order of the file. Raises RecordingError when it reaches
+        """Yields every raw frame of the skin, in the order of the file. Raises RecordingError at the first
         invalid data."""
         for _, kind, _, data in self.messages():
             if kind is SKIN:

@@ -36,12 +36,12 @@ def is_bag(path: Path) -> bool:
 def import_ros_bag(bag: Path, out: Path, robot: Robot) -> int:
     """Converts the joint states and skin frames of a bag to a recording.
 
-    Their types are `sensor_msgs/JointState` and `tci_msgs/SkinFrame`. Returns the number of periods. Each
-    joint state that names every servo of the robot (by the servo's or the joint's name) becomes one period.
-    The period contains the latest frame of each patch. Times [s] come from the headers if all kinds of
-    messages in the bag have stamps. Otherwise the bag's own times are used. A joint state that is not newer
-    than the previous one is dropped. Raises MissingExtraError if the library for bags is missing. Raises
-    RecordingError if the bag can't be read, does not fit the robot, or has a clock that was set back.
+    The types of these messages are `sensor_msgs/JointState` and `tci_msgs/SkinFrame`. Returns the number of
+    periods. Each joint state that names every servo of the robot (by the servo's or the joint's name) becomes
+    one period. The period contains the latest frame of each patch. Times [s] are those in the headers if all
+    kinds of messages in the bag have stamps. Otherwise the bag's own times are used. A joint state that is
+    not newer than the previous one is dropped. Raises MissingExtraError if the library for bags is missing.
+    Raises RecordingError if the bag can't be read, does not fit the robot, or has a clock that was set back.
     """
     readings = _readings(bag, robot)
     first = list(islice(readings, FIRST))

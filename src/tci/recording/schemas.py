@@ -1,4 +1,4 @@
-"""Message types of a recording, and conversions between them and TCI's own types."""
+"""Message types of a recording, and conversions between these messages and TCI's types."""
 
 from __future__ import annotations
 
@@ -98,8 +98,8 @@ DECISION = replace(
     f"codes: that of the reason ({NO_REASON} for none), then of each refusal: numbers of tci.reasons.Code.",
 )
 TEXTS = ("reason", "clamped", "refusals")
-"""Fields of a decision that people read. Their wording may change, so programs must not compare these fields.
-"""
+"""Fields of a decision that people read. The wording may change, so programs must not compare these
+fields."""
 CLOUD = MessageType(
     "sensor_msgs/msg/PointCloud2",
     (
@@ -139,8 +139,8 @@ def joints_bytes(names: list[str], joints: JointReading) -> bytes:
 def imu_bytes(joints: JointReading) -> bytes:
     """Encodes the acceleration of the robot's root link in an Imu message.
 
-    The message's other fields are marked as unknown. The acceleration is NaN if the robot no longer reports
-    it.
+    The message's other fields are marked as unknown. If the robot does not report the acceleration any more,
+    the acceleration is NaN.
     """
     unknown = [-1.0, *[0.0] * 8]  # In an Imu message, a first value of -1 marks a quantity as unknown.
     force = np.full(3, np.nan) if joints.gravity is None else -joints.gravity

@@ -1,10 +1,11 @@
-"""The iCub's conventions for contacts. They are used to compare results with the results of skinManager.
+"""The iCub's conventions for contacts. TCI uses these conventions to compare its results with the results of
+skinManager.
 
 A contact is a set of taxels linked by distances of up to skinManager's maxNeighborDist (single-link
 clusters). The geometric centre of a contact is the mean of its taxels' positions. The pressure of a contact
 is the mean of its taxels' values. The force of a contact is -0.05 N per taxel and unit of pressure, along the
-mean normal. The code was written from the conventions (facts and measurements). It contains none of
-skinManager's code.
+mean normal. The code was written from the conventions (facts and measurements). No code of skinManager is
+included.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ SKIN_PARTS = (
 )  # fmt: skip
 """Names of the skin parts in the order of their numbers."""
 LONGEST_LINE = 1_000_000
-"""Longest line [characters] that is read. Assumed: 30 contacts take 20 000."""
+"""Longest line [characters] that is read. Assumed: a line with 30 contacts has 20 000 characters."""
 _TOKEN = re.compile(r"\s*(\(|\)|[^\s()]+)")
 _DEEPEST = 8
 
@@ -48,7 +49,7 @@ class SkinContact:
     """
 
     id: int
-    """Identity of the contact. It increases with each new contact."""
+    """Identity of the contact. The identities of new contacts increase."""
     body_part: int
     """Body part: 1 torso, 2 head, 3 and 4 arms, 5 and 6 legs."""
     link: int
@@ -87,7 +88,7 @@ def partition(
 
     `taxels` (k,) are the active taxels, and `positions` (n, 3) [m] the positions of all taxels. Taxels are
     linked if their distance is at most `neighbour` [m]. Each contact lists its taxels in ascending order. The
-    contacts are ordered by their lowest taxel.
+    contacts are ordered by the lowest index of a taxel.
     """
     active = np.unique(taxels)
     pairs = cKDTree(positions[active]).query_pairs(neighbour, output_type="ndarray")

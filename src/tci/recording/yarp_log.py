@@ -79,8 +79,8 @@ def _frame(line: str, patch: str, where: str) -> SkinFrame:
 def import_yarp_log(log: Path, out: Path, *, patch: str, robot: Robot | None = None) -> int:
     """Converts a log of numbers to a recording and returns the number of frames.
 
-    Without a robot the recording can be viewed and exported, but not replayed. Raises RecordingError if the
-    log can't be read or is not of the patch `patch`.
+    If no robot is given, the recording can be viewed and exported, but not replayed. Raises RecordingError if
+    the log can't be read or is not of the patch `patch`.
     """
     frames = ((frame,) for frame in read_yarp_log(log, patch=patch))
     return import_frames(frames, out, robot, middleware="yarp", source=f"yarpdatadumper {log.name}")

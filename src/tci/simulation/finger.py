@@ -17,8 +17,8 @@ from tci.simulation.touch import FINGER_PRIORITY, FINGER_TIP, stiff
 RADIUS = 0.005
 """Radius of the tip [m]."""
 STIFFNESS = 800.0
-"""Stiffness [N/m] of the spring between base and tip. With a nearly rigid finger, an indentation of 2 mm
-would give 19 N."""
+"""Stiffness [N/m] of the spring between base and tip. With a nearly rigid finger, the force at an indentation
+of 2 mm would be 19 N."""
 MASS = 0.02
 """Mass of the tip [kg]. Assumed: light, so that the tip follows the skin. A lighter tip needs smaller
 simulation steps."""
@@ -53,7 +53,7 @@ def add_finger(spec: mujoco.MjSpec, *, step: float, radius: float = RADIUS) -> N
         mass=MASS,
         contype=SKIN,
         conaffinity=0,
-        # Without friction a contact's force is normal to the skin; taxels measure only the normal force.
+        # Without friction a contact's force is normal to the skin. Taxels measure only the normal force.
         condim=1,
         priority=FINGER_PRIORITY,
         solref=stiff(step),
@@ -86,8 +86,8 @@ def add_finger(spec: mujoco.MjSpec, *, step: float, radius: float = RADIUS) -> N
 class Finger:
     """The simulated finger of a world: a sphere, usually of 10 mm diameter, on a spring of 800 N/m.
 
-    A poke moves the spring's base along the skin's inward normal at a constant speed. The base stops when it
-    has moved by `depth` after the tip's first contact. Then the base does not move again, even if the skin
+    A poke moves the spring's base along the skin's inward normal at a constant speed. The base stops after a
+    motion of `depth` [m] after the tip's first contact. Then the base does not move again, even if the skin
     moves.
     """
 
@@ -137,7 +137,7 @@ class Finger:
 
     @property
     def contact_lost(self) -> float | None:
-        """Time [s] when the tip last lost contact. None while the tip touches."""
+        """Time [s] when the tip last lost contact. None while the tip touches the skin."""
         return self._stamp(at.LOST)
 
     @property
@@ -180,10 +180,10 @@ class Finger:
         depth: float = 0.01,
         gap: float = 0.004,
     ) -> None:
-        """Starts a poke at a place on the skin, along the inward normal in the current posture.
+        """Starts a poke at a point on the skin, along the inward normal in the current posture.
 
-        `place` is a taxel, or a point (3,) [m] in the frame of the patch's link. If an outward `normal` (3,)
-        in that frame is given, it replaces the surface normal. `speed` [m/s] is the speed of the base.
+        `place` is a taxel, or a point (3,) [m] in the frame of the patch's link. An outward `normal` (3,) in
+        the link's frame replaces the surface normal, if given. `speed` [m/s] is the speed of the base.
         `depth` [m] determines the force: `depth * 800 N/m` once the base rests. `gap` [m] is the distance
         from tip to skin at the start. Raises UnknownNameError for an unknown patch, CommandError for an
         invalid number, and TciError if the finger would start inside another patch.
@@ -222,7 +222,7 @@ class Finger:
         data = self._physics.data
         data.mocap_pos[self._mocap] = point + (self.radius + gap) * outward
         mujoco.mju_quatZ2Vec(data.mocap_quat[self._mocap], -outward)
-        # The tip starts at full speed, because it would otherwise oscillate on the spring.
+        # The tip starts at full speed. Otherwise the tip would oscillate on the spring.
         data.qpos[self._qpos] = 0.0
         data.qvel[self._dof] = speed
         self._clear()

@@ -22,16 +22,16 @@ from tci.skin.surfaces import Surface, surfaces_of
 RADII = np.geomspace(0.008, MAX_TIP, 9)
 """Radii [m] of balls that are tried, from the radius of a grape to the radius of an apple."""
 BENDS = np.deg2rad(np.arange(0.0, 85.1, 2.5))
-"""Flexions [rad] at which fingers are examined, up to the flexion at which a light grasp stops them."""
+"""Flexions [rad] at which fingers are examined, up to the largest flexion in a light grasp."""
 SINKS = 0.003
-"""Least depth [m] to which a finger must be able to reach into the ball. Assumed: with this depth the finger
-presses the ball and does not only graze it."""
+"""Least depth [m] to which a finger must be able to reach into the ball. Assumed: with a smaller depth the
+finger would only touch the ball without pressing."""
 FACES = 0.5
 """Least cosine of the angle between the outward normal of a fingertip and the direction to the ball's centre.
-Assumed: the skin of a fingertip measures little if the ball is beside it."""
+Assumed: the skin of a fingertip measures only a small force if the ball is beside the fingertip."""
 LIFTS = 0.4
-"""Largest cosine of the angle between the push of a finger and the outward normal of the palm. Assumed:
-fingers that push a ball out of the hand do not hold it."""
+"""Largest cosine of the angle between the push of a finger and the outward normal of the palm. Assumed: a
+finger with a larger cosine pushes the ball out of the hand."""
 CLEAR = 0.006
 """Least distance [m] of each finger from the ball at the start. Assumed: the ball then has room on its way to
 the palm."""

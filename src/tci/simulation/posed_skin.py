@@ -45,11 +45,11 @@ class PosedSkin:
     def point(
         self, patch: str, place: int | ArrayLike, normal: ArrayLike | None = None
     ) -> tuple[Array, Array]:
-        """Returns the current position (3,) [m] and outward unit normal (3,) of a place on the skin.
+        """Returns the current position (3,) [m] and outward unit normal (3,) of a point on the skin.
 
         Both are in the world frame. `place` is a taxel, or a point (3,) [m] in the frame of the patch's link.
-        If a `normal` (3,) in that frame is given, it replaces the surface normal. Raises UnknownNameError,
-        CommandError.
+        An outward `normal` (3,) in the link's frame replaces the surface normal, if given. Raises
+        UnknownNameError, CommandError.
         """
         surface = self.surface(patch)
         if isinstance(place, int | np.integer):

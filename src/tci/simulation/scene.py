@@ -1,6 +1,6 @@
 """Builds the MuJoCo scene of a world from a robot's description alone.
 
-There is no code for a particular robot.
+The module contains no code for a particular robot.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ def build_scene(
     differ from a model without `shown`.
 
     Links that overlap in `posture` (n_servos,) [rad] are assumed to overlap by design. The robot's base is
-    fixed, and the robot has no weight. With `stands` the robot has its weight and stands in `posture` on a
-    floor under its soles. Raises DescriptionError if the robot has no model. Raises CommandError if the robot
-    is to stand and has no sole with skin.
+    fixed, and the robot has no weight. With `stands` the robot has a weight and stands in `posture` on a
+    floor. Raises DescriptionError if the robot has no model. Raises CommandError if the robot is to stand and
+    has no sole with skin.
     """
     spec = solid_spec(robot, shown=shown)
     spec.option.timestep = step

@@ -21,15 +21,15 @@ from tci.simulation import stepping as at
 from tci.simulation.physics import Physics
 
 TIME_CONSTANT = 5e-3
-"""Time constant [s] of each servo. Assumed: the servo's response has two poles with this time constant. So it
-reaches a target without overshoot, and follows a motion of constant speed 10 ms late."""
+"""Time constant [s] of each servo. Assumed: the servo's response has two poles with this time constant. So
+the servo reaches a target without overshoot, and follows a motion of constant speed with a delay of 10 ms."""
 _POSTURES = 32
 STALL = 0.1
 """Least fraction of its torque limit that a blocked servo exerts. Assumed: a slow servo has a gear, so the
 inertia of its motor counts. The servo is then stiff enough for this fraction."""
 _LEAST_ARMATURE = 1e-4
-"""Least inertia [kg m2] of a motor, measured at the joint. Assumed: it keeps the gains of very light links
-above 0."""
+"""Least inertia [kg m2] of a motor, measured at the joint. Assumed: with this inertia the gains of very light
+links are above 0."""
 _aim, _fault_of, _measure = entry(at.aim), entry(at.fault_of), entry(at.measure)
 _INDEX, _NUMBER = np.dtype(np.int64), np.dtype(np.float64)
 
@@ -37,14 +37,14 @@ _INDEX, _NUMBER = np.dtype(np.int64), np.dtype(np.float64)
 class Servos:
     """The actuators of a world, in the order of `Robot.servos`.
 
-    The set-point of a servo moves linearly to each new target. This takes one control period, or longer if
-    the joint's speed limit requires it. So steps of targets do not appear in the velocity, and a distant
-    target is reached at the permitted speed. A blocked servo that becomes free does not jump to its
-    set-point: its position error is limited to the error that occurs at full speed.
+    The set-point of a servo moves linearly to each new target. The motion lasts one control period, or longer
+    if the joint's speed limit requires a longer time. So steps of targets do not appear in the velocity, and
+    a distant target is reached at the permitted speed. A blocked servo that becomes free does not jump to the
+    set-point, because the position error is limited to the error that occurs at full speed.
 
-    In velocity mode the servo follows the angles that result from the velocity command, as the firmware of
-    many robots does. In impedance mode the servo also follows its set-points, but with a fraction of its
-    stiffness. In torque mode, and when the servo is off, nothing holds the joint at an angle.
+    In velocity mode the servo follows the angles that result from the velocity command, like the firmware of
+    many robots. In impedance mode the servo also follows its set-points, but with a fraction of its
+    stiffness. In torque mode, and when the servo is off, the servo does not control the joint's angle.
     """
 
     def __init__(self, physics: Physics, robot: Robot, home: Array, *, period: float) -> None:
@@ -87,8 +87,9 @@ class Servos:
         """
         model, data = self._physics.model, self._physics.data
         inertia = _largest_inertia(model, data, self._dofs)
-        # Assumed, as no maker publishes it: the motor's inertia at the joint equals that of the load, which
-        # is good practice. It also keeps the damping near critical in every posture.
+        # Assumed, as manufacturers do not publish the value: the motor's inertia at the joint equals the
+        # load's inertia, which is good practice. With this inertia the damping is near critical in every
+        # posture.
         own = model.dof_armature[self._dofs]
         armature = np.maximum(np.maximum(own, inertia - own), _LEAST_ARMATURE)
         given = [robot.servos[index].limits.torque for index in self.moving]
@@ -160,7 +161,7 @@ class Servos:
         self._apply_gains()
 
     def set_modes(self, servos: ArrayLike, modes: Sequence[Mode]) -> None:
-        """Switches servos to control modes (k,). A servo that leaves torque mode holds its current angle.
+        """Switches servos to control modes (k,). A servo that leaves torque mode keeps its current angle.
 
         Raises CommandError.
         """
@@ -195,7 +196,7 @@ class Servos:
     def set_power(self, servos: ArrayLike, on: bool) -> None:
         """Switches servos off, which makes them limp, or on.
 
-        Servos that are switched on hold their current angles. Raises CommandError.
+        Servos that are switched on keep their current angles. Raises CommandError.
         """
         index, _ = _checked(servos, np.zeros(np.size(servos)), len(self._home))
         for servo in index.tolist():
@@ -214,7 +215,8 @@ class Servos:
         return result
 
     def _catch(self, servo: int) -> None:
-        """Lets a servo without torque keep its current angle, at first without torque."""
+        """Sets the target of a servo without torque to its current angle, so that the torque is 0 at
+        first."""
         self._torques[servo] = 0.0
         here = self.measured()[at.JOINT]
         self._targets[servo] = here[servo]

@@ -22,7 +22,7 @@ from tci.skin.surfaces import Surface, tangents
 
 
 class Taxels:
-    """All patches of a world, and their frames."""
+    """All patches of a world's skin, and the frames of these patches."""
 
     def __init__(
         self,
@@ -95,7 +95,8 @@ class Taxels:
             np.empty((ROWS + 1, max(9, count))), self._values,
         )  # fmt: skip
         """Arguments of the loops in `sampling`."""
-        # All frames at rest share one read-only array, so a reader that recognises it can skip its values.
+        # All frames at rest share one read-only array. A reader that recognises this array can skip its
+        # values.
         self._rest = [_raw(patch, np.full(patch.channels, patch.sensor.rest)) for patch in patches]
         self._frames: list[SkinFrame] = []
         self._latest: tuple[SkinFrame, ...] = ()
@@ -103,7 +104,8 @@ class Taxels:
 
     @property
     def due(self) -> int:
-        """Number of the step in which the next frame is taken. Without skin it is the largest integer."""
+        """Number of the step in which the next frame is taken. If the world has no skin, the number is the
+        largest integer."""
         return int(self._integers[:, at.DUE].min(initial=np.iinfo(np.int64).max))
 
     @property
@@ -113,7 +115,7 @@ class Taxels:
         return self._noise > 0.0 or self._imperfection is not None
 
     def reset(self) -> None:
-        """Takes the first frame now. Raises TciError as `frames` does."""
+        """Takes the first frame now. Raises TciError like `frames`."""
         self._physics.refresh()
         self._integers[:, at.COUNT] = -1
         for number in range(len(self._patches)):
@@ -171,7 +173,7 @@ class Taxels:
     def vectors(self, patch: str) -> Array:
         """Returns the current force (taxels, 3) [N] on each taxel of a patch.
 
-        The components are along x, along y, and along the inward normal. Raises TciError as `frames` does.
+        The components are along x, along y, and along the inward normal. Raises TciError like `frames`.
         """
         self._physics.refresh()
         number = self.worn[patch]
@@ -192,7 +194,8 @@ class Taxels:
 def _spread(surface: Surface) -> Array:
     """Returns the area (n,) [m2] over which the force at each taxel is spread.
 
-    It is the taxel's own area plus its share of the surrounding gaps, in which nothing is measured.
+    This area is the sum of the taxel's area and of a part of the surrounding gaps, in which the skin measures
+    nothing.
     """
     column = float(np.interp(np.log(width(surface.areas)), np.log(WIDTHS), np.arange(len(WIDTHS))))
     low = min(int(column), len(WIDTHS) - 2)

@@ -25,8 +25,8 @@ _FIELDS = (
     mujoco.mjtConDataField.mjCONDATA_TANGENT,
 )
 _MOST_FORCE, _NET_FORCE = 2, 3
-"""MuJoCo's codes for two ways to report contacts. The first reports contacts sorted by force. The second
-merges all contacts into one at their centre of pressure, in world axes."""
+"""MuJoCo's codes for two ways to report contacts. The first code reports contacts sorted by force. The second
+code merges all contacts into a single contact at the centre of pressure, in world axes."""
 FINGER_TIP, FLOOR = "tci_finger_tip", "tci_floor"
 """Names of the geoms with which the skin collides."""
 FINGER_PRIORITY = 1
@@ -72,8 +72,8 @@ def stiff(step: float) -> list[float]:
 def add_skin(spec: mujoco.MjSpec, surface: Surface, *, axes: int, step: float, floor: bool) -> None:
     """Adds a patch to the scene: a geom through its taxels, and a sensor of the contacts on this geom.
 
-    MuJoCo uses a mesh's convex hull for collisions. The mesh's faces are used only in pictures. Skin has
-    friction with the finger only if it has three `axes`. With `floor`, contacts with the floor have a
+    MuJoCo uses a mesh's convex hull for collisions. The mesh's faces are used only in pictures. The skin has
+    friction with the finger only if the patch has three `axes`. With `floor`, contacts with the floor have a
     separate sensor.
     """
     name = skin_geom(surface.patch)
@@ -125,8 +125,8 @@ def floor_sensor(patch: str) -> str:
 def _solid(surface: Surface) -> tuple[Array, NDArray[np.intp]]:
     """Returns vertices (v, 3) [m] and faces (f, 3) of a body that has this surface.
 
-    The taxels of a limb enclose a body. Taxels of a sheet, and single taxels, become plates of their own
-    area.
+    The taxels of a limb enclose a body. Each taxel of a sheet, and each single taxel, becomes a plate with
+    the taxel's area.
     """
     if len(surface.faces) and not is_sheet(surface.normals):
         return surface.positions, surface.faces
@@ -146,7 +146,8 @@ def contact_truth(physics: Physics, patch: str, torso: Callable[[], Array]) -> C
     """Returns the current contacts on a patch.
 
     The contacts come from the physics, not from the sensor that the skin uses. `torso` is a function that
-    returns the pose (4, 4) of the torso in the world. It is called only if there is a contact.
+    returns the pose (4, 4) of the torso in the world. The function `torso` is called only if there is a
+    contact.
     """
     physics.refresh()
     model, data = physics.model, physics.data

@@ -29,10 +29,11 @@ from tci.skin.surfaces import Surface, surfaces_of
 
 MIDDLEWARE = "sim"
 MAX_STEP = 0.005
-"""Longest step [s] of the physics. It equals the time constant of the servos. With steps of 0.002 s or more,
-contacts are softer than with shorter steps."""
+"""Longest step [s] of the physics. This step equals the time constant of the servos. With steps of 0.002 s or
+more, contacts are softer than with shorter steps."""
 MAX_TIP = 0.05
-"""Largest radius [m] of the finger's tip. It is the radius of the largest ball that a hand can hold."""
+"""Largest radius [m] of the finger's tip. This value is the radius of the largest ball that a hand can
+hold."""
 
 
 class World:
@@ -134,7 +135,8 @@ class World:
     def data(self) -> mujoco.MjData:
         """MuJoCo's data.
 
-        Contacts and poses belong to the joint angles before the latest step. To update them, call `refresh`.
+        Contacts and poses belong to the joint angles before the latest step. Call `refresh` to update
+        contacts and poses.
         """
         return self._physics.data
 
@@ -168,7 +170,7 @@ class World:
     def advance(self, until: float) -> None:
         """Steps the physics until `time` is at least `until` [s].
 
-        Also takes the skin frames that become due.
+        Also creates the skin frames whose time is reached.
         """
         last = math.ceil(until / self._physics.step - 1e-6)
         while self._physics.steps < last:
@@ -204,7 +206,7 @@ class World:
     def set_power(self, servos: ArrayLike, on: bool) -> None:
         """Switches servos (k,) off, which makes them limp, or on.
 
-        Servos that are switched on hold their current angles. Raises CommandError.
+        Servos that are switched on keep their current angles. Raises CommandError.
         """
         self._servos.set_power(servos, on)
 
@@ -234,7 +236,7 @@ class World:
         """Returns exact current angles and velocities of all servos.
 
         The angle of a servo without a joint is its target. Torques are the motors' torques. If the robot
-        measures touches through its joints, torques are those at the joints' outputs.
+        detects touches through joint torques, the torques are those at the joints' outputs.
         """
         found = self._servos.measured()
         return JointReading(
@@ -259,11 +261,11 @@ class World:
     def skin_point(
         self, patch: str, place: int | ArrayLike, normal: ArrayLike | None = None
     ) -> tuple[Array, Array]:
-        """Returns the current position (3,) [m] and outward normal (3,) of a place on the skin.
+        """Returns the current position (3,) [m] and outward normal (3,) of a point on the skin.
 
         Both are in the torso frame. `place` is a taxel, or a point (3,) [m] in the frame of the patch's link.
-        If a `normal` (3,) in that frame is given, it replaces the surface normal. Raises UnknownNameError,
-        CommandError.
+        An outward `normal` (3,) in the link's frame replaces the surface normal, if given. Raises
+        UnknownNameError, CommandError.
         """
         return self.to_torso(*self._skin.point(patch, place, normal))
 
@@ -274,7 +276,7 @@ class World:
     def skin_point_in_world(
         self, patch: str, place: int | ArrayLike, normal: ArrayLike | None = None
     ) -> tuple[Array, Array]:
-        """Returns the position (3,) [m] and outward normal (3,) of a place on the skin, in the world frame.
+        """Returns the position (3,) [m] and outward normal (3,) of a point on the skin, in the world frame.
 
         The arguments are those of `skin_point`.
         """
@@ -285,7 +287,7 @@ def start_angles(robot: Robot, posture: Mapping[str, ArrayLike]) -> Array:
     """Returns the angles (n,) [rad] of all servos for a generic posture (inverse of eq. 1).
 
     `posture` maps parts to generic angles [rad]. Other parts are at their initial posture. Servos that belong
-    to no part are at 0. All angles are clipped to their limits. Raises UnknownNameError, CommandError.
+    to no part are at 0. All angles are clipped to the servos' limits. Raises UnknownNameError, CommandError.
     """
     angles = np.zeros(len(robot.servos))
     given = {robot.part(name).name: np.asarray(values, dtype=float) for name, values in posture.items()}

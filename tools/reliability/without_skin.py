@@ -31,7 +31,7 @@ def felt_places(full: bool) -> Row:
         f"median error of the place {place * 100:.1f} cm; segment right for {share:.0%} of the pushes; "
         f"median error of the force {wrong:.0%}; error of the force at most 25 % for "
         f"{np.mean(force <= 0.25):.0%} of the pushes",
-        "place 5 cm, segment 85 %, force 25 % (median)",
+        "median errors at most 5 cm and 25 %, segment right for 85 %",
         bool(tried and place <= 0.05 and share >= 0.85 and wrong <= 0.25),
     )
 

@@ -21,7 +21,7 @@ from tci.robot.description import Robot
 DRIVERS = "tci.drivers"
 SERVERS = "tci.servers"
 HARMLESS = ("sim", "replay")
-"""Drivers that move no hardware. They are armed by default."""
+"""Names of the drivers that move no hardware. These drivers are armed by default."""
 
 
 def driver_names() -> tuple[str, ...]:
@@ -52,7 +52,7 @@ def load_server(name: str) -> Callable[..., Server]:
 
 
 def as_robot(given: object) -> Robot:
-    """Returns `given` if it is a robot; loads the robot if `given` is a name or path.
+    """Returns `given` if `given` is a robot. Loads and returns the robot if `given` is a name or path.
 
     Raises TciError if `given` is anything else, and the errors of `load_robot`.
     """
@@ -147,7 +147,7 @@ def _check(options: Iterable[str], factory: Any, what: str) -> None:
     options."""
     parameters = inspect.signature(factory).parameters.values()
     if any(one.kind is one.VAR_KEYWORD for one in parameters):
-        return  # it accepts any option and checks them itself
+        return  # the factory accepts any option and checks the options itself
     valid = [one.name for one in parameters if one.kind is one.KEYWORD_ONLY]
     for name in options:
         if name not in valid:

@@ -1,8 +1,7 @@
-"""`replay:FILE`: a recorded robot, which sends its recorded readings. No hardware is involved.
-
-Loop, behaviour and gate work as usual. If behaviour and settings are those of the recording, every decision
-equals the recorded decision bit for bit. With other settings, the replay shows the decisions of these
-settings for the recorded sensor data.
+"""`replay:FILE`: driver that returns the readings of a recording, without hardware. Loop, behaviour and gate
+work as with a robot. If behaviour and settings are those of the recording, every decision of the gate equals
+the recorded decision bit for bit. With other settings, the replay shows the decisions with these settings for
+the recorded sensor data.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from tci.robot.description import Robot
 def changed_versions(then: str) -> list[str]:
     """Returns as text the software versions of a recording that differ from the installed versions.
 
-    `then` holds the recording's versions as JSON. If `then` can't be read, returns an empty list.
+    `then` contains the recording's versions as JSON. If `then` is not valid JSON, returns an empty list.
     """
     try:
         known = json.loads(then)
@@ -38,7 +37,7 @@ def changed_versions(then: str) -> list[str]:
 
 
 class ReplayClock:
-    """A clock that shows the times of a recording in order."""
+    """A clock with the recorded times."""
 
     def __init__(self) -> None:
         self.time = 0.0
@@ -47,7 +46,7 @@ class ReplayClock:
         return self.time
 
     def sleep_until(self, stamp: float) -> None:
-        """Returns at once: the recording determines the time."""
+        """Returns immediately, since the recording determines the time."""
 
 
 class ReplayDriver(Driver):
@@ -56,8 +55,8 @@ class ReplayDriver(Driver):
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = True) -> None:
         """Opens the recording in the file `address`.
 
-        Raises DriverError if there is no file, or if the recording is of another robot or of another version
-        of the robot's description. Raises RecordingError if the file is no recording.
+        Raises DriverError if the file does not exist, or if the recording contains another robot or another
+        version of the robot's description. Raises RecordingError if the file is no recording.
         """
         if not address:
             raise DriverError("a replay needs a recording; valid: replay:FILE")

@@ -22,8 +22,8 @@ class Server(ABC):
     """Serves the robot of `driver` to other programs. All methods are called from the loop and never wait."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """Stores the driver. A subclass opens its ports here, and raises DriverError if a port can't be
-        opened."""
+        """Stores the driver. The constructor of a subclass opens the server's ports, and raises DriverError
+        if a port can't be opened."""
         self.driver = driver
         self.address = address
 
@@ -37,33 +37,32 @@ class Server(ABC):
 
     @abstractmethod
     def orders(self) -> Sequence[Order]:
-        """Returns the orders that arrived since the last call, oldest first."""
+        """Returns the orders that arrived since the last call, the oldest first."""
 
     def show(self, reading: Reading) -> None:
-        """Publishes urgent data, such as new skin frames, before the loop processes this period's reading.
-
-        After processing, the loop calls `publish`.
+        """Publishes urgent data, such as new skin frames. The loop calls `show` before processing the reading
+        of a period, and `publish` after processing.
         """
         return
 
     @abstractmethod
     def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
-        """Publishes this period's joints and skin, the perception, and the command that the gate let
-        through."""
+        """Publishes the joints, the skin and the perception of one period, and the command that the gate
+        returned."""
 
     @abstractmethod
     def close(self) -> None:
-        """Closes every resource. A second call does nothing."""
+        """Releases all resources. A second call has no effect."""
 
     @abstractmethod
     def refuse(self, order: Order, reason: Reason) -> None:
-        """Reports to the sender of an order why the order was refused before the gate.
-
-        Refusals by the gate are in the argument `sent` of `publish`.
+        """Reports a refusal to the sender of an order, if the order was refused before the order reached the
+        gate. Refusals by the gate are in the argument `sent` of `publish`.
         """
 
     def fault(self) -> Reason | None:
-        """Returns a reason for which the robot must hold, such as a commander that is silent, or None."""
+        """Returns a reason for which the robot must hold, such as a commander that sends no messages, or
+        None."""
         return None
 
     def __enter__(self) -> Self:

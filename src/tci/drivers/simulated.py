@@ -1,4 +1,4 @@
-"""`sim`: a simulated robot behind the interface of a real one."""
+"""`sim`: driver of a simulated robot, with the interface of the drivers of real robots."""
 
 from __future__ import annotations
 
@@ -22,12 +22,13 @@ FASTEST = 10_000.0
 """Highest rate [Hz] of commands that can be set. Assumed: ten times the rate of the fastest robots'
 controllers."""
 LATE = 0.1
-"""Delay [s] above which a paced simulation does not catch up with real time. Assumed: if the simulation
-caught up after a longer delay, clients would see a jump."""
+"""Delay [s] above which a simulation with `paced` no longer makes up for the delay. Assumed: if the
+simulation made up for a longer delay, the robot would seem to jump."""
 
 
 class WorldClock:
-    """The clock of the simulation. `sleep_until` does not wait, but simulates up to that time."""
+    """The clock of the simulation. `sleep_until` does not wait, but runs the simulation until the given
+    time."""
 
     def __init__(self, world: World) -> None:
         self._world = world
@@ -59,8 +60,7 @@ class PacedWorldClock(WorldClock):
 
 
 class SimulatedDriver(Driver):
-    """A driver of a simulated robot. The driver is armed from the start, since a simulation can do no
-    harm."""
+    """A driver of a simulated robot. The driver is always armed, since a simulation can cause no harm."""
 
     def __init__(
         self,

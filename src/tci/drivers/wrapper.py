@@ -13,7 +13,7 @@ from tci.messages import Reading
 
 
 class DriverWrapper(Driver):
-    """A driver that wraps the driver `inner`. Every method calls the method of the same name of `inner`.
+    """A driver that wraps the driver `inner`. Every method calls the method of `inner` with the same name.
 
     Subclasses override the methods that they change.
     """

@@ -1,4 +1,4 @@
-"""A client of a Player server. The client waits for answers only while it connects."""
+"""A client of a Player server. The client waits for answers only while connecting."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ TIMEOUT = 3.0
 """Time [s] within which a server must answer. Assumed: on a local network, servers answer within a second."""
 CHUNK = 1 << 16
 PER_POLL = 64
-"""Largest number of chunks of CHUNK bytes that one call reads. Assumed: this number bounds the time of a call
-when very much data arrives."""
+"""Largest number of chunks of CHUNK bytes that one call of `poll` reads. Assumed: this number bounds the time
+of a call if very much data arrives."""
 ADDRESS = re.compile(r"(?P<host>[A-Za-z0-9_.-]*|\[[0-9a-fA-F:]+\])(:(?P<port>[0-9]{1,5}))?")
 
 
@@ -68,7 +68,8 @@ class Client:
             raise
 
     def devices(self) -> list[tuple[int, int]]:
-        """Returns interface and index of each device of the server. Raises DriverError."""
+        """Returns interface and index of each device of the server. Raises DriverError if the server does not
+        answer."""
         try:
             return to_devices(self._request(DEVLIST, b"").body)
         except FrameError as error:
@@ -81,7 +82,7 @@ class Client:
             raise DriverError(f"{self.where} refuses device {interface}:{index}")
 
     def poll(self) -> list[Message]:
-        """Returns the messages that have arrived, oldest first. Never waits for a message."""
+        """Returns the messages that have arrived, the oldest first. Never waits for a message."""
         found, self._waiting = self._waiting, []
         self._socket.setblocking(False)
         for _ in range(PER_POLL):
@@ -99,9 +100,8 @@ class Client:
         return found
 
     def send(self, message: Message) -> bool:
-        """Sends a message without waiting; returns True if the message was sent.
-
-        If the message can't be sent at once, it is dropped.
+        """Sends a message without waiting. Returns True if the message was sent. Drops a message that can't
+        be sent immediately.
         """
         data = message.to_bytes()
         try:
@@ -112,7 +112,8 @@ class Client:
         except OSError as error:
             self.lost = self.lost or str(error)
             return False
-        if sent < len(data):  # a message that has begun must be finished, or the stream is out of step
+        # the rest of the message must follow, otherwise the server reads wrong message boundaries
+        if sent < len(data):
             self._socket.settimeout(TIMEOUT)
             try:
                 self._socket.sendall(data[sent:])
@@ -122,7 +123,7 @@ class Client:
         return True
 
     def command(self, interface: int, index: int, subtype: int, body: bytes) -> bool:
-        """Sends a command to a device; returns True if the command was sent."""
+        """Sends a command to a device. Returns True if the command was sent."""
         return self.send(
             Message(interface, index, Kind.COMMAND, subtype, time.time(), body, robot=self._robot)
         )
@@ -135,9 +136,8 @@ class Client:
         self.lost = self.lost or "closed"
 
     def _request(self, subtype: int, body: bytes) -> Message:
-        """Sends a request to the server and returns the answer.
-
-        Data that arrives before the answer is kept for `poll`.
+        """Sends a request to the server and returns the answer. Stores data that arrives before the answer,
+        for the next call of `poll`.
         """
         self.send(Message(PLAYER, 0, Kind.REQUEST, subtype, 0.0, body, robot=self._robot))
         end = time.monotonic() + TIMEOUT
@@ -185,7 +185,7 @@ class Client:
         return data
 
     def _acknowledge(self) -> None:
-        """Acknowledges data immediately; otherwise a server with Nagle's algorithm waits 40 ms before it
-        sends."""
+        """Acknowledges received data immediately. Without the acknowledgement, a server with Nagle's
+        algorithm waits 40 ms before sending more data."""
         if hasattr(socket, "TCP_QUICKACK"):
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)

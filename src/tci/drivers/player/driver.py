@@ -1,8 +1,8 @@
-"""`player:[HOST][:PORT]`: a robot behind a Player server, which may be another TCI process.
+"""`player:[HOST][:PORT]`: driver for a robot on a Player server, which may be another TCI process.
 
 The device actarray:N has the joints of the robot's N-th part; opaque:N has the skin of its N-th patch. N
-counts from 0. The robot's binding `player` may set other numbers. The devices from opaque:99 on carry the
-protocol between TCI processes (`remote`).
+counts from 0. The robot's binding `player` may set other numbers. The devices with indices from opaque:99 on
+transport the messages between TCI processes (`remote`).
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ from tci.robot.description import Robot
 STATES, FRAMES = 99, 100
 """Indices of two opaque devices for TCI processes: the robot's states, and the frames of the first patch."""
 WAIT = 5.0
-"""Time [s] that a driver waits for joints and skin when it opens. Assumed: a server sends joints and skin in
-every period."""
+"""Time [s] that a new driver waits for joints and skin. Assumed: a server sends joints and skin in every
+period."""
 
 
 def numbers(robot: Robot) -> dict[tuple[int, int], str]:
-    """Returns the name of the part or patch of each device; keys are interface and index.
+    """Returns the name of the part or patch of each device, by the interface and the index of the device.
 
     Raises DriverError if the binding has an invalid address.
     """
@@ -63,11 +63,11 @@ def numbers(robot: Robot) -> dict[tuple[int, int], str]:
 
 
 class PlayerDriver(RemoteDriver):
-    """A driver of a robot behind a Player server."""
+    """A driver of a robot on a Player server."""
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = False, wait: float = WAIT) -> None:
-        """Connects. Raises DriverError if there is no server, if devices are missing, or if no joints arrive
-        in time."""
+        """Connects to the server. Raises DriverError if no server answers, if devices are missing, or if no
+        joint data arrives in time."""
         host, port = parse(address)
         super().__init__(robot, middleware="player", place=f"{host}:{port}", arm=arm)
         self._devices = numbers(robot)
@@ -179,7 +179,8 @@ class PlayerDriver(RemoteDriver):
                 self._refuse(error)
 
     def _accept_data(self, name: str, message: Message) -> None:
-        """Decodes and stores joints of a part or a frame of a patch. Raises FrameError."""
+        """Decodes and stores the joint data of a part or a frame of a patch. Raises FrameError if the data is
+        invalid."""
         clock, count = self._arrived[name]
         if message.interface == OPAQUE:
             values = to_raw(to_blob(message.body), self.robot.patch(name).channels)

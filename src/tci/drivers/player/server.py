@@ -1,5 +1,5 @@
-"""A robot served as a Player server: one actarray per part, one opaque per patch, and the `remote`
-protocol."""
+"""Serves a robot as a Player server with one actarray device per part, one opaque device per patch, and
+devices for the messages of `remote`."""
 
 from __future__ import annotations
 
@@ -59,14 +59,14 @@ from tci.robot.joint_map import initial_position
 from yarpwire.connection_limit import AcceptedConnection, ConnectionLimit
 
 BACKLOG = 128
-"""Largest number of connections that wait to be accepted, and that are accepted in one period. Assumed:
-this number bounds the time of a period when very many clients connect."""
+"""Largest number of connections that wait to be accepted, and of connections that the server accepts in one
+period. Assumed: this number bounds the time of a period if very many clients connect."""
 MOST_WAITING = 1 << 16
-"""Largest number of bytes that may wait for a slow client. While more bytes wait, further data for the client
-is dropped. Assumed: this number bounds the memory, and the age of the data that a client gets."""
+"""Largest number of bytes that may wait for a slow client. While more bytes wait, the server drops further
+data for the client. Assumed: this number bounds the memory, and the age of the data that a client gets."""
 MOST_OWED = 1 << 20
-"""Largest number of bytes that may wait for a client. If more bytes wait, the client is disconnected; needed
-since replies, unlike data, are never dropped. Assumed: this number bounds the memory."""
+"""Largest number of bytes, including replies, that may wait for a client. If more bytes wait, the server
+disconnects the client, since the server never drops replies. Assumed: this number bounds the used memory."""
 DRIVER = b"tci\0"
 """Name of the driver that every device reports to clients."""
 
@@ -85,7 +85,7 @@ class _Client:
     """True if the client has requested data (pull mode) and waits for the message that ends the batch."""
 
     def send(self, message: Message) -> None:
-        """Queues a message for the client; drops a message with data if the client is slow.
+        """Queues a message for the client. Drops a message with data if the client reads too slowly.
 
         Raises FrameError if too many bytes are queued.
         """
@@ -128,7 +128,7 @@ class PlayerServer(RemoteServer):
         self._states, self._is_due = Every(1.0 / driver.robot.binding("player").rate), False
         self._arrived: deque[bytes] = deque(maxlen=64)
         self.rejected = 0
-        """Number of messages from clients that could not be used."""
+        """Number of invalid messages from clients."""
         self.last_error = ""
         """Error message of the last client that was disconnected because of an invalid message."""
         self._facts = blob(query(driver.robot).model_dump_json().encode())
@@ -259,7 +259,8 @@ class PlayerServer(RemoteServer):
         )  # fmt: skip
 
     def _reply(self, client: _Client, message: Message) -> bytes | None:
-        """Returns the answer to a request; None for an unknown request. Raises FrameError."""
+        """Returns the answer to a request, or None if the request is unknown. Raises FrameError if the
+        request is invalid."""
         if message.interface == PLAYER:
             if message.subtype == DEVLIST:
                 return devices(self._offered, self.port)

@@ -1,6 +1,6 @@
-"""Player's messages over TCP: a header of 40 bytes, then a body in big-endian XDR.
-
-The functions have no side effects. They check every length in a message before they use it.
+"""Encodes and decodes Player's messages over TCP. A message has a header of 40 bytes, then a body in
+big-endian XDR. The functions have no side effects, and check every length in a message before using the
+length.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ HEADER = struct.Struct(">IIIIIIdII")
 GREETING = 32
 """Number of bytes in a server's greeting after a client connects: the version, then zeros."""
 MOST = 1 << 20
-"""Longest body [bytes] that is accepted. Assumed: a skin frame is far shorter. Player's own limit is 8
+"""Length [bytes] of the longest accepted body. Assumed: a skin frame is far shorter. Player's own limit is 8
 MiB."""
 PLAYER, OPAQUE, ACTARRAY = 1, 51, 53
 """Player's codes of the three interfaces."""
@@ -38,8 +38,8 @@ power."""
 POSITION = 1
 """Subtype of a command that sets one position of an actarray."""
 FACTS = 1
-"""Subtype of the request for the robot's facts as JSON; only a TCI process answers it, at its device
-opaque:99."""
+"""Subtype of the request for the robot's facts as JSON. Only a TCI process answers this request, on the
+device opaque:99."""
 OPEN, CLOSE, ERROR = 1, 2, 3
 """Access modes of a device: the client requests OPEN or CLOSE, and the server answers with the mode or
 ERROR."""
@@ -60,7 +60,7 @@ class Kind(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One message."""
+    """One message of Player."""
 
     interface: int
     index: int
@@ -73,7 +73,7 @@ class Message:
     robot: int = 0
 
     def to_bytes(self, sequence: int = 0) -> bytes:
-        """Returns the message as bytes for the wire."""
+        """Returns the message as bytes for the connection."""
         head = HEADER.pack(
             self.host, self.robot, self.interface, self.index, self.kind, self.subtype, self.stamp, sequence,
             len(self.body),
@@ -88,9 +88,8 @@ class Stream:
         self._bytes = bytearray()
 
     def feed(self, data: bytes) -> Iterator[Message]:
-        """Adds received bytes and yields the messages that are complete.
-
-        Raises FrameError for a body longer than MOST. The stream can't be used after that.
+        """Adds received bytes and yields the messages that are complete. Raises FrameError for a body longer
+        than MOST. After this error, the stream is no longer usable.
         """
         self._bytes += data
         at = 0
@@ -118,7 +117,7 @@ def floats(values: Sequence[float] | Array) -> bytes:
 
 
 def to_floats(body: bytes) -> Array:
-    """Returns the numbers of an array that `floats` made. Raises FrameError."""
+    """Returns the numbers in bytes that `floats` returned. Raises FrameError if the bytes are invalid."""
     count = _count(body, 4)
     return doubles(np.frombuffer(body, dtype=">f4", count=count, offset=8))
 
@@ -129,7 +128,7 @@ def blob(data: bytes) -> bytes:
 
 
 def to_blob(body: bytes) -> bytes:
-    """Returns the data in the body of an opaque message. Raises FrameError."""
+    """Returns the data in the body of an opaque message. Raises FrameError if the body is invalid."""
     return body[8 : 8 + _count(body, 1)]
 
 
@@ -145,7 +144,8 @@ def actuators(position: Array, velocity: Array) -> bytes:
 
 
 def to_actuators(body: bytes) -> tuple[Array, Array]:
-    """Returns positions [rad] and speeds [rad/s] from the state of an actarray. Raises FrameError."""
+    """Returns positions [rad] and speeds [rad/s] from the state of an actarray. Raises FrameError if the
+    state is invalid."""
     found = np.frombuffer(body, dtype=ACTUATOR, count=_count(body, ACTUATOR.itemsize, rest=4), offset=8)
     return doubles(found["position"]), doubles(found["speed"])
 
@@ -154,7 +154,7 @@ def geometry(limits: Sequence[tuple[float, float, float, float]]) -> bytes:
     """Returns the geometry of an actarray as bytes.
 
     Each joint has four values: its lowest, highest and initial position [rad], and its largest speed [rad/s].
-    Player's fields for lengths and axes of links are zero; links are in the robot's facts.
+    Player's values for lengths and axes of links are zero, since the robot's facts describe the links.
     """
     joints = b"".join(
         struct.pack(">If6d5fI", ROTARY, 0.0, *([0.0] * 6), low, (low + high) / 2, high, home, speed, 0)
@@ -164,16 +164,16 @@ def geometry(limits: Sequence[tuple[float, float, float, float]]) -> bytes:
 
 
 def devices(found: Sequence[tuple[int, int]], robot: int) -> bytes:
-    """Returns the list of devices as bytes, with interface and index of each device.
-
-    As in `array`, the number of devices is written twice.
+    """Returns the list of devices as bytes, with interface and index of each device. The number of devices is
+    written twice, as Player and XDR require.
     """
     items = b"".join(struct.pack(">IIII", 0, robot, interface, index) for interface, index in found)
     return array(items, len(found))
 
 
 def to_devices(body: bytes) -> list[tuple[int, int]]:
-    """Returns interface and index of each device from a list that `devices` made. Raises FrameError."""
+    """Returns interface and index of each device from bytes that `devices` returned. Raises FrameError if the
+    bytes are invalid."""
     count = _count(body, 16)
     return [struct.unpack_from(">II", body, 16 + 16 * item) for item in range(count)]
 
@@ -184,7 +184,8 @@ def access(interface: int, index: int, mode: int, robot: int, driver: bytes = b"
 
 
 def to_access(body: bytes) -> tuple[int, int, int]:
-    """Returns interface, index and mode from a body that `access` made. Raises FrameError."""
+    """Returns interface, index and mode from bytes that `access` returned. Raises FrameError if the bytes are
+    invalid."""
     if len(body) < 20:
         raise FrameError(f"Player: access to a device in {len(body)} bytes; valid: 20 and a name")
     interface, index, mode = struct.unpack_from(">III", body, 8)
@@ -207,7 +208,7 @@ def skin(values: NDArray[np.generic]) -> bytes:
 
 
 def to_skin(data: bytes, channels: int) -> NDArray[np.generic]:
-    """Returns the raw values from bytes that `skin` made.
+    """Returns the raw values from bytes that `skin` returned.
 
     Raises FrameError if the number of bytes is not 1, 2, 4 or 8 for each channel.
     """

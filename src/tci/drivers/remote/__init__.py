@@ -1,1 +1,2 @@
-"""The protocol between TCI processes: one process owns the robot, other processes command the robot."""
+"""Protocol between TCI processes. One process owns the robot, and other processes send orders for the robot
+to this process."""

@@ -19,7 +19,7 @@ class RemoteAddress:
 
     middleware: str
     robot: str
-    """Name of the robot on the network; distinguishes several robots on one network."""
+    """Name of the robot on the network. The name distinguishes several robots on one network."""
     where: str
     """Address in the middleware's own form."""
 
@@ -28,8 +28,8 @@ class RemoteAddress:
 
 
 def parse_remote(middleware: str, text: str, robot: str, where: str) -> RemoteAddress:
-    """Parses an address `[NAME@][WHERE]`; defaults are `robot` and `where`. Raises DriverError for an invalid
-    NAME."""
+    """Parses an address `[NAME@][WHERE]`. The defaults for NAME and WHERE are `robot` and `where`. Raises
+    DriverError for an invalid NAME."""
     name, at, place = text.rpartition("@")
     name = name if at else wire_name(robot)[:LONGEST]
     if not re.fullmatch(rf"[A-Za-z0-9_-]{{1,{LONGEST}}}", name):

@@ -18,8 +18,8 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 LEASE = 1.0
-"""Time [s] for which a silent commander still keeps its joints; then other processes may command the joints.
-Assumed: the robot comes to rest within this time."""
+"""Time [s] after the last message of a commander for which other processes may not command the commander's
+joints. Assumed: the robot comes to rest within this time."""
 
 
 @dataclass(slots=True)
@@ -66,11 +66,12 @@ class CommandArbiter:
         self.rejected = 0
         """Number of rejected messages.
 
-        Reasons are: late, repeated, of another session, of a process that has left, of one process too many.
+        Reasons are: the message is late, is repeated, belongs to another session, is from a process that has
+        disconnected, or is from one more process than MOST_COMMANDERS.
         """
 
     def receive(self, message: Orders) -> None:
-        """Handles a message of a commander."""
+        """Checks and stores a message of a commander."""
         now = self._clock()
         member = self._members.get(message.client)
         fresh = message.session == self._session and 0.0 <= now - message.seen <= self._silence
@@ -111,7 +112,7 @@ class CommandArbiter:
         return reason
 
     def take(self) -> list[PlatformOrder]:
-        """Returns the orders for the gate, oldest first.
+        """Returns the orders for the gate, the oldest first.
 
         Refuses orders for joints that another commander has under command.
         """
@@ -146,7 +147,7 @@ class CommandArbiter:
         self._taken = []
 
     def states(self) -> tuple[Commander, ...]:
-        """Returns the entries of all commanders for the next state that is sent to them."""
+        """Returns the entries of all commanders for the next state that the server sends."""
         return tuple(
             Commander(client, member.name, member.acknowledged, member.refused, member.reason)
             for client, member in self._members.items()

@@ -1,7 +1,7 @@
 """Controllers of a robot that is served in the protocol of another middleware.
 
-Each controller accepts orders for one robot part. A controller counts as one commander, like a TCI process
-that commands the robot. So only one controller or process commands a joint at a time.
+Each controller accepts orders for one robot part. Each controller counts as one commander, as a TCI process
+does. Therefore only one controller or process commands a joint at a time.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ class PartControllers:
     """The controllers of one robot, one controller per robot part."""
 
     def __init__(self, robot: Robot, session: int, *, of: str) -> None:
-        """Makes the controllers. `session` is the number of the server; `of` names the clients in
-        messages."""
+        """Creates the controllers. `session` is the session number of the server. `of` is the name of the
+        clients in texts for people."""
         parts = dict.fromkeys(servo.robot_part for servo in robot.servos)
         self._parts = {part: _Part(robot, f"{of}, for {part}", session) for part in parts}
         self._arrived: deque[tuple[str, Make]] = deque(maxlen=MOST)
@@ -148,7 +148,7 @@ def values_order(robot_part: str, servos: tuple[Servo, ...], data: Any) -> Platf
 def movable(order: PlatformCommand, robot: Robot) -> PlatformCommand:
     """Returns the command without the joints that the gate can't move.
 
-    Needed since a message for a whole part also contains such joints.
+    Needed since a message for a whole part also contains joints that the gate can't move.
     """
     limits = (robot.servos[servo].limits for servo in order.servos)
     known = [None not in (s.lower, s.upper, s.velocity, s.acceleration, s.jerk) for s in limits]

@@ -30,8 +30,8 @@ TIMEOUT = 3.0
 """Time [s] within which a robot must answer when a driver is opened. Assumed: a served robot sends a state in
 every period."""
 STARTING = 30.0
-"""Time [s] within which a robot must answer if its process is known to run. Assumed: the process may still
-compile its computation kernels."""
+"""Time [s] within which a robot must answer if the robot's process is known to run. Assumed: after the start
+of a process, compiling code takes less time."""
 SKIN = 2.0
 """Time [s] that a driver waits for the first skin frames after the first state. Assumed: every patch has a
 shorter period than this. If frames of a patch are still missing, the driver opens, and the conditioning
@@ -46,8 +46,8 @@ class RemoteDriver(Driver):
     """Driver of a robot that another TCI process owns and serves.
 
     There are two gates. This driver's gate, in the behaviour's process, refuses invalid commands early. The
-    gate in the robot's process also checks collisions and following errors. If one of the two gates holds,
-    both hold.
+    gate in the robot's process also checks collisions and following errors. If one of the two gates is in the
+    state HOLD, the other gate also changes to HOLD.
 
     A subclass transfers messages in `_poll` and `_put`, and calls `_wait` at the end of its `__init__`.
     Stamps of readings are on this process's clock. Data that the transport delivers late has an old stamp.
@@ -56,7 +56,7 @@ class RemoteDriver(Driver):
     def __init__(
         self, robot: Robot, *, middleware: str, place: str, arm: bool, clock: Clock | None = None
     ) -> None:
-        """Prepares the connection; `place` is the robot's address for messages.
+        """Prepares the connection. `place` is the robot's address in texts for people.
 
         Raises UnknownNameError if the robot's description has no binding to `middleware`.
         """
@@ -65,14 +65,15 @@ class RemoteDriver(Driver):
         super().__init__(
             DriverInfo.of(
                 robot, middleware, clock=MonotonicClock() if clock is None else clock, armed=arm,
-                lease_name=f"{middleware}:{robot.name}:{self.client}",  # the robot's own lease is held there
+                # the robot's process has the lease on the robot
+                lease_name=f"{middleware}:{robot.name}:{self.client}",
                 settings=GateSettings(self_collision=None, monitor=None),
             )
         )  # fmt: skip
         self.place = place
         self.name = f"{socket.gethostname()}, process {os.getpid()}"
         self.refusals: deque[Reason] = deque(maxlen=100)
-        """Reasons for which the robot's process refused orders, latest last."""
+        """Reasons for which the robot's process refused orders, the latest last."""
         self.rejected = 0
         """Number of messages that were rejected because they were damaged, out of order or for another
         robot."""
@@ -105,7 +106,7 @@ class RemoteDriver(Driver):
         self.info = replace(self.info, gate=gate, lease_name=lease_name)
 
     def _starting(self) -> bool:
-        """Returns True if the robot's process is known to run, so that it is worthwhile to wait for a
+        """Returns True if the robot's process is known to run, so that the driver waits longer for a
         state."""
         return False
 
@@ -190,14 +191,15 @@ class RemoteDriver(Driver):
                     f"{self.robot.name} has not acknowledged orders for {1e3 * self.gate.stale_after:.0f} ms",
                 )
             )
-        # The robot's process is not sent its own reason, since each would then wait for the other.
+        # If the gate holds for a reason of the robot's process, this reason is not sent back. Otherwise both
+        # processes would hold for ever, each because of the other process.
         theirs = safe.reason is None or safe.reason.code in (Code.OWNER_HOLDS, Code.OWNER_REFUSES)
         self._send_orders(state, None if theirs else safe.reason, leaving=False)
 
     def _halt(self) -> None:
         """Drops pending orders, and requests a hold until the robot's process holds.
 
-        If the connection is lost, the robot's process holds by itself.
+        If the connection is lost, the robot's process holds the robot without a request.
         """
         if self._state is None or not self._sequence:
             return
@@ -213,7 +215,8 @@ class RemoteDriver(Driver):
     def _close(self) -> None:
         if self._state is not None and self._sequence:
             self._pending.clear()
-            with suppress(DriverError):  # otherwise the silence ends the command
+            # after a failure, the robot's process detects that no more messages arrive
+            with suppress(DriverError):
                 self._take()  # a message that refers to an old state would be rejected
                 self._send_orders(self._state, None, leaving=True)
 
@@ -231,12 +234,12 @@ class RemoteDriver(Driver):
     def _take(self) -> None:
         for message in self._poll():
             if self._state is None:
-                if isinstance(message, State):  # until then the session of a frame is unknown
+                if isinstance(message, State):  # frames before the first state have an unknown session
                     self._accept(message)
             elif message.session != self._state.session:
                 self.strangers += 1
-                # Its own states end the session only once the robot's process, which owns the robot, is
-                # silent.
+                # States of another session end this driver's session only if the robot's process of this
+                # session has sent nothing for the time LEASE.
                 if isinstance(message, State) and self.clock.now() - self._arrival > LEASE:
                     words = f"the process that owns {self.robot.name} was restarted; connect again"
                     self._lost = Reason(Code.OWNER_RESTARTED, words)
@@ -263,11 +266,12 @@ class RemoteDriver(Driver):
         while self._delays and (self._delays[0][0] < begin or self._delays[-1][1] >= delay):
             self._delays.popleft() if self._delays[0][0] < begin else self._delays.pop()
         self._delays.append((self._connected_time, delay))
-        # The robot's time on this clock: when the state was sent, if its delay was the shortest one.
+        # The shift converts the robot's time to this process's clock, with the shortest delay of all states.
         self._shift = state.sent + self._delays[0][1] - state.now
 
     def _process_entry(self, commander: Commander) -> None:
-        """Handles the entry for this driver in a state from the robot's process."""
+        """Reads the entry for this driver in a state from the robot's process, and removes acknowledged
+        orders."""
         while self._pending and self._next - len(self._pending) <= commander.acknowledged:
             self._pending.popleft()
         if commander.refused > self._refused:

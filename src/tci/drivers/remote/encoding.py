@@ -1,4 +1,5 @@
-"""The messages of `remote` as bytes: an envelope with a check sum, then a body in ROS 2's CDR.
+"""Encodes and decodes the messages of `remote`. A message consists of an envelope with a checksum, then a
+body in ROS 2's CDR.
 
 The envelope has these fields:
 
@@ -7,7 +8,7 @@ The envelope has these fields:
 - the first 8 bytes of the SHA-256 of the robot's description
 - the CRC-32 of the 13 bytes before and of the body
 
-A message is refused before it is decoded if a field of its envelope is wrong.
+If a part of the envelope is wrong, the message is rejected and the body is not decoded.
 """
 
 from __future__ import annotations
@@ -42,8 +43,7 @@ ENVELOPE = struct.Struct("<4sc8sI")
 FAMILY = b"TCI"
 MAGIC = FAMILY + b"3"
 LONGEST = 1 << 16
-"""Size [bytes] of the longest message that is accepted. Assumed: this is about the size of UDP's longest
-datagram."""
+"""Size [bytes] of the longest accepted message. Assumed: this is about the size of UDP's longest datagram."""
 Kind = Literal[b"S", b"F", b"O"]
 """Kinds of messages: a state (S), a skin frame (F), orders (O)."""
 
@@ -128,7 +128,7 @@ def state_bytes(robot: Robot, state: State) -> bytes:
 
 
 def to_state(robot: Robot, data: bytes) -> State:
-    """Returns the State in a message. Raises FrameError."""
+    """Returns the State in a message. Raises FrameError if the message is invalid."""
     found = _decode(STATE, unseal(robot, b"S", data))
     columns = [found[name] for name in ("clients", "names", "acknowledged", "refused", "codes", "reasons")]
     sizes = {len(column) for column in columns}
@@ -160,9 +160,8 @@ def frame_bytes(robot: Robot, message: SessionFrame) -> bytes:
 
 
 def to_skin(robot: Robot, data: bytes) -> SessionFrame:
-    """Returns the skin frame in a message. Raises FrameError.
-
-    The number of values is not checked here; the conditioning checks it.
+    """Returns the skin frame in a message. Raises FrameError if the message is invalid. Skin conditioning
+    later checks the number of values.
     """
     found = _decode(FRAME, unseal(robot, b"F", data))
     frame = _checked(robot, to_frame, found)
@@ -193,7 +192,7 @@ def orders_bytes(robot: Robot, message: Orders) -> bytes:
 def to_orders(robot: Robot, data: bytes) -> Orders:
     """Returns the Orders in a message. Raises FrameError for an invalid message.
 
-    The values of the orders are not checked here; the gate checks them.
+    The gate later checks the values of the orders.
     """
     found = _decode(ORDERS, unseal(robot, b"O", data))
     counts, columns = found["counts"], [found[name] for name in ("servos", "values", "speeds")]

@@ -1,4 +1,4 @@
-"""A unique name for each host, needed to count the connections of each host."""
+"""Unique names of hosts. Needed to count the connections of each host."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from ipaddress import ip_address
 
 
 def numeric(host: str) -> str:
-    """Returns the numeric address of a host; all names of a host give one address.
+    """Returns the numeric address of a host. The result is equal for all names of one host.
 
-    - Every loopback address gives 127.0.0.1.
+    - For every loopback address, the result is 127.0.0.1.
     - If a host has several addresses, the lowest address is returned, and an IPv4 address before IPv6.
     - A name that can't be resolved is returned unchanged.
-    - `localhost` is never looked up, because it is missing in /etc/hosts on some machines.
+    - `localhost` is never looked up, because /etc/hosts lacks this name on some machines.
 
     The call waits for the network only if `host` is another name.
     """

@@ -18,15 +18,16 @@ from tci.messages import JointReading, PlatformOrder, SkinFrame
 from tci.reasons import Reason
 
 MOST_ORDERS = 64
-"""Largest number of orders in one message. Assumed: this number bounds the length of a message; a behaviour
-sends at most one order for each robot part in a period."""
+"""Largest number of orders in one message, to bound the length of a message. Assumed: a behaviour sends at
+most one order for each robot part in a period."""
 HIGHEST = 1 << 62
-"""Upper bound of the numbers of orders."""
+"""Upper bound of the sequence numbers of orders."""
 MOST_COMMANDERS = 16
 """Largest number of processes that may command one robot at a time. Assumed: this number bounds the length of
 a state, which has an entry for each process."""
 MOST_WORDS = 2000
-"""Largest length [characters] of a reason. Assumed: the reasons for all commanders fit in one state."""
+"""Largest length [characters] of a reason. Assumed: with this length, the reasons for all commanders fit in
+one state."""
 
 
 def shown(text: str, most: int) -> str:
@@ -39,7 +40,7 @@ class Commander:
     """Entry in a state for one commander, a process that commands the robot."""
 
     client: int
-    """Number of the commander."""
+    """Random number of the commander, equal to `Orders.client`."""
     name: str
     """Name of the commander, for texts that people read."""
     acknowledged: int
@@ -47,7 +48,7 @@ class Commander:
     refused: int
     """Number of the commander's last order that was refused; 0 if no order was refused."""
     reason: Reason | None
-    """Reason for the refusal."""
+    """Reason for the refusal of the order `refused`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +56,7 @@ class State:
     """State of the robot in one period."""
 
     session: int
-    """Random number of the robot's process; a new number after each start of the process."""
+    """Random number of the robot's process. Each start of the process has a new number."""
     sequence: int
     """Number of the state, which increases by one with each state of the session."""
     sent: float
@@ -64,9 +65,9 @@ class State:
     """Time [s] at which the state was sent, on the clock of the joints' stamps."""
     joints: JointReading
     gate: str
-    """State of the gate: run, hold, stop."""
+    """State of the gate: run, hold or stop."""
     reason: Reason | None
-    """Reason why the gate holds or has stopped; None while the gate runs."""
+    """Reason for the gate's state hold or stop. None in the state run."""
     commanders: tuple[Commander, ...]
 
 
@@ -88,17 +89,17 @@ class Orders:
     seen: float
     """`State.sent` [s] of the state to which this message is the reply."""
     client: int
-    """Random number of the sender; a new number after each start of the sender."""
+    """Random number of the sender. Each start of the sender has a new number."""
     name: str
     """Host and process of the sender, for texts that people read."""
     sequence: int
     """Number of the message, which increases by one with each message of the client."""
     halt: Reason | None
-    """Reason for which the sender's gate holds, so that the robot must also hold; None while that gate
-    runs."""
+    """Reason for which the sender's gate is in the state HOLD, so that the robot must also hold. None if the
+    sender's gate is in the state RUN."""
     leaving: bool
     """True if this is the last message of the sender."""
     first: int
     """Number of the first order in `orders`. The sender numbers its orders consecutively from 1."""
     orders: tuple[PlatformOrder, ...]
-    """All orders that no state has acknowledged yet, oldest first."""
+    """All orders that no state has acknowledged yet, the oldest first."""

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 
 JUMP = 1.0
-"""Smallest decrease [s] of the stamps, or of the delay below the previous minimum, that counts as a jump: the
-sender's clock was set, or the sender was restarted. A smaller decrease is caused by a message out of order,
-or by a faster path. Assumed: the delays of a local network are far shorter."""
+"""Smallest decrease [s] of the stamps, or of the delay below the previous minimum, that counts as a jump of
+the sender's clock. The clock jumps if a person sets the clock or restarts the sender. A smaller decrease has
+other causes: a message out of order, or a shorter delay of the network. Assumed: the delays of a local
+network are far shorter."""
 WINDOW = 5.0
 """Time window [s] for the minimum of the delay. If all delays in two windows are above the minimum, the
-shortest of them becomes the new minimum. Assumed: clocks drift by less than a millisecond in this time."""
+shortest of these delays becomes the new minimum. Assumed: clocks drift by less than a millisecond in this
+time."""
 FIRST = 20
 """Number of messages after which the offset may change only slowly. Assumed: the shortest delay occurs in
 these first messages."""
@@ -23,8 +25,8 @@ class SourceClock:
     """Converts a sender's stamps to this process's clock, and detects delayed messages.
 
     The shortest recent delay of a message counts as zero. If a message has a longer delay, the message counts
-    as older by the difference. This has three effects: delayed data does not look recent, the times between
-    messages are the sender's, and a jump of the sender's clock has no effect.
+    as older by the difference. Therefore delayed data does not look recent, the times between messages are
+    those on the sender's clock, and a jump of the sender's clock has no effect on later messages.
     """
 
     def __init__(self) -> None:
@@ -39,10 +41,10 @@ class SourceClock:
         """Returns the time [s] of measurement on this process's clock, or None for an outdated message.
 
         `stamp` [s] is on the sender's clock, `arrival` [s] on this process's clock. A message is outdated if
-        its stamp is not above the stamp of an earlier message. A stamp of 0 means that the message has no
-        stamp; then returns `arrival`.
+        the message's stamp is not above the stamp of an earlier message. A stamp of 0 means that the message
+        has no stamp. For such a message, returns `arrival`.
         """
-        if not 0.0 < stamp < 1e12:  # NaN fails this test too
+        if not 0.0 < stamp < 1e12:  # also true if `stamp` is NaN
             return arrival
         delay = arrival - stamp
         if self.difference is None or stamp < self._last - JUMP or delay < self._least - JUMP:

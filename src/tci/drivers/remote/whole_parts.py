@@ -25,7 +25,7 @@ class WholeParts:
         self._stays: dict[int, float] = {}
 
     def forget(self) -> None:
-        """Forgets all kept positions.
+        """Deletes the stored positions of joints without a command.
 
         Needed after the robot was disconnected or halted, since the robot's posture may have changed.
         """
@@ -34,8 +34,8 @@ class WholeParts:
     def complete(self, safe: SafeCommand, here: Array) -> dict[str, list[float]]:
         """Returns the set-points [rad] for each robot part that has a servo under command.
 
-        Each list has all servos of the part, in the order of `Robot.servos_of`. `here` (n_servos,) [rad]
-        holds the measured angles of all servos.
+        Each list has all servos of the part, in the order of `Robot.servos_of`. `here` (n_servos,) [rad] are
+        the measured angles of all servos.
 
         Raises DriverError if a command is not in position mode.
         """
@@ -46,7 +46,8 @@ class WholeParts:
         wanted = dict(zip(safe.servos.tolist(), safe.position.tolist(), strict=True))
         was_stopped, self._stopped = self._stopped, safe.state is GateState.STOP
         if not self._commanded <= wanted.keys() or (was_stopped and not self._stopped):
-            # Joints that are no longer under command may have been moved by hand, and their neighbours too.
+            # A person may have moved joints that are no longer under command, and other joints of their robot
+            # parts.
             self.forget()
         self._commanded = wanted.keys()
         for servo in wanted:

@@ -35,11 +35,11 @@ def stamp_of(fields: Mapping[str, Any]) -> float:
 
 
 class JointArrivals:
-    """Collects the JointStates of one robot from one publisher, or from several that each publish some
-    joints."""
+    """Collects the JointState messages of one robot. The robot may have several publishers that each publish
+    some joints."""
 
     def __init__(self, robot: Robot, indices: Mapping[str, int]) -> None:
-        """Takes the robot and the `indices` of its servos by their joint names in ROS."""
+        """Stores the robot and `indices`, the indices of the robot's servos by joint name in ROS."""
         self._robot = robot
         self._names = indices
         self._orders: dict[tuple[str, ...], tuple[NDArray[np.intp], NDArray[np.intp]]] = {}
@@ -50,7 +50,7 @@ class JointArrivals:
         self._stamps = np.full(count, -np.inf)
         self._sequence = 0
         self.latest: JointReading | None = None
-        """The latest reading of all servos; None until data of every servo has arrived."""
+        """The latest reading of all servos. None until data of every servo has arrived."""
 
     @property
     def missing(self) -> list[str]:
@@ -60,8 +60,8 @@ class JointArrivals:
     def receive(self, fields: Mapping[str, Any], arrival: float) -> None:
         """Handles a JointState that arrived at `arrival` [s].
 
-        Raises FrameError if the message has not one position for each name. Velocities and efforts may be
-        empty; if they are not, each name needs a velocity or effort, too.
+        Raises FrameError if the number of positions differs from the number of names. Also raises FrameError
+        if velocities or efforts are not empty and their number differs from the number of names.
         """
         names = tuple(fields["name"])
         position, velocity, effort = fields["position"], fields["velocity"], fields["effort"]
@@ -94,8 +94,8 @@ class JointArrivals:
             )
 
     def _order(self, names: tuple[str, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Returns the indices of the servos in a message, and the places of these servos in its list
-        `names`."""
+        """Returns the indices of the servos in a message, and the places of these servos in the message's
+        list `names`."""
         if names not in self._orders:
             if len(self._orders) >= MOST_ORDERS:
                 raise FrameError(f"JointState: more than {MOST_ORDERS} different lists of names")
@@ -133,7 +133,8 @@ class ImuArrivals:
         if self._kinematics is None:
             return
         gravity, root = to_gravity(fields), self._kinematics.links[0]
-        if gravity is None or fields["linear_acceleration_covariance"][0] == -1.0:  # by the ROS message
+        # the definition of Imu uses -1 for a missing acceleration
+        if gravity is None or fields["linear_acceleration_covariance"][0] == -1.0:
             raise FrameError("Imu: no acceleration")
         link = fields["frame_id"] or root
         if link not in self._kinematics.links:
@@ -165,7 +166,7 @@ class SkinArrivals:
         self._clock = SourceClock()
         self._sequence = 0
         self.latest: SkinFrame | None = None
-        """The latest frame; None until a frame has arrived."""
+        """The latest frame. None until a frame has arrived."""
 
     def receive(self, fields: Mapping[str, Any], values: NDArray[np.generic], arrival: float) -> None:
         """Handles raw values that arrived at `arrival` [s]."""

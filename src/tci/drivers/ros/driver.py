@@ -1,8 +1,7 @@
-"""A driver over any kind of ROS, for robots that a TCI process serves and robots with their own ROS topics.
-
-The driver detects which of the two it has found when it opens. A TCI process sends states and accepts orders
-(`remote`), and the gate in that process plans the motion. For a robot with its own ROS topics, the gate in
-this process plans the motion, and the robot receives the set-points.
+"""A driver over any kind of ROS, for robots that a TCI process serves and for robots with their own ROS
+topics. A new driver detects the kind of the robot. A TCI process sends states and accepts orders (`remote`),
+and the gate in that process plans the motion. For a robot with its own ROS topics, the gate in this process
+plans the motion, and the robot receives the set-points.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from tci.recording.schemas import JOINTS
 from tci.robot.description import Robot
 
 WAIT = 5.0
-"""Time [s] that a driver waits for the robot's joints when it opens. Assumed: discovery of nodes takes a few
+"""Time [s] that a new driver waits for the robot's joint data. Assumed: discovery of nodes takes a few
 seconds."""
 STATE_WAIT = 0.5
 """Time [s] after which a robot counts as one with its own ROS topics, if joints but no states are published.
@@ -91,7 +90,7 @@ class RosDriver(RemoteDriver):
         self._node.poll()
         reading = self._native.reading()
         was_away, self._away = self._away, self.clock.now() - reading.joints.stamp > self.gate.stale_after
-        if was_away and not self._away:  # its posture may have changed
+        if was_away and not self._away:  # the robot's posture may have changed
             self.gate.drop()
             self._native.forget()
         return reading
@@ -99,7 +98,8 @@ class RosDriver(RemoteDriver):
     def _send(self, safe: SafeCommand) -> None:
         if not self._native:
             super()._send(safe)
-        elif not self._away or np.any(safe.velocity):  # it stops in any case, and gets no more commands
+        # if no data arrives, send only until the commanded speeds are zero
+        elif not self._away or np.any(safe.velocity):
             self._native.send(safe)
 
     def _halt(self) -> None:
@@ -136,14 +136,14 @@ class RosDriver(RemoteDriver):
         return keep
 
     def _where_else(self) -> str:
-        """Returns advice for the user if no node publishes the robot's joints."""
+        """Returns advice for the user, for the case that no node publishes the robot's joints."""
         return ""
 
     def _is_tci(self, wait: float) -> bool:
         """Returns True if a TCI process serves the robot, False if the robot has its own ROS topics.
 
-        Raises DriverError if no node publishes the joints within `wait` [s]. Raises DriverError, without
-        waiting that long, if the topic of the joints has another type than JointState.
+        Raises DriverError if no node publishes the joints within `wait` [s]. Also raises DriverError,
+        immediately, if the topic of the joints has another type than JointState.
         """
         begin = time.monotonic()
         plain_since = np.inf
@@ -152,7 +152,8 @@ class RosDriver(RemoteDriver):
             if self._received:
                 self._wait()
                 return True
-            # A TCI process offers its states before its joints, hence this order.
+            # The joints are checked first, since a TCI process offers the topic of states before the topic of
+            # joints.
             offered = self._node.types_of(self._names.joints)
             shown = bool(self._node.types_of(self._names.state))
             now = time.monotonic()

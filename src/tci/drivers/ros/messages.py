@@ -1,4 +1,4 @@
-"""Types of the standard ROS messages that only the ROS drivers use, and not the recordings."""
+"""Types of the standard ROS messages that the ROS drivers use and that recordings do not use."""
 
 from __future__ import annotations
 

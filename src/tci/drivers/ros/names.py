@@ -22,7 +22,7 @@ class Names:
     def __init__(self, robot: Robot, middleware: str, namespace: str) -> None:
         """Takes the robot, the middleware of its binding, and a `namespace` that `namespace_of` returned.
 
-        Raises DriverError if two servos, two parts or two patches would have one name in ROS.
+        Raises DriverError if two servos, two parts or two patches would have equal names in ROS.
         """
         self._robot = robot
         self._binding = robot.binding(middleware)
@@ -45,7 +45,7 @@ class Names:
 
     @property
     def joints(self) -> str:
-        """Topic of sensor_msgs/JointState; the name is that of ros2_control's joint_state_broadcaster."""
+        """Topic of sensor_msgs/JointState, with the name that ros2_control's joint_state_broadcaster uses."""
         return self.topic("joint_states")
 
     @property

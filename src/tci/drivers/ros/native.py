@@ -1,6 +1,5 @@
-"""A robot with the topics of ros2_control.
-
-The driver receives JointState and sends JointTrajectory or Float64MultiArray.
+"""Reads and commands a robot with the topics of ros2_control. TCI receives JointState, and sends
+JointTrajectory or Float64MultiArray.
 """
 
 from __future__ import annotations
@@ -34,9 +33,8 @@ class NativeRobot:
     def __init__(
         self, robot: Robot, node: RosNode, names: Names, *, arm: bool, period: float, now: Callable[[], float]
     ) -> None:
-        """Subscribes to joints, accelerations and skin; with `arm`, also offers the topics of commands.
-
-        A commanded position is to be reached after one `period` [s].
+        """Subscribes to joints, accelerations and skin. With `arm`, also offers the topics of commands. The
+        robot has to reach a commanded position after one `period` [s].
         """
         self.robot = robot
         self._names = names
@@ -74,7 +72,7 @@ class NativeRobot:
         return Reading(joints, tuple(frame for frame in frames if frame is not None))
 
     def forget(self) -> None:
-        """Forgets the positions that joints without a command keep.
+        """Deletes the stored positions of joints without a command.
 
         Needed after the robot was disconnected or halted, since the robot's posture may have changed.
         """

@@ -1,4 +1,4 @@
-"""The interface to ROS for drivers and servers. They need only topics, no services or actions."""
+"""Interface to ROS for drivers and servers. The interface has topics, but no services or actions."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from tci.errors import DriverError, TciError
 from tci.rosmsg.cdr import MessageType
 
 Publish = Callable[[Sequence[Any]], None]
-"""Function that sends one message; takes the message's values in the order of `MessageType.flat`."""
+"""Function that sends one message. The argument has the message's values in the order of
+`MessageType.flat`."""
 Callback = Callable[[Mapping[str, Any]], None]
-"""Function that handles one message; takes the fields that `tci.rosmsg.cdr.decode` returns. If the function
-raises an error, the message is counted as rejected and dropped."""
+"""Function that handles one message. The argument has the fields that `tci.rosmsg.cdr.decode` returns. If the
+function raises an error, the node drops the message and counts the message as rejected."""
 LIFESPAN = 0.1
 """Time [s] after which a message that the middleware has stored is no longer delivered. Assumed: older joint
 data or commands are useless."""
 MOST_REASONS = 100
-"""Largest number of reasons that are counted separately. Assumed: this number bounds the memory, since
-reasons contain text from received messages, which may differ each time."""
+"""Largest number of reasons that are counted separately. Assumed: this number bounds the used memory, since a
+reason contains text from the received message and may be new for each message."""
 NAMESPACE = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)*")
 
 
@@ -30,27 +31,27 @@ class RosNode(ABC):
 
     def __init__(self) -> None:
         self.rejected: Counter[str] = Counter()
-        """Number of messages that could not be used, by the reason."""
+        """Number of rejected messages, by the reason."""
         self.silent: set[str] = set()
         """Nodes that ROS lists as publishers of a requested topic, but that do not answer."""
 
     @abstractmethod
     def advertise(self, topic: str, kind: MessageType, *, latched: bool = False) -> Publish:
-        """Offers a topic; returns the function that sends a message on the topic.
-
-        If `latched`, nodes that subscribe later also get the last message.
+        """Offers a topic and returns the function that sends a message on this topic. With `latched`, nodes
+        that subscribe later also receive the last message.
         """
 
     @abstractmethod
     def subscribe(
         self, topic: str, kind: MessageType, callback: Callback, *, latched: bool = False, keep: int = 1
     ) -> None:
-        """Passes the messages of a topic to `callback`; between two polls, only the last `keep` messages."""
+        """Subscribes to a topic and passes the messages to `callback`. If more than `keep` messages arrive
+        between two polls, passes only the last `keep` messages."""
 
     @abstractmethod
     def types_of(self, topic: str) -> tuple[str, ...]:
-        """Returns the message types with which running nodes offer a topic; empty if no node offers the
-        topic."""
+        """Returns the message types with which running nodes offer a topic. The result is empty if no node
+        offers the topic."""
 
     @abstractmethod
     def close(self) -> None:
@@ -66,8 +67,8 @@ class RosNode(ABC):
         return True
 
     def _pass_on(self, topic: str, decoded: Callable[[], Mapping[str, Any]], callback: Callback) -> None:
-        """Decodes one message and passes it to the callback; counts the message as rejected if either step
-        fails."""
+        """Decodes one message and passes the fields to the callback. Counts the message as rejected if
+        decoding or the callback fails."""
         try:
             callback(decoded())
         except (TciError, ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:

@@ -45,8 +45,8 @@ MASTER_TIMEOUT = 3.0
 """Time [s] within which the ROS master or a node must answer. Assumed: on a local network, both answer within
 a second."""
 BUFFER = 1 << 20
-"""Largest number of bytes that a subscriber reads at once; of many waiting messages, only the newest is used.
-Assumed: hundreds of messages have fewer bytes."""
+"""Largest number of bytes that a subscriber reads in one step, so that only the newest of many waiting
+messages is used. Assumed: hundreds of messages have fewer bytes."""
 MASTER = "http://localhost:11311"
 """Address of the ROS master if ROS_MASTER_URI is not set."""
 NEEDED = ("rospy", "sensor_msgs.msg", "trajectory_msgs.msg")
@@ -104,14 +104,14 @@ class Ros1Node(RosNode):
             self._rospy.init_node(name, anonymous=True, disable_signals=True)
             self._serve_in_threads()
             for port in listening() - others:
-                ConnectionMonitor(port)  # runs to the end of this process, as the node does
+                ConnectionMonitor(port)  # the monitor and the node run until the end of this process
         self._topics: list[Any] = []
 
     def _serve_in_threads(self) -> None:
         """Makes rospy accept each connection in a thread of its own.
 
-        Needed since rospy has a single thread for new connections, which one silent client would block for
-        all.
+        Needed since rospy has a single thread for new connections, and one client that sends nothing would
+        block this thread.
         """
         server = import_module("rospy.impl.tcpros_base").init_tcpros_server()  # returns the existing server
         server.start_server()
@@ -145,7 +145,7 @@ class Ros1Node(RosNode):
 
     def types_of(self, topic: str) -> tuple[str, ...]:
         nodes: Sequence[str] = ()
-        with suppress(Exception):  # no master offers no topic
+        with suppress(Exception):  # without an answer of the master, the result is empty
             nodes = dict(self._master.getSystemState()[0]).get(topic, ())
         found = {dict(self._publications(node)).get(topic, "") for node in nodes} - {""}
         return tuple(sorted(type_.replace("/", "/msg/", 1) for type_ in found))
@@ -153,7 +153,7 @@ class Ros1Node(RosNode):
     def _publications(self, node: str) -> Sequence[tuple[str, str]]:
         """Returns the topics that a node publishes, with their types, as the node itself reports them.
 
-        The master's list is not used, since it also has nodes that were killed.
+        The master's list is not used, since the list also contains nodes that were killed.
         """
         uri = ""
         with suppress(Exception):
@@ -168,11 +168,11 @@ class Ros1Node(RosNode):
         self._flush()
         while self._topics:
             self._topics.pop().unregister()
-        self._master = None  # closes its connection
+        self._master = None  # deleting the proxy closes the connection to the master
 
     def _flush(self) -> None:
-        """Waits until rospy's threads have sent all published messages, which closing would otherwise
-        lose."""
+        """Waits until rospy's threads have sent all published messages. Without waiting, closing would lose
+        these messages."""
         publishers = [topic for topic in self._topics if isinstance(topic, self._rospy.Publisher)]
         queued = [connection for publisher in publishers for connection in publisher.impl.connections]
         until = time.monotonic() + FLUSH
@@ -192,8 +192,7 @@ def _stay_here() -> None:
 
 
 def _is_here() -> bool:
-    """Returns True if the ROS master and this machine's name in ROS are on this machine, so not on the
-    network."""
+    """Returns True if the addresses of the ROS master and of this machine in ROS are loopback addresses."""
     asked = urlsplit(os.environ.get("ROS_MASTER_URI") or MASTER).hostname, *map(os.environ.get, NAMES)
     return all(numeric(host) == "127.0.0.1" for host in asked if host)
 
@@ -242,8 +241,8 @@ class Ros1Server(RosServer):
 def _type(kind: MessageType) -> Any:
     """Returns the Python class of a message.
 
-    The installed class is used where possible, so that both sides of a topic have one checksum. Messages of
-    the package tci_msgs need no installation: their classes are generated.
+    The installed class is used if possible, so that the checksums of publisher and subscriber are equal.
+    Messages of the package tci_msgs need no installation: their classes are generated.
     """
     package, _, name = kind.name.split("/")
     if package != "tci_msgs":

@@ -1,8 +1,9 @@
-"""A ROS 2 node on cyclonedds, for machines without ROS 2. Other nodes see it like a node of ROS 2.
+"""A ROS 2 node on cyclonedds, for machines without ROS 2. For other nodes, this node looks like a node of ROS
+2.
 
-No Python thread receives messages. Cyclone keeps the newest messages until the loop polls.
-These environment variables have their usual effect in ROS 2: ROS_DOMAIN_ID, ROS_AUTOMATIC_DISCOVERY_RANGE,
-ROS_STATIC_PEERS and CYCLONEDDS_URI.
+No Python thread receives messages. Cyclone keeps the newest messages until the loop polls. The node follows
+these environment variables of ROS 2: ROS_DOMAIN_ID, ROS_AUTOMATIC_DISCOVERY_RANGE, ROS_STATIC_PEERS and
+CYCLONEDDS_URI.
 """
 
 from __future__ import annotations
@@ -56,7 +57,8 @@ GRAPH = MessageType(
     headed=False,
 )
 """Message that assigns the topics of a DDS participant to ROS nodes. `ros2 node list` needs this message."""
-# cyclonedds 11 announces `uint8` as TK_UINT8: programs on Cyclone 0.10, that of ROS 2, then crash.
+# `uint8` is declared as byte, because cyclonedds 11 announces `uint8` as TK_UINT8, and programs on Cyclone
+# 0.10 (the version in ROS 2) then crash.
 SIMPLE = {
     "bool": bool, "uint8": types.byte, "uint16": types.uint16, "int32": types.int32, "uint32": types.uint32,
     "int64": types.int64, "float64": types.float64, "string": str,
@@ -66,12 +68,11 @@ _HEADER = ("std_msgs/Header", (("builtin_interfaces/Time", "stamp"), HEADER[2]))
 
 
 class DdsNode(RosNode):
-    """A node on cyclonedds that other nodes see as a node of ROS 2."""
+    """A node on cyclonedds that looks like a node of ROS 2 to other nodes."""
 
     def __init__(self, name: str, namespace: str = "", *, reach: str = "LOCALHOST") -> None:
-        """Opens the node; `reach` is the range of discovery.
-
-        Raises DriverError if an environment variable has a value that is invalid or that Cyclone refuses.
+        """Opens the node. `reach` is the range of discovery. Raises DriverError if an environment variable
+        has a value that is invalid or that Cyclone refuses.
         """
         super().__init__()
         self._id = _domain_id()
@@ -108,7 +109,7 @@ class DdsNode(RosNode):
     def poll(self) -> None:
         for topic, kind, reader, callback, keep in self._readers:
             for sample in reader.take(keep):
-                if isinstance(sample, IdlStruct):  # otherwise a writer has left
+                if isinstance(sample, IdlStruct):  # any other sample means that a writer has disconnected
                     self._pass_on(topic, partial(decode, kind, sample.raw), callback)  # type: ignore[attr-defined] # _idl's
 
     def types_of(self, topic: str) -> tuple[str, ...]:
@@ -125,7 +126,8 @@ class DdsNode(RosNode):
     def close(self) -> None:
         if self._participant is None:
             return
-        self._participant.__del__()  # deletes all its entities, even if something still refers to them
+        # deletes all DDS entities of the participant, also if other objects refer to the entities
+        self._participant.__del__()
         self._participant = None
         self._readers.clear()
         for publisher in (*self._publishers, self._graph):
@@ -191,7 +193,8 @@ def type_hash(kind: MessageType) -> str:
 
 @cache
 def _idl(kind: MessageType) -> type[IdlStruct]:
-    """Returns the DDS type of a message. Its samples contain the bytes that `tci.rosmsg.cdr` encodes."""
+    """Returns the DDS type of a message. A sample of this type contains the bytes that `tci.rosmsg.cdr`
+    encodes."""
     needs = dict(kind.needs)
     if kind.headed:
         needs |= dict((_TIME, _HEADER))

@@ -1,4 +1,5 @@
-"""A ROS 2 node on the rclpy of the installed ROS 2, with the middleware (rmw) that this ROS 2 is set to."""
+"""A ROS 2 node that uses the rclpy of the installed ROS 2, with the middleware (rmw) that is configured for
+this ROS 2."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ from tci.errors import DriverError
 from tci.rosmsg.cdr import MessageType, decode, encode
 
 BEFORE_RANGES = ("foxy", "galactic", "humble")
-"""Distributions of ROS 2 without ROS_AUTOMATIC_DISCOVERY_RANGE; they have only ROS_LOCALHOST_ONLY."""
+"""Distributions of ROS 2 that have ROS_LOCALHOST_ONLY instead of ROS_AUTOMATIC_DISCOVERY_RANGE."""
 
 
 class RclpyNode(RosNode):
@@ -28,9 +29,8 @@ class RclpyNode(RosNode):
     callbacks."""
 
     def __init__(self, name: str, namespace: str = "", *, reach: str = "LOCALHOST") -> None:
-        """Opens the node; `reach` is the range of discovery.
-
-        Raises DriverError if rclpy refuses the value of an environment variable.
+        """Opens the node. `reach` is the range of discovery. Raises DriverError if rclpy refuses the value of
+        an environment variable.
         """
         super().__init__()
         self._context = rclpy.context.Context()
@@ -51,7 +51,8 @@ class RclpyNode(RosNode):
 
     def advertise(self, topic: str, kind: MessageType, *, latched: bool = False) -> Publish:
         qos = _qos(1, latched=latched, reliable=True)
-        if not latched:  # a lifespan, which latched messages must not have: the reader's clock differs
+        # latched messages have no lifespan, since a lifespan would depend on the reader's clock
+        if not latched:
             qos.lifespan = Duration(seconds=LIFESPAN)
         publisher = self._node.create_publisher(_type(kind), topic, qos)
 
@@ -99,7 +100,7 @@ class RclpyNode(RosNode):
 def _ranging(reach: str) -> Iterator[None]:
     """Sets the environment variable for the range of discovery inside the block.
 
-    rclpy reads the variable only when rclpy starts.
+    rclpy reads the variable only at the start of a context.
     """
     names = {"ROS_AUTOMATIC_DISCOVERY_RANGE": reach}
     if reach == "LOCALHOST" and os.environ.get("ROS_DISTRO") in BEFORE_RANGES:

@@ -55,7 +55,8 @@ class RosbridgeNode(RosNode):
             self.close()
             raise DriverError(f"no rosbridge server at {self._where}: {error}") from error
         try:
-            # Both kinds of ROS report the time; the names of its fields show which one this is.
+            # ROS 1 and ROS 2 report the time with different field names, so the answer shows which ROS this
+            # is.
             first = "secs" if "secs" in self._ask("get_time", "GetTime", {})["time"] else "sec"
         except DriverError:
             self.close()
@@ -75,9 +76,8 @@ class RosbridgeNode(RosNode):
         return send
 
     def _send_message(self, said: Mapping[str, Any]) -> None:
-        """Sends a message; call only in roslibpy's thread, which also opens and closes connections.
-
-        If there is no connection, the message is dropped. So old commands are never sent later.
+        """Sends a message. Call this method only in roslibpy's thread, which also opens and closes
+        connections. Drops the message if there is no connection, so that old commands are never sent later.
         """
         connection = self._ros.factory._proto
         if connection is not None and connection.transport.get_write_buffer_size() < MOST_WAITING:
@@ -101,7 +101,8 @@ class RosbridgeNode(RosNode):
         return (type_.replace("/msg/", "/").replace("/", "/msg/", 1),) if type_ else ()
 
     def supports(self, kind: MessageType) -> bool:
-        return not kind.name.startswith("tci_msgs/")  # the server would need the package
+        # these types work only if the server has the package tci_msgs
+        return not kind.name.startswith("tci_msgs/")
 
     def close(self) -> None:
         if not self._open:
@@ -114,8 +115,9 @@ class RosbridgeNode(RosNode):
         gone, connected = threading.Event(), self._ros.is_connected
         self._ros.on("close", lambda _: gone.set())
         factory = self._ros.factory
-        factory._stop = True  # otherwise it keeps trying to reconnect
-        factory.on_ready(lambda connection: connection.send_close())  # even if it is just opening
+        factory._stop = True  # otherwise the factory continues to reconnect
+        # also closes a connection that is opening
+        factory.on_ready(lambda connection: connection.send_close())
         if connected:
             gone.wait(TIMEOUT)
 

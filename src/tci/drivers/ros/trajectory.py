@@ -14,8 +14,8 @@ from tci.frames import Array
 from tci.messages import PlatformCommand
 
 MOST_POINTS = 10_000
-"""Largest number of points of one trajectory. Assumed: this number bounds the memory; at 100 points per
-second, this number lasts 100 s."""
+"""Largest number of points of one trajectory, to bound the used memory. Assumed: trajectories have at most
+100 points per second and last at most 100 s."""
 
 
 class Trajectory:
@@ -26,9 +26,9 @@ class Trajectory:
     ) -> None:
         """Starts a trajectory at the time `now` [s] from the robot's `position` (n_servos,) [rad].
 
-        `servos` are the indices of all servos of the part by joint name, `fields` the received message. If
-        the message has no points, it stops the joints that it names; if it names no joints, it stops all
-        joints of the part.
+        `servos` are the indices of all servos of the part by joint name, `fields` the received message. A
+        message without points stops the joints that are named in the message. A message without points and
+        without joint names stops all joints of the part.
 
         Raises CommandError if a joint does not belong to the part or is named twice, or if there are too many
         points. Also raises CommandError if a position is missing or not finite, or if the times do not

@@ -101,7 +101,7 @@ class Trees:
 
 
 def _plain(item: str, value: Any) -> Any:
-    """Returns a sequence in a form that ROS accepts: bytes for uint8, a list for all other types."""
+    """Returns a sequence in a form that ROS accepts: bytes for uint8, or a list for all other types."""
     if item == "uint8":
         return np.asarray(value, dtype=np.uint8).tobytes()
     return np.asarray(value).tolist() if item in NUMBERS else list(value)
@@ -111,7 +111,7 @@ def _numbers(name: str, item: str, value: Any) -> Any:
     if isinstance(value, bytes):
         return np.frombuffer(value, dtype=np.uint8)
     try:
-        if isinstance(value, str):  # JSON
+        if isinstance(value, str):  # rosbridge sends bytes in JSON as base64
             return np.frombuffer(base64.b64decode(value, validate=True), dtype=DTYPES[item])
         return np.array(value, dtype=DTYPES[item])
     except (TypeError, ValueError, OverflowError) as error:

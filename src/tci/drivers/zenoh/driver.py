@@ -30,10 +30,11 @@ from tci.messages import SkinFrame
 from tci.robot.description import Robot, wire_name
 
 PER_POLL = 16
-"""Largest number of messages that one call reads; of more messages, only the latest are kept. Assumed: this
-number bounds the time of a call when very many messages arrive."""
+"""Largest number of messages that one call reads. If more messages have arrived, the older messages are
+dropped. Assumed: this number bounds the time of a call if very many messages arrive."""
 QOS: dict[str, Any] = {
-    "congestion_control": zenoh.CongestionControl.DROP,  # the loop never waits; orders are repeated
+    # a dropped message does no harm, since orders are repeated; waiting would delay the loop
+    "congestion_control": zenoh.CongestionControl.DROP,
     "priority": zenoh.Priority.REAL_TIME,
     "express": True,
 }
@@ -116,10 +117,10 @@ class ZenohServer(RemoteServer):
         facts = query(driver.robot).model_dump_json()
         before = listening()
         self.session = open_session(self._where, "listen")
-        """The session."""
+        """Session of Zenoh."""
         self._monitors = [ConnectionMonitor(port) for port in listening() - before]
         self.rejected = 0
-        """Number of received messages that were no valid orders for this robot."""
+        """Number of received messages without valid orders for this robot."""
         self._orders = self.session.declare_subscriber(
             f"{self._key}/orders/*", zenoh.handlers.RingChannel(PER_POLL)
         )
@@ -128,7 +129,8 @@ class ZenohServer(RemoteServer):
             patch.name: self.session.declare_publisher(f"{self._key}/skin/{wire_name(patch.name)}", **QOS)
             for patch in driver.robot.skin
         }
-        key = f"{self._key}/facts"  # a query may be for tci/*/facts
+        # the answer has the robot's own key, since a query may have the key tci/*/facts
+        key = f"{self._key}/facts"
         self._facts = self.session.declare_queryable(
             key, lambda asked: asked.reply(key, facts, encoding=zenoh.Encoding.APPLICATION_JSON)
         )
@@ -163,7 +165,7 @@ def _alive(session: zenoh.Session) -> list[str]:
 
 
 def _look(session: zenoh.Session, robot: Robot, name: str) -> Iterator[Finding]:
-    """Checks if a robot `name` is served, and if its process uses this description of the robot."""
+    """Checks if a robot `name` is served, and if the robot's process uses this description of the robot."""
     names = _alive(session)
     if name not in names:
         said = f"{name} is not served; robots served there: {', '.join(names) or 'none'}"
@@ -187,7 +189,7 @@ def _look(session: zenoh.Session, robot: Robot, name: str) -> Iterator[Finding]:
 
 
 def _received(subscriber: zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]) -> Iterator[bytes]:
-    """Yields the payloads of the messages that have arrived, oldest first, but at most PER_POLL."""
+    """Yields the payloads of the messages that have arrived, at most PER_POLL, the oldest first."""
     for _ in range(PER_POLL):
         sample = subscriber.try_recv()
         if sample is None:

@@ -1,8 +1,8 @@
 """Zenoh with certificates, passwords and access rights: configuration files for router, robots and users.
 
-Every client proves its identity by a password and by a certificate (mutual TLS). A certificate authority made
-here signs the certificates. The router gives each client access only to the keys that the client needs.
-Zenoh's manual explains the format of the files.
+Every client proves its identity by a password and by a certificate (mutual TLS). `write_files` creates a
+certificate authority, which signs the certificates. The router allows each client to use only the keys that
+the client needs. Zenoh's manual explains the format of the files.
 """
 
 from __future__ import annotations
@@ -95,9 +95,8 @@ def write_files(
 
 
 def _common(folder: Path, name: str, password: str) -> dict[str, Any]:
-    """Returns the settings that every configuration file has.
-
-    They contain the identity `name`, the trusted certificate authority, and no announcements on the network.
+    """Returns the settings that every configuration file contains: the identity `name` and the trusted
+    certificate authority. The settings also switch off announcements on the network.
     """
     at = folder.absolute()
     certificate, key = str(at / f"{name}.pem"), str(at / f"{name}-key.pem")
@@ -124,7 +123,7 @@ def _common(folder: Path, name: str, password: str) -> dict[str, Any]:
 def _access(
     robots: Sequence[str], commanders: Mapping[str, Sequence[str]], watchers: Mapping[str, Sequence[str]]
 ) -> dict[str, Any]:
-    """Returns the router's rules of access. The router denies everything that no rule allows."""
+    """Returns the router's rules of access. The router denies each access that no rule allows."""
     rules: list[dict[str, Any]] = []
 
     def rule(name: str, flow: str, messages: Sequence[str], keys: Sequence[str]) -> None:
@@ -144,7 +143,8 @@ def _access(
         rule(f"get {robot}", "egress", ["put", "reply", "declare_queryable"], seen)
         rule(f"find {robot}", "egress", ["liveliness_token"], [alive])
         rule(f"order {robot}", "ingress", ["put"], [orders])
-        rule(f"reach {robot}", "egress", ["declare_subscriber"], [orders])  # needed to send anything
+        # without this rule, a user can't send orders
+        rule(f"reach {robot}", "egress", ["declare_subscriber"], [orders])
     rule("find robots", "ingress", ["liveliness_query", "declare_liveliness_subscriber"], ["tci/*/alive"])
     policies = [
         {"subjects": [robot], "rules": [f"{robot} {does}" for does in ("shows", "lives", "listens", "takes",
@@ -162,7 +162,7 @@ def _access(
         "enabled": True,
         "default_permission": "deny",
         "rules": rules,
-        # Certificate and password must name the same user.
+        # The certificate and the password must belong to the same user.
         "subjects": [
             {"id": name, "cert_common_names": [name], "usernames": [name]}
             for name in (*robots, *commanders, *watchers)
@@ -181,7 +181,7 @@ def _authority(folder: Path) -> None:
 
 
 def _certificate(folder: Path, name: str, host: str) -> None:
-    """Makes a key and a certificate for `name`, valid for `host`."""
+    """Creates a private key and a certificate for `name`, valid for the host `host`."""
     kind = "IP" if re.fullmatch(r"[0-9.]+|[0-9a-fA-F:]*:[0-9a-fA-F:]*", host) else "DNS"
     request = folder / f"{name}.csr"
     extensions = folder / f"{name}.ext"

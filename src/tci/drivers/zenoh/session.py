@@ -24,7 +24,8 @@ network failures last less time."""
 
 
 def parse_address(text: str, robot: str) -> RemoteAddress:
-    """Parses an address; `robot` is the robot's name if the address has no name. Raises DriverError."""
+    """Parses an address. `robot` is the robot's name if the address has no name. Raises DriverError if the
+    address is invalid."""
     address = parse_remote("zenoh", text, robot, ENDPOINT)
     if not is_file(address) and not re.fullmatch(r"[a-z][a-z0-9_]*/[^\s/]\S*", address.where):
         raise DriverError(f"zenoh: address {address.where!r}; {VALID}")
@@ -37,9 +38,9 @@ def is_file(address: RemoteAddress) -> bool:
 
 
 def open_session(address: RemoteAddress, does: Literal["listen", "connect"]) -> zenoh.Session:
-    """Opens a session of Zenoh. If the address is no configuration file, the session uses only the endpoint.
-
-    Raises DriverError if the file or endpoint can't be used, if the port is in use, or if nothing answers.
+    """Opens a session of Zenoh. If the address is no configuration file, the session connects only to the
+    endpoint. Raises DriverError if the file or endpoint is invalid, if the port is in use, or if no process
+    answers at the endpoint.
     """
     zenoh.init_log_from_env_or("off")
     try:
@@ -63,7 +64,8 @@ def _settings(endpoint: str, does: Literal["listen", "connect"]) -> dict[str, ob
         "mode": "peer" if does == "listen" else "client",
         does: {"endpoints": [endpoint], "retry": {"period_init_ms": 100, "period_max_ms": 1000}},
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
-        # Shared memory gains nothing for messages of this size, and Zenoh 1.10 leaves a segment behind.
+        # Shared memory is off, since messages of this size do not become faster and Zenoh 1.10 does not
+        # delete a shared-memory segment.
         "transport": {
             "unicast": {"accept_pending": PENDING, "accept_timeout": int(1e3 * PATIENCE)},
             "link": {"tx": {"lease": LEASE}},

@@ -1,1 +1,1 @@
-"""Driver and server for Unitree's robots over the robots' own DDS topics."""
+"""Driver and server for Unitree's robots, which communicate over the robots' own DDS topics."""

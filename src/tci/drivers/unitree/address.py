@@ -16,7 +16,7 @@ CHOICES = {"control": ("arms", "all"), "force": ("no", "yes"), "simulation": ("n
 
 @dataclass(frozen=True, slots=True)
 class UnitreeAddress:
-    """The network on which a robot is reached, and options of the connection."""
+    """The network interface and the DDS domain of a robot, and options of the connection."""
 
     interface: str
     """Name of the network interface that the robot's cable is connected to."""
@@ -41,7 +41,7 @@ class UnitreeAddress:
 
 
 def parse_unitree(address: str, *, usual: str = "") -> UnitreeAddress:
-    """Parses an address and checks the network interface; an empty address means `usual`.
+    """Parses an address and checks the network interface. An empty address has the value `usual`.
 
     Raises DriverError if the address has another form, if the interface does not exist, or if other machines
     may reach the interface.

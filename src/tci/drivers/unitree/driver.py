@@ -9,7 +9,7 @@ DDS topics:
 
 This DDS has no passwords. Therefore the network interface must be named, and an interface that other machines
 may reach is refused. A separate process (`keeper`) sends the commands. If the driver's process is killed, the
-keeper still hands the motors back.
+keeper still returns the control of the motors to the robot's own controller.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 WAIT = 5.0
-"""Time [s] that a driver waits for the first state when it opens. Assumed: DDS discovery takes a second."""
+"""Time [s] that a new driver waits for the first state. Assumed: DDS discovery takes a second."""
 LEAST_FORCE = 1.0
 """Acceleration [m/s2] measured by the pelvis's accelerometer, below which the accelerometer counts as absent.
 Assumed: simulations send zeros, and a real robot is never in free fall."""
@@ -63,9 +63,9 @@ class UnitreeDriver(Driver):
         """Connects to the robot over the network interface in `address`, such as `eth0`.
 
         An armed driver takes control of waist and arms in their present posture within a second. With
-        `?control=all` it takes all motors, and first switches off the robot's own controller, which keeps the
-        balance. With `skin=False` the hands' press sensors are not read, so that other drivers can read the
-        skin.
+        `?control=all`, an armed driver takes control of all motors, and first switches off the robot's own
+        controller, which keeps the balance. With `skin=False`, the driver does not read the hands' press
+        sensors, so that other drivers can read the skin.
 
         Raises DriverError if other machines may reach the interface, if no state arrives within `wait` [s],
         or if an armed driver finds the robot not ready. Examples are a motor that reports an error, another
@@ -152,7 +152,7 @@ class UnitreeDriver(Driver):
                     fingers.release()
                     self.gate.stop(Reason(Code.ROBOT_REFUSES, f"the fingers are switched off: {why}"))
                 fingers.repeat(self.clock.now())
-        assert self._joints is not None  # the constructor waits for them
+        assert self._joints is not None  # the constructor waits for joint data
         return Reading(self._joints, tuple(frame for hand in self._hands for frame in hand.frames))
 
     def _send(self, safe: SafeCommand) -> None:
@@ -211,7 +211,7 @@ class UnitreeDriver(Driver):
         return JointReading(stamp, sequence, position, velocity, torque, gravity=gravity)
 
     def _wait(self, seconds: float) -> None:
-        """Waits for the first state of all joints. Raises DriverError if none arrives within `seconds`
+        """Waits for the first state of all joints. Raises DriverError if no state arrives within `seconds`
         [s]."""
         end = time.monotonic() + seconds
         while self._joints is None:
@@ -225,7 +225,7 @@ class UnitreeDriver(Driver):
             time.sleep(0.002)
 
     def _unreached(self) -> dict[int, str]:
-        """Returns the servos that commands can't move, by index, each with the reason why."""
+        """Returns the reasons why commands can't move some servos, by servo index."""
         variant = int(self._health.state["mode_machine"])
         gone = absent(variant, simulation=self.where.simulation)
         count = VARIANTS.get(variant, (MOTORS, ()))[0]
@@ -255,8 +255,7 @@ class UnitreeDriver(Driver):
         self._wait(WAIT)
 
     def _follow(self, status: Status) -> None:
-        """Stops the gate after a lasting fault; makes the gate hold while the motors are not under TCI's
-        control."""
+        """Stops the gate after a lasting fault. Makes the gate hold while TCI does not control the motors."""
         before, self._phase = self._phase, status.phase
         if status.lasting:
             self.gate.stop(Reason(Code.ROBOT_REFUSES, f"the motors are handed back: {status.reason}"))
@@ -272,7 +271,8 @@ class UnitreeDriver(Driver):
 
 
 def slots_of(robot: Robot) -> NDArray[np.intp]:
-    """Returns the slot (n_servos,) of each servo's motor in the robot's messages; -1 for a finger's motor.
+    """Returns the slot (n_servos,) of each servo's motor in the robot's messages. The slot of a finger's
+    motor is -1.
 
     The slot is found by the servo's address in the binding or, without an address, by the servo's name.
     Raises DriverError if a servo has no motor, or if two servos share a motor.

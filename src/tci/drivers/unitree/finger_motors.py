@@ -1,7 +1,7 @@
 """Commands to the motors of one Dex3 hand.
 
-Each command requests that the motors stop by themselves one second after the last command. So fingers stop if
-this process is killed, and need no second process, unlike the arms.
+Each command requests that the motors stop by themselves one second after the last command. Therefore the
+fingers stop if this process is killed, and need no second process as the arms do.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ LAST = 5
 
 
 class FingerMotors:
-    """The motors of one hand, which keep their latest targets until `release`."""
+    """The motors of one hand. The motors keep the latest targets until `release`."""
 
     def __init__(self, node: UnitreeNode, hand: Hand) -> None:
         """Opens the topic of commands. Raises DriverError if another program commands this hand."""
@@ -48,7 +48,7 @@ class FingerMotors:
         self._due = Every(1.0 / RATE)
 
     def obey(self, safe: SafeCommand) -> None:
-        """Takes the targets of a command for this hand's motors. Motors without a command keep their
+        """Stores the targets in a command for this hand's motors. Motors without a command keep the previous
         targets."""
         hand = self.hand
         place = dict(zip(hand.servos.tolist(), hand.motors.tolist(), strict=True))
@@ -63,7 +63,7 @@ class FingerMotors:
             self._follow(motors, safe.position[own], safe.velocity[own], safe.torque[own], stiff)
 
     def hold(self) -> None:
-        """Makes the fingers keep their present angles."""
+        """Sets the present angles of the fingers as targets."""
         motors = self.hand.motors
         none = np.zeros(len(motors))
         self._follow(motors, self.hand.state["q"][motors], none, none, none == 0.0)
@@ -73,8 +73,8 @@ class FingerMotors:
     ) -> None:
         """Sets target angles, speeds and torques (k,) of some motors.
 
-        A motor that is not `stiff` follows only its torque. At the first call, the motors that are not among
-        `motors` keep their present angles.
+        A motor that is not `stiff` follows only the target torque. At the first call, the motors that are not
+        among `motors` keep their present angles.
         """
         command = self._command
         if self._released:
@@ -89,12 +89,13 @@ class FingerMotors:
         command["kp"][motors], command["kd"][motors] = kp, kd
 
     def repeat(self, now: float) -> None:
-        """Sends the latest targets, if there are any, and if a command is due at the time `now` [s]."""
+        """Sends the latest targets if a command is due at the time `now` [s]. Sends nothing before the first
+        targets."""
         if self._led and self._due.due(now):
             self._write(encode_hand_command(self._command))
 
     def release(self) -> None:
-        """Switches the motors off. Later commands have no effect."""
+        """Switches the motors off. Commands after this call have no effect."""
         self._released = True
         if self._led:
             self._led = False

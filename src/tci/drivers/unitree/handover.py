@@ -1,8 +1,9 @@
-"""Handover of a robot's motors from the robot's own controller to TCI and back, without a step in position.
+"""Hands the control of a robot's motors from the robot's own controller to TCI and back, without a step in
+position.
 
-- Over rt/arm_sdk, the robot mixes TCI's targets with those of its own controller by a weight. While TCI takes
-  the motors, the weight rises from 0, and the targets stay at the measured posture. While TCI hands the
-  motors back, the weight falls, and the targets stay.
+- Over rt/arm_sdk, the robot mixes TCI's targets with the targets of the robot's own controller by a weight.
+  While TCI takes the motors, the weight rises from 0, and the targets stay at the measured posture. While TCI
+  hands the motors back, the weight falls, and the targets do not change.
 - Over rt/lowcmd, no other controller takes the motors back. At the beginning the stiffness rises, and at the
   end the motors are damped for a short time.
 """
@@ -18,8 +19,8 @@ from tci.drivers.unitree.motors import MOTORS
 from tci.frames import Array
 
 TAKE = 1.0
-"""Time [s] in which weight or stiffness rises to its full value. Assumed: this is the shortest time in the
-vendor's examples."""
+"""Time [s] in which weight or stiffness rises to the full value. Assumed: the shortest time in the vendor's
+examples is safe."""
 GIVE = 2.0
 """Time [s] in which the weight falls to zero. Assumed: in this time, arms of 4 kg sink without swinging."""
 DAMPED = 0.2
@@ -29,43 +30,44 @@ DAMPING = 2.0
 """Gain [N m s/rad] of the damping at the end of control over rt/lowcmd. Assumed: this is twice the gain of
 the vendor's examples for arms."""
 QUIET = 0.1
-"""Time [s] without new targets after which target velocities and torques are set to zero. Assumed: this
-equals the largest age of a usable state."""
+"""Time [s] without new targets after which target velocities and torques are set to zero. Assumed: equal to
+the largest age of a usable state."""
 LONGEST = 0.02
 """Largest time [s] by which one step advances the handover. Without this bound, the weight would jump after a
-pause of the process. Assumed: five periods."""
+pause of the process. Assumed: five periods are enough for normal delays."""
 LEFT = 0.1
-"""If no states arrived for a while, and a motor's distance from its target has increased by more than this
-angle [rad], then the motor counts as having left its target. Assumed: in 0.2 s of the handover, a motor moves
-by this angle if the posture of the robot's own controller is 1 rad away."""
+"""Least increase [rad] of the distance between a motor's angle and target, after a gap in the states, at
+which the motor no longer follows the target. Assumed: in 0.2 s of the handover, a motor moves by this angle
+if the posture of the robot's own controller is 1 rad away."""
 ROWS = 5
 Q, DQ, TAU, KP, KD = range(ROWS)
 """Rows of targets (5, 29): angle, velocity, torque and gains of each motor."""
 
 
 class Phase(IntEnum):
-    """Phase of the handover: shows if the robot's own controller or TCI moves the motors."""
+    """Phase of the handover. The phase shows if the robot's own controller or TCI moves the motors."""
 
     WAITING = 0
     """The robot's own controller moves the motors. TCI sends nothing."""
     TAKING = 1
-    """TCI takes the motors: the weight rises, and the targets stay at the posture at the beginning of this
+    """TCI takes the motors. The weight rises, and the targets stay at the posture at the beginning of this
     phase."""
     LEADING = 2
     """TCI moves the motors, which follow TCI's targets."""
     GIVING = 3
-    """TCI hands the motors back: the weight falls, and the targets stay."""
+    """TCI hands the motors back. The weight falls, and the targets do not change."""
 
 
 class Handover:
-    """Weight and targets of the motors during the handover. The caller gives the time to each method."""
+    """Weight and targets of the motors during the handover. The caller passes the present time to each
+    method."""
 
     def __init__(self, gains: Array, *, whole: bool) -> None:
-        """Takes the gains (2, 29) of full stiffness and damping; `whole` is True for control over
+        """Stores the gains (2, 29) of full stiffness and damping. `whole` is True for control over
         rt/lowcmd."""
         self.phase = Phase.WAITING
         self.weight = 0.0
-        """Weight (0..1) of TCI's targets over rt/arm_sdk; over rt/lowcmd, the fraction of the full
+        """Weight (0..1) of TCI's targets over rt/arm_sdk. Over rt/lowcmd, fraction (0..1) of the full
         stiffness."""
         self._gains, self._whole = gains, whole
         self._goal = np.zeros((ROWS, MOTORS))
@@ -73,9 +75,8 @@ class Handover:
         self._pushed = np.zeros(MOTORS, dtype=bool)
 
     def take(self, posture: Array, now: float) -> None:
-        """Begins to take the motors at `posture` (29,) [rad] at the time `now` [s].
-
-        Does nothing if TCI has the motors already.
+        """Begins to take the motors at `posture` (29,) [rad] at the time `now` [s]. Has no effect if TCI
+        controls the motors already.
         """
         if self.phase is Phase.WAITING:
             self.phase, self.weight = Phase.TAKING, 0.0
@@ -84,9 +85,8 @@ class Handover:
             self._now = self._told = now
 
     def resume(self, goal: Array, weight: float, now: float) -> None:
-        """Begins to hand back motors that another process held.
-
-        `goal` (5, 29) and `weight` are the last targets and the weight of that process.
+        """Begins to hand back motors that another process controlled. `goal` (5, 29) and `weight` are the
+        last targets and the weight of that process.
         """
         self.phase, self.weight = Phase.LEADING, weight
         self._goal[:] = goal
@@ -94,10 +94,9 @@ class Handover:
         self.give()
 
     def follow(self, chosen: NDArray[np.bool_], targets: Array, posture: Array, now: float) -> None:
-        """Takes new targets (5, 29) for the `chosen` motors (29,). The targets of other motors stay.
-
-        If a motor followed a torque and is no longer chosen, its new target is its angle in `posture` (29,)
-        [rad].
+        """Stores new targets (5, 29) for the `chosen` motors (29,). The targets of other motors do not
+        change. If a motor followed a torque and is no longer chosen, the motor's new target is the motor's
+        angle in `posture` (29,) [rad].
         """
         if self.phase is not Phase.LEADING:
             return
@@ -110,19 +109,20 @@ class Handover:
         self._told = now
 
     def give(self) -> None:
-        """Begins to hand the motors back: the weight falls from its present value, and the targets stay."""
+        """Begins to hand the motors back. The weight falls from the present value, and the targets do not
+        change."""
         if self.phase in (Phase.TAKING, Phase.LEADING):
             self.phase = Phase.GIVING
             if self._whole:
-                self.weight = 1.0  # counts the time of damping
+                self.weight = 1.0  # over rt/lowcmd, the weight only measures the time of damping
 
     def give_unseen(self, before: Array, posture: Array) -> None:
         """Begins to hand back the motors of a robot whose posture changed from `before` to `posture` (29,)
         [rad] while no states arrived.
 
-        For a motor that has left its target, the new target is its present angle, because the old target
-        would cause a step. Other targets stay, since a loaded motor is always at a small distance from its
-        target.
+        A motor that is too far from its old target gets the present angle as new target, because the old
+        target would cause a step. Other targets do not change, since a loaded motor is always at a small
+        distance from the target.
         """
         self.give()
         goal = self._goal[Q]
@@ -130,7 +130,7 @@ class Handover:
         goal[left] = posture[left]
 
     def step(self, now: float) -> Array:
-        """Advances the handover to the time `now` [s] and returns the targets (5, 29) to send."""
+        """Advances the handover to the time `now` [s]. Returns the targets (5, 29) to send."""
         elapsed = min(max(now - self._now, 0.0), LONGEST)
         self._now = now
         if self.phase is Phase.TAKING:

@@ -1,4 +1,4 @@
-"""Dex3 hands: press sensors become skin patches, and motors become servos.
+"""Reads Dex3 hands. Press sensors become skin patches, and motors become servos.
 
 The binding in the robot's description assigns press sensors of a hand to a patch: `<address of="PATCH"
 to="left:0-1"/>`, or `to="left"` for all sensors of the left hand. The channels of a patch are the 12 values
@@ -31,10 +31,8 @@ NO_VALUE = 30_000.0
 
 
 def patches_of(robot: Robot) -> tuple[Patch, ...]:
-    """Returns the patches of which a G1 can send data.
-
-    These are the patches that the binding assigns to a hand, and the patches with touches detected by joint
-    torques.
+    """Returns the patches for which a G1 can send data. These are the patches that the binding assigns to a
+    hand, and the patches whose touches are detected by joint torques.
     """
     named = {address.of for address in robot.binding("unitree").addresses}
     return tuple(patch for patch in robot.patches if patch.through_joints or patch.name in named)
@@ -91,12 +89,12 @@ class Hand:
         self.frames: tuple[SkinFrame, ...] = ()
         """Latest frame of each patch; empty before the first state."""
         self.state: Any = None
-        """Latest records (m,) of MOTOR_STATE; None before the first state."""
+        """Latest records (m,) of MOTOR_STATE. None before the first state."""
         self.stamp = -np.inf
         """Time [s] of the latest state."""
         self.fault = ""
-        """Reason for which the fingers must not move until a person connects again; empty if there is no
-        reason."""
+        """Reason for which the fingers must not move until a person connects again. Empty if the fingers may
+        move."""
         self._count = 0
 
     def poll(self, now: float) -> None:

@@ -1,4 +1,4 @@
-"""Conditions under which a robot may be commanded. They are checked in each state that the robot sends."""
+"""Checks in each state of a robot if TCI may command the robot."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from tci.errors import DriverError
 from tci.frames import Array
 
 STALE = 0.1
-"""Age [s] of the last good state above which no new target is sent. The vendor's own limit is 1 s. Assumed: a
-shorter limit is safer; after this time, fifty states at 500 Hz are missing."""
+"""Age [s] of the last good state above which no new target is sent. Assumed: shorter and therefore safer than
+the vendor's own limit of 1 s. After this time, fifty states at 500 Hz are missing."""
 TILT = 1.0
 """Largest tilt [rad] of the pelvis; the vendor's limit."""
 SPEED = 10.0
@@ -28,7 +28,7 @@ L2, B = 1 << 5, 1 << 9
 
 
 class Health:
-    """Checks the states of one robot. After a fault of the robot, a person must connect again."""
+    """Checks the states of one robot. After a lasting fault of the robot, a person must connect again."""
 
     def __init__(self, *, simulation: bool = False) -> None:
         """Prepares the checks. With `simulation`, states without checksum are also accepted."""
@@ -40,14 +40,13 @@ class Health:
         self.wrong = 0
         """Number of states with a wrong checksum."""
         self.lasting = ""
-        """Reason of a fault after which a person must connect again; empty if there is no fault."""
+        """Reason of a fault after which a person must connect again. Empty if no such fault occurred."""
         self._heard = -np.inf
         self._there, self._names = np.arange(MOTORS), NAMES
 
     def see(self, state: Any, right: bool, now: float) -> bool:
-        """Checks and stores a state that arrived at `now` [s]; returns True if the state can be used.
-
-        `right` is True if the state's checksum is right.
+        """Checks a state that arrived at `now` [s], and stores a usable state. Returns True if the state is
+        usable. `right` is True if the state's checksum is right.
         """
         if not right and not (self._simulation and state["crc"] == 0):
             self.wrong += 1
@@ -73,10 +72,8 @@ class Health:
         return now - self._heard
 
     def passing(self, now: float) -> str:
-        """Returns the reason why no command may be sent at `now` [s]; empty if there is no reason.
-
-        The reason is that no good state has arrived recently. When good states arrive again, there is no
-        reason.
+        """Returns the reason why no command may be sent at `now` [s] until good states arrive again. The
+        reason is that no good state has arrived recently. The text is empty if commands may be sent.
         """
         if self.state is None:
             wrong = f" ({self.wrong} with a wrong checksum)" if self.wrong else ""
@@ -104,10 +101,10 @@ class Health:
 
 
 def motor_fault(motors: Any, names: Sequence[str]) -> str:
-    """Returns the fault of the first motor (k,) that has one, with the motor's name; empty if there is no
+    """Returns the name and the fault of the first motor with a fault. The text is empty if no motor has a
     fault.
 
-    `motors` are records of MOTOR_STATE.
+    `motors` are records (k,) of MOTOR_STATE.
     """
     if np.any(bad := motors["motorstate"] != 0):
         return _named(names, bad, "reports the error", motors["motorstate"])

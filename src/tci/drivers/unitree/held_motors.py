@@ -1,6 +1,5 @@
-"""Connection from the driver to the process that holds a robot's motors, the keeper (`keeper.py`).
-
-If the keeper is killed, the driver's process hands the motors back in place of the keeper.
+"""Connection from the driver to the keeper (`keeper.py`), the process that controls a robot's motors. If the
+keeper is killed, the driver's process hands the motors back instead.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ class Status(NamedTuple):
 
     phase: Phase
     lasting: bool
-    """True after a fault that does not end by itself: a person must connect again."""
+    """True after a fault that lasts until a person connects again."""
     weight: float
     reason: str
 
@@ -50,10 +49,9 @@ class HeldMotors:
     """Starts the keeper and communicates with it. The keeper continues if this process ends."""
 
     def __init__(self, where: UnitreeAddress, period: float, node: UnitreeNode, health: Health) -> None:
-        """Starts the keeper, which does not take the motors yet.
-
-        `node` and `health` belong to the driver; they are used if the keeper is killed. Raises DriverError if
-        the operating system lacks the required sockets.
+        """Starts the keeper. The keeper does not take the motors before `take`. `node` and `health` are the
+        driver's objects, and are used if the keeper is killed. Raises DriverError if the operating system
+        lacks the required sockets.
         """
         if not hasattr(socket, "SOCK_SEQPACKET") or not hasattr(socket, "AF_UNIX"):
             raise DriverError("a Unitree robot can be moved from Linux only; valid: connect with arm=False")
@@ -100,19 +98,21 @@ class HeldMotors:
             return self.status
 
     def take(self) -> None:
-        """Requests that the keeper takes the motors. The weight then rises at the present posture."""
+        """Requests that the keeper takes the motors. The weight then rises, with the present posture as
+        target."""
         self._told[:] = False
         self._send(TAKE)
 
     def wait(self) -> None:
-        """Waits until the motors follow targets. Raises DriverError with the reason if they do not follow in
-        time."""
+        """Waits until the motors follow targets. Raises DriverError with the reason if the motors do not
+        follow in time."""
         end = time.monotonic() + TAKE_TIME + WAIT
         while self.poll().phase is not Phase.LEADING:
             if self.status.lasting or time.monotonic() > end:
                 raise DriverError(f"the robot can't be armed: {self.status.reason or 'no answer'}")
             if self.status.phase is Phase.WAITING:
-                self.take()  # again, if the robot fell silent on the way
+                # repeats the request, since the keeper gives up if no states arrive while taking the motors
+                self.take()
             time.sleep(0.01)
 
     def follow(self, chosen: NDArray[np.bool_], targets: Array) -> None:
@@ -122,9 +122,10 @@ class HeldMotors:
         self._send(FOLLOWS.pack(FOLLOW, *chosen.tolist(), *targets.ravel().tolist()))
 
     def close(self) -> None:
-        """Hands the motors back and waits until this is done."""
+        """Hands the motors back, and waits until the robot's own controller has the motors."""
         self._send(GIVE)
-        with suppress(subprocess.TimeoutExpired):  # it hands them back as soon as the machine lets it
+        # after a timeout, the keeper hands the motors back later, when the machine is less busy
+        with suppress(subprocess.TimeoutExpired):
             self._process.wait(GIVE_TIME + WAIT)
         self.poll()
         if self._fade is not None:
@@ -139,7 +140,7 @@ class HeldMotors:
         self.poll()
 
     def _succeed(self) -> None:
-        """Hands the motors back, in a thread, if the keeper ended while it held the motors."""
+        """Hands the motors back, in a thread, if the keeper ended while the keeper controlled the motors."""
         with suppress(subprocess.TimeoutExpired):
             if self._process.wait(1.0) == 0 or self.status.phase is Phase.WAITING:
                 words = self.status.reason or "the process that holds the motors has ended"
@@ -159,7 +160,8 @@ class HeldMotors:
                 self._successor = keeper
                 keep(keeper, mine, self._orders.period)
 
-        self._fade = threading.Thread(target=fade, name="unitree fade")  # it is waited for at exit
+        # Python waits for this thread at exit
+        self._fade = threading.Thread(target=fade, name="unitree fade")
         self._fade.start()
         words = "the process that held them was killed, and this one fades them out"
         self.status = Status(Phase.GIVING, True, self.status.weight, words)

@@ -1,4 +1,5 @@
-"""The keeper: a process that holds a robot's motors for a behaviour, and always hands them back at the end.
+"""The keeper: a process that controls a robot's motors for a behaviour, and always hands the motors back at
+the end.
 
 The driver starts the keeper and sends set-points to it over a socket. The keeper sends the set-points to the
 robot and also checks the robot's states. If the behaviour's process ends or is killed, the socket closes, and
@@ -49,8 +50,8 @@ GRACE = 0.1
 controller may have sent a last command before it was switched off. Assumed: DDS discovery jitters by less
 than this time."""
 LAST = 5
-"""Number of times that the last command, with weight zero, is sent. Assumed: at most four commands are
-lost."""
+"""Number of times that the keeper sends the last command, which has the weight zero. Assumed: at most four
+commands are lost."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +68,8 @@ class Orders:
 
 
 class Keeper:
-    """Passes targets from the driver's socket to the robot's motors, while the conditions for this are
-    met."""
+    """Passes targets from the driver's socket to the robot's motors while the robot, the driver and the
+    network have no fault."""
 
     def __init__(self, orders: Orders, node: UnitreeNode, driver: socket.socket) -> None:
         self._topic, self._whole = orders.topic, orders.whole
@@ -100,7 +101,7 @@ class Keeper:
         self.handover.resume(goal, weight, now)
 
     def step(self, now: float) -> bool:
-        """Does the work of one period at the time `now` [s]; returns False if the keeper must end."""
+        """Executes one period at the time `now` [s]. Returns False if the keeper must end."""
         self._hear(now)
         self._read(now)
         self._judge(now)
@@ -111,7 +112,7 @@ class Keeper:
             self._take(now)
         else:
             self._send(targets := self.handover.step(now))
-            if self.handover.phase is Phase.WAITING:  # handed back
+            if self.handover.phase is Phase.WAITING:  # the motors are handed back
                 for _ in range(LAST):
                     self._send(targets)
         self._report()
@@ -165,13 +166,13 @@ class Keeper:
         self.leaving, self._reason = True, why
 
     def _judge(self, now: float) -> None:
-        """Begins to hand the motors back if there is a reason.
-
-        Reasons are a fault, old states, a silent behaviour, or another program that commands the robot.
+        """Begins to hand the motors back if a reason exists. Reasons are: a fault, old states, a behaviour
+        that sends no targets, or another program that commands the robot.
         """
         if now - self._looked > LOOK:
             self._looked = now
-            # Its command counts even from the robot: the SDK in C++ is robot and program in one.
+            # A received command counts even if the robot's own participant sent the command, since Unitree's
+            # SDK in C++ may use one participant for the robot and for the program.
             written = self._first is not None and now - self._first > GRACE and latest(self._others)
             if self._node.other_writers(self._topic) or written:
                 words = f"another program writes {self._topic}; valid: only one"
@@ -211,7 +212,7 @@ class Keeper:
             motor[name][these] = targets[row, these]
         if not self._whole:
             motor["q"][WEIGHT] = self.handover.weight
-        with suppress(DriverError):  # the next one may pass
+        with suppress(DriverError):  # the next command may be sent again
             self._write(encode_command(self._command))
 
     def _report(self) -> None:
@@ -224,20 +225,20 @@ class Keeper:
                 self._driver.send(status)
                 self._told = status
             except BlockingIOError:
-                pass  # a driver that does not read gets it later
+                pass  # if the driver does not read the socket, the status is sent later
             except OSError:
                 self.leaving = True
 
 
 def keep(keeper: Keeper, driver: socket.socket, period: float) -> None:
-    """Executes a step once per `period` [s], and at once when a message arrives, until the motors are handed
-    back."""
+    """Executes a step once per `period` [s], and immediately when a message arrives, until the motors are
+    handed back."""
     poll = select.poll()
     poll.register(driver, select.POLLIN)
     due = time.monotonic()
     while keeper.step(time.monotonic()):
         due = max(due + period, time.monotonic())
-        if keeper.leaving:  # the socket may be closed, and would be ready for ever
+        if keeper.leaving:  # a closed socket would always be ready to read
             time.sleep(max(0.0, due - time.monotonic()))
         else:
             poll.poll(max(0.0, due - time.monotonic()) * 1e3)

@@ -1,7 +1,8 @@
 """Unitree's message types for DDS. `wire` encodes and decodes the bytes of their samples.
 
-Fields that the vendor declares as `uint8` are octets here. cyclonedds 11 would announce `uint8` with the
-newer type TK_UINT8. Cyclone 0.10, which runs in the robot, does not connect to a topic with TK_UINT8.
+Members that the vendor declares as `uint8` are declared as octets in this module. cyclonedds 11 would
+announce `uint8` with the newer type TK_UINT8. Cyclone 0.10, which runs in the robot, does not connect to a
+topic with TK_UINT8.
 """
 
 from __future__ import annotations

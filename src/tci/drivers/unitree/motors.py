@@ -29,8 +29,9 @@ MOTORS = len(NAMES)
 SIDES = ("left", "right")
 FINGER_MOTORS = tuple(f"{finger}_{joint}" for finger, joints in (("thumb", 3), ("middle", 2), ("index", 2))
                       for joint in range(joints))  # fmt: skip
-"""Motors of a Dex3, in the vendor's order for both hands. Other sources have the index finger before the
-middle finger on the right hand. So `tci check --hardware` moves each motor and asks which finger moved."""
+"""Motors of a Dex3, in the vendor's order for both hands. In other sources, the index finger is before the
+middle finger on the right hand. Therefore `tci check --hardware` moves each motor and asks the operator which
+finger moved."""
 FINGER_GAINS = np.array([1.5, 0.1])
 """Gains (2,) [N m/rad], [N m s/rad] of full stiffness and damping of fingers, from the vendor's example."""
 UPPER = range(12, MOTORS)
@@ -53,7 +54,7 @@ example."""
 
 
 def hand_motor(robot: Robot, servo: str) -> tuple[str, int] | None:
-    """Returns hand and motor number of a finger's servo; None if the servo is not of a finger.
+    """Returns hand and motor number of a finger's servo, or None if the servo does not belong to a finger.
 
     The motor is found by the servo's address in the binding or, without an address, by the servo's name.
     """
@@ -69,7 +70,8 @@ def gains(*, whole: bool) -> Array:
 
 
 def commanded(*, whole: bool) -> NDArray[np.intp]:
-    """Returns the slots that receive commands: with `whole` all slots, otherwise those of waist and arms."""
+    """Returns the slots that receive commands: all slots with `whole`, otherwise the slots of waist and
+    arms."""
     return np.arange(0 if whole else UPPER.start, MOTORS)
 
 

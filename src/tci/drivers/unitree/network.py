@@ -34,8 +34,8 @@ def check_interface(
 
 
 def exposure(name: str, *, classes: Path = CLASSES, routes: Path = ROUTES) -> str:
-    """Returns the reason why other machines may reach an interface; empty for loopback and for a private
-    cable."""
+    """Returns the reason why other machines may reach an interface. The text is empty for the loopback
+    interface and for a private cable."""
     if (classes / name / "wireless").exists() or (classes / name / "phy80211").exists():
         return "is a wireless network"
     if routes.exists():
@@ -51,7 +51,7 @@ def exposure(name: str, *, classes: Path = CLASSES, routes: Path = ROUTES) -> st
 
 def address_of(name: str) -> IPv4Address | None:
     """Returns the IPv4 address of an interface, or None if the interface has no address."""
-    from fcntl import ioctl  # Linux and macOS have it
+    from fcntl import ioctl  # only Linux and macOS have fcntl
 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:

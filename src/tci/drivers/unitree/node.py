@@ -25,8 +25,8 @@ from tci.errors import DriverError
 RELIABLE = Policy.Reliability.Reliable(duration(milliseconds=0))
 """Policy that repeats lost messages, but never waits for a slow reader."""
 MOST = 16
-"""Number of messages of a topic that are kept until they are read, if more than the newest message is needed.
-Assumed: a robot gets a few calls per second, and sends 8 states in a period of 60 Hz."""
+"""Number of messages of a topic that are stored until TCI reads the topic, if TCI needs more than the newest
+message. Assumed: a robot gets a few calls per second, and sends 8 states in a period of 60 Hz."""
 
 
 class Out:
@@ -63,8 +63,8 @@ class UnitreeNode:
         return Out(self.writer(topic, kind), kind)
 
     def writer(self, topic: str, kind: type[IdlStruct], keep: int = 1) -> DataWriter[Any]:
-        """Returns a writer of samples. If a sample is lost, it is repeated while it is among the last
-        `keep`."""
+        """Returns a writer of samples. The writer repeats a lost sample while the sample is among the last
+        `keep` samples."""
         qos = Qos(RELIABLE, Policy.History.KeepLast(keep))
         return DataWriter(self._there(), Topic(self._there(), topic, kind), qos=qos)
 
@@ -89,7 +89,7 @@ class UnitreeNode:
     def other_writers(self, topic: str) -> int:
         """Returns the number of other programs that may write a topic.
 
-        This program does not count, nor do the robot's own programs, which also write rt/lowstate.
+        This program and the robot's own programs, which also write rt/lowstate, do not count.
         """
         for sample in self._publications.take(1000):
             if sample.sample_info.valid_data:
@@ -103,9 +103,10 @@ class UnitreeNode:
         return len(writers[topic] - writers["rt/lowstate"])
 
     def close(self) -> None:
-        """Leaves the domain. A second call does nothing."""
+        """Leaves the domain. A second call has no effect."""
         if self._participant is not None:
-            self._participant.__del__()  # deletes all its entities, even if something still refers to them
+            # deletes all DDS entities of the participant, also if other objects refer to the entities
+            self._participant.__del__()
             self._participant = None
             del self._publications
             close_domain(self._domain)
@@ -117,7 +118,7 @@ class UnitreeNode:
 
 
 def latest(reader: DataReader[Any], most: int = MOST) -> list[Any]:
-    """Returns the samples that have arrived since the last call, oldest first, but at most `most`."""
+    """Returns the samples that have arrived since the last call, at most `most`, the oldest first."""
     return [sample for sample in reader.take(most) if isinstance(sample, IdlStruct)]
 
 

@@ -1,5 +1,5 @@
-"""Dex3 hands of a served robot: states and press sensors are sent, and commands become orders for the
-gate."""
+"""Serves the Dex3 hands of a robot. States of motors and press sensors are sent, and commands are converted
+to orders for the gate."""
 
 from __future__ import annotations
 

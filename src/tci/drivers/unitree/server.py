@@ -1,8 +1,8 @@
 """Serves a simulated G1 on the topics of a real G1, for the vendor's SDKs and for TCI's driver.
 
-The served robot has a simulated controller in place of a real robot's own controller. After a client has
-handed the motors back, the simulated controller keeps the motors' posture. The controller of a real robot
-moves the arms to another posture. Commands pass the gate of this process.
+The served robot has a simulated controller instead of a real robot's own controller. After a client has
+handed the motors back, the simulated controller keeps the motors' posture. In contrast, the controller of a
+real robot moves the arms to another posture. The gate of this process checks all commands.
 """
 
 from __future__ import annotations
@@ -44,18 +44,16 @@ motion from rest to rest, and the robot would begin to move 12 ms late. Assumed:
 overshoots by less than 2 mrad."""
 ELSEWHERE = 2e-3
 """A received set-point counts as a command if it differs by more than this angle [rad] from the set-point of
-the simulated controller. Assumed: for joints that they do not move, programs send measured angles, with noise
-and sag."""
+the simulated controller. Assumed: for a joint that must not move, a program sends the measured angle, which
+has errors by noise and by gravity."""
 
 
 class UnitreeServer(Server):
     """Server that presents a robot as a Unitree G1."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """Opens the topics at the address INTERFACE[/DOMAIN]; by default only programs on this machine reach
-        them.
-
-        Raises DriverError.
+        """Opens the topics at the address INTERFACE[/DOMAIN]. By default, only programs on this machine can
+        use these topics. Raises DriverError if the address is invalid or the domain can't be opened.
         """
         super().__init__(driver, address)
         self._where = parse_unitree(address, usual="lo")
@@ -122,7 +120,7 @@ class UnitreeServer(Server):
             self._own = np.array(joints.position)
         if not self._due.due(self.driver.clock.now()):
             return
-        if joints.sequence != self._shown:  # a state that is sent again would look like a new one
+        if joints.sequence != self._shown:  # a state that is sent twice would look like a new state
             self._shown = joints.sequence
             self._show(joints)
         for hand in self._hands:
@@ -162,9 +160,8 @@ class UnitreeServer(Server):
         return None
 
     def _order(self, motors: Any, *, arms: bool) -> Order | None:
-        """Returns an order with the set-points of all enabled motors, or None if no motor must move.
-
-        The set-points are mixed by weight with those of the simulated controller.
+        """Returns an order with the set-points of all enabled motors, or None if no motor must move. The
+        received set-points are mixed by weight with the set-points of the simulated controller.
         """
         weight = float(np.clip(motors["q"][WEIGHT], 0.0, 1.0)) if arms else 1.0
         slots = commanded(whole=not arms)

@@ -13,13 +13,11 @@ from tci.messages import Mode
 
 
 class SetPoints:
-    """Converts commands for servos to targets of motors; stores the stiffness and damping that were set
-    last."""
+    """Converts commands for servos to targets of motors. Stores the last commanded stiffness and damping."""
 
     def __init__(self, slots: NDArray[np.intp], *, whole: bool) -> None:
-        """Takes the slot (n_servos,) of each servo's motor, -1 for fingers.
-
-        With `whole`, the gains are those for rt/lowcmd, otherwise those for rt/arm_sdk.
+        """Stores the slot (n_servos,) of each servo's motor, -1 for fingers. Uses the gains for rt/lowcmd
+        with `whole`, otherwise the gains for rt/arm_sdk.
         """
         self._slots, self._gains = slots, gains(whole=whole)
         self._share = np.ones((2, MOTORS))
@@ -43,7 +41,8 @@ class SetPoints:
         return chosen, targets
 
     def here(self, posture: Array) -> tuple[NDArray[np.bool_], Array]:
-        """Returns a mask (29,) of all motors, and targets (5, 29) that hold the `posture` (29,) [rad]."""
+        """Returns a mask (29,) of all motors, and targets (5, 29) for which the motors keep the `posture`
+        (29,) [rad]."""
         targets = np.zeros((ROWS, MOTORS))
         targets[Q], targets[KP:] = posture, self._gains
         return np.ones(MOTORS, dtype=bool), targets

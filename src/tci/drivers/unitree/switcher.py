@@ -35,7 +35,8 @@ class Switcher:
         self._requests = node.writer("rt/api/motion_switcher/request", messages.REQUEST)
 
     def check(self) -> str:
-        """Returns the name of the controller that runs; empty if no controller runs. Raises DriverError."""
+        """Returns the name of the controller that runs. The name is empty if no controller runs. Raises
+        DriverError if the service does not answer."""
         data = self._call(CHECK, {})
         try:
             return str(json.loads(data)["name"])
@@ -86,7 +87,7 @@ class SwitcherServer:
 
     def __init__(self, node: UnitreeNode) -> None:
         self.name = NAME
-        """Name of the controller that runs; empty if no controller runs."""
+        """Name of the controller that runs. Empty if no controller runs."""
         self._requests = node.reader(
             "rt/api/motion_switcher/request", messages.REQUEST, keep=MOST, reliable=True
         )

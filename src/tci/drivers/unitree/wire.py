@@ -1,8 +1,8 @@
 """Unitree's messages as bytes: encoding, decoding and the checksum.
 
 Unitree computes the checksum over a C struct. Some padding bytes of the struct are missing in the transmitted
-bytes (CDR). So messages are NumPy records with the layout of the C structs; `encode_*` functions remove the
-padding that is not transmitted.
+bytes (CDR). Therefore this module stores messages as NumPy records with the layout of the C structs. The
+functions `encode_*` remove the padding that is not transmitted.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tci.errors import FrameError
 
 HEAD = b"\0\1\0\0"
-"""First bytes of each message. They mean: CDR, little-endian."""
+"""First bytes of each message, which identify little-endian CDR."""
 SLOTS = 35
 """Number of slots for motors in a message. A G1 uses at most 29 slots."""
 WEIGHT = 29
@@ -87,19 +87,21 @@ def encode_state(state: NDArray[np.void]) -> bytes:
 
 
 def decode_command(data: bytes) -> tuple[Any, bool]:
-    """Returns the record of COMMAND in a message, and True if its checksum is right. Raises FrameError."""
+    """Returns the record of COMMAND in a message, and True if the message's checksum is right. Raises
+    FrameError if the message is invalid."""
     body = _body(data, COMMAND, "a command")
     return _judged(b"".join((body[:2], b"\0\0", body[2:4], b"\0\0", body[4:])), COMMAND)
 
 
 def decode_state(data: bytes) -> tuple[Any, bool]:
-    """Returns the record of STATE in a message, and True if its checksum is right. Raises FrameError."""
+    """Returns the record of STATE in a message, and True if the message's checksum is right. Raises
+    FrameError if the message is invalid."""
     body = _body(data, STATE, "a state")
     return _judged(b"".join((body[:70], b"\0\0", body[70:72], b"\0\0", body[72:])), STATE)
 
 
 def _body(data: bytes, kind: np.dtype[np.void], what: str) -> bytes:
-    size = kind.itemsize - 4  # the wire lacks 4 bytes of padding in both kinds
+    size = kind.itemsize - 4  # in both kinds of message, 4 padding bytes are not transmitted
     if data[:4] != HEAD or len(data) != size + 4:
         found = f"{len(data)} bytes that begin with {data[:4].hex()}"
         raise FrameError(f"{what} of Unitree: {found}; valid: {size + 4} that begin with {HEAD.hex()}")

@@ -1,4 +1,4 @@
-"""Driver for robots on YARP, and server that presents any robot as a robot on YARP.
+"""Driver for robots on the middleware YARP, and server that makes any robot available on YARP.
 
 The package `yarpwire` implements YARP's protocol. The modules here are:
 

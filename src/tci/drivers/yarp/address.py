@@ -24,14 +24,14 @@ class YarpAddress:
     server: tuple[str, int] | None = None
     """Host and port of the name server; None for the name server in YARP's file yarp.conf."""
     bindings: bool = False
-    """True to send and receive messages through YARP's own Python bindings."""
+    """True to send and receive messages with YARP's own Python bindings."""
     dialect: Dialect | None = None
     """Dialect of the protocol: YARP 3 or YARP 4. With None, a driver detects the dialect, and a server uses
     YARP 3."""
     robot: str = ""
-    """First part of the port names, such as `icubSim`; empty for the name of the robot's description."""
+    """First part of the port names, such as `icubSim`. Empty to use the name in the robot's description."""
     carrier: str = FAST_TCP.name
-    """Name of the carrier by which skin and joint states are received."""
+    """Name of YARP's carrier (transport protocol) for skin data and joint states."""
     skin: str = ""
     """`comp` to read drift-compensated skin values, empty to read raw skin values."""
     without: tuple[str, ...] = ()

@@ -22,7 +22,7 @@ class Axes:
     numbers: tuple[int, ...]
     """Number of the board's axis for each servo in `servos`."""
     absent: tuple[Servo, ...]
-    """Servos for which the board has no axis. No servo among them moves a link of the robot's model."""
+    """Servos for which the board has no axis. None of these servos moves a link of the robot's model."""
 
 
 def names_of(board: Board) -> tuple[str, ...]:
@@ -33,11 +33,10 @@ def names_of(board: Board) -> tuple[str, ...]:
 
 @raises_driver_errors
 def find_axes(board: Board, servos: Sequence[Servo]) -> Axes:
-    """Reads a board's axes and assigns them to `servos`: by name if the board has all names, else by number.
-
-    A board may lack servos that move nothing in the robot's model. Examples are the fingers and eyes of the
-    iCub in Gazebo. Such servos are not assigned by number if the board has fewer axes than there are servos
-    and has the names of some servos: the axis with that number may be a tool.
+    """Reads a board's axes and assigns the axes to `servos`: by name if the board has all names, otherwise by
+    number. A board may lack servos that move no link of the robot's model, such as the fingers and eyes of
+    the iCub in Gazebo. Such a servo is not assigned by number if the board has fewer axes than there are
+    servos and has the names of some servos, since the axis with this number may be a tool.
 
     Raises DriverError if the board does not answer, if it lacks a servo that moves a link, or if its axis
     numbers differ from those in the description.

@@ -49,11 +49,10 @@ STREAMS = {
 
 AHEAD = 0.02
 """Time [s] by which a sent position is ahead of the servo's reference on the path that the gate has planned.
-Needed since a board may let a servo come to rest at a set-point that the servo reaches. Assumed: four periods
-of 5 ms."""
+Needed since a board may stop a servo that has reached the set-point. Assumed: four periods of 5 ms."""
 SWITCHING = 0.0005
 """Longest time [s] to wait for the answer to a change of mode. If the answer arrives in time, set-points are
-sent again, since a board ignores set-points before it has switched. Assumed: a tenth of a period of 5 ms."""
+sent again, since a board ignores set-points before the change. Assumed: a tenth of a period of 5 ms."""
 
 
 class BoardDriver:
@@ -73,8 +72,8 @@ class BoardDriver:
     ) -> None:
         """Connects, and finds the board's axis for each servo in `servos`.
 
-        The board's port names begin with `prefix` (`/icub/left_arm`), the ports of this driver with `own`.
-        Raises DriverError if the board can't be reached, or if its axes do not fit the servos.
+        The board's port names begin with `prefix` (`/icub/left_arm`), and the port names of this driver with
+        `own`. Raises DriverError if the board can't be reached, or if its axes do not fit the servos.
         """
         self.prefix = prefix
         self._network, self._own = network, own
@@ -171,13 +170,13 @@ class BoardDriver:
         ]
         self._stream_all(safe, ahead, obeying, mine)
         if asked and self._settle(SWITCHING):
-            # Set-points that arrived before the board had switched had no effect.
+            # Set-points that arrived before the change of mode had no effect.
             self._stream_all(safe, ahead, obeying, mine)
 
     @raises_driver_errors
     def send_torques_only(self, safe: SafeCommand) -> None:
-        """Sends only the torques of servos in torque mode. Needed if states no longer arrive from the board:
-        it would keep the last torques, but the gate ends torques that are not based on recent data."""
+        """Sends only the torques of servos in torque mode. Needed to end the torques if no states
+        arrive from the board, since the board itself would keep the last torques."""
         mine = self._mine
         loose = [
             (place, servo)
@@ -188,13 +187,13 @@ class BoardDriver:
 
     @raises_driver_errors
     def halt(self) -> None:
-        """Stops the board's joints in position mode, so that they keep their angles. Raises DriverError."""
+        """Stops the joints in position mode at the present angles. Raises DriverError if the call fails."""
         self.board.set_modes(list(self.axes.numbers), POSITION)
         self.board.stop()
         self._direct.clear()
 
     def forget(self) -> None:
-        """Forgets the joints in direct mode, and closes the connection for calls. Needed after a restart."""
+        """Deletes the list of joints in direct mode. Closes the call connection. Used after a restart."""
         self._direct.clear()
         self.board.close()
 
@@ -202,7 +201,8 @@ class BoardDriver:
     def reconnect(self) -> None:
         """Connects again to the board's ports for state, calls and commands.
 
-        Raises DriverError, also if the board now has other axes, since commands would move wrong joints.
+        Raises DriverError if connecting fails. Also raises DriverError if the board now has other axes, since
+        commands would move wrong joints.
         """
         assert self.feed is not None
         fresh = find_board(self._network, self.prefix, f"{self._own}/rpc:o", self.board.dialect)
@@ -226,8 +226,8 @@ class BoardDriver:
     @raises_driver_errors
     def renew_commands(self) -> None:
         """Connects again if the board has closed the connection for commands. Boards with authentication
-        close it after 2 s without a command. Raises DriverError."""
-        output = self._output  # read once: the loop's thread may set it to None
+        close this connection after 2 s without a command. Raises DriverError if connecting fails."""
+        output = self._output  # read only once, since the loop's thread may set `_output` to None
         if output is None or output.is_over():
             self._connect_commands()
 
@@ -244,7 +244,7 @@ class BoardDriver:
         return reported is mode or servo in self._direct or mode in (Mode.VELOCITY, Mode.TORQUE)
 
     def _switch(self, wanted: dict[int, Mode], mine: dict[int, int]) -> bool:
-        """Requests the `wanted` modes, unless an earlier request is open. Returns True if it has sent one."""
+        """Requests the `wanted` modes, unless a request is pending. Returns True if a request was sent."""
         if not wanted or self._switching:
             return False
         for servo, mode in wanted.items():
@@ -263,7 +263,7 @@ class BoardDriver:
         return True
 
     def _settle(self, patience: float = 0.0) -> bool:
-        """Returns True if all changes of modes are answered. Raises YarpError if the board refused one."""
+        """Returns True if no change of modes is pending. Raises YarpError if the board refused a change."""
         try:
             answered = self.board.settle(patience)
             if answered:
@@ -277,7 +277,7 @@ class BoardDriver:
             raise
 
     def _set_shares(self, safe: SafeCommand, mine: dict[int, int]) -> None:
-        """Sets stiffness and damping as fractions of the values that the board had at first."""
+        """Sets stiffness and damping as fractions of the values that the board had when the driver opened."""
         shares = [(0, safe.stiffness), (1, safe.damping)]
         for servo in {servo for _, values in shares for servo in values if servo in mine}:
             if Mode.IMPEDANCE not in next(s.modes for s in self.axes.servos if s.index == servo):
@@ -294,8 +294,8 @@ class BoardDriver:
     def _stream_all(
         self, safe: SafeCommand, ahead: Array, chosen: Sequence[tuple[int, int]], mine: dict[int, int]
     ) -> None:
-        """Sends the set-points of the `chosen` servos by the stream for each servo's mode. `chosen` has for
-        each servo the place in the command and the index."""
+        """Sends the set-points of the `chosen` servos as the stream command for each servo's mode. `chosen`
+        has for each servo the place in the command and the index."""
         for stream, values in (
             (Stream.POSITION, np.rad2deg(ahead)),
             (Stream.VELOCITY, np.rad2deg(safe.velocity)),
@@ -315,7 +315,7 @@ class BoardDriver:
         except YarpError:
             output.close()
             if self._output is output:
-                self._output = None  # nothing is queued; `renew_commands` connects again
+                self._output = None  # no command is queued; `renew_commands` connects again
 
     def _connect_commands(self) -> None:
         if self._output is not None:

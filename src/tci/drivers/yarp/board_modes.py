@@ -35,12 +35,12 @@ no commands."""
 MOVING = (POSITION, MIXED)
 """Control modes in which a joint accepts moves to a target angle."""
 USUAL = {Mode.VELOCITY: VELOCITY, Mode.TORQUE: TORQUE}
-"""YARP's control mode that is shown for a mode of TCI which no client has set. Modes of TCI that are missing
-here are shown as POSITION."""
+"""YARP's control mode that clients read for a mode of TCI which no client has set. For modes of TCI that are
+missing in this table, clients read POSITION."""
 STREAMING = {
     Stream.POSITION: (DIRECT,), Stream.VELOCITY: (VELOCITY, VELOCITY_DIRECT), Stream.TORQUE: (TORQUE,),
 }  # fmt: skip
-"""Control modes in which a joint accepts each kind of streamed set-points."""
+"""Control modes in which a joint accepts streamed set-points, by the kind of the set-points."""
 
 JointMode = tuple[Vocab, bool]
 """Control mode of a joint, and True if it is compliant."""
@@ -67,7 +67,8 @@ class BoardModes:
         return [word for word, mode in MODES.items() if mode in self._servos[joint].modes]
 
     def catch_up(self, joint: int, mode: Mode) -> None:
-        """Adopts the `mode` that a joint has at the gate, if another program has changed it there."""
+        """Stores the `mode` that a joint has in the gate, if another program has changed the mode in the
+        gate."""
         if self.gate_mode(joint) is not mode:
             self._set[joint] = USUAL.get(mode, POSITION), mode is Mode.IMPEDANCE
 

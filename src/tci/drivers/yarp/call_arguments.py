@@ -49,5 +49,5 @@ def modes(words: Sequence[Any], count: int, part: str, valid: Collection[Vocab])
 
 
 def _listed(items: object) -> Sequence[Any]:
-    """Returns `items` if it is a list, else an empty list."""
+    """Returns `items` if `items` is a list, otherwise an empty list."""
     return items if isinstance(items, list | tuple) else ()

@@ -33,7 +33,7 @@ round limits to a degree."""
 def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
     """Checks step by step if library, name server, control boards and skin ports can be reached.
 
-    A step that fails becomes a finding. Never raises a TciError.
+    Adds a finding for each step that fails. Never raises a TciError.
     """
     try:
         options = addresses.parse(address)
@@ -86,7 +86,8 @@ def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
 
 
 def _absent(part: str, axes: Axes) -> list[Finding]:
-    """Returns a finding about the servos for which a board has no axis; an empty list if there are none."""
+    """Returns a list with one finding about the servos for which a board has no axis. The list is empty if
+    every servo has an axis."""
     if not axes.absent:
         return []
     what = f"the board has no axis of {', '.join(servo.name for servo in axes.absent)}"

@@ -65,8 +65,8 @@ _numbers = itertools.count()
 class YarpDriver(Driver):
     """A driver of a robot on YARP. The driver is armed only on request.
 
-    After a restart of the name server, a board or the robot, the driver connects again by itself. Until then
-    the joint data is old, and the gate holds.
+    After a restart of the name server, a board or the robot, the driver connects again automatically. Until
+    the driver has connected again, the joint data is old, and the gate holds.
     """
 
     @raises_driver_errors
@@ -75,8 +75,9 @@ class YarpDriver(Driver):
     ) -> None:
         """Connects to every board and every patch. docs/yarp.md describes the `address`.
 
-        With `joints=False` only the skin is read, with `skin=False` only the joints. Skin ports do not show
-        the robot's dialect, so with `joints=False` the address must contain the dialect.
+        With `joints=False`, the driver reads only the skin. With `skin=False`, the driver reads only the
+        joints. Skin ports do not show the robot's dialect, so with `joints=False` the address must contain
+        the dialect.
 
         Raises DriverError if a port does not exist, sends nothing, or sends values that do not fit the
         description. Raises MissingExtraError if the address requests YARP's own bindings and they are not
@@ -164,17 +165,17 @@ class YarpDriver(Driver):
         if self._joints is None or stamp != self._joints.stamp:
             self._joints = self._joints_at(stamp)
         back = self._away and self.clock.now() - stamp <= self.gate.stale_after
-        if back or self._reconnected.is_set():  # the robot may have moved by other means in the meantime
+        if back or self._reconnected.is_set():  # the robot may have moved while no data arrived
             self._away.clear()
             self._reconnected.clear()
             self.gate.drop()
-        for feed in self.skin.values():  # waited for last, so that skin data is as recent as possible
+        # the driver waits for skin last, so that skin data is as recent as possible
+        for feed in self.skin.values():
             feed.await_due(until, self.period)
         return Reading(joints=self._joints, skin=tuple(self._frames()))
 
     def _joints_at(self, stamp: float) -> JointReading:
-        """Returns a reading of all boards; of each board, the state nearest to the time `stamp` [s] is
-        used."""
+        """Returns a reading of all boards. Uses each board's state nearest to the time `stamp` [s]."""
         count = len(self.robot.servos)
         position, velocity, torque = np.full((3, count), np.nan)
         modes: list[Mode | None] = [None] * count
@@ -229,8 +230,8 @@ class YarpDriver(Driver):
     def _tolerate_refusals(self, now: float) -> None:
         """Makes the gate hold while a board refuses a change of mode; `now` [s] is the present time.
 
-        A board that holds or starts refuses for a short time. Such a board gets the request again in each
-        period. Raises DriverError if a board refuses for longer than REFUSED.
+        A board that holds or starts refuses for a short time. The driver repeats the request to such a board
+        in each period. Raises DriverError if a board refuses for longer than REFUSED.
         """
         for since, error in self._refused.values():
             if now - since > REFUSED:
@@ -288,10 +289,8 @@ class YarpDriver(Driver):
         )
 
     def _watch(self) -> None:
-        """Keeps the connections until the driver closes.
-
-        Connects to silent ports again, and registers the driver's ports again if the name server has
-        restarted.
+        """Restores lost connections until the driver closes. Connects again to ports that send nothing, and
+        registers the driver's ports again if the name server has restarted.
         """
         due = time.monotonic() + REGISTER_AGAIN
         while not self._closed.wait(LOOK):

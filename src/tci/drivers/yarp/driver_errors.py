@@ -15,8 +15,8 @@ Result = TypeVar("Result")
 
 
 def raises_driver_errors(call: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Wraps a function so that it raises DriverError with the text of the YarpError, in place of the
-    YarpError."""
+    """Returns a function that calls the wrapped function and raises each YarpError as DriverError with the
+    same text."""
 
     @wraps(call)
     def translated(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:

@@ -19,7 +19,8 @@ periods, and YARP's own clients wait longer."""
 
 
 class OrderBook:
-    """Passes orders from the threads of connections to the loop, and the results of the orders back.
+    """Passes orders from the threads of connections to the loop, and the results of the orders to these
+    threads.
 
     Each connection has a thread of its own, which calls `put`. If a client waits for an answer, the thread
     also calls `begin` before and `settle` after. The loop calls `take`, `refuse` and `judge`.
@@ -34,7 +35,8 @@ class OrderBook:
         self._mine = threading.local()
 
     def put(self, order: Order, undo: Callable[[], object] | None = None) -> None:
-        """Adds an order. If the order is refused, `undo` is called to restore the state before the order."""
+        """Adds an order. If the order is refused later, the book calls `undo` to restore the state before the
+        order."""
         with self._changed:
             self._waiting.append(order)
             if undo is not None:
@@ -46,7 +48,7 @@ class OrderBook:
             self._mine.orders.append(order)
 
     def take(self) -> list[Order]:
-        """Returns the orders that were added since the last call, oldest first."""
+        """Returns the orders that were added since the last call, the oldest first."""
         with self._changed:
             waiting, self._waiting = self._waiting, []
             self._given += waiting

@@ -30,19 +30,19 @@ from yarpwire.state import BoardState
 from yarpwire.values import Vocab
 
 FULL_STIFFNESS = 1.0
-"""Stiffness [N m/deg] on YARP that corresponds to the full stiffness of a servo. Assumed: any value will do;
-TCI sets only fractions of the full stiffness, but YARP needs a value with a unit."""
+"""Stiffness [N m/deg] on YARP that corresponds to the full stiffness of a servo. Assumed: the value has no
+effect, since TCI sets only fractions of the full stiffness, but YARP needs a value with a unit."""
 FULL_DAMPING = 0.1
 """Damping [N m s/deg] on YARP that corresponds to the full damping of a servo. Assumed as for
 FULL_STIFFNESS."""
 SPEED = 10.0
 """Speed [deg/s] of a joint's moves until a client sets another speed; equal to iCub's."""
 ACCELERATION = 50.0
-"""Acceleration [deg/s2] that clients read until they set another acceleration. Assumed: any value will do,
-since the gate uses the limits in the description."""
+"""Acceleration [deg/s2] that clients read until they set another acceleration. Assumed: the value has no
+effect, since the gate uses the limits in the description."""
 OVERTAKES = 0.005
-"""Longest time [s] that streamed set-points wait for the change to their mode. The change arrives on another
-connection, and possibly later. Assumed: this is half of a board's period on iCub."""
+"""Longest time [s] that streamed set-points wait for the change to their mode. The change of mode arrives on
+another connection, and possibly later. Assumed: half of a board's period on iCub."""
 ARRIVED = 1e-4
 """Largest distance [rad] between a joint's target and reference at which the joint counts as arrived.
 Assumed: an encoder does not resolve this distance."""
@@ -81,7 +81,7 @@ class ServedBoard(BoardService):
         self._moves: NDArray[np.bool_] = np.zeros(self.count, dtype=bool)
         self._early: tuple[float, Stream, list[int], Sequence[float]] | None = None
         self.state = BoardState(np.zeros(self.count))
-        """Latest state of the joints."""
+        """Latest state of the board's joints."""
         self.stamp = 0.0
         """Time [s] at which the latest state was stored, seconds since 1970."""
         self.armed = True

@@ -45,7 +45,7 @@ from yarpwire.streams import obey
 PERIOD = 0.01
 """Time [s] between two published states of a board; equal to iCub's."""
 APART = 0.003
-"""Time [s] after a skin frame in which states are sent only if they can't wait any longer. Assumed: in this
+"""Time [s] after a skin frame in which the server delays states, by at most half a PERIOD. Assumed: in this
 time a client computes its answer to a touch, and reading states would delay the answer."""
 DEFAULT = ("127.0.0.1", 10000)
 """Host and port at which the server's own name server listens if no address is given."""
@@ -60,7 +60,7 @@ class YarpServer(Server):
 
     @raises_driver_errors
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """Opens all ports; starts its own name server if no name server is found.
+        """Opens all ports. Starts a name server in this process if no name server is found.
 
         docs/yarp.md describes the `address`. Raises DriverError if a port is in use or the name server does
         not answer. Raises MissingExtraError if the address requests YARP's own bindings and they are not
@@ -148,7 +148,7 @@ class YarpServer(Server):
             board.update(reading.joints, self.driver.gate.modes)
             where = self._where[part]
             if f"{where}/state:o" not in self._ports:
-                continue  # closed by `close_board`
+                continue  # `close_board` has closed this board
             stamp = self._stamp(part, reading.joints.stamp + offset)
             self._write(f"{where}/state:o", board.state.position, stamp)
             extended = f"{where}/stateExt:o"
@@ -168,11 +168,10 @@ class YarpServer(Server):
             self._own.close()
 
     def _name_server(self, options: YarpAddress) -> tuple[NameServer | None, Network]:
-        """Returns the name server if this process has started it, else None; and the network.
-
-        The name server in the address or in yarp.conf is used; if none answers, a new name server is started.
-        The network is not searched for other name servers, since a foreign name server would register every
-        port, and the ports would listen on the network.
+        """Returns the name server if this process has started the name server, otherwise None. Also returns
+        the network. The server uses the name server in the address or in yarp.conf. If no name server
+        answers, the server starts a new name server. The network is not searched for other name servers,
+        since a foreign name server would register every port, and the ports would listen on the network.
         """
         if options.server is None and not config_file(namespace()).is_file():
             options = replace(options, server=DEFAULT)
@@ -247,7 +246,7 @@ class YarpServer(Server):
     def _keep_registered(self) -> None:
         """Registers the server's ports again if the name server has restarted; runs until the server closes.
 
-        In the meantime data still flows, since data between ports does not need the name server.
+        Until then, ports still exchange data, since data between ports does not need the name server.
         """
         while not self._closed.wait(REGISTER_AGAIN):
             with contextlib.suppress(YarpError):

@@ -1,4 +1,4 @@
-"""Contacts in the format in which iCub's skinManager publishes them.
+"""Encodes and decodes contacts in the format of iCub's skinManager.
 
 Each contact is a list, with vectors in the frame of the contact's link:
 `((id body link skin) (CoP) (F) (M) (centre) (normal) (taxels ..) pressure)`.

@@ -1,7 +1,6 @@
-"""Order of a patch's channels among the values of the patch's port.
-
-A port may have more values than the patch has channels. For example, the skin of iCub's upper arm has 35
-modules of ten taxels each. Its port has 768 values, in which each module has twelve places.
+"""Order of a patch's channels among the values that the patch's port sends. A port may send more values than
+the patch has channels. For example, the skin of iCub's upper arm has 35 modules of ten taxels each. The port
+of this skin sends 768 values, with twelve values for each module.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ class SkinLayout:
     """Places of the channels of one patch among the values of its port."""
 
     count: int
-    """Number of values of the port."""
+    """Number of values that the port sends."""
     places: NDArray[np.intp] | None = None
     """Index (channels,) of each channel's value among the values of the port; None if the two orders are
     equal."""

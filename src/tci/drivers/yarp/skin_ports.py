@@ -1,4 +1,4 @@
-"""Skin over YARP: the ports of a patch on a served robot, and a reader of the skin ports of any robot.
+"""Sends the skin of a served robot on YARP ports, and reads the skin ports of any robot.
 
 - `/ROBOT/skin/PATCH` sends the raw values of a patch as a Vector.
 - `/ROBOT/skin/PATCH_comp` sends the drift-compensated values.
@@ -56,7 +56,7 @@ class SkinPorts:
             open_port(f"{name}{METADATA}", call)
 
     def publish(self, frame: SkinFrame, stamp: Stamp) -> None:
-        """Sends a skin frame on all ports that have a connection."""
+        """Sends a skin frame on each port that has a connection."""
         sensor = self._sensor
         values = self._layout.to_port(np.asarray(frame.values, dtype=float), sensor.rest)
         if self._raw.outputs:
@@ -75,8 +75,8 @@ def read_skin(
     """Returns a Feed that receives the frames of one patch of the robot at `prefix`.
 
     If the robot has YARP 4's port `measures:o` for the patch, this port is read. If the device has several
-    sensors, their values form the patch, one sensor after the other. Assumed: iCub's devices had this order
-    before YARP 4.
+    sensors, their values form the patch, one sensor after the other. Assumed: devices before YARP 4 had this
+    order on iCub.
 
     Raises DriverError if the order of the patch's values is unknown, and the errors of Feed.
     """

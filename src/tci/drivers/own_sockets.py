@@ -147,7 +147,7 @@ class ConnectionMonitor:
                 one.end()
 
     def close(self) -> None:
-        """Ends the checks."""
+        """Ends the checks of the connections."""
         self._closed.set()
 
     def _connections(self) -> Iterator[OwnSocket]:

@@ -93,7 +93,7 @@ def _from_module(module: str, name: str) -> object:
             f"{module}:{name}: {error}; searched: {Path.cwd()} and the installed packages; {valid}"
         ) from error
     if not hasattr(found, name):
-        # a package may import the objects in its `__all__` only on first use
+        # a package may import its objects only on first use
         words = dict.fromkeys([*vars(found), *dir(found)])
         own = [word for word in words if _can_run(getattr(found, word, None))]
         raise UnknownNameError(f"capability in {module}", name, own)

@@ -21,7 +21,8 @@ from tci.messages import JointReading, Reading, SkinFrame
 from tci.robot.description import Robot
 
 ANSWER = 0.05
-"""Longest time [s] to wait for an answer after connecting. Assumed: 2.5 periods of ALMotion."""
+"""Longest time [s] to wait for an answer after connecting. Assumed: a connected robot answers within 2.5
+periods of ALMotion."""
 GONE = 1.0
 """Time [s] without an answer after which the connection counts as lost. Assumed: twenty times `ANSWER`."""
 AGAIN = 0.3

@@ -94,7 +94,7 @@ def pack(sequence: int, values: NDArray[np.generic]) -> str:
 
 
 def unpack(text: str, channels: int) -> tuple[int, NDArray[np.generic]]:
-    """Returns number and values (channels,) of a packed frame.
+    """Returns the sequence number and the values (channels,) of a packed frame.
 
     Raises FrameError if `text` is not a packed frame of this size. The length is checked before memory is
     allocated.

@@ -92,7 +92,7 @@ class Names:
         return self.topic(f"{token(robot_part)}_controller/commands")
 
     def command(self, robot_part: str) -> str:
-        """Returns the topic on which a robot takes commands for a robot part.
+        """Returns the topic on which the robot receives commands for a robot part.
 
         If the topic's name ends in `/commands`, its messages are Float64MultiArray, otherwise
         JointTrajectory.

@@ -128,7 +128,7 @@ def play(
     arm: Arm = False,
     as_json: AsJson = False,
 ) -> None:
-    """Play a gesture as fast as the robot's limits allow, and print the errors of its joints.
+    """Play a gesture as fast as the robot's limits allow, and print the errors of the robot's joints.
 
     The exit status is 1 if the robot did not reach the end of the gesture.
 

@@ -28,7 +28,7 @@ def mount(
     ] = 5.0,
     out: Annotated[
         Path | None,
-        typer.Option(help="Description to write, which extends the robot's and lies beside it (.xml)."),
+        typer.Option(help="Description (.xml) to write beside the description that this file extends."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -27,8 +27,8 @@ class Driver(ABC):
     """
 
     before_write: Callable[[], None] | None = None
-    """Function that `write` calls before it sends a command. It raises DriverError if this process may no
-    longer command the robot."""
+    """Function that `write` calls before sending a command. The function raises DriverError if this process
+    may no longer command the robot."""
 
     def __init__(self, info: DriverInfo) -> None:
         """Stores `info`, the facts about the connection. The constructor of every subclass must call this

@@ -37,8 +37,8 @@ from tci.rosmsg.cdr import HEADER, MessageType, decode, encode, item_of
 RELIABLE = Policy.Reliability.Reliable(duration(milliseconds=0))
 """Policy that repeats lost messages, but never waits for a slow reader."""
 FRESH = Policy.Lifespan(duration(seconds=LIFESPAN))
-"""Policy that deletes old messages. Without it, messages that a dead reader did not acknowledge would be kept
-and sent to later readers."""
+"""Policy that deletes old messages. Without this policy, messages that a dead reader did not acknowledge
+would be stored and sent to later readers."""
 GRAPH = MessageType(
     "rmw_dds_common/msg/ParticipantEntitiesInfo",
     (("rmw_dds_common/Gid", "gid"), ("rmw_dds_common/NodeEntitiesInfo[]", "nodes")),

@@ -38,7 +38,7 @@ STATUS = struct.Struct("<B?d")
 """A status message: phase, True if a fault lasts, and weight. The reason follows as text."""
 DISCOVERY = 0.5
 """Time [s] after the first state in which the keeper searches for other programs that write commands, before
-it takes the motors. Assumed: DDS participants answer a new participant immediately."""
+taking the motors. Assumed: DDS participants answer a new participant immediately."""
 SILENT = 1.0
 """Time [s] without targets after which the behaviour counts as failed, and the motors are handed back.
 Assumed: a pause of a loop is far shorter."""

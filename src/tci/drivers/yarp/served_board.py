@@ -1,6 +1,6 @@
 """One robot part served as a control board: answers calls, and converts commands to orders.
 
-YARP 3 and YARP 4 both use this module. Angles of YARP are in degrees, those of TCI in radians.
+YARP 3 and YARP 4 both use this module. Angles are in degrees in YARP, and in radians in TCI.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class ServedBoard(BoardService):
         self.speeds = np.full(self.count, SPEED)
         """Speed (n_joints,) [deg/s] of moves to a target angle."""
         self.accelerations = np.full(self.count, ACCELERATION)
-        """Acceleration (n_joints,) [deg/s2] that clients have set; it has no effect."""
+        """Acceleration (n_joints,) [deg/s2] that clients have set. The value has no effect."""
         self._set_points = {stream: np.zeros(self.count) for stream in Stream}
         self._index = np.array([servo.index for servo in self.servos], dtype=np.intp)
         self._movable = [number for number, servo in enumerate(self.servos) if _is_movable(servo)]
@@ -245,7 +245,7 @@ class ServedBoard(BoardService):
     def _obeying(self, chosen: list[int]) -> list[int]:
         """Returns the joints that a call moves.
 
-        In a call for the whole board, joints that can't be moved are left out; they keep their angles.
+        In a call for the whole board, joints that can't be moved are left out and keep the present angles.
         """
         return self._movable if len(chosen) == self.count and self._movable else chosen
 

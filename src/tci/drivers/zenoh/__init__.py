@@ -1,1 +1,1 @@
-"""Driver and server for robots over the middleware Zenoh."""
+"""Driver and server for robots on the middleware Zenoh."""

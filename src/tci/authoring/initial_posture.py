@@ -31,7 +31,7 @@ while the arm points forward, would get a twisted posture.
 def with_initial(draft: Robot, part: GenericPart) -> GenericPart:
     """Returns an arm with the first of POSTURES at which its servos are far enough from their limits.
 
-    If there is none, the posture with the largest distance from limits is used.
+    If no posture is far enough from the limits, the posture with the largest distance from limits is used.
     """
     robot = draft.model_copy(update={"parts": (part,), "digest": f"{part.name} {part.servos[3].scale}"})
     joints = joint_map(robot, part.name)

@@ -82,8 +82,8 @@ class LinkPoints:
         return hand if halfway < float(np.linalg.norm(hand - start)) < 2.0 * halfway else tip
 
     def centre_of_mass_without(self, links: Iterable[str]) -> Array | None:
-        """Returns the centre of mass (3,) [m] of a robot without `links` and all that they carry, in the
-        root's frame.
+        """Returns the centre of mass (3,) [m] of a robot without `links` and without all links that `links`
+        carry, in the root's frame.
 
         None if the remaining links have no mass.
         """

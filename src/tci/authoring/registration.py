@@ -94,7 +94,7 @@ class Registration:
         return not self.fits and self.corrected_mean <= FITS
 
 
-@lru_cache(maxsize=1)  # of a robot with many patches
+@lru_cache(maxsize=1)  # cached for a robot with many patches
 def _compiled(file: Model) -> mujoco.MjModel:
     return compiled(load_spec(file), file)
 
@@ -128,8 +128,9 @@ def link_surface(robot: Robot, link: str) -> LinkSurface:
 def register(points: Array, surface: LinkSurface) -> Registration:
     """Compares `points` (n, 3) [m] with the surface of a link, and finds a correction if they do not fit.
 
-    On a symmetric limb several corrections may be equally good; then one of them is returned, and a small one
-    if there is one. Raises CommandError for fewer than 10 points, or for points that are not finite.
+    On a symmetric limb several corrections may be equally good; in this case the function returns one of
+    these corrections, and prefers a small correction. Raises CommandError for fewer than 10 points, or for
+    points that are not finite.
     """
     points = np.asarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1:] != (3,) or len(points) < 10 or not np.isfinite(points).all():
@@ -190,8 +191,8 @@ def _right_angles() -> list[Array]:
 def _starts(points: Array, surface: LinkSurface) -> Array:
     """Returns poses (s, 4, 4) to start from.
 
-    They are the identity, and all combinations of a rotation by right angles with an offset (OFFSETS) between
-    the centre of the points and the centre of the surface.
+    These poses are the identity, and all combinations of a rotation by right angles with an offset (OFFSETS)
+    between the centre of the points and the centre of the surface.
     """
     centre, theirs = points.mean(axis=0), surface.points.mean(axis=0)
     return np.array(
@@ -238,7 +239,7 @@ def _point_to_point(points: Array, surface: LinkSurface, poses: Array, *, steps:
         here, there = (weights * points).sum(axis=1) / total, (weights * theirs).sum(axis=1) / total
         spread = (weights * (points - here[:, None])).swapaxes(1, 2) @ (theirs - there[:, None])
         U, _, Vt = np.linalg.svd(spread)
-        U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]  # no mirror images
+        U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]  # excludes mirror images
         R = (U @ Vt).swapaxes(1, 2)
         poses = poses.copy()
         poses[:, :3, :3], poses[:, :3, 3] = R, there - np.einsum("sij,sj->si", R, here)

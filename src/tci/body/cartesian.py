@@ -23,15 +23,16 @@ from tci.robot.shoulder import shoulder_of
 from tci.skin.skin import segment_pose
 
 SETTINGS = InverseSettings(starts=6)
-"""Settings of the inverse kinematics. It uses fewer start postures than motion planning does, so that an
-unreachable target is recognised sooner."""
+"""Settings of the inverse kinematics. This search uses fewer start postures than motion planning does, so
+that an unreachable target is recognised sooner."""
 WAYPOINTS = 9
 """Number of postures on the path at which the speed of the point is computed and limited. Assumed: between
 two postures a joint turns by a few degrees, which changes its lever arm by a few percent."""
 
 
 class Reach:
-    """Kinematics of one Cartesian actuator. It contains work arrays, so each thread needs its own object."""
+    """Kinematics of one Cartesian actuator. The object contains work arrays, so each thread needs its own
+    object."""
 
     def __init__(self, robot: Robot, part: str, point: str) -> None:
         """Builds the kinematics of the actuator `point` of a part.

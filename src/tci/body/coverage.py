@@ -37,7 +37,7 @@ class _Limb:
 class Coverage:
     """Counts the taxels of one robot around places of its skin.
 
-    It contains caches, which save time and never change a result.
+    The object contains caches, which save time and never change a result.
     """
 
     def __init__(self, skin: Skin, landmarks: Landmarks) -> None:

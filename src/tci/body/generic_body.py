@@ -189,8 +189,8 @@ class GenericBody:
     def jacobian(self, perception: Perception, contact: Contact) -> Array:
         """Returns the Jacobian (3, n) [m/rad] of the contact point by the generic joints of its part.
 
-        The Jacobian is expressed in the torso frame, with zero columns for joints that the robot lacks. Its
-        transpose maps a force at the contact to torques of the generic joints.
+        The Jacobian is expressed in the torso frame, with zero columns for joints that the robot lacks. The
+        transpose of the Jacobian maps a force at the contact to torques of the generic joints.
         """
         position = _joints(perception).position
         link = self.robot.patch(contact.patch).link

@@ -1,8 +1,8 @@
 """Landmarks and distances on skin without limb coordinates: torso, head, palm, sole.
 
 Receptive fields on this skin are discs: the centre of a field is a landmark, and its radius is a geodesic
-distance. It is the length of the shortest path over the skin's faces, from taxel to taxel (Dijkstra 1959).
-The computed length is at most a few percent too long.
+distance. The geodesic distance is the length of the shortest path over the skin's faces, from taxel to taxel
+(Dijkstra 1959). The computed length is at most a few percent too long.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ STEPS = 3
 """Number of face edges that one step of a path may span. Assumed: with 1 edge a path is up to 15 % too long,
 with 3 edges a few percent."""
 FACING = 0.2
-"""Least cosine between the skin's normal at a landmark and the direction of the landmark. Assumed: then a
-direction towards the back of the hand gives no landmark on the palm."""
+"""Least cosine between the skin's normal at a landmark and the direction of the landmark. Assumed: with this
+value, a direction towards the back of the hand never leads to a landmark on the palm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +85,7 @@ class Landmarks:
         place, point, normal = reach.place, contact.p_L, contact.n_L
         if _is_near(place.p_L, place.n_L, point, normal):
             return float(_lengths(place.p_L, place.n_L, point, normal))
-        # All fields ask about one contact before they ask about the next one.
+        # All receptive fields request their distances from one contact before those from the next contact.
         if self._latest is None or self._latest[0] is not contact:
             self._latest = contact, _around(self._skin.surfaces[contact.patch], point, normal)
         around, lengths = self._latest[1]
@@ -106,7 +106,8 @@ class Landmarks:
             surface = self._skin.surfaces[patch.name]
             direction = self._direction(part, patch, landmark)
             middle = (surface.positions.min(axis=0) + surface.positions.max(axis=0)) / 2.0
-            # A sheet has no inside: its landmark is its middle, if the direction comes from its outer side.
+            # A sheet has no inside: the landmark of a sheet is its middle, if the direction comes from the
+            # outer side of the sheet.
             reach = leave_surface(surface, middle, direction)
             points, normals = surface.project((middle + (reach or 0.0) * direction)[None])
             if normals[0] @ direction <= FACING:
@@ -141,7 +142,8 @@ def _geodesics(surface: Surface, edges: NDArray[np.intp], point: Array, normal: 
 
     `normal` (3,) is the surface's normal at the point. Paths follow `edges` (m, 2), pairs of taxels.
     """
-    from scipy.sparse.csgraph import dijkstra  # slow to import, and sleeves do without
+    # imported here, because the import is slow and skin on sleeves does not need this function
+    from scipy.sparse.csgraph import dijkstra
 
     count = len(surface.positions)
     one, other = edges.T
@@ -189,7 +191,8 @@ def _lengths(one: Array, normal: Array, other: Array, its_normal: Array) -> Arra
 def _is_near(points: Array, normals: Array, point: Array, normal: Array) -> NDArray[np.bool_]:
     """Returns a mask (n,) of `points` (n, 3) [m] that are directly connected to `point` (3,).
 
-    NEAR and TURNED define this. `normals` (n, 3) and `normal` (3,) are unit normals at the points.
+    NEAR and TURNED define a direct connection. `normals` (n, 3) and `normal` (3,) are unit normals at the
+    points.
     """
     near: NDArray[np.bool_] = np.linalg.norm(points - point, axis=-1) <= NEAR
     return near & (normals @ normal > TURNED)
@@ -198,7 +201,7 @@ def _is_near(points: Array, normals: Array, point: Array, normal: Array) -> NDAr
 def _around(surface: Surface, point: Array, normal: Array) -> tuple[NDArray[np.intp], Array]:
     """Returns taxels (k,) around a point with the normal `normal` (3,), and path lengths (k,) [m] to them.
 
-    They are the directly connected taxels, and the corners of the face on which the point lies.
+    These taxels are the directly connected taxels, and the corners of the face on which the point lies.
     """
     near = np.flatnonzero(_is_near(surface.positions, surface.normals, point, normal))
     corners = nearest_on_faces(surface.positions, surface.faces, point[None])[0][0]

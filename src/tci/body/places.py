@@ -30,16 +30,16 @@ class Place:
 def find_place(skin: Skin, part: str, segment: str, u: float, theta: float, joints: JointReading) -> Place:
     """Returns the point of the skin at (u, theta) of a limb segment, in the posture `joints`.
 
-    A ray starts on the segment's axis at `u`, in direction `theta` [rad]. The result is the point at which it
-    leaves the skin. This is the inverse of `limb_coordinates`. Raises TciError if there is no skin at this
-    place or the part is not an arm, and UnknownNameError for an unknown part or segment.
+    A ray starts on the segment's axis at `u`, in direction `theta` [rad]. The result is the point at which
+    the ray leaves the skin. This is the inverse of `limb_coordinates`. Raises TciError if there is no skin at
+    this place or the part is not an arm, and UnknownNameError for an unknown part or segment.
     """
     robot = skin.robot
     generic_part = robot.part(part)
     length = generic_part.segment(segment).length
     T_TS = skin.segment_pose(part, segment, joints, generic_posture(robot, joints)[part])
     origin_S = np.array([0.0, 0.0, -u * length])
-    assert generic_part.side is not None  # as it is an arm
+    assert generic_part.side is not None  # an arm always has a side
     direction_S = limb_direction(theta, generic_part.side)
     best: tuple[float, Place] | None = None
     for patch in robot.patches:
@@ -70,7 +70,8 @@ def leave_surface(surface: Surface, origin: Array, direction: Array) -> float | 
         v = np.einsum("ij,ij->i", offset, p) / determinant
         w = q @ direction / determinant
         reach = np.einsum("ij,ij->i", edge2, q) / determinant
-    v, w, reach = np.nan_to_num([v, w, reach], nan=-1.0, posinf=-1.0, neginf=-1.0)  # along a face
+    # A ray parallel to a face has no intersection: values that are not finite become -1, a miss.
+    v, w, reach = np.nan_to_num([v, w, reach], nan=-1.0, posinf=-1.0, neginf=-1.0)
     margin = 1e-9  # rounding must not let a ray through an edge pass between two faces
     hit = (v >= -margin) & (w >= -margin) & (v + w <= 1.0 + margin) & (reach > 0.0)
     return float(reach[hit].max()) if hit.any() else None

@@ -44,7 +44,7 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
     stay unchanged.
 
     `position` (n_servos,) [rad] are the servo angles, by default those of the initial posture. A conversion
-    by linear transforms does not depend on them.
+    by linear transforms does not depend on these angles.
 
     Raises UnknownNameError for an unknown part, and CommandError for:
 

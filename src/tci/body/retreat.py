@@ -1,8 +1,8 @@
 """Displacement of contact points relative to the touching object, on the path that the gate would execute.
 
-The gate is the safety filter before the driver. The prediction follows its rules: a motion starts from rest,
-in the robot's own joints, within their limits and couplings, and each joint has its own acceleration.
-Displacements are relative to the robot's root, since the torso may move too.
+The gate is the safety filter before the driver. The prediction follows the rules of the gate: a motion starts
+from rest, in the robot's own joints, within their limits and couplings, and each joint has its own
+acceleration. Displacements are relative to the robot's root, since the torso may move too.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ AHEAD = 0.1
 comes much sooner."""
 TIMES = len(EARLY) + len(SHARES)
 UNKNOWN = 100.0
-"""Value for a limit [rad/s, rad/s2, rad/s3] that the description does not give. Its size does not matter,
+"""Value for a limit [rad/s, rad/s2, rad/s3] that is missing in the description. Its size does not matter,
 since the gate refuses motions of a joint without limits."""
 
 
@@ -70,7 +70,7 @@ class Retreat:
         after = dict(zip(links, ends.tolist(), strict=True))
         self._after = {patch.name: after[patch.link] for patch in robot.patches}
         self._own = local()
-        self._motions()  # built in advance: the first touch must not wait for it
+        self._motions()  # built in advance, so that the first touch is not delayed
 
     def along(self, position: Array, contacts: Contacts, part: str, target: Array, mode: Mode) -> Array:
         """Returns the displacement (2, k, c) [m] of each contact point at k times while `part` moves to
@@ -88,8 +88,8 @@ class Retreat:
     def at_ends(self, position: Array, contacts: Contacts, part: str, targets: Array) -> Array:
         """Returns the displacement (2, m, c) [m] of each contact point at the end of each of m motions.
 
-        The motions go to `targets` (m, n) [rad]. The result is that of `along` at its last time, but no
-        motion is planned, which takes less time. Raises UnknownNameError for an unknown part.
+        The motions go to `targets` (m, n) [rad]. The result equals the last time of `along`, but no motion is
+        planned, which takes less computing time. Raises UnknownNameError for an unknown part.
         """
         motion = self._motion(part)
         angles = np.empty((len(targets) + 1, len(position)))
@@ -132,7 +132,7 @@ class Retreat:
         joints, bounds = motion.joints, motion.bounds
         if motion.inverse is None or len(targets) == 1:
             goals: Array = np.array([joints.to_robot(target, position) for target in targets])
-        else:  # each differs from the first by a linear map
+        else:  # the goals differ by a linear map of the differences between the targets
             apart = targets - targets[0]
             goals = joints.to_robot(targets[0], position) + apart.take(joints.ids, axis=1) @ motion.inverse
         goals = np.minimum(np.maximum(goals, bounds.lower), bounds.upper)
@@ -149,8 +149,8 @@ class Retreat:
         """Returns the angles (k,) [rad] of a part's k servos after the time AHEAD, if a command in velocity
         mode drives the part towards `target` (n,) [rad]; None if the servos have no such velocity.
 
-        Near a singular posture of a shoulder, the servos move to other angles than those for `target`: they
-        keep a velocity, and a servo at its limit stands still while the others go on.
+        Near a singular posture of a shoulder, the servos move to other angles than those for `target`: the
+        servos keep a velocity, and a servo at its limit stands still while the other servos continue.
         """
         joints, bounds = motion.joints, motion.bounds
         here = position[joints.servos]

@@ -33,7 +33,7 @@ class StaticStability:
         self._soles = [patch for patch in skin.robot.patches if patch.segment == SOLE]
         try:
             self._gravity: Gravity | None = Gravity(skin.robot) if self._soles else None
-        except DescriptionError:  # a model without masses
+        except DescriptionError:  # the masses are missing in the model
             self._gravity = None
 
     def support(self, contacts: Iterable[Contact], position: Array, part: str, target: Array) -> Support:
@@ -63,8 +63,8 @@ class StaticStability:
 def inside(point: Array, corners: Array, along: Array) -> float:
     """Returns the distance [m] of `point` (3,) from the edge of the convex hull of `corners` (n, 3).
 
-    Both are projected along the direction `along` (3,) first. The distance is positive inside the hull,
-    negative outside, and -inf if the corners span no area.
+    The point and the corners are first projected along the direction `along` (3,). The distance is positive
+    inside the hull, negative outside, and -inf if the corners span no area.
     """
     across = np.linalg.svd(along[None])[2][1:]
     try:

@@ -42,8 +42,8 @@ class Clearance:
         """Reads the robot's model. Raises DescriptionError if the robot has no model, or if a joint is
         missing in the model.
 
-        Links that overlap in the initial posture are assumed to overlap by construction. They are never
-        checked.
+        Links that overlap in the initial posture are assumed to overlap by construction. Such pairs of links
+        are never checked.
         """
         robot = without_skin(robot)
         self._model = _solid_model(robot)

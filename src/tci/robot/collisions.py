@@ -95,14 +95,14 @@ def exclude_overlaps(spec: mujoco.MjSpec, robot: Robot, posture: Array) -> mujoc
     `posture` and in most other postures. Raises DescriptionError if MuJoCo can't read a mesh, or if a joint
     is missing in the model.
     """
-    assert robot.model is not None  # solid_spec has raised
+    assert robot.model is not None  # solid_spec raises an error for a robot without a model
     model = compiled(spec, robot.model)
     pairs = _overlapping(model, robot, posture)
     if not pairs:
         return model
     for first, second in pairs:
         spec.add_exclude(bodyname1=model.body(first).name, bodyname2=model.body(second).name)
-    del model  # an iCub's takes 50 MB
+    del model  # the compiled model of an iCub needs 50 MB
     return compiled(spec, robot.model)
 
 

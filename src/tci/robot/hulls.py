@@ -20,7 +20,7 @@ visible effect."""
 
 def keep_hulls(spec: mujoco.MjSpec) -> None:
     """Removes geoms that never collide, and reduces each mesh to its convex hull. Only pictures need the
-    rest.
+    removed geoms and vertices.
 
     The geoms of a link without `<inertial>` are not changed, because they define the mass of the link. A mesh
     that has no hull, such as a flat mesh, is not changed either.

@@ -52,7 +52,7 @@ below the resolution of any encoder."""
 
 @dataclass(frozen=True, slots=True)
 class InverseAnswer:
-    """Result of one search. If `reached` is False, it contains the best attempt."""
+    """Result of one search. If `reached` is False, the result contains the best attempt."""
 
     position: Array
     """Angles (n_servos,) [rad] of all servos. Servos that were not chosen for the search keep their present
@@ -120,8 +120,8 @@ class InverseKinematics:
         """Finds angles that bring the point to `target` and are near to `present` (n_servos,) [rad].
 
         `target` is a position (3,) [m] or a pose (4, 4) in the torso frame. The search starts at the present
-        posture. If it does not succeed, it starts again at other postures, first at those nearest to the
-        present posture. For a redundant limb, the solution is then moved along the null space towards the
+        posture. If this search fails, the search starts again at other postures, first at those nearest to
+        the present posture. For a redundant limb, the solution is then moved along the null space towards the
         present posture. The result is near to the present posture, but not always the nearest solution.
         Raises CommandError if an argument has another shape or contains values that are not finite.
         """
@@ -153,7 +153,7 @@ class InverseKinematics:
         self, target: Array, present: Array, first: Array, answer: InverseAnswer
     ) -> tuple[InverseAnswer, int]:
         """Moves the solution along the null space towards the posture `first` (k,) [rad], as long as the
-        distance between them decreases. Returns the solution and the number of steps."""
+        distance between solution and `first` decreases. Returns the solution and the number of steps."""
         steps = 0
         for _ in range(self._settings.slides):
             angles = answer.position[self._chosen]
@@ -174,8 +174,8 @@ class InverseKinematics:
         return answer, steps
 
     def _starts(self, first: Array) -> Array:
-        """Returns further starting postures (starts - 1, k) [rad] within the limits, sorted by their
-        distance from the first starting posture, `first`. They are random, from a fixed seed."""
+        """Returns further starting postures (starts - 1, k) [rad] within the limits, sorted by their distance
+        from the first starting posture, `first`. These postures are random, from a fixed seed."""
         shares = np.random.default_rng(0).random((self._settings.starts - 1, len(first)))
         starts = self._lower + shares * (self._upper - self._lower)
         order: Array = starts[np.argsort(np.linalg.norm(starts - first, axis=1))]

@@ -57,8 +57,8 @@ class JointCalibration(Description):
     """Tools in the hands, by the name of the link that carries the tool."""
 
     def check(self, robot: Robot) -> None:
-        """Raises TciError if the calibration is of another robot, and UnknownNameError if the robot lacks a
-        servo named in it."""
+        """Raises TciError if the calibration is of another robot, and UnknownNameError if the calibration
+        names a servo that the robot lacks."""
         if self.robot != robot.name:
             raise TciError(f"calibration of the joints of {self.robot!r}; valid: {robot.name!r}")
         names = [servo.name for servo in robot.servos]
@@ -75,7 +75,7 @@ class JointCalibration(Description):
 
 
 def joint_calibration(robot: Robot, given: JointCalibration | None = None) -> JointCalibration:
-    """Returns the calibration `given`. Without it, returns the calibration in the file beside the
+    """Returns the calibration `given`. Without `given`, returns the calibration in the file beside the
     description, or an empty calibration if there is no file.
 
     Raises DescriptionError if the file has faults, and the errors that `JointCalibration.check` raises.

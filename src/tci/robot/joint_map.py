@@ -66,8 +66,8 @@ class JointMap:
         return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0), *parts])
 
     def slope(self, position: Array) -> Array:
-        """Returns the derivative d generic / d servo (m, k) at `position` (n_servos,) [rad]. Its rows are in
-        the order of `ids`.
+        """Returns the derivative d generic / d servo (m, k) at `position` (n_servos,) [rad]. The rows of this
+        derivative are in the order of `ids`.
 
         Raises CommandError if a transform has no derivative at this position.
         """
@@ -110,9 +110,9 @@ class JointMap:
     def speeds(self, position: Array) -> Array:
         """Returns the speed (k,) [rad/s] at which each of `servos` may move to a target.
 
-        With all servos at `position` (n_servos,) [rad], no generic joint then exceeds the speed that the
-        description gives it. In a retargeted shoulder, the described speed is the speed of the servo itself,
-        because this speed is defined in every posture.
+        With all servos at `position` (n_servos,) [rad], no generic joint then exceeds its speed in the
+        description. In a retargeted shoulder, the described speed is the speed of the servo itself, because
+        this speed is defined in every posture.
         """
         if self._limits is not None:
             return self._limits

@@ -90,8 +90,8 @@ class Shoulder:
         self._middle = ((self.lower + self.upper) / 2.0).tolist()
 
     def rotation(self, angles: Array) -> Array:
-        """Returns `R_TU` (3, 3), the rotation of the upper arm, at servo `angles` (3,) [rad]. It is computed
-        as a product of exponentials."""
+        """Returns `R_TU` (3, 3), the rotation of the upper arm, at servo `angles` (3,) [rad]. The rotation is
+        computed as a product of exponentials."""
         first, second, third = self._turns(angles)
         rotation: Array = first @ (second @ (third @ self._at_zero))
         return rotation
@@ -111,8 +111,8 @@ class Shoulder:
         return crosses, crosses @ crosses
 
     def solutions(self, R_TU: Array) -> list[Array]:
-        """Returns the servo angles (3,) [rad] that give the rotation `R_TU`. There are at most two solutions.
-        Each angle is within half a turn of the middle of its limits.
+        """Returns the servo angles (3,) [rad] at which the upper arm has the rotation `R_TU`. There are at
+        most two solutions. Each angle is within half a turn of the middle of its limits.
 
         Limits are not checked. If the axes are not at right angles, some rotations can't be reached: the
         result is then the nearest rotation that the first two joints allow. The method is the second
@@ -204,8 +204,8 @@ def nearest_point(on_first: Array, on_second: Array, first: Array, second: Array
 
 @lru_cache(maxsize=64)
 def shoulder_of(robot: Robot, part: str) -> Shoulder:
-    """Returns the shoulder of an arm by the name of the arm. It is cached, because it is computed from the
-    model. Raises the errors that Shoulder raises."""
+    """Returns the shoulder of an arm by the name of the arm. The shoulder is cached, because its computation
+    reads the model. Raises the errors that Shoulder raises."""
     return Shoulder(robot, robot.part(part))
 
 

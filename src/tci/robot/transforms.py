@@ -51,7 +51,7 @@ class Transform(ABC):
 
     def speeds(self, angles: Array, most: Array) -> Array:
         """Returns the speed (k,) [rad/s] at which each servo may move to a target, with all servos at
-        `angles` (k,) [rad]. `most` (k,) [rad/s] are the speeds that the description gives the joints."""
+        `angles` (k,) [rad]. `most` (k,) [rad/s] are the largest speeds of the joints by the description."""
         return servo_speeds(self.slope(angles), most)
 
     constant = False
@@ -185,8 +185,8 @@ class Retarget(Transform):
 
     def speeds(self, angles: Array, most: Array) -> Array:
         """Returns `most` unchanged: each servo rotates the arm about one axis, so the described speed of the
-        servo applies in every posture. The speed of generic angles is no useful bound, because they jump near
-        90 degrees of abduction."""
+        servo applies in every posture. The speed of generic angles is no useful bound, because generic angles
+        jump near 90 degrees of abduction."""
         return most
 
 

@@ -2,8 +2,8 @@
 
 The polarity, range and response of each sensor come from the description. Rest values and noise are estimated
 from the frames. Taxels that can't be trusted are masked. All later stages work with pressures in pascal, so
-they do not depend on the sensor (§3.2: readings are normalised in layer L3). The result is deterministic:
-equal frames give equal pressures, bit for bit.
+that these stages do not depend on the sensor (§3.2: readings are normalised in layer L3). The result is
+deterministic: equal frames give equal pressures, bit for bit.
 """
 
 from __future__ import annotations
@@ -192,7 +192,7 @@ class Conditioner:
         buffer.check(values)
         self.catch_up()
         buffer.fill(values)
-        # A new array in each step: the states share it.
+        # Each step needs a new array, because the states refer to this array.
         sequence = np.array(sequences, np.int64) if buffer.whole else self._sequence.copy()
         if not buffer.whole:
             sequence[buffer.which] = sequences
@@ -205,8 +205,8 @@ class Conditioner:
 
         Returns False if no window has ended.
 
-        Without this call, the next frame does the update, with an equal result. So a caller can call
-        `update` when it has time to spare, to shorten the next `step`.
+        Without this call, the next frame does the update, with an equal result. So a caller with spare time
+        can call `update`, to shorten the next `step`.
         """
         if not self._ended:
             return False
@@ -241,7 +241,7 @@ class Conditioner:
         for frame in frames:
             self._buffer.arrange((frame.patch,))
             self._buffer.check([np.asarray(frame.values)])
-        taken = [self.step([frame]) for frame in frames]  # every one
+        taken = [self.step([frame]) for frame in frames]  # a list, so that all frames are processed
         return any(taken)
 
     def _is_new(self, frame: SkinFrame, known: int) -> bool:

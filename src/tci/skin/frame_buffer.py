@@ -29,11 +29,11 @@ class FrameBuffer:
         self.raw: NDArray[np.generic] = np.zeros(size, layout.dtype)
         """Raw values (channels,) of the latest frames."""
         self.last = self.raw.copy()
-        """Raw values (channels,) of the frames before."""
+        """Raw values (channels,) of the previous frames."""
         self.which: Places = np.zeros(0, np.int64)
         """Indices (k,) of the patches in the latest call of `arrange`."""
         self.whole = False
-        """True if these are all patches, in the order of the layout."""
+        """True if the latest call of `arrange` contained all patches, in the order of the layout."""
         self._names: tuple[str, ...] = ()
         self._sizes = list[tuple[int]]()
         self._arranged: dict[tuple[str, ...], tuple[Places, list[tuple[int]], bool]] = {}

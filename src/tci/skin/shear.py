@@ -20,7 +20,7 @@ SETTLE = 10.0
 than a touch, and faster than a change of temperature."""
 GAP = 1.0
 """Upper bound [s] on the frame interval that is used to track rest values. Assumed: without a bound, the
-first frame after a gap would replace the rest values that earlier frames gave."""
+first frame after a gap would replace the rest values from earlier frames."""
 
 
 class Shear:
@@ -46,7 +46,7 @@ class Shear:
         """
         sensor = self._sensor
         raw = doubles(values[self._channels])
-        usable = (raw >= sensor.lowest) & (raw <= sensor.highest)  # NaN is not
+        usable = (raw >= sensor.lowest) & (raw <= sensor.highest)  # false for NaN
         raw = np.where(usable, raw, self._rest)
         elapsed = GAP if self._stamp is None else min(max(stamp - self._stamp, 0.0), GAP)
         self._stamp = stamp

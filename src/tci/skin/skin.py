@@ -22,7 +22,7 @@ FrameName = Literal["link", "limb", "torso"]
 
 
 class Skin:
-    """The whole skin of one robot. The object is immutable. Its methods take the posture as an argument."""
+    """The whole skin of one robot. The object is immutable. The methods have the posture as an argument."""
 
     def __init__(self, robot: Robot) -> None:
         """Builds the surface of every patch.
@@ -100,8 +100,8 @@ def segment_pose(part: GenericPart, segment: Segment, T_TL: Array, posture: Arra
 
     `T_TL` is the pose of the link to which the segment's origin refers. The frame S does not turn when the
     segment rotates about its axis. The reason: iCub's forearm skin turns with pronation, but NAO's sleeve
-    does not. With a frame S that does not turn, (u, theta) is one place of the body on both robots. Raises
-    TciError if the part is not an arm.
+    does not turn. With a frame S that does not turn, (u, theta) is one place of the body on both robots.
+    Raises TciError if the part is not an arm.
     """
     if part.kind != "arm" or part.side is None:
         raise TciError(f"the {segment.name} of {part.name} is on no generic limb; valid: segments of an arm")
@@ -110,5 +110,5 @@ def segment_pose(part: GenericPart, segment: Segment, T_TL: Array, posture: Arra
 
 
 def _side(part: GenericPart) -> Literal["left", "right"]:
-    assert part.side is not None  # Robot.limb_segment
+    assert part.side is not None  # `Robot.limb_segment` ensures this
     return part.side

@@ -98,15 +98,15 @@ def _refuse_wrong(robot: Robot, command: PlatformCommand) -> None:
 
 def is_likely_degrees(values: Array) -> bool:
     """Returns True if so many of the angles `values` (k,) [rad] exceed a full turn that they may be in
-    degrees: two angles, or half of those that are not 0. A single one of many is a wrong angle, not a wrong
-    unit."""
+    degrees: two angles, or half of those that are not 0. A single such angle among many is a wrong angle, not
+    a wrong unit."""
     large = int(np.count_nonzero(np.abs(values) > 2.0 * np.pi))
     return large >= 2 or 0 < int(np.count_nonzero(values)) <= 2 * large
 
 
 def refuse_far(robot: Robot, command: PlatformCommand) -> NoReturn:
-    """Raises CommandError for a command with angles that are far outside their limits. The message asks if
-    they are in degrees, unless only a single angle of many exceeds a full turn."""
+    """Raises CommandError for a command with angles that are far outside their limits. The message contains
+    the question if the angles are in degrees, unless only a single angle of many exceeds a full turn."""
     names = [robot.servos[servo].name for servo in command.servos]
     worst = int(np.argmax(np.abs(command.values)))
     limits = robot.servos[command.servos[worst]].limits

@@ -38,7 +38,7 @@ class BodyGuard:
 
     def turns(self, chains: Collection[JointGroup], moving: Collection[JointGroup]) -> Iterator[JointGroup]:
         """Yields the `moving` groups one after the other. The caller must move each group by one period
-        before it asks for the next group."""
+        before the caller requests the next group."""
         self._before = {chain: chain.limiter.whole_state[0] for chain in chains}
         self._waiting = {*moving}
         for chain in moving:
@@ -78,7 +78,7 @@ class BodyGuard:
         duration = stop.duration
         longest = max((other.limiter.remaining for other in others), default=0.0)
         times = duration * SHARES
-        if longest > duration:  # another group still moves when this one rests
+        if longest > duration:  # another group may still move when this group rests
             times = np.concatenate([times, duration + (longest - duration) * SHARES[1:]])
         path = reference[None].repeat(1 + len(times), axis=0)
         path[1:, index] = stop.states(times)[:, 0]

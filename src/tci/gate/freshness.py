@@ -38,7 +38,7 @@ class Freshness:
 
     def see(self, joints: JointReading, now: float, *, believed: bool = True) -> bool:
         """Records usable joint data at time `now` [s]. Returns True if the data is new and `believed`."""
-        if now < self._newest - self._period:  # time went back
+        if now < self._newest - self._period:  # the time went back
             self._stamp = self._newest = -math.inf
         if joints.sequence in (self._sequence, self._refused) or not self._newest < joints.stamp:
             return False
@@ -64,6 +64,6 @@ class Freshness:
 
     def trust(self, age: float) -> float:
         """Returns the trust (0..1) in data of an `age` [s]. Beyond the age LONGEST + FADE the trust is always
-        0; usually it is 0 at a smaller age already."""
+        0; usually the trust is 0 at a smaller age already."""
         counts = min(self._period + USUAL * self._usual, LONGEST)
         return min(max(1.0 - (age - counts) / FADE, 0.0), 1.0)

@@ -269,7 +269,8 @@ class Gate:
         if reason:
             self._motion.refuse(joints)
         else:
-            monitor = self._monitor  # also in STOP: wrong data must not brake a joint
+            # also in the state STOP: a joint must not be braked on the basis of wrong data
+            monitor = self._monitor
             if monitor is not None and (fault := monitor.step(joints, self._reference, self._torque)):
                 self.stop(fault)
             self._motion.see(joints, now, believed=monitor is None or not monitor.misled)

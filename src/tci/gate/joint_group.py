@@ -71,7 +71,7 @@ class JointGroup:
         return farthest
 
     def look_outside(self, measured: Array) -> None:
-        """Tells the trajectory the angles `measured` (n_servos,) [rad], and shifts the bounds of the
+        """Passes the angles `measured` (n_servos,) [rad] to the trajectory, and shifts the bounds of the
         couplings by the contribution of the servos outside the group."""
         self.limiter.measured = measured[self.index]
         if len(self.outside):

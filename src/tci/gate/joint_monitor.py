@@ -1,5 +1,5 @@
-"""Checks that the robot follows its reference. If the robot does not, it stops until an operator resets the
-gate.
+"""Checks that the robot follows its reference. If the robot does not follow its reference, the gate stops the
+robot until an operator resets the gate.
 
 The monitor detects faults that limits do not show: a stalled or powerless servo, a motion opposite to the
 command, an encoder that jumps or freezes, or identical data with new stamps.
@@ -64,9 +64,9 @@ class MonitorSettings:
     """Time constant [s] with which the difference between an angle and its integrated velocity decays. The
     decay is necessary because velocity sensors have offsets, which would add up."""
     push: float = 0.3
-    """Fraction of the torque limit. If the torque changes by more than this and the angle stays constant, the
-    encoder is frozen: joints and links are elastic, so a blocked joint would also move by at least the
-    resolution of its encoder. Under a constant torque, an angle may stay constant."""
+    """Fraction of the torque limit. If the torque changes by more than this fraction and the angle stays
+    constant, the encoder is frozen: joints and links are elastic, so a blocked joint would also move by at
+    least the resolution of its encoder. Under a constant torque, an angle may stay constant."""
     mode_change: float = 0.5
     """Time [s] after a mode switch within which the robot must report the new mode."""
 
@@ -83,7 +83,7 @@ class Reference(NamedTuple):
     servos: NDArray[np.intp]
     """Indices (k,) into `Robot.servos`."""
     modes: tuple[Mode, ...]
-    """Control mode (k,) of each."""
+    """Control mode (k,) of each servo."""
     position: Array
     """Position reference (k,) [rad]."""
     velocity: Array
@@ -105,7 +105,7 @@ class JointMonitor:
         ])  # fmt: skip
         self._worst = np.zeros(2)
         limits = [servo.limits for servo in robot.servos]
-        # Without a limit there is no torque mode.
+        # A servo without a torque limit has no torque mode.
         self._limits = np.array([
             [x.torque or np.inf for x in limits],
             [x.acceleration or 0.0 for x in limits],
@@ -116,12 +116,13 @@ class JointMonitor:
         self.forget()
 
     def reset(self) -> None:
-        """Forgets all history and trusts new data again. Called when an operator resets the gate."""
+        """Deletes all history and trusts new data again. The gate calls this method when an operator resets
+        the gate."""
         self.misled = False
         self.forget()
 
     def forget(self) -> None:
-        """Forgets the history of motion. Data that was found untrustworthy stays untrustworthy."""
+        """Deletes the history of motion. Data that was found untrustworthy stays untrustworthy."""
         never = np.full(len(self._names), np.inf)
         self._before: JointReading | None = None
         self._modes: tuple[Mode, ...] = ()

@@ -104,7 +104,7 @@ class Motion:
         self._slope.step(joints)
 
     def refuse(self, joints: JointReading) -> None:
-        """Records a reading that can't be used. If the reading is repeated with a new stamp, it can't be used
+        """Records a reading that can't be used. A repetition of this reading with a new stamp can't be used
         either."""
         self._freshness.refuse(joints)
 
@@ -123,8 +123,8 @@ class Motion:
         self._torque.halt()
 
     def drop(self) -> None:
-        """Ends the command of all servos. Control modes do not change: servos in torque mode stay in it, with
-        a commanded torque of 0."""
+        """Ends the command of all servos. Control modes do not change: servos in torque mode stay in torque
+        mode, with a commanded torque of 0."""
         self.groups.drop()
         self._torque.relax()
 
@@ -291,6 +291,6 @@ class Motion:
 
 def _amount(value: float, unit: str) -> str:
     """Returns a value with its unit. An angle is also given in degrees, so that a caller who confused radians
-    and degrees notices it."""
+    and degrees notices the error."""
     text = f"{value:.2f} {unit}"
     return f"{text} ({value * DEGREE:.2f} {unit.replace('rad', 'degrees')})" if "rad" in unit else text

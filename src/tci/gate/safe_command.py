@@ -40,8 +40,8 @@ class GateToken:
 @quick
 @dataclass(frozen=True, slots=True, eq=False)
 class SafeCommand:
-    """Command that may be written now. A gate creates it for the driver of this gate, and the driver may
-    write it only once."""
+    """Command that may be written now. A gate creates the command for the driver of this gate, and the driver
+    may write the command only once."""
 
     seal: object = field(repr=False)
     """Token of the gate that creates the command. Without this token the constructor raises DriverError."""
@@ -76,7 +76,7 @@ class SafeCommand:
     """Reason why the gate holds or has stopped; None in the state RUN."""
     orders: tuple[PlatformOrder, ...] = ()
     """Orders that were accepted in this step. A driver that is connected to another TCI process sends these
-    orders to it instead of positions, because the gate of that process plans the motion."""
+    orders to that process instead of positions, because the gate of that process plans the motion."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.seal, GateToken):

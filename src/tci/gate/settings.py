@@ -19,8 +19,8 @@ class GateSettings:
     """Settings of a gate that the robot's description does not contain. All default values are assumed."""
 
     speed_share: float = 0.9
-    """Largest commanded speed, as a fraction of the speed limit of a servo. The rest is a reserve, because a
-    real servo overshoots."""
+    """Largest commanded speed, as a fraction of the speed limit of a servo. The remaining fraction is a
+    reserve, because a real servo overshoots."""
     command_timeout: float = 0.1
     """Age [s] above which a velocity or torque command expires. After this time the servo stops, or its
     torque ends."""

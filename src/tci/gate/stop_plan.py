@@ -89,7 +89,7 @@ class StopPlanner:
         inside, keeps, self.outside, stop.duration = plan_stop(
             state, here, self._limits, bounds.coupling, bounds.coupling_lower, bounds.coupling_upper, stop.way
         )
-        # The box around the stop is quick to check, and suffices while no coupling is near.
+        # The check of the box around the stop is quick, and sufficient while no coupling is near.
         return inside and (keeps or self._keeps_couplings(stop))
 
     def _keeps_couplings(self, stop: StopTrajectory) -> bool:
@@ -101,7 +101,8 @@ class StopPlanner:
         values = np.vstack([stop.here, points]) @ bounds.coupling.T
         lower, upper = bounds.coupling_lower, bounds.coupling_upper
         outside = np.maximum(np.maximum(lower - values, values - upper), 0.0)
-        # Once inside it stays inside; outside it turns back only a little, and never beyond `here`.
+        # A coupling that is inside its bounds must stay inside. A coupling outside its bounds may move out
+        # again by at most TURN, and never farther out than at `here`.
         least = np.minimum.accumulate(outside, axis=0)
         most = np.minimum(np.where(least > 0.0, least + TURN, 0.0), outside[0])
         return bool(np.all(outside <= most))

@@ -2,8 +2,9 @@
 
 In torque mode there is no position reference that could be kept within limits. Therefore the limits use the
 measured motion. The closer a servo is to a limit, or the faster it moves, the more a braking torque replaces
-the commanded torque. This needs recent joint data. As the data ages, every torque decreases to zero. This
-includes a braking torque, because it would drive a joint backwards after the joint has come to rest.
+the commanded torque. This method of limiting needs recent joint data. As the data ages, every torque
+decreases to zero. Braking torques decrease too, because a braking torque would drive a joint backwards after
+the joint has come to rest.
 """
 
 from __future__ import annotations
@@ -121,8 +122,8 @@ class TorqueLimiter:
         return self._given()
 
     def again(self, *, trust: Array | float) -> Array:
-        """Returns the torques (k,) [N m] of the last step, reduced if `trust` (0..1) is lower now. For calls
-        between that step and the next step."""
+        """Returns the torques (k,) [N m] of the last step, reduced if `trust` (0..1) is lower now. This
+        method is for calls between that step and the next step."""
         trust = np.minimum(trust, self._trust)
         share = np.divide(trust, self._trust, out=np.zeros(len(trust)), where=self._trust > 0.0)
         self._memory[at.RISEN : at.GIVEN + 1, self.servos] *= share

@@ -26,7 +26,7 @@ from tci.reasons import Reason
 
 LEAST_SHARE = 1e-6
 """Least distance of a servo in a straight motion, as a fraction of the longest distance. Shorter distances
-are increased to this one, because ruckig needs limits above 0."""
+are increased to this value, because ruckig needs limits above 0."""
 
 
 Guard = Callable[[StopTrajectory], Reason | None]
@@ -64,7 +64,7 @@ class OnlineTrajectory:
         self._resting = True
         self.found, self.measured = np.array(position), position
         """Measured angles (n,) [rad]: when the servos came under command, and now."""
-        self._led = False  # by ruckig, so that its plan is that of these servos
+        self._led = False  # True if the latest state is a result of ruckig's present plan for these servos
         self._asked = self._creeps = True
         self._straight = False
         self._otg = Ruckig(count, period)
@@ -140,8 +140,8 @@ class OnlineTrajectory:
         self._resting = False
 
     def aim(self, target: Array, speed: Array) -> None:
-        """Sets the `target` (n,) [rad], which the servos approach at `speed` (n,) [rad/s] at most. Both must
-        be inside the bounds.
+        """Sets the `target` (n,) [rad], which the servos approach at `speed` (n,) [rad/s] at most. Target and
+        speed must be inside the bounds.
 
         Servos that are driven at a velocity continue at this velocity.
         """
@@ -154,8 +154,8 @@ class OnlineTrajectory:
     def drive_at(self, places: Sequence[int], velocity: Array) -> None:
         """Drives servos at `velocity` (k,) [rad/s], within the speed limit, until the next call.
 
-        If the velocity of a servo is NaN, the servo is no longer driven and keeps its position. It must be at
-        rest before. A servo outside its limits moves inward, at any requested velocity.
+        If the velocity of a servo is NaN, the servo is no longer driven and keeps its position. Such a servo
+        must be at rest before the call. A servo outside its limits moves inward, at any requested velocity.
         """
         self._drive[places] = velocity
         self.target[places] = self.bounds.inside(self._state[0])[places]
@@ -209,8 +209,8 @@ class OnlineTrajectory:
         """Takes a step towards the target. If the stop after this step would leave the bounds, takes no step
         and returns False.
 
-        If the way inside of a servo outside its limits is refused, the other servos move without this one. If
-        the guard refuses their motion too, all targets end, and only the way inside is tried again.
+        If the way inside of a servo outside its limits is refused, the other servos move without this servo.
+        If the guard refuses their motion too, all targets end, and only the way inside is tried again.
         """
         if self._asked or self._outside is not self._creeps:
             self._input.max_velocity = (self._creeping if self._outside else self._most).tolist()
@@ -227,7 +227,7 @@ class OnlineTrajectory:
                 self._set_velocities(back, inward=False)
             here = self._state[0]
             taken, again = self._try()
-            if taken and not np.any(self._state[0] != here):  # the others rest
+            if taken and not np.any(self._state[0] != here):  # the other servos rest
                 self._return_inside()
             fault = fault or again or (OUTSIDE if taken else None)
         if fault:
@@ -249,8 +249,8 @@ class OnlineTrajectory:
         return self.bounds.inward(self._state[0], self._creeping)
 
     def _set_velocities(self, back: Array | None, *, inward: bool) -> None:
-        """Sets the target velocities of driven servos. Those with a velocity `back` (n,) [rad/s] other than 0
-        get this velocity if they move `inward`; otherwise they stop."""
+        """Sets the target velocities of driven servos. Servos with a velocity `back` (n,) [rad/s] other than
+        0 get this velocity if they move `inward`; otherwise these servos stop."""
         allowed = self.bounds.allowed_velocity(self._state[0], np.nan_to_num(self._drive))
         if back is not None:
             allowed = np.where(self._driven & (back != 0.0), back if inward else 0.0, allowed)
@@ -273,8 +273,8 @@ class OnlineTrajectory:
         return taken
 
     def _try(self, back: Array | None = None) -> tuple[bool, Reason | None]:
-        """Takes the step that `_input` asks for, if the stop after it is allowed. Returns True if the step is
-        taken, and the guard's reason if the guard refuses it.
+        """Takes the step that `_input` describes, if the stop after this step is allowed. Returns True if the
+        step is taken, and the guard's reason if the guard refuses it.
 
         Args:
             back: Velocity (n,) [rad/s] of servos outside their limits, if only these servos move.
@@ -284,9 +284,9 @@ class OnlineTrajectory:
             result = self._otg.update(self._input, output)
             numbers = [*output.new_position, *output.new_velocity, *output.new_acceleration]
         except (RuckigError, ValueError):
-            # Rare states have no synchronised way, mostly where a speed limit falls. That a way takes longer
-            # than ruckig plans is a result that its Python part does not know. A failed calculation leaves a
-            # trajectory in ruckig that must not be continued.
+            # For a few states ruckig finds no synchronised motion, mostly when a speed limit decreases. If a
+            # motion takes longer than ruckig can plan, ruckig returns a number that its Python enumeration
+            # lacks. A failed calculation leaves a trajectory in ruckig that must not be continued.
             self._otg.reset()
             return False, None
         state = np.array(numbers).reshape(3, -1)
@@ -340,7 +340,7 @@ class OnlineTrajectory:
             here = self._state[0]
             straight_limits(here, self.target, self._most, acceleration, jerk, MARGIN, LEAST_SHARE, limits)
             self._most, acceleration, jerk = limits
-        elif not was:  # ruckig knows these limits
+        elif not was:  # ruckig already has these limits
             return
         self._input.max_acceleration, self._input.max_jerk = acceleration.tolist(), jerk.tolist()
         self._stopper.set_limits(acceleration, jerk)

@@ -59,7 +59,8 @@ class Solids:
         for joint in np.flatnonzero(model.jnt_type != mujoco.mjtJoint.mjJNT_HINGE).tolist():
             raise TciError(f"joint {model.joint(joint).name} does not turn; valid: hinges")
         servo_of = dict(zip(clearance.joints, clearance.servos, strict=True))
-        anchors = np.concatenate([data.xanchor, np.zeros((1, 3))])  # the last is for shapes without a joint
+        # the last element is for shapes without a joint
+        anchors = np.concatenate([data.xanchor, np.zeros((1, 3))])
         above = [_carrier(model, int(model.jnt_bodyid[joint]), joint) for joint in range(model.njnt)]
         geoms = np.unique(clearance.pairs)
         points: list[Array] = []
@@ -132,7 +133,7 @@ def _hull(model: mujoco.MjModel, mesh: int) -> Array:
     if graph < 0:
         return points
     corners = int(model.mesh_graph[graph])
-    begin = graph + 2 + corners  # after the counts of corners and faces, and where each corner's edges begin
+    begin = graph + 2 + corners  # the graph begins with two counts, then the begin of each corner's edges
     hull: Array = points[model.mesh_graph[begin : begin + corners]]
     return hull
 
@@ -155,7 +156,7 @@ def _levers(joints: Array, shapes: Array, points: Array, pairs: NDArray[np.intp]
             mine = joints[joint, 1:4][None, :]
             joint = int(joints[joint, 0])
     first, second = pairs.T
-    # A joint that carries both does not change their distance.
+    # A joint that carries both shapes of a pair does not change the distance of the pair.
     moves = carried[:, first] != carried[:, second]
     levers: Array = np.ascontiguousarray(np.where(moves, np.maximum(reach[:, first], reach[:, second]), 0.0))
     return levers

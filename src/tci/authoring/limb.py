@@ -1,8 +1,8 @@
 """Finds limbs by geometry: three joints form a ball joint, and a fourth joint, at a distance, bends the limb.
 
 The third axis lies along the limb. The fourth axis is perpendicular to the third one. Generic arms and human
-legs are built in this way. Limits on lengths are fractions of the limb's length, so that the size of the
-robot does not matter.
+legs have this arrangement of joints. Limits on lengths are fractions of the limb's length, so that the size
+of the robot does not matter.
 """
 
 from __future__ import annotations

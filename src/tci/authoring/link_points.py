@@ -61,11 +61,11 @@ class LinkPoints:
     def far_end(self, link: str, start: Array) -> Array | None:
         """Returns the end (3,) [m] of a limb's last segment, in the root's frame.
 
-        The segment begins at `start` (3,) [m] on `link`. Its end is the mean of the tenth of its surface
-        points that is farthest from `start`. If the model is read without meshes, the end is at twice the
-        distance of the centre of mass from `start`. If a link such as a hand is fixed to `link`, and its
-        origin lies in the outer half of the way from `start` to this end, the origin is used instead. Returns
-        None if none of these exists.
+        The segment begins at `start` (3,) [m] on `link`. The end of the segment is the mean of the tenth of
+        the segment's surface points that is farthest from `start`. If the model is read without meshes, the
+        end is at twice the distance of the centre of mass from `start`. If a link such as a hand is fixed to
+        `link`, and its origin lies in the outer half of the way from `start` to this end, the origin is used
+        instead. Returns None if none of these exists.
         """
         body = self._model.body(link).id
         points = self.of([link])
@@ -185,7 +185,7 @@ def cone_around(points: Array, origin: Array, axis: Array, begin: float, end: fl
     """Fits a truncated cone around `points` (n, 3) [m] from `begin` to `end` [m] along a limb's axis.
 
     The axis starts at `origin` (3,) and points distally along the unit vector `axis` (3,). The cone is
-    parallel to this axis, but may lie beside it. It encloses about nine tenths of the outermost points.
+    parallel to this axis, but may lie beside it. The cone encloses about nine tenths of the outermost points.
     Returns None if the limb has too few points.
     """
     along = (points - origin) @ axis
@@ -199,7 +199,7 @@ def cone_around(points: Array, origin: Array, axis: Array, begin: float, end: fl
     grow = max(0.0, float(np.quantile(distance - fit.radius(along), INSIDE)))
     start = fit.origin + fit.axis * (begin - float((fit.origin - origin) @ axis))
     radii = fit.radius(np.array([begin, end]) - float((fit.origin - origin) @ axis)) + grow
-    # Bounds the taper, as few points at one end can make one radius far too small.
+    # The taper is bounded, because with few points at one end, the radius there could be far too small.
     low, high = sorted(radii)
     low = max(low, 0.7 * high, THINNEST)
     r1, r2 = (low, high) if radii[0] <= radii[1] else (high, low)

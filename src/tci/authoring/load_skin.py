@@ -57,7 +57,7 @@ class PatchMeasurement:
     """Three forces [N] for each load: the known force, and the force that the skin measures before and after
     the calibration."""
     force: ForceFit | None = None
-    """Fit to the log of a force sensor, if there was one."""
+    """Fit to the log of a force sensor; None without a log."""
 
 
 def calibrate_patch(

@@ -1,8 +1,9 @@
 """Estimates taxel positions from touches at known places, for skin whose positions were not measured.
 
-A probe, or the robot's own finger, touches the skin at places that are known from kinematics. Two facts give
-the taxel positions by least squares. First, the response of a taxel decreases with its distance from the
-touch, so that responses measure distances. Second, the centre of pressure of each touch is at the probe.
+A probe, or the robot's own finger, touches the skin at places that are known from kinematics. The taxel
+positions follow from two facts by least squares. First, the response of a taxel decreases with its distance
+from the touch, so that responses measure distances. Second, the centre of pressure of each touch is at the
+probe.
 """
 
 from __future__ import annotations
@@ -115,7 +116,8 @@ def locate_taxels(touches: Sequence[ProbeTouch], initial: Array) -> LocatedTaxel
 class _Problem:
     """Least-squares problem of `locate_taxels`.
 
-    Its unknowns are the taxels (n, 3), the peaks (t, 3), the logarithms of A (t,), and 1 / 2 w^2.
+    The unknowns of this problem are the taxels (n, 3), the peaks (t, 3), the logarithms of A (t,), and 1 / 2
+    w^2.
     """
 
     def __init__(

@@ -38,10 +38,10 @@ def elbow_senses(
 ) -> dict[str, Sign]:
     """Returns the direction in which each elbow's joint bends its arm, by side.
 
-    The direction of the left elbow is `left`, if given. Otherwise the left elbow bends in the direction in
-    which it can move farther. If the limits are about symmetric, the left elbow bends in the direction for
-    which the shoulder turns less from the model's zero to the generic postures. The right elbow mirrors the
-    left elbow. Raises DescriptionError if none of these rules decides.
+    The direction of the left elbow is `left`, if given. Without `left`, the left elbow bends in the direction
+    in which this elbow can move farther. If the limits are about symmetric, the left elbow bends in the
+    direction for which the shoulder turns less from the model's zero to the generic postures. The right elbow
+    mirrors the left elbow. Raises DescriptionError if none of these rules decides.
     """
     ways: list[dict[str, Sign]] = [_mirrored(body, sense) for sense in (1, -1)]
     if left is not None:

@@ -66,8 +66,8 @@ def find_hands(
 def _alike(hands: Hands) -> Hands:
     """Returns the hands with equal opposition of both thumbs at the model's zero.
 
-    Oppositions that differ by more than one step of rounding are left unchanged. Otherwise the value of the
-    first hand is used for both hands.
+    Oppositions that differ by more than one step of rounding are left unchanged. If the difference is
+    smaller, the value of the first hand is used for both hands.
     """
     thumbs = [found[0].offset for found in hands.values() if found[0].name == "thumb"]
     if len(thumbs) < 2 or abs(thumbs[0] - thumbs[1]) > 1.01 * ROUNDED:

@@ -94,7 +94,7 @@ class Registration:
         return not self.fits and self.corrected_mean <= FITS
 
 
-@lru_cache(maxsize=1)  # cached for a robot with many patches
+@lru_cache(maxsize=1)  # cached, because all patches of a robot use one model
 def _compiled(file: Model) -> mujoco.MjModel:
     return compiled(load_spec(file), file)
 
@@ -259,7 +259,8 @@ def _point_to_plane(points: Array, surface: LinkSurface, poses: Array, *, steps:
         away = np.einsum("snj,snj->sn", surface.points[index] - here, normals)
         rows = np.concatenate([np.cross(here, normals), normals], axis=2)
         weighed = (_nearest(distance, 0.95) * rows).swapaxes(1, 2)
-        # A round limb leaves the turn about its axis undetermined: damping makes it zero.
+        # On a round limb, the points do not determine the turn about the limb's axis: damping keeps this turn
+        # at zero.
         square = weighed @ rows + 1e-9 * len(points) * np.eye(6)
         twist = np.linalg.solve(square, weighed @ away[:, :, None])[:, :, 0]
         turns = Rotation.from_rotvec(np.clip(twist[:, :3], -0.1, 0.1)).as_matrix()

@@ -78,8 +78,8 @@ class Reach:
         """Returns servo angles (n_servos,) [rad] that bring the point closest to `target` (3,) [`unit`], and
         the remaining distance [m].
 
-        The angles are within limits and couplings. Of several solutions, one near `position` (n_servos,)
-        [rad] is preferred. Raises CommandError if the target has another shape or is not finite.
+        The angles are within limits and couplings. If there are several solutions, a solution near `position`
+        (n_servos,) [rad] is preferred. Raises CommandError if the target has another shape or is not finite.
         """
         if np.shape(target) != (3,) or not np.isfinite(target).all():
             raise CommandError(f"place {target} of {self.part.name}; valid: 3 finite numbers [{self.unit}]")

@@ -101,7 +101,7 @@ class Retreat:
         """Returns the displacement (2, k, c) [m] of each contact point in k postures.
 
         The first row of `angles` (k + 1, n_servos) [rad] is the posture from which displacements count; the
-        others are the k postures.
+        other rows are the k postures.
         """
         result = np.zeros((2, len(angles) - 1, len(contacts)))
         if motion.joints.servos.size and len(contacts):

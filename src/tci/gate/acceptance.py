@@ -53,7 +53,7 @@ def fault_of_reading(robot: Robot, joints: JointReading, now: float, stale_after
         worst = int(np.argmin(np.isfinite(joints.position)))
         return Reason(Code.JOINTS_MISFIT, f"the angle of {robot.servos[worst].name} is not finite")
     age = now - joints.stamp
-    if not -stale_after <= age <= stale_after:  # also refuses NaN
+    if not -stale_after <= age <= stale_after:  # this comparison also refuses NaN
         words = f"joint data is {age * 1e3:.0f} ms old; valid: at most {stale_after * 1e3:.0f} ms"
         return Reason(Code.JOINTS_STALE, words)
     return None
@@ -92,7 +92,7 @@ def _refuse_wrong(robot: Robot, command: PlatformCommand) -> None:
             raise CommandError(f"{mode}: {name} of type {numbers.dtype}; valid: real numbers")
     if not (finite := np.isfinite(values)).all():
         _refuse_each(robot, command, finite, f"{mode} of", values, "finite numbers")
-    if not (fast := command.speed >= SLOWEST).all():  # false for NaN
+    if not (fast := command.speed >= SLOWEST).all():  # the comparison is false for NaN
         _refuse_each(robot, command, fast, "speed of", command.speed, f"at least {SLOWEST:g} rad/s")
 
 

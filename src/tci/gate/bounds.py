@@ -46,7 +46,7 @@ class Bounds:
 
         The result differs from the target only for servos that are `free` (n,), since the other servos were
         not commanded. The method projects the target onto each violated half-space in turn (Bregman 1965),
-        and finally onto the limits. If the servos that are not free make this impossible, the result violates
+        and finally onto the limits. If the servos that are not free prevent a solution, the result violates
         the couplings as little as the limits allow.
         """
         point = np.empty(len(target))

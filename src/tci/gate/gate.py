@@ -52,10 +52,10 @@ _NONE: MappingProxyType[int, float] = MappingProxyType({})
 class Gate:
     """Converts requested commands to commands that a driver may write, one step per control period.
 
-    A servo is under command after its first accepted command or mode switch. Its motion starts at its
-    measured position. The commanded servos of a robot part, and of all parts that couplings link to this
-    part, reach their targets simultaneously. Each servo is in one control mode; only a PlatformSwitch changes
-    the mode.
+    A servo is under command after its first accepted command or mode switch. The motion of such a servo
+    starts at the measured position of the servo. The commanded servos of a robot part, and of all parts that
+    couplings link to this part, reach their targets simultaneously. Each servo is in one control mode; only a
+    PlatformSwitch changes the mode.
     """
 
     def __init__(
@@ -146,8 +146,8 @@ class Gate:
         """Stops the robot in the next step, for a reason that the control loop detects: missed periods, or a
         process that sends nothing.
 
-        If `reason` is None or an empty text, nothing changes. If there are several reasons, the latest one is
-        reported.
+        If `reason` is None or an empty text, nothing changes. If there are several reasons, the latest reason
+        is reported.
         """
         if reason:
             self._held = Reason.of(reason)

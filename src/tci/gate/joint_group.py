@@ -51,7 +51,7 @@ class JointGroup:
         drive = self.limiter.drive
         if not self.limiter.drives:
             return []
-        return np.flatnonzero(np.abs(drive) > 0.0).tolist()  # false for NaN
+        return np.flatnonzero(np.abs(drive) > 0.0).tolist()  # the comparison is false for NaN
 
     def aim(self, servos: NDArray[np.intp], values: Array, speeds: Array, sent: Array) -> float:
         """Sets the targets of those `servos` (k,) that belong to the group.

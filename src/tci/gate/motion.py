@@ -233,7 +233,7 @@ class Motion:
         return self.clamps(command, sent.tolist(), "rad/s")
 
     def check_stiffness(self, command: PlatformCommand) -> None:
-        """Raises CommandError if a joint has yielded and the higher stiffness would make it jump back to its
+        """Raises CommandError if a joint has yielded and, with the higher stiffness, would jump back to its
         equilibrium."""
         reference = self.reference
         place = {servo: index for index, servo in enumerate(reference.servos.tolist())}

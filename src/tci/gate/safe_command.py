@@ -52,8 +52,8 @@ class SafeCommand:
     servos: NDArray[np.intp]
     """Indices (k,) of the servos under command. A driver never sends anything to other servos."""
     modes: tuple[Mode, ...]
-    """Control mode (k,) of each servo. If a servo is in another mode, the driver must switch it to this mode
-    before it sends other values."""
+    """Control mode (k,) of each servo. If a servo is in another mode, the driver must switch the servo to
+    this mode before the driver sends other values."""
     position: Array
     """Position (k,) [rad] of each servo. In position and velocity mode: the set-point for the end of this
     period. In impedance mode: the equilibrium. In torque mode: the measured position."""

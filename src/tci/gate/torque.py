@@ -2,7 +2,7 @@
 
 In torque mode there is no position reference that could be kept within limits. Therefore the limits use the
 measured motion. The closer a servo is to a limit, or the faster it moves, the more a braking torque replaces
-the commanded torque. This method of limiting needs recent joint data. As the data ages, every torque
+the commanded torque. These limits need recent joint data. As the data ages, every torque
 decreases to zero. Braking torques decrease too, because a braking torque would drive a joint backwards after
 the joint has come to rest.
 """

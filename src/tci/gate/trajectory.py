@@ -227,7 +227,7 @@ class OnlineTrajectory:
                 self._set_velocities(back, inward=False)
             here = self._state[0]
             taken, again = self._try()
-            if taken and not np.any(self._state[0] != here):  # the other servos rest
+            if taken and not np.any(self._state[0] != here):  # the other servos are at rest
                 self._return_inside()
             fault = fault or again or (OUTSIDE if taken else None)
         if fault:

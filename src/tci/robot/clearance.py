@@ -1,4 +1,5 @@
-"""Distances between links that could collide: each arm against the trunk, head, legs and the other arm.
+"""Distances between links that could collide: distances of each arm from the trunk, the head, the legs and
+the other arm.
 
 The module `collisions` selects the links. MuJoCo computes the distances, between primitive shapes and the
 convex hulls of meshes.

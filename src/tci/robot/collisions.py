@@ -74,7 +74,7 @@ def _set_self_collisions(spec: mujoco.MjSpec, robot: Robot) -> None:
     arms = _arms(spec, robot)
     solid = [geom for geom in spec.geoms if geom.contype or geom.conaffinity]
     shown = [geom for geom in spec.geoms if not (geom.contype or geom.conaffinity)]
-    # URDF models show a mesh by one geom and use another for its collisions.
+    # URDF models contain one geom that shows a mesh, and another geom for collisions of this mesh.
     meshes = {(geom.parent.name, geom.meshname) for geom in shown if geom.meshname}
     for geom in solid:
         if (geom.parent.name, geom.meshname) in meshes:
@@ -91,9 +91,9 @@ def _set_self_collisions(spec: mujoco.MjSpec, robot: Robot) -> None:
 def exclude_overlaps(spec: mujoco.MjSpec, robot: Robot, posture: Array) -> mujoco.MjModel:
     """Excludes pairs of bodies that overlap by construction, and compiles the model.
 
-    These are pairs that overlap at `posture` (n_servos,) [rad], and pairs that are near each other at
-    `posture` and in most other postures. Raises DescriptionError if MuJoCo can't read a mesh, or if a joint
-    is missing in the model.
+    The excluded pairs overlap at `posture` (n_servos,) [rad], or are near each other at `posture` and in most
+    other postures. Raises DescriptionError if MuJoCo can't read a mesh, or if a joint is missing in the
+    model.
     """
     assert robot.model is not None  # solid_spec raises an error for a robot without a model
     model = compiled(spec, robot.model)

@@ -33,7 +33,7 @@ class Dynamics:
         """
         self._made_of = robot, calibration
         self._model, self._torso = weighted_model(robot)
-        assert robot.model is not None  # weighted_model
+        assert robot.model is not None  # `weighted_model` raises an error for a robot without a model
         self._T_LT = robot.model.T_LT
         links = [self._model.body(index).name for index in range(1, self._model.nbody)]
         for link, tool in calibration.tools.items():
@@ -50,7 +50,7 @@ class Dynamics:
         self._n = len(robot.servos)
 
     def __reduce__(self) -> tuple[type[Dynamics], tuple[Robot, JointCalibration]]:
-        return type(self), self._made_of  # copies share no memory
+        return type(self), self._made_of  # copies of this object share no memory
 
     def at(self, position: Array, velocity: Array, gravity: Array | None = None) -> tuple[Array, Array]:
         """Returns the inertia matrix M (n, n) [kg m2] and the bias torques C v + g (n,) [N m] of all servos.

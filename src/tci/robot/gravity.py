@@ -32,7 +32,7 @@ class Gravity:
         """Reads the model. Raises the errors that `weighted_model` raises, and DescriptionError if the joint
         of a servo is missing in the model."""
         self._model, self._torso = weighted_model(robot)
-        assert robot.model is not None  # weighted_model
+        assert robot.model is not None  # `weighted_model` raises an error for a robot without a model
         self._data = mujoco.MjData(self._model)
         self._T_LT = robot.model.T_LT
         self._n_servos = len(robot.servos)

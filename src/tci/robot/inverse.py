@@ -31,7 +31,7 @@ class InverseSettings:
     iterations: int = 60
     """Largest number of steps from one starting posture."""
     starts: int = 20
-    """Largest number of starting postures. The first one is the present posture."""
+    """Largest number of starting postures. The first starting posture is the present posture."""
     slides: int = 4
     """Largest number of attempts to find a solution nearer to the present posture."""
     damping: float = 1e-8
@@ -43,8 +43,8 @@ class InverseSettings:
 
 DEFAULTS = InverseSettings()
 SWEEPS = 30
-"""Largest number of projections onto couplings for one posture, which bounds the computing time. Assumed: the
-projections usually end earlier."""
+"""Largest number of projections onto couplings for one posture; this number bounds the computing time.
+Assumed: the projections usually end earlier."""
 ROOM = 1e-9
 """Distance [rad] that solutions keep from the bounds of couplings. Assumed: above rounding errors, and far
 below the resolution of any encoder."""

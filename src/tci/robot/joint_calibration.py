@@ -28,8 +28,9 @@ class JointFriction(Description):
     viscous: _Positive = 0.0
     """Viscous friction [N m s/rad]: a torque against the motion, in proportion to the speed."""
     rotor: _Positive = 0.0
-    """Inertia [kg m2] of the motor's rotor, as it acts at the joint (after the gear). Needed if torques are
-    computed from motor currents; 0 if a torque sensor measures at the joint's output."""
+    """Inertia [kg m2] of the motor's rotor, as it acts at the joint (after the gear). This value is needed if
+    torques are computed from motor currents. The value is 0 if a torque sensor measures at the joint's
+    output."""
 
 
 class Tool(Description):
@@ -51,8 +52,8 @@ class JointCalibration(Description):
     friction: dict[str, JointFriction] = Field(default_factory=dict)
     """Friction of joints, by the name of the servo. For servos that are not listed, friction is unknown."""
     amperes: dict[str, _Positive] = Field(default_factory=dict)
-    """Torque at the joint per ampere of motor current [N m/A], by the name of the servo. Needed for robots
-    that report currents instead of torques."""
+    """Torque at the joint per ampere of motor current [N m/A], by the name of the servo. These values are
+    needed for robots that report currents instead of torques."""
     tools: dict[str, Tool] = Field(default_factory=dict)
     """Tools in the hands, by the name of the link that carries the tool."""
 

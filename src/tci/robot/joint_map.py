@@ -122,8 +122,8 @@ class JointMap:
     def driven_speeds(self, position: Array) -> Array:
         """Returns the speeds (k,) [rad/s] for servos in velocity control.
 
-        These speeds also keep the generic joints of a retargeted shoulder within their described speeds,
-        which `speeds` does not. Raises the errors that `slope` raises.
+        These speeds also keep the generic joints of a retargeted shoulder within their described speeds; the
+        result of `speeds` does not. Raises the errors that `slope` raises.
         """
         if self._slope is not None:
             return self.speeds(position)
@@ -158,7 +158,7 @@ class Postures:
         self._servos = np.array([servo for servos, _ in sums for servo in servos], np.intp)
         self._factor = np.array([factor for _, factors in sums for factor in factors])
         self._first = np.cumsum([0, *(len(servos) for servos, _ in sums)])[:-1]
-        self._single = len(self._servos) == len(self._ids)  # each sum has one term
+        self._single = len(self._servos) == len(self._ids)  # the sum for each of these joints has one term
         self._whole = np.array_equal(self._ids, np.arange(len(self._fixed)))
         self._others = [(begin + t.ids, t) for begin, t in placed if not t.constant]
 

@@ -44,8 +44,8 @@ class Shoulder:
     """The first three joints of an arm, in the torso frame."""
 
     def __init__(self, robot: Robot, part: GenericPart) -> None:
-        """Reads the axes of the shoulder. Raises DescriptionError if the robot has no model, or if the arm
-        does not have the structure that its description gives."""
+        """Reads the axes of the shoulder. Raises DescriptionError if the robot has no model, or if the
+        structure of the arm in the model differs from the description."""
         kinematics = KinematicChain(robot)
         assert part.side is not None
         self.side = part.side
@@ -217,7 +217,7 @@ def turn(axis: Array, angle: float) -> Array:
 
 
 def cross_matrix(axis: Array) -> Array:
-    """Returns the matrix (3, 3) that, multiplied by a vector, gives the cross product of `axis` (3,) and this
+    """Returns the matrix (3, 3) whose product with a vector is the cross product of `axis` (3,) and this
     vector."""
     x, y, z = axis
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

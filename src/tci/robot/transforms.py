@@ -83,7 +83,8 @@ class Linear(Transform):
 
 
 class Table(Transform):
-    """One joint that is mapped by a table of pairs of angles. Both columns are strictly monotonic."""
+    """One joint that is mapped by a table of pairs of angles. Both columns of the table are strictly
+    monotonic."""
 
     def __init__(self, joint: GenericServo) -> None:
         super().__init__([joint])

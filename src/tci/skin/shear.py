@@ -46,7 +46,7 @@ class Shear:
         """
         sensor = self._sensor
         raw = doubles(values[self._channels])
-        usable = (raw >= sensor.lowest) & (raw <= sensor.highest)  # false for NaN
+        usable = (raw >= sensor.lowest) & (raw <= sensor.highest)  # the comparison is false for NaN
         raw = np.where(usable, raw, self._rest)
         elapsed = GAP if self._stamp is None else min(max(stamp - self._stamp, 0.0), GAP)
         self._stamp = stamp

@@ -28,7 +28,8 @@ class GenericServo(Description):
     id: int
     """Index in the generic part, from 0."""
     name: str
-    """Generic name of the joint, such as `shoulder_pitch`; `joint0` and so on if the file gives no name."""
+    """Generic name of the joint, such as `shoulder_pitch`; `joint0` and so on if the file contains no
+    name."""
     servo: int | None
     """Index into `Robot.servos`; None if the robot lacks this joint."""
     scale: float = 1.0
@@ -91,7 +92,7 @@ class CartesianActuator(Description):
     space)."""
 
     name: str
-    """Name that a `CartesianCommand` gives as its `point`: `hand`, `elbow`, ..."""
+    """Name of the point in a `CartesianCommand`: `hand`, `elbow`, ..."""
     link: str | None = None
     """Link of the kinematic model that carries the point. For an actuator of an arm, the field `segment` can
     be set instead of `link`."""
@@ -104,9 +105,9 @@ class CartesianActuator(Description):
     frame: Literal["shoulder", "torso"] = "shoulder"
     """Frame of the target positions. `shoulder`: position relative to the centre of the shoulder, in the
     arm's mount frame, in arm lengths (upper arm plus forearm). With this frame, one target means one fraction
-    of the reach on every robot. `torso`: position in the torso frame, in m."""
+    of the arm's reach on every robot. `torso`: position in the torso frame, in m."""
     speed: float | None = None
-    """Largest speed [m/s] of the point. None: only the speed limits of the joints apply."""
+    """Largest speed [m/s] of the point. If None, only the speed limits of the joints apply."""
     tolerance: float = 1e-3
     """A target counts as reached if the point is within this distance [m]. Assumed: servos can hardly
     position the point more accurately than this distance."""

@@ -7,7 +7,7 @@ from tci.robot.description.base import Description
 
 
 class Limits(Description):
-    """Limits of a servo. If a limit is None, it is unknown: the gate refuses commands that need it."""
+    """Limits of a servo. A limit that is None is unknown: the gate refuses commands that need this limit."""
 
     lower: float | None = None
     """Smallest angle [rad]."""

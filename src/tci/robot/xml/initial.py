@@ -46,8 +46,8 @@ def check_initial(
 ) -> None:
     """Checks that the initial posture of a part is within the limits of its servos.
 
-    `nodes` are the generic servos of the part, by id. `positions` are the elements that give their initial
-    positions.
+    `nodes` are the generic servos of the part, by id. `positions` are the elements that contain the initial
+    positions of these servos.
     """
     initial = {joint.id: joint.initial for joint in generic}
     for transform in _transforms(generic):

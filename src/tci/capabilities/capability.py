@@ -68,7 +68,7 @@ class Capability(ABC, Generic[Memory]):
         return ()
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """Returns a reason to stop the robot; None if there is none.
+        """Returns a reason to stop the robot, or None if there is no reason.
 
         Example of a reason: the skin that this behaviour needs sends no data.
         """

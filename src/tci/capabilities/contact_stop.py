@@ -110,7 +110,7 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
         return self.behaviour.notes(memory.inner)
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """Returns the behaviour's reason to stop the robot; None if there is none."""
+        """Returns the behaviour's reason to stop the robot, or None if there is no reason."""
         return self.behaviour.fault(perception, body)
 
 

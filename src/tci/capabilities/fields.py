@@ -51,10 +51,10 @@ Motion = Annotated[tuple[float, ...], Field(strict=False), AfterValidator(_one_a
 
 
 class Circle(Description):
-    """Place and size of a receptive field: base of `ReceptiveField` and of the tables in a file."""
+    """Position and size of a receptive field: base class of `ReceptiveField` and of the tables in a file."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
-    """Name of the field; no other field of a set has this name."""
+    """Name of the field. No other field of a set has this name."""
     segment: Literal["upper_arm", "forearm"]
     """Segment of the arm on which the field lies."""
     u: Annotated[float, Field(ge=0.0, le=1.0)]
@@ -105,7 +105,7 @@ class BodyField(Description):
     """A disc on the skin of a part, and the motion in response to a touch of this disc (eqs 5-6)."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
-    """Name of the field; no other field of a set has this name."""
+    """Name of the field. No other field of a set has this name."""
     kind: BodyKind
     """Kind of the generic part on which the field lies."""
     segment: str = ""

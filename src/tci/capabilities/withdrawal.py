@@ -76,7 +76,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     """Form of psi in eq. 5: 1 - d / r, or cos^2(pi d / 2 r)."""
     mode: Mode = Mode.POSITION
     """Control mode of the arms. The target posture is equal in all three modes. In impedance mode the arms
-    are soft, so that they also yield to the touch before they withdraw."""
+    are soft: a touched arm first yields to the touch, and then withdraws."""
     approach: float = 0.08
     """Time constant [s] with which an arm in velocity mode approaches its target. Assumed: twice the
     longest control period of a driver, so that the loop stays stable."""
@@ -174,7 +174,8 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         return self.answers((contact,))[0]
 
     def answers(self, contacts: Sequence[Contact]) -> list[Answer | None]:
-        """Returns the response to each contact as if this contact were the only one."""
+        """Returns the response to each contact. The response is computed as if there were no other
+        contact."""
         table = Contacts.of(contacts)
         numbers = site_numbers(table.sites)
         wishes = self._wishes(table, table.site.tolist(), numbers, around={*numbers.part})

@@ -76,8 +76,8 @@ class Withdrawal(Generic[F]):
     met: frozenset[int] = frozenset()
     """Identities of the contacts that have been checked. The motion does not press any of these contacts."""
     ended: Array | None = None
-    """Generic posture (n,) [rad] at which the motion was ended because of an object on the path; else
-    None."""
+    """Generic posture (n,) [rad] at which the motion was ended because of an object on the path. None if the
+    motion was not ended."""
 
     @property
     def target(self) -> Array:
@@ -207,7 +207,7 @@ def new_targets(
 
 
 def blind_field(part: str, fields: Iterable[Field], shares: Array) -> Reason | None:
-    """Returns a reason to stop for the first blind field; None if there is none.
+    """Returns a reason to stop for the first blind field, or None if no field is blind.
 
     `shares` (m,) are the fractions of healthy taxels of the `fields`.
     """
@@ -267,7 +267,7 @@ def withdraw(
 
 
 def refusal(reason: str, perception: Perception) -> Refusal | None:
-    """Returns a refusal with this reason; None if the reason is empty."""
+    """Returns a refusal with this reason, or None if the reason is empty."""
     return Refusal(reason, _frames(perception), perception.stamp) if reason else None
 
 
@@ -346,7 +346,7 @@ def _meet(
 
 
 def _frames(perception: Perception) -> bytes:
-    """Returns the sequence numbers of the skin frames as bytes, so that they can be compared."""
+    """Returns the sequence numbers of the skin frames as bytes, because bytes can be compared fast."""
     return b"" if perception.skin is None else perception.skin.sequence.tobytes()
 
 

@@ -57,7 +57,7 @@ def body_trials_of(
     the reflex.
 
     Yields one trial for each field and part. `stimulus` is the motion of the finger, by default `Stimulus()`.
-    `seed` is the seed of the first trial; the seed of each further trial is larger by 1. If `via` names a
+    `seed` is the seed of the first trial. The seed of each further trial is larger by 1. If `via` names a
     middleware, the reflex runs in another process and reaches the robot through this middleware. Raises the
     errors of `poke_place`.
     """

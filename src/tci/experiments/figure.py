@@ -62,7 +62,7 @@ def draw_figure(
     full_scale: float,
     caption: str = "",
 ) -> None:
-    """Arranges the panels in rows of `columns` panels, and writes them as a PNG file to `path`.
+    """Arranges the panels in rows of `columns` panels, and writes all panels as a PNG file to `path`.
 
     The area below the panels shows a colour bar of the pressure up to `full_scale` [Pa], the names of the
     receptive fields in the fields' colours, and the `caption`. Every pixel of a panel becomes one pixel of

@@ -94,7 +94,7 @@ class _Followed(Capability[_Seen]):
         return self.play.notes(memory.inner)
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """Returns the gesture's reason to stop the robot; None if there is none."""
+        """Returns the gesture's reason to stop the robot, or None if there is no reason."""
         return self.play.fault(perception, body)
 
 

@@ -43,7 +43,7 @@ class PatchTrial:
 
     @property
     def fault(self) -> str:
-        """Sentence that describes the fault of this trial; empty if there is no fault."""
+        """Sentence that describes the fault of this trial. The text is empty if the trial has no fault."""
         if self.peak_force_n <= self.peak_force_without_reflex_n + PRESSED:
             return ""
         return (

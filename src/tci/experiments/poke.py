@@ -154,7 +154,7 @@ def poke(
     """Pokes the centre of `site` on an arm, and records the poke.
 
     Args:
-        world: Simulation; the simulation is reset first.
+        world: Simulation, which is reset before the poke.
         part: Generic arm.
         site: Receptive field to poke.
         stimulus: Motion of the finger.

@@ -38,7 +38,7 @@ class SameStimulus:
     relative to the shoulder, where the upper arm begins, in the axes of the arm's mount frame."""
     hand_direction_torso_deg: dict[str, float]
     """Largest angle [degrees] between the displacements of two robots' hands, by site. Displacements are
-    relative to the torso, so they include the motion of the shoulder."""
+    relative to the torso and include the motion of the shoulder."""
 
 
 def same_stimulus(bodies: Sequence[GenericBody], fields: Sequence[ReceptiveField]) -> SameStimulus:

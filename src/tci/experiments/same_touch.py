@@ -175,7 +175,7 @@ class Arm:
         return place, result
 
     def touch(self, place: Place, pressure: Array, force: float) -> Contact | None:
-        """Returns the strongest contact that TCI detects for a touch; None if TCI detects no contact."""
+        """Returns the strongest contact that TCI detects for a touch, or None if TCI detects no contact."""
         patch = self._sleeves[place[0]][0]
         sensor = patch.sensor
         counts = np.sign(sensor.pascal_per_count) * np.round(sensor.counts(force * pressure))

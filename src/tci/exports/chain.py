@@ -22,21 +22,22 @@ class ChainSegment(Description):
     name: str
     """Name of the link."""
     servo: int | None
-    """Index of the joint's servo in `Robot.servos`; None for a fixed segment."""
+    """Index of the joint's servo in `Robot.servos`, or None for a fixed segment."""
     slides: bool = False
-    """True for a prismatic joint, which moves the link along the axis [m]; False for a revolute joint."""
+    """True for a prismatic joint, which moves the link along the axis [m], and False for a revolute joint."""
     axis: Vector
-    """Unit vector of the joint's axis, in the previous tip's frame; zero for a fixed segment."""
+    """Unit vector of the joint's axis, in the previous tip's frame, or zero for a fixed segment."""
     origin: Vector
     """A point (3,) [m] on the joint's axis, in the previous tip's frame."""
     tip: Matrix
     """Pose (4, 4) of the link's frame in the previous tip's frame, with the servo at zero."""
     inertia: Inertia | None
-    """Inertia of the link, in the link's frame; None if the model has no inertia for the link."""
+    """Inertia of the link, in the link's frame, or None if the model has no inertia for the link."""
 
 
 def chain_to(robot: Robot, link: str) -> tuple[ChainSegment, ...]:
-    """Returns the segments to a link, from the torso frame if the torso carries the link, else from the root.
+    """Returns the segments to a link. If the torso carries the link, the chain begins at the torso frame,
+    else at the root.
 
     The first segment is fixed. In a chain from the torso, the tip of the first segment is the pose of the
     torso's link in the torso frame. In a chain from the root, the tip of the first segment is the identity.

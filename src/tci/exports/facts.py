@@ -33,7 +33,7 @@ class GenericLimits(Description):
     joint: str
     """Name of the generic joint."""
     lower: float | None
-    """Lower limit [rad]; None if a servo's limit is unknown, if no servo moves the joint, or if the limit
+    """Lower limit [rad], or None if a servo's limit is unknown, if no servo moves the joint, or if the limit
     depends on the angles of other joints."""
     upper: float | None
     """Upper limit [rad]. None for the reasons given for `lower`."""
@@ -114,7 +114,8 @@ class PatchFacts(Description):
     area: float
     """Total area [m2] of the patch's taxels."""
     cone: ConeFacts | None
-    """Fitted cone; None if no cone can be fitted, because the patch is on no limb or has too few taxels."""
+    """Fitted cone, or None if no cone can be fitted, because the patch is on no limb or has too few
+    taxels."""
     taxels: tuple[Taxel, ...]
 
 
@@ -186,7 +187,8 @@ def read_facts(text: str | bytes, *, source: str = "facts of a robot") -> RobotF
 
 
 def generic_limits(robot: Robot, part: str) -> tuple[GenericLimits, ...]:
-    """Returns the limits [rad] of a part's generic joints, in the part's order. Raises UnknownNameError."""
+    """Returns the limits [rad] of a part's generic joints, in the part's order. Raises UnknownNameError for
+    an unknown part."""
     joints = joint_map(robot, part)
     ends = []
     for side in ("lower", "upper"):
@@ -207,7 +209,7 @@ def generic_limits(robot: Robot, part: str) -> tuple[GenericLimits, ...]:
 
 
 def _reach(robot: Robot, joint: GenericServo) -> tuple[float, float]:
-    """Returns the lowest and highest angle [rad] of a joint that several servos move; NaN if a limit is
+    """Returns the lowest and highest angle [rad] of a joint that several servos move, or NaN if a limit is
     unknown."""
     low = high = joint.offset
     for term in joint.terms:

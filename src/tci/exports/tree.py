@@ -34,21 +34,21 @@ class KinematicLink(Description):
 
     name: str
     parent: str
-    """Name of the parent, the link that carries this link; empty for the root."""
+    """Name of the parent, which is the link that carries this link. The name is empty for the root."""
     pose: Matrix
     """`T_PL` (4, 4): pose of the link in the frame of its parent, with all joints at zero."""
     servo: int | None
-    """Index in `Robot.servos` of the servo that moves the link relative to its parent; None if the link is
+    """Index in `Robot.servos` of the servo that moves the link relative to its parent, or None if the link is
     fixed."""
     slides: bool = False
-    """True if the joint between parent and link is prismatic (along `axis`, [m]); False if the joint is
+    """True if the joint between parent and link is prismatic (along `axis`, [m]), and False if the joint is
     revolute."""
     axis: Vector = (0.0, 0.0, 0.0)
     """Unit vector of the joint's axis, in the frame of the link."""
     anchor: Vector = (0.0, 0.0, 0.0)
     """A point (3,) [m] on the joint's axis, in the frame of the link."""
     inertia: Inertia | None
-    """Inertia of the link; None if the model has no inertia for the link."""
+    """Inertia of the link, or None if the model has no inertia for the link."""
 
 
 def links_of(robot: Robot) -> tuple[KinematicLink, ...]:

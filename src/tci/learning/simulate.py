@@ -36,11 +36,12 @@ class WorldRun:
     site: str
     """Name of the receptive field whose centre the finger poked."""
     first_contact: float | None
-    """Time [s] of the finger's first contact; None if there was no contact."""
+    """Time [s] of the finger's first contact, or None if there was no contact."""
     first_command: float | None
-    """Time [s] of the capability's first command; None if there was no command."""
+    """Time [s] of the capability's first command, or None if there was no command."""
     contact_lost: float | None
-    """Time [s] of the end of the finger's last contact; None if the finger touched the skin until the end."""
+    """Time [s] of the end of the finger's last contact, or None if the finger touched the skin until the
+    end."""
     peak_force: float
     """Largest contact force [N] in the physics simulation."""
     positions: Array

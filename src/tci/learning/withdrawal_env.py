@@ -36,8 +36,9 @@ with needs("the environment tci/Withdrawal-v0", "gym"):
 CONTACTS = 4
 """Number of contacts in an observation. The strongest contact is the first."""
 CONTACT = 7
-"""Number of values per contact: 1 on the forearm and 0 on the upper arm; u; sine and cosine of theta; force
-[N]; force [N] of the contact's strongest taxel; area [cm2]. All values are 0 in unused rows."""
+"""Number of values per contact. The values are: 1 on the forearm and 0 on the upper arm, u, sine of theta,
+cosine of theta, force [N], force [N] of the contact's strongest taxel, area [cm2]. All values are 0 in unused
+rows."""
 PAIN = 400e3
 """Pressure [Pa] that counts as pain. Assumed: the order of magnitude that algometers measure on arms. Behrens
 et al. 2022 (doi:10.3389/frobt.2021.667818) list thresholds for several points of the body and several
@@ -58,8 +59,8 @@ Observation = dict[str, NDArray[np.float64]]
 class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
     """Environment with one arm that a finger pokes.
 
-    The observation is a dictionary: `posture` (5,) [rad] and `velocity` (5,) [rad/s] of the generic arm;
-    `task` (5,) [rad], the posture to which the arm should return; and `contacts` (CONTACTS, CONTACT) or
+    The observation is a dictionary: `posture` (5,) [rad] and `velocity` (5,) [rad/s] of the generic arm,
+    `task` (5,) [rad] (the posture to which the arm should return), and `contacts` (CONTACTS, CONTACT) or
     `taxels` (n,) [N].
 
     The action (5,) is the target of the generic arm in the control mode of the environment: angles [rad] for
@@ -198,7 +199,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         return observation, reward, False, self.time >= self.duration - 1e-9, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Returns a picture (240, 320, 3) of the world; None if `render_mode` is None."""
+        """Returns a picture (240, 320, 3) of the world, or None if `render_mode` is None."""
         if self.render_mode is None:
             return None
         if self._portrait is None:

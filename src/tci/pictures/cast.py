@@ -25,15 +25,15 @@ class Hits:
     """The nearest hits of n rays."""
 
     geom: NDArray[np.int32]
-    """Index (n,) of the geom that each ray hits; -1 if the ray hits nothing."""
+    """Index (n,) of the geom that each ray hits, or -1 if the ray hits nothing."""
     surface: NDArray[np.int32]
-    """Index (n,) of the surface to which this geom belongs; -1 if the ray hits nothing."""
+    """Index (n,) of the surface to which this geom belongs, or -1 if the ray hits nothing."""
     distance: Array
-    """Distance (n,) [m] from the camera; infinite if the ray hits nothing."""
+    """Distance (n,) [m] from the camera, or infinity if the ray hits nothing."""
     points: Array
-    """Hit points (n, 3) [m] in the world frame; NaN if the ray hits nothing."""
+    """Hit points (n, 3) [m] in the world frame, or NaN if the ray hits nothing."""
     normals: Array
-    """Unit normals (n, 3) at the hit points, on the side of the camera; 0 if the ray hits nothing."""
+    """Unit normals (n, 3) at the hit points, on the side of the camera, or 0 if the ray hits nothing."""
 
 
 def nearer(first: Hits, second: Hits) -> Hits:

@@ -38,7 +38,7 @@ def tables(recording: Recording, robot: Robot | None = None) -> dict[str, Table]
     measurement or decision on the driver's clock. Angles are in [rad], speeds in [rad/s], torques in [N m].
     In the table of a patch, `raw` (frames, channels) are the unchanged values. With a `robot`, `pressure_pa`
     and `force_n` (frames, taxels) are computed from the raw values. Pressures and forces are NaN for frames
-    that did not fit the robot. Raises RecordingError.
+    that did not fit the robot. Raises RecordingError if the recording can't be read.
     """
     rows: dict[str, list[tuple[float, dict[str, Any]]]] = {}
     frames: dict[str, list[SkinFrame]] = {}

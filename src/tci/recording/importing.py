@@ -16,14 +16,14 @@ from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 
 FIRST = 100
-"""Number of readings at the start whose median interval is the estimated period of the recording. Assumed.
-With fewer readings the period would depend on single delays. With more readings the import would read farther
+"""Number of readings at the start whose median interval is the estimated period of the recording. Assumed:
+with fewer readings the period would depend on single delays. With more readings the import would read farther
 ahead."""
 FARTHEST = 2**63 / 1e9
 """Largest time [s] that a recording can contain: 292 years. Times are stored in nanoseconds. A time since
 1970 that is in milliseconds by mistake exceeds this limit."""
 LONGEST_LINE = 2**20
-"""Longest line [characters] that is read. Assumed. This length limits the memory that a damaged or hostile
+"""Longest line [characters] that is read. Assumed: this length limits the memory that a damaged or hostile
 file can use."""
 
 

@@ -27,7 +27,7 @@ class Perceived:
     """Posture and contacts. If this reading did not fit the robot: posture and contacts of the previous
     period."""
     commands: tuple[dict[str, Any], ...]
-    """Commands of the behaviour. Each has the fields of `schemas.COMMAND`."""
+    """Commands of the behaviour. Each command has the fields of `schemas.COMMAND`."""
     decision: dict[str, Any] | None
     """Decision of the gate that was sent to the robot, with the fields of `schemas.DECISION`. None if nothing
     was sent."""

@@ -59,7 +59,7 @@ class RecordedTick:
     reading: Reading
     """Reading of the robot."""
     commands: tuple[dict[str, Any], ...]
-    """Commands of the capability. Each has the fields of `schemas.COMMAND`."""
+    """Commands of the capability. Each command has the fields of `schemas.COMMAND`."""
     decision: dict[str, Any] | None
     """Decision that was sent to the robot, with the fields of `schemas.DECISION`. None if nothing was sent.
     """
@@ -178,7 +178,7 @@ class Recording:
     def messages(self) -> Iterator[tuple[str, MessageType, int, bytes]]:
         """Yields topic, type, time [ns] and bytes of every message that has a type in `schemas`.
 
-        Raises RecordingError.
+        Raises RecordingError if the file is damaged.
         """
         schemas: dict[int, str] = {}
         channels: dict[int, tuple[str, MessageType | None]] = {}

@@ -158,7 +158,7 @@ def to_gravity(imu: Mapping[str, Any]) -> Array | None:
 
 
 def skin_values(frame: SkinFrame, number: int, stamp: float) -> tuple[Any, ...]:
-    """Returns the values of a SkinFrame. `stamp` [s] is the time in its header."""
+    """Returns the values of a SkinFrame. `stamp` [s] is the time in the message's header."""
     data = np.frombuffer(np.ascontiguousarray(frame.values).tobytes(), dtype=np.uint8)
     values = (frame.stamp, frame.sequence, number, frame.patch, frame.values.dtype.str, data)
     return *header(stamp, frame.patch), *values
@@ -244,7 +244,8 @@ def cloud_fields(points: NDArray[np.float32]) -> tuple[Any, ...]:
 
 
 def to_frame(fields: Mapping[str, Any]) -> SkinFrame:
-    """Returns the frame that a SkinFrame message contains. Raises RecordingError."""
+    """Returns the frame that a SkinFrame message contains. Raises RecordingError for values of an unknown
+    type."""
     if not DTYPE.fullmatch(fields["dtype"]):
         raise RecordingError(f"skin values of type {fields['dtype']!r}; valid: as <f8, |u1, <U5")
     try:
@@ -257,7 +258,8 @@ def to_frame(fields: Mapping[str, Any]) -> SkinFrame:
 def to_joints(
     state: Mapping[str, Any], tick: Mapping[str, Any], gravity: Array | None = None
 ) -> JointReading:
-    """Returns the joint reading that a JointState and its Tick contain. Raises RecordingError."""
+    """Returns the joint reading that a JointState and its Tick contain. Raises RecordingError for an unknown
+    mode."""
     try:
         modes = tuple(None if number == UNKNOWN else MODES[number] for number in tick["modes"])
     except IndexError:

@@ -11,7 +11,7 @@ from tci.frames import Array
 from tci.recording.perceived import Perceived
 
 PAUSE = 0.3
-"""Least time [s] without contact between two touches. Assumed. With a shorter time, a flickering touch would
+"""Least time [s] without contact between two touches. Assumed: with a shorter time, a flickering touch would
 be split. With a longer time, quick touches would be joined."""
 MOVED = np.deg2rad(0.5)
 """Least change [rad] of a generic joint that counts as motion. Assumed: above encoder noise."""
@@ -75,7 +75,7 @@ class Touch:
 
 
 def find_touches(periods: Iterable[Perceived]) -> list[Touch]:
-    """Returns all touches, in the order in which they began.
+    """Returns all touches, in the order of their first contacts.
 
     If another part was commanded immediately before a touch, for example in a gesture, the commands and the
     motion of that part do not count as a response.

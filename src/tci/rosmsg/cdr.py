@@ -48,7 +48,8 @@ class MessageType:
     says: str = ""
     """Comment at the top of the message's definition."""
     needs: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = ()
-    """Nested messages by `package/Name`, with their fields. The type of a field is the part `Name`."""
+    """Nested messages by `package/Name`, with their fields. The type of a nested field is `Name`, without the
+    package."""
     headed: bool = True
     """True if the message begins with a `std_msgs/Header`."""
 

@@ -120,8 +120,8 @@ def _waiting(
 ) -> Array:
     """Returns the posture (10,) [rad] of a hand before the grasp.
 
-    Fingers that will touch the ball are bent until they are just beside the ball. Fingers that share a motor
-    with such a finger are bent by an equal flexion.
+    Fingers that will touch the ball are bent up to a position just beside the ball. Fingers that share a
+    motor with such a finger are bent by an equal flexion.
     """
     posture = np.array(open_hand)
     for group in joints.tied:

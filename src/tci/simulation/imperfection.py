@@ -20,7 +20,8 @@ class Imperfection:
     """
 
     cross_talk: float = 0.0
-    """Fraction of a taxel's signal that appears on its neighbours, divided equally between them."""
+    """Fraction of a taxel's signal that appears on the neighbouring taxels. Each neighbour receives an equal
+    part."""
     creep: float = 0.0
     """Fraction by which a signal increases under a constant load. After the load, this additional signal
     decreases slowly."""

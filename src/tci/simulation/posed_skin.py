@@ -31,13 +31,13 @@ class PosedSkin:
     def link(self, patch: str) -> Array:
         """Returns `T_WL` (4, 4), the current pose of a patch's link in the world frame.
 
-        Raises UnknownNameError.
+        Raises UnknownNameError for an unknown patch.
         """
         self.surface(patch)
         return self._physics.pose(self._bodies[patch])
 
     def surface(self, patch: str) -> Surface:
-        """Returns the surface of a patch. Raises UnknownNameError."""
+        """Returns the surface of a patch. Raises UnknownNameError for an unknown patch."""
         if patch not in self.surfaces:
             raise UnknownNameError("skin patch in this world", patch, self.surfaces)
         return self.surfaces[patch]
@@ -47,9 +47,9 @@ class PosedSkin:
     ) -> tuple[Array, Array]:
         """Returns the current position (3,) [m] and outward unit normal (3,) of a point on the skin.
 
-        Both are in the world frame. `place` is a taxel, or a point (3,) [m] in the frame of the patch's link.
-        An outward `normal` (3,) in the link's frame replaces the surface normal, if given. Raises
-        UnknownNameError, CommandError.
+        Position and normal are in the world frame. `place` is a taxel, or a point (3,) [m] in the frame of
+        the patch's link. An outward `normal` (3,) in the link's frame replaces the surface normal, if given.
+        Raises UnknownNameError for an unknown patch, and CommandError for an invalid point or normal.
         """
         surface = self.surface(patch)
         if isinstance(place, int | np.integer):

@@ -140,7 +140,7 @@ class Servos:
         return result
 
     def set_position_targets(self, servos: ArrayLike, angles: ArrayLike) -> None:
-        """Sets targets `angles` (k,) [rad]. Raises CommandError."""
+        """Sets targets `angles` (k,) [rad]. Raises CommandError for an invalid servo or angle."""
         index, values = _checked(servos, angles, len(self._home))
         _aim(index, values, self._top, float(self._ramp_steps), self.places, self.asked, self.state)
 
@@ -154,7 +154,7 @@ class Servos:
     def set_damping(self, servos: ArrayLike, share: ArrayLike) -> None:
         """Sets fractions (k,) 0..1 of additional damping.
 
-        A fraction of 1 doubles the critical damping. Raises CommandError.
+        A fraction of 1 doubles the critical damping. Raises CommandError for an invalid servo or fraction.
         """
         index, values = _checked(servos, share, len(self._home), share=True)
         self._damping[index] = values
@@ -163,7 +163,7 @@ class Servos:
     def set_modes(self, servos: ArrayLike, modes: Sequence[Mode]) -> None:
         """Switches servos to control modes (k,). A servo that leaves torque mode keeps its current angle.
 
-        Raises CommandError.
+        Raises CommandError for an invalid servo.
         """
         now = self.modes
         wanted = (
@@ -188,15 +188,15 @@ class Servos:
     def set_torques(self, servos: ArrayLike, torque: ArrayLike) -> None:
         """Sets torques (k,) [N m] of servos in torque mode, limited to the motor's limit.
 
-        Raises CommandError.
+        Raises CommandError for an invalid servo or torque.
         """
         index, values = _checked(servos, torque, len(self._home))
         self._torques[index] = values
 
     def set_power(self, servos: ArrayLike, on: bool) -> None:
-        """Switches servos off, which makes them limp, or on.
+        """Switches servos on or off. A servo that is off exerts no torque.
 
-        Servos that are switched on keep their current angles. Raises CommandError.
+        Servos that are switched on keep their current angles. Raises CommandError for an invalid servo.
         """
         index, _ = _checked(servos, np.zeros(np.size(servos)), len(self._home))
         for servo in index.tolist():

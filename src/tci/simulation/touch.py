@@ -158,7 +158,7 @@ def contact_truth(physics: Physics, patch: str, torso: Callable[[], Array]) -> C
     for index in np.flatnonzero(touching).tolist():
         contact = data.contact[index]
         mujoco.mj_contactForce(model, data, index, local)
-        # The contact's normal points from its first to its second geom.
+        # The normal of a contact points from the contact's first geom to the second geom.
         outward = 1.0 if contact.geom[0] == geom else -1.0
         frame = contact.frame.reshape(3, 3)
         force += local[0]

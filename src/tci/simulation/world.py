@@ -188,25 +188,25 @@ class World:
     def set_position_targets(self, servos: ArrayLike, angles: ArrayLike) -> None:
         """Sends targets `angles` (k,) [rad] to `servos` (k,), which are indices into `Robot.servos`.
 
-        Raises CommandError.
+        Raises CommandError for an invalid servo or angle.
         """
         self._servos.set_position_targets(servos, angles)
 
     def set_modes(self, servos: ArrayLike, modes: Sequence[Mode]) -> None:
-        """Switches servos (k,) to control modes (k,). Raises CommandError."""
+        """Switches servos (k,) to control modes (k,). Raises CommandError for an invalid servo."""
         self._servos.set_modes(servos, modes)
 
     def set_torques(self, servos: ArrayLike, torque: ArrayLike) -> None:
         """Sets torques (k,) [N m] of servos in torque mode.
 
-        Each torque is limited to the motor's limit. Raises CommandError.
+        Each torque is limited to the motor's limit. Raises CommandError for an invalid servo or torque.
         """
         self._servos.set_torques(servos, torque)
 
     def set_power(self, servos: ArrayLike, on: bool) -> None:
-        """Switches servos (k,) off, which makes them limp, or on.
+        """Switches servos (k,) on or off. A servo that is off exerts no torque.
 
-        Servos that are switched on keep their current angles. Raises CommandError.
+        Servos that are switched on keep their current angles. Raises CommandError for an invalid servo.
         """
         self._servos.set_power(servos, on)
 
@@ -229,7 +229,8 @@ class World:
         self._servos.set_stiffness(servos, share)
 
     def set_damping(self, servos: ArrayLike, share: ArrayLike) -> None:
-        """Sets fractions (k,) 0..1 of damping that is added to the critical damping. Raises CommandError."""
+        """Sets fractions (k,) 0..1 of damping that is added to the critical damping. Raises CommandError for
+        an invalid servo or fraction."""
         self._servos.set_damping(servos, share)
 
     def joints(self) -> JointReading:
@@ -254,7 +255,8 @@ class World:
         return self._taxels.frames()
 
     def contact_truth(self, patch: str) -> ContactTruth:
-        """Returns the current contacts on a patch from the physics. Raises UnknownNameError."""
+        """Returns the current contacts on a patch from the physics. Raises UnknownNameError for an unknown
+        patch."""
         self._skin.surface(patch)
         return contact_truth(self._physics, patch, self._skin.torso)
 
@@ -263,9 +265,9 @@ class World:
     ) -> tuple[Array, Array]:
         """Returns the current position (3,) [m] and outward normal (3,) of a point on the skin.
 
-        Both are in the torso frame. `place` is a taxel, or a point (3,) [m] in the frame of the patch's link.
-        An outward `normal` (3,) in the link's frame replaces the surface normal, if given. Raises
-        UnknownNameError, CommandError.
+        Position and normal are in the torso frame. `place` is a taxel, or a point (3,) [m] in the frame of
+        the patch's link. An outward `normal` (3,) in the link's frame replaces the surface normal, if given.
+        Raises UnknownNameError for an unknown patch, and CommandError for an invalid point or normal.
         """
         return self.to_torso(*self._skin.point(patch, place, normal))
 
@@ -287,7 +289,8 @@ def start_angles(robot: Robot, posture: Mapping[str, ArrayLike]) -> Array:
     """Returns the angles (n,) [rad] of all servos for a generic posture (inverse of eq. 1).
 
     `posture` maps parts to generic angles [rad]. Other parts are at their initial posture. Servos that belong
-    to no part are at 0. All angles are clipped to the servos' limits. Raises UnknownNameError, CommandError.
+    to no part are at 0. All angles are clipped to the servos' limits. Raises UnknownNameError for an unknown
+    part, and CommandError for invalid angles.
     """
     angles = np.zeros(len(robot.servos))
     given = {robot.part(name).name: np.asarray(values, dtype=float) for name, values in posture.items()}

@@ -27,7 +27,8 @@ TINT = 0.6
 
 
 def fields_of(capability: Capability[Any]) -> tuple[ReceptiveField, ...]:
-    """Returns the receptive fields of a behaviour; an empty tuple if the behaviour has no fields on limbs."""
+    """Returns the receptive fields of a behaviour, or an empty tuple if the behaviour has no fields on
+    limbs."""
     return tuple(capability.fields) if isinstance(capability, WithdrawalReflex) else ()
 
 
@@ -47,7 +48,7 @@ def nearest_field(
 
 
 def is_outside(fields: Sequence[ReceptiveField], contact: Contact) -> bool:
-    """Returns True if there are fields, and the contact is outside all of them."""
+    """Returns True if the behaviour has fields, and the contact is outside all fields."""
     return bool(fields) and bool(nearest_field(fields, contact.segment, contact.u, contact.theta) < 0)
 
 

@@ -87,7 +87,7 @@ class Guard:
         return judge
 
     def refusal(self, request: Request) -> str:
-        """Returns the reason to refuse a request; an empty text if the request is permitted."""
+        """Returns the reason to refuse a request, or an empty text if the request is permitted."""
         try:
             host, origin = request.headers.get("Host"), request.headers.get("Origin")
             socket_wanted = (request.headers.get("Upgrade") or "").lower() == "websocket"
@@ -103,8 +103,8 @@ class Guard:
         return ""
 
     def _is_here(self, host: str) -> bool:
-        """Returns True if a Host header names this machine. Numeric addresses are accepted: they need no DNS,
-        so DNS rebinding is not possible."""
+        """Returns True if a Host header names this machine. Numeric addresses are accepted, because DNS
+        rebinding is not possible without a DNS name."""
         try:
             name = urlsplit(f"//{host}").hostname or ""
         except ValueError:
@@ -226,7 +226,7 @@ def open_server(
             create_connection=_bounded(), **options,
         )  # fmt: skip
 
-    # viser has no hook for a check of requests. It uses the next port if a port is in use.
+    # viser has no hook for a check of requests. If a port is in use, viser uses the next port.
     with _patching:
         websockets.asyncio.server.serve = serve_guarded  # type: ignore[assignment,misc]  # see above
         try:

@@ -64,7 +64,8 @@ def body_meshes(model: mujoco.MjModel, covered: set[int]) -> list[BodyMesh]:
 
 
 def _triangles(model: mujoco.MjModel, geom: int) -> tuple[Array, NDArray[np.intp]] | None:
-    """Returns vertices (n, 3) and faces (m, 3) of a geom in its own frame; None if the geom is not drawn."""
+    """Returns vertices (n, 3) and faces (m, 3) of a geom in its own frame, or None if the geom is not
+    drawn."""
     kind, size = int(model.geom_type[geom]), model.geom_size[geom]
     kinds = mujoco.mjtGeom
     if kind == kinds.mjGEOM_MESH:

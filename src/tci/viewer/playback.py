@@ -81,7 +81,8 @@ class Playback:
             player.seek(player.begin + moment)
 
     def next_touch(self) -> None:
-        """Sets the time of the next touch. After the last touch, sets the time of the first touch."""
+        """Sets the playback to the time of the next touch. After the last touch, sets the playback to the
+        time of the first touch."""
         following = [moment for moment in self._began if moment > self.time + 1e-9]
         playing = self.playing
         self.seek((following or self._began)[0])

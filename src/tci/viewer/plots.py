@@ -15,11 +15,11 @@ from tci.viewer.view import WINDOW, History
 GRID = np.linspace(-WINDOW, 0.0, 201)
 """Times [s] of the plotted points, relative to now."""
 LEAST_FORCE, LEAST_RESPONSE = 6.0, 60.0
-"""Smallest upper end of the axis of force [N] and of the axis of response [deg/s]. Assumed; the value changes
+"""Smallest upper end of the axis of force [N] and of the axis of response [deg/s]. Assumed: the value changes
 only the picture."""
 ANGLE, ROOM = 15.0, 2.0
 """Step [deg] to which the ends of an angle axis are rounded, and smallest distance [deg] between these ends
-and the plotted lines. Assumed; the two values change only the picture."""
+and the plotted lines. Assumed: the two values change only the picture."""
 LINES = ("#1c7ed6", "#e8590c", "#2b8a3e", "#9c36b5", "#0b7285", "#c92a2a")
 
 
@@ -27,7 +27,8 @@ class Plots:
     """Plots in a separate panel of the page."""
 
     def __init__(self, server: viser.ViserServer, titles: Mapping[str, str], parts: tuple[str, ...]) -> None:
-        """Adds the plots. `titles` has the title of each robot by key; a person can choose one of `parts`."""
+        """Adds the plots. `titles` contains the title of each robot by key. On the page, a person can choose
+        one of the generic parts `parts`."""
         self._titles = dict(titles)
         self._gui = server.gui
         self._part = self._gui.add_dropdown("arm", parts) if parts else None

@@ -44,7 +44,8 @@ QUIET = 0.3
 """Pause [s] between two touches or commands, after which the second one is shown as a new event. Assumed:
 bridges short interruptions of one touch."""
 GAP = 0.01
-"""Distance [m] from which the finger approaches. Assumed: the approach is visible."""
+"""Distance [m] from which the finger approaches. Assumed: large enough, so that a person can see the
+approach."""
 LEAVE, STAY = 0.3, 1.5
 """Times [s] after which the finger leaves: from the end of the touch, and from its beginning. Assumed: long
 enough for a person to see the touch."""
@@ -58,7 +59,7 @@ class Session:
     """A running robot, real or simulated. Any thread may call the methods."""
 
     def __init__(self, driver: Driver, capability: Capability[Any], *, about: dict[str, str]) -> None:
-        """Stores `about` for recordings. `start` begins the control loop; `close` ends it."""
+        """Stores `about` for recordings. `start` begins the control loop, and `close` ends the loop."""
         self.robot = driver.robot
         self._patches = [patch.name for patch in driver.robot.patches]
         self.driver = FaultInjector(driver, [])
@@ -73,7 +74,8 @@ class Session:
         self.ended = ""
         """Reason why the loop ended. The text is empty while the loop runs."""
         self.pace = 1.0
-        """Speed of the simulation [simulated seconds per second]; 0 for a pause. Ignored by a live robot."""
+        """Speed of the simulation [simulated seconds per second]. The value is 0 during a pause. Ignored by a
+        live robot."""
         self.pokes = 0
         """Number of pokes that began."""
         self.recorder: Recorder | None = None
@@ -81,7 +83,7 @@ class Session:
         self.rehearsal: Rehearsal | None = None
         """The latest fault that a person injected."""
         self.fields = fields_of(capability)
-        """Receptive fields of the behaviour; empty if the behaviour has no fields on limbs."""
+        """Receptive fields of the behaviour. The tuple is empty if the behaviour has no fields on limbs."""
         self._steered = Steered(capability)
         self._inbox: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._again, self._closing = threading.Event(), threading.Event()
@@ -171,7 +173,7 @@ class Session:
         self.say("reset by the operator")
 
     def record(self, path: Path) -> None:
-        """Starts a recording. Raises RecordingError."""
+        """Starts a recording. Raises the errors of `Recorder`."""
         about = {"recorded_by": "tci view", **self.driver.info.about, **self._about}
         middleware = self._about.get("middleware", "sim")
         self.recorder = Recorder(
@@ -185,7 +187,7 @@ class Session:
         self.say(f"recording to {path}")
 
     def stop_recording(self) -> Recorder | None:
-        """Closes the recording and returns its recorder; None if there is no recording. The compression of
+        """Closes the recording and returns its recorder, or None if there is no recording. The compression of
         the file does not delay the loop."""
         with self._recording:
             recorder, self.recorder = self.recorder, None

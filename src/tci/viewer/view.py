@@ -34,7 +34,7 @@ class View:
     contacts: Sequence[Contact]
     """Contacts on the skin."""
     state: GateState | None
-    """State of the gate; None if nothing is commanded."""
+    """State of the gate, or None if nothing is commanded."""
     reason: str
     """Reason for which the gate holds or has stopped. If nothing is commanded: reason for which the joint
     data can't be used."""

@@ -29,7 +29,14 @@ from report import ROOT, markdown, write_between
 from row import PAGE, Row
 
 BEGIN, END = "<!-- exposure -->\n", "<!-- end of exposure -->\n"
-HEAD = ("server", "address", "port", "who may read", "who may command", "opened to a network by")
+HEAD = (
+    "server",
+    "address",
+    "port",
+    "programs that may read",
+    "programs that may command",
+    "setting that opens the server to a network",
+)
 ALONE = """
 ip link set lo up
 ip link add eth0 type veth peer name far

@@ -13,6 +13,7 @@ from tci.robot.clearance import Clearance
 from tci.robot.description import Model, Robot, Servo
 from tci.robot.gravity import Gravity
 from tci.robot.kinematics import KinematicChain, bare_model
+from tci.robot.model_file import compiled, load_spec
 
 MJCF = """
 <mujoco><compiler angle="radian"/>{before}<worldbody>
@@ -79,6 +80,24 @@ def test_a_model_is_compiled_once_and_anew_when_its_file_changes(tmp_path: Path)
     file = Path(robot.model.path)
     file.write_text(file.read_text().replace("0 0.2 0", "0 0.3 0"))
     assert bare_model(robot.model).body("arm").pos.tolist() == [0.0, 0.3, 0.0]
+
+
+def test_a_fixed_link_without_inertial_has_no_mass(tmp_path: Path) -> None:
+    """In a URDF, such a link has no mass. In an earlier version it had the mass that MuJoCo infers from its
+    shapes: romeo_laas_small, whose collision shapes are links, had 165 kg instead of 41."""
+    ball = '<collision><geometry><sphere radius="0.2"/></geometry></collision>'
+    text = URDF.format(mesh="", axis="0 1 0").replace(
+        '<link name="arm"><visual><geometry><mesh filename=""/></geometry></visual></link>',
+        '<link name="arm"><inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" '
+        f'iyz="0"/></inertial></link><link name="shape">{ball}</link><joint name="fixed" type="fixed">'
+        '<parent link="arm"/><child link="shape"/></joint>',
+    )
+    robot = robot_of(tmp_path, text, "urdf")
+    assert robot.model is not None
+    model = compiled(load_spec(robot.model), robot.model)
+    assert model.body("shape").mass.tolist() == [0.0]
+    assert model.body_mass.sum() == pytest.approx(2.0)
+    assert Gravity(robot).torques(np.array([0.5])) == pytest.approx([0.0])
 
 
 @pytest.mark.parametrize("mesh", ["none.stl", "none.obj", "file:///none.dae", "."])

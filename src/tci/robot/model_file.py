@@ -42,6 +42,7 @@ def load_spec(model: Model) -> mujoco.MjSpec:
     try:
         if model.format == "urdf":
             spec = _read_urdf(model)
+            _drop_inferred_masses(spec)
             _mend_inertia(spec)
         else:
             spec = _read_mjcf(model)
@@ -185,6 +186,15 @@ def _place_meshes(spec: mujoco.MjSpec, model: Model) -> None:
     meshes.check()
     if converted:
         spec.meshdir, spec.assets = "", converted
+
+
+def _drop_inferred_masses(spec: mujoco.MjSpec) -> None:
+    """Sets the mass of the shapes of fixed links without `<inertial>` to 0, as URDF defines it. Otherwise
+    MuJoCo infers a mass from shapes that are only meant for collision."""
+    for body in spec.bodies:
+        if not body.explicitinertial and not body.joints:
+            for geom in body.geoms:
+                geom.mass = 0.0
 
 
 def _mend_inertia(spec: mujoco.MjSpec) -> None:

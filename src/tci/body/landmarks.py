@@ -30,8 +30,8 @@ TURNED = 0.5
 """Least cosine between the normals of directly connected points. Assumed: the normals differ by at most 60
 degrees, so that no path passes through a thin limb to its other side."""
 STEPS = 3
-"""Number of face edges that one step of a path may span. Assumed: with 1 edge a path is up to 15 % too long,
-with 3 edges a few percent."""
+"""Largest number of mesh edges that one step of a path may span. Assumed: with 1 edge a path is up to 15 %
+too long, with 3 edges a few percent."""
 FACING = 0.2
 """Least cosine between the skin's normal at a landmark and the direction of the landmark. Assumed: with this
 value, a direction towards the back of the hand never leads to a landmark on the palm."""

@@ -111,7 +111,7 @@ class LightGrasp(Capability[Grips]):
         return tuple(commands), grips
 
     def _grip(self, before: Grip, perception: Perception, body: GenericBody, part: str, rest: Array) -> Grip:
-        """Returns the next state of a hand. Its open posture is `rest` (n,) [rad]."""
+        """Returns the next state of a hand. The open posture of the hand is `rest` (n,) [rad]."""
         now = perception.stamp
         pressed = dict.fromkeys((*FINGERS, PALM), 0.0)
         for contact in perception.contacts:

@@ -33,7 +33,7 @@ BEYOND = np.deg2rad(1.0)
 """Largest angle [rad] by which a limit in the description may exceed the limit in the model. Assumed: larger
 than the error of rounding to degrees."""
 FORWARD = np.deg2rad([90.0, 0.0, 0.0, 0.0, 0.0])
-"""Generic angles [rad] of an arm that is stretched out forward."""
+"""Angles [rad] of the generic joints of an arm that is stretched out forward."""
 APART = 0.012
 """Largest distance [m] between a point on the left side and the mirror image of the corresponding point on
 the right side. Assumed: larger than the asymmetry of real arms, and smaller than any relevant error."""

@@ -103,7 +103,7 @@ class CommandedGroups:
 
     def moving(self, servos: Sequence[int]) -> list[JointGroup]:
         """Returns the groups that move `servos`. Servos without a command so far join their groups at their
-        measured positions. Raises CommandError if a servo can't join."""
+        measured positions. Raises CommandError if a servo can't be added to its group now."""
         wanted: dict[int, set[int]] = {}
         for servo in servos:
             wanted.setdefault(self._group_of[servo], set()).add(servo)

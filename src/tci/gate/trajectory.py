@@ -38,8 +38,9 @@ class OnlineTrajectory:
     """Moves n servos within their bounds, each towards a target or at a velocity.
 
     Before the trajectory returns a state, it plans a stop from this state and checks the stop against limits
-    and couplings. If the next state towards the target has no valid stop, or if ruckig finds no motion to the
-    target, the trajectory takes a step of the present stop instead, and tries again in the next period. If
+    and couplings. Each state must have a valid stop, a motion that brakes to rest. If the next state
+    towards the target has none, or if ruckig finds no motion to the target, the trajectory brakes for one
+    period, and tries again in the next period. If
     the servos come to rest in this way, they continue in a straight line to the target, because a line
     between two points inside limits and couplings stays inside.
     """

@@ -29,7 +29,8 @@ def creeping(speed: Array, *, straight: bool) -> Array:
     """Returns the speed (n,) [rad/s] at which servos with the speed limits `speed` (n,) [rad/s] move while
     one of them is outside its limits. If `straight` is True, all speeds are reduced by one factor.
 
-    A speed is not reduced below SLOWEST, because ruckig would refuse the motion: it would take too long.
+    A speed is not reduced below SLOWEST: such a slow motion would take too long for
+    ruckig, which would refuse the motion.
     """
     most = speed.max() if straight else speed
     reduced: Array = np.maximum(CREEP * np.minimum(most, QUICK), np.minimum(most, SLOWEST))

@@ -89,8 +89,8 @@ def _scales(ends: tuple[float, float]) -> dict[str, uplot.Scale]:
 
 
 def _top(rows: list[Array], least: float) -> float:
-    """Returns the upper end of an axis: the first of 1, 2, 5, 10, 20 ... times `least` that is above all
-    values."""
+    """Returns the upper end of an axis: `least` times the smallest of 1, 2, 5, 10, 20 ... for which
+    the product is above all values."""
     largest = max((float(row.max()) for row in rows), default=0.0)
     decade = 1.0
     while True:

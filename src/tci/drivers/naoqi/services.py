@@ -1,5 +1,6 @@
-"""NAOqi services of a served robot. Threads of `qi` call the methods of these services. The services have
-only the methods of a real NAO for joints, touch and memory. Each method has the name, the arguments and the
+"""NAOqi services of a served robot. Threads of `qi` call the methods of these services. Of the
+methods of a real NAO, the services offer only those for joints, touch and memory. Each method has the name,
+the arguments and the
 meaning that Aldebaran's documentation gives.
 """
 

@@ -37,7 +37,7 @@ def shown(text: str, most: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Commander:
-    """Entry in a state for one commander, a process that commands the robot."""
+    """Part of a state message that describes one commander, a process that commands the robot."""
 
     client: int
     """Random number of the commander, equal to `Orders.client`."""

@@ -61,7 +61,7 @@ def body_that(robot: str = "nao", **answers: Callable[..., Any]) -> GenericBody:
     return body
 
 
-def away(perception: Perception, part: str, target: Array, mode: Mode) -> Array:
+def away(perception: Perception, part: str, target: Array, mode: Mode, *, driven: bool) -> Array:
     """Replaces `GenericBody.retreat`: every motion moves away from all contacts."""
     return np.ones((2, 1, len(perception.contacts)))
 

@@ -197,15 +197,23 @@ class GenericBody:
         moved = self.skin.kinematics.jacobian(position, link, point=contact.p_L)[:3]
         return read_only(generic_columns(self.robot, contact.part, moved, position))
 
-    def retreat(self, perception: Perception, part: str, target: Array, mode: Mode = Mode.POSITION) -> Array:
+    def retreat(
+        self,
+        perception: Perception,
+        part: str,
+        target: Array,
+        mode: Mode = Mode.POSITION,
+        *,
+        driven: bool = False,
+    ) -> Array:
         """Returns the displacement (2, k, c) [m] of c contact points at k times while `part` moves to
         `target` (n,) [rad].
 
-        The two components are normal and tangential, see `Retreat.along`. The motion respects the robot's
-        limits in `mode`.
+        The two components are normal and tangential, see `Retreat.along`, also for `driven`. The motion
+        respects the robot's limits in `mode`.
         """
         position = _joints(perception).position
-        return self._retreat.along(position, perception.contacts, part, target, mode)
+        return self._retreat.along(position, perception.contacts, part, target, mode, driven=driven)
 
     def retreat_at_ends(self, perception: Perception, part: str, targets: Array) -> Array:
         """Returns the displacement (2, m, c) [m] of c contact points at the ends of m motions of `part`.

@@ -72,18 +72,28 @@ class Retreat:
         self._own = local()
         self._motions()  # built in advance, so that the first touch is not delayed
 
-    def along(self, position: Array, contacts: Contacts, part: str, target: Array, mode: Mode) -> Array:
+    def along(
+        self,
+        position: Array,
+        contacts: Contacts,
+        part: str,
+        target: Array,
+        mode: Mode,
+        *,
+        driven: bool = False,
+    ) -> Array:
         """Returns the displacement (2, k, c) [m] of each contact point at k times while `part` moves to
         `target` (n,).
 
         Row 0 of the result is the displacement along the inward normal, negative towards the object. Row 1 is
         the length of the displacement perpendicular to the normal. The motion starts at `position`
         (n_servos,) [rad]. In position and impedance mode, all servos arrive at one time; in other modes, each
-        servo moves as fast as it can. In velocity mode, the target is the present angles plus AHEAD times the
-        velocity. Raises UnknownNameError for an unknown part.
+        servo moves as fast as it can. If the part is `driven` by a velocity that its capability commands anew
+        in each period, the target is the present angles plus AHEAD times this velocity, and the servos move
+        no farther than they can in the time AHEAD. Raises UnknownNameError for an unknown part.
         """
         motion = self._motion(part)
-        return self._displacements(self._angles(motion, position, target, mode), motion, contacts)
+        return self._displacements(self._angles(motion, position, target, mode, driven), motion, contacts)
 
     def at_ends(self, position: Array, contacts: Contacts, part: str, targets: Array) -> Array:
         """Returns the displacement (2, m, c) [m] of each contact point at the end of each of m motions.
@@ -163,13 +173,13 @@ class Retreat:
         ends: Array = np.clip(here + moved, bounds.lower, bounds.upper)
         return ends
 
-    def _angles(self, motion: _Motion, position: Array, target: Array, mode: Mode) -> Array:
+    def _angles(self, motion: _Motion, position: Array, target: Array, mode: Mode, driven: bool) -> Array:
         """Returns the angles (k + 1, n_servos) [rad] of all servos: at the start, and at each of the k
         times."""
         joints, servos, bounds = motion.joints, motion.joints.servos, motion.bounds
         here = position[servos]
-        driven = self._driven_goal(motion, position, target) if mode is Mode.VELOCITY else None
-        goal = self._goals(motion, position, target[None])[0] if driven is None else driven
+        near = self._driven_goal(motion, position, target) if driven else None
+        goal = self._goals(motion, position, target[None])[0] if near is None else near
         plan = motion.input
         plan.current_position, plan.target_position = here.tolist(), goal.tolist()
         plan.max_velocity = np.minimum(bounds.velocity, joints.speeds(position)).tolist()

@@ -35,15 +35,17 @@ def why_not(
     mode: Mode = Mode.POSITION,
     answers: Sequence[int] = (),
     least: float = LEAST,
+    driven: bool = False,
 ) -> str:
     """Returns the reason why a part must not move to generic angles `target` (n,) [rad].
 
     The text is empty if the part may move. The motion must not press a contact on any part into its object,
     anywhere on its path. `answers` are the contacts to which the motion responds, as indices in
     `perception.contacts`. At least one of these contacts must move away from its object, by `least` [m] or
-    more. `mode` is the control mode of the motion.
+    more. `mode` is the control mode of the motion. Set `driven` for a velocity that the capability commands
+    anew in each period; `target` is then where this velocity leads in the time AHEAD of `tci.body.retreat`.
     """
-    inwards, across = body.retreat(perception, part, target, mode)
+    inwards, across = body.retreat(perception, part, target, mode, driven=driven)
     if not inwards.size:
         return ""
     deepest = inwards.min(axis=0)

@@ -113,7 +113,16 @@ class SoftReaction(Capability[Postures]):
             # motion into this direction. The least distance is 0, since a light touch moves a part less far
             # than a withdrawal.
             reason = (
-                why_not(perception, body, part, target, mode=self.mode, answers=answers, least=0.0)
+                why_not(
+                    perception,
+                    body,
+                    part,
+                    target,
+                    mode=self.mode,
+                    answers=answers,
+                    least=0.0,
+                    driven=self.mode is Mode.VELOCITY,
+                )
                 if velocity.any()
                 else ""
             )

@@ -76,6 +76,20 @@ def test_a_servo_that_may_not_come_in_lets_the_others_follow_their_targets() -> 
     assert told == [NEAR]
 
 
+def test_a_refusal_that_ends_the_other_motions_too_is_reported() -> None:
+    """In an earlier version only the first refusal was reported: the motion of the other servos ended without
+    a word."""
+    refused = {0}
+    trajectory = limiter(refused)
+    trajectory.aim(np.array([1.5, 0.5, 0.0]), np.full(3, 1.0))
+    _, told = go(trajectory, 0.3)
+    assert told == [NEAR]
+    refused.add(1)
+    path, told = go(trajectory, 2.0)
+    assert told == [NEAR]
+    assert path[-1, 1] < 0.4
+
+
 def test_a_servo_that_may_not_come_in_lets_the_others_keep_their_velocities() -> None:
     trajectory = limiter({0})
     trajectory.drive_at([0, 1], np.array([0.0, 0.2]))

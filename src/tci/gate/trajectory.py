@@ -232,7 +232,7 @@ class OnlineTrajectory:
                 self._return_inside()
             fault = fault or again or (OUTSIDE if taken else None)
         if fault:
-            self.ended = None if self._refused else fault
+            self.ended = None if self._refused and taken else fault  # the end of all targets is new
         self._refused = fault is not None
         if fault and not taken:
             self.halt()

@@ -100,6 +100,19 @@ def test_a_fixed_link_without_inertial_has_no_mass(tmp_path: Path) -> None:
     assert Gravity(robot).torques(np.array([0.5])) == pytest.approx([0.0])
 
 
+def test_a_file_without_any_inertial_keeps_the_masses_of_its_shapes(tmp_path: Path) -> None:
+    """Otherwise links that move would have no mass, if their shapes belong to fixed links."""
+    ball = '<collision><geometry><sphere radius="0.2"/></geometry></collision>'
+    text = URDF.format(mesh="", axis="0 1 0").replace(
+        '<link name="arm"><visual><geometry><mesh filename=""/></geometry></visual></link>',
+        f'<link name="arm"/><link name="shape">{ball}</link><joint name="fixed" type="fixed">'
+        '<parent link="arm"/><child link="shape"/></joint>',
+    )
+    robot = robot_of(tmp_path, text, "urdf")
+    assert robot.model is not None
+    assert compiled(load_spec(robot.model), robot.model).body("shape").mass > 1.0
+
+
 @pytest.mark.parametrize("mesh", ["none.stl", "none.obj", "file:///none.dae", "."])
 def test_a_mesh_that_is_missing_is_named(tmp_path: Path, mesh: str) -> None:
     robot = robot_of(tmp_path, URDF.format(mesh=mesh, axis="0 1 0"), "urdf")

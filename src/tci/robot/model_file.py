@@ -190,11 +190,24 @@ def _place_meshes(spec: mujoco.MjSpec, model: Model) -> None:
 
 def _drop_inferred_masses(spec: mujoco.MjSpec) -> None:
     """Sets the mass of the shapes of fixed links without `<inertial>` to 0, as URDF defines it. Otherwise
-    MuJoCo infers a mass from shapes that are only meant for collision."""
+    MuJoCo infers a mass from shapes that are only meant for collision.
+
+    If the moving link that carries the fixed link has no `<inertial>` either, the file describes no masses,
+    and the inferred mass stays.
+    """
     for body in spec.bodies:
-        if not body.explicitinertial and not body.joints:
+        carrier = _carrier(body)
+        if not body.explicitinertial and not body.joints and (carrier is None or carrier.explicitinertial):
             for geom in body.geoms:
                 geom.mass = 0.0
+
+
+def _carrier(body: mujoco.MjsBody) -> mujoco.MjsBody | None:
+    """Returns the nearest link with a joint that carries `body`; None if no joint moves `body`."""
+    above = body.parent
+    while above is not None and above.name != "world" and not above.joints:
+        above = above.parent
+    return None if above is None or above.name == "world" else above
 
 
 def _mend_inertia(spec: mujoco.MjSpec) -> None:

@@ -126,7 +126,7 @@ def test_a_refusal_stands_in_a_copied_memory(copied: Callable[[Any], Any]) -> No
     body, perceptions = course()
     reflex, looks = tci.WithdrawalReflex(), []
 
-    def retreat(perception: Perception, part: str, target: Any, mode: Mode) -> Any:
+    def retreat(perception: Perception, part: str, target: Any, mode: Mode, *, driven: bool) -> Any:
         looks.append(part)
         return -np.ones((2, 1, len(perception.contacts)))
 

@@ -1,4 +1,5 @@
-"""The decorator `quick` makes the creation of data-class objects faster and changes nothing else."""
+"""The decorator `quick` makes the creation of data-class objects faster. The classes stay frozen, and become
+final."""
 
 import copy
 import pickle
@@ -10,7 +11,7 @@ import pytest
 
 from tci.contacts import Contact, Contacts
 from tci.gate.safe_command import SafeCommand
-from tci.messages import Perception, SkinFrame, SkinState
+from tci.messages import GenericCommand, Perception, SkinFrame, SkinState
 from tci.records import quick
 
 
@@ -69,3 +70,9 @@ def test_a_computed_field_is_refused() -> None:
 def test_messages_of_each_period_are_quick(kind: type) -> None:
     assert "__new__" in vars(kind)
     assert "__init__" not in vars(kind)
+
+
+def test_a_subclass_is_refused_where_it_is_written() -> None:
+    """In an earlier version the first object of a subclass ended in an error about its layout."""
+    with pytest.raises(TypeError, match="Own: GenericCommand is final; valid: a class with a field for it"):
+        type("Own", (GenericCommand,), {})

@@ -13,10 +13,11 @@ T = TypeVar("T")
 
 
 def quick(kind: type[T]) -> type[T]:
-    """Makes a frozen data class with slots two to four times as fast to create; nothing else changes.
+    """Makes a frozen data class with slots two to four times as fast to create, and final.
 
-    A new object first has an equal class that permits assignments. After the last assignment it gets its own
-    class. Raises TypeError for a field that is computed, or that only a keyword sets.
+    A new object first has an equal class that permits assignments. After the last assignment the object gets
+    its own class. A subclass has other slots, so it is refused with a TypeError. Raises TypeError for a field
+    that is computed, or that only a keyword sets.
     """
     cls: Any = kind
     names, parameters, defaults = [], ["cls"], {}
@@ -41,6 +42,11 @@ def quick(kind: type[T]) -> type[T]:
     exec("\n    ".join(lines), room)
     cls.__new__ = room["__new__"]
     del cls.__init__
+
+    def refuse(subclass: type, /, **options: Any) -> None:
+        raise TypeError(f"{subclass.__name__}: {kind.__name__} is final; valid: a class with a field for it")
+
+    cls.__init_subclass__ = classmethod(refuse)
     if cls.__reduce__ is object.__reduce__:
         cls.__reduce__ = lambda self: (type(self), tuple([getattr(self, name) for name in names]))
     return kind

@@ -113,6 +113,39 @@ def test_a_file_without_any_inertial_keeps_the_masses_of_its_shapes(tmp_path: Pa
     assert compiled(load_spec(robot.model), robot.model).body("shape").mass > 1.0
 
 
+def masses_of_shapes(tmp_path: Path, root: str, arm: str) -> list[float]:
+    """Returns the masses [kg] of a root link with a shape, of a fixed link at this root with a shape, and of
+    a link that moves. `root` and `arm` are the XML of their inertia."""
+    ball = '<collision><geometry><sphere radius="0.2"/></geometry></collision>'
+    text = URDF.format(mesh="", axis="0 1 0").replace(
+        '<link name="torso"/>', f'<link name="torso">{root}{ball}</link>'
+    )
+    text = text.replace(
+        '<link name="arm"><visual><geometry><mesh filename=""/></geometry></visual></link>',
+        f'<link name="arm">{arm}{ball}</link><link name="shape">{ball}</link>'
+        '<joint name="fixed" type="fixed"><parent link="torso"/><child link="shape"/></joint>',
+    )
+    robot = robot_of(tmp_path, text, "urdf")
+    assert robot.model is not None
+    model = compiled(load_spec(robot.model), robot.model)
+    return [float(model.body(name).mass[0]) for name in ("torso", "shape", "arm")]
+
+
+INERTIAL = '<inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+
+def test_the_root_of_a_file_without_any_inertial_keeps_the_mass_of_its_shapes(tmp_path: Path) -> None:
+    """In an earlier version the trunk had no mass, and the limbs had the masses of their shapes."""
+    trunk, fixed, arm = masses_of_shapes(tmp_path, "", "")
+    assert trunk == fixed == arm > 1.0
+
+
+@pytest.mark.parametrize("root", ["", INERTIAL])
+def test_shapes_at_the_root_have_no_mass_if_the_file_has_masses(tmp_path: Path, root: str) -> None:
+    trunk, fixed, arm = masses_of_shapes(tmp_path, root, INERTIAL)
+    assert (trunk, fixed, arm) == (2.0 if root else 0.0, 0.0, 2.0)
+
+
 @pytest.mark.parametrize("mesh", ["none.stl", "none.obj", "file:///none.dae", "."])
 def test_a_mesh_that_is_missing_is_named(tmp_path: Path, mesh: str) -> None:
     robot = robot_of(tmp_path, URDF.format(mesh=mesh, axis="0 1 0"), "urdf")

@@ -193,11 +193,14 @@ def _drop_inferred_masses(spec: mujoco.MjSpec) -> None:
     MuJoCo infers a mass from shapes that are only meant for collision.
 
     If the moving link that carries the fixed link has no `<inertial>` either, the file describes no masses,
-    and the inferred mass stays.
+    and the inferred mass stays. The mass of the root, and of links that no joint moves, stays if the file has
+    no `<inertial>` at all.
     """
+    described = any(body.explicitinertial for body in spec.bodies)
     for body in spec.bodies:
         carrier = _carrier(body)
-        if not body.explicitinertial and not body.joints and (carrier is None or carrier.explicitinertial):
+        known = described if carrier is None else carrier.explicitinertial
+        if known and not body.explicitinertial and not body.joints:
             for geom in body.geoms:
                 geom.mass = 0.0
 

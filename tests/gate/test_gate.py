@@ -24,7 +24,7 @@ from tci.gate.acceptance import SLOWEST
 from tci.gate.gate import Gate, GateSettings, GateState, SafeCommand
 from tci.messages import GenericCommand, Mode, PlatformCommand, PlatformSwitch
 from tci.reasons import Code
-from tci.robot.description import Limits
+from tci.robot.description import Limits, Robot
 
 ZERO = [0.0] * 6
 WILD = st.one_of(st.floats(-4.0, 4.0), st.sampled_from([np.nan, np.inf, -np.inf, 1e300, -1e9]), st.just(0.0))
@@ -579,6 +579,33 @@ def test_one_wrong_angle_of_three_is_refused_and_not_called_degrees() -> None:
     (refusal,) = safe.refusals
     assert (refusal.code, safe.servos.size) == (Code.LIMITS_EXCEEDED, 0)
     assert "joint4 at 7 rad is more than a full turn; valid: -1.00 .. 2.00 rad" in refusal.text
+
+
+def with_wide_limits(*wide: int) -> Robot:
+    """Returns the robot of these tests. Some of its servos turn by 20 rad to both sides."""
+    robot = make_robot()
+    free = LIMITS.model_copy(update={"lower": -20.0, "upper": 20.0})
+    servos = tuple(
+        servo.model_copy(update={"limits": free}) if servo.index in wide else servo for servo in robot.servos
+    )
+    return robot.model_copy(update={"servos": servos})
+
+
+def test_a_wrong_angle_beside_larger_angles_inside_wide_limits_is_named() -> None:
+    """In an earlier version the message named the joint with the largest angle, which is valid."""
+    driven = Driven(with_wide_limits(2), ZERO)
+    (refusal,) = driven.step(position_command([2, 3, 4], [15.0, 7.0, 0.1])).refusals
+    assert refusal.code == Code.LIMITS_EXCEEDED
+    assert "joint3 at 7 rad is more than a full turn; valid: -1.00 .. 2.00 rad" in refusal.text
+
+
+def test_angles_inside_wide_limits_are_no_sign_of_degrees() -> None:
+    """In an earlier version two valid angles beyond a full turn made one wrong angle a wrong unit."""
+    driven = Driven(with_wide_limits(2, 3), ZERO)
+    (refusal,) = driven.step(position_command([2, 3, 4, 5], [15.0, 9.0, 7.0, 0.1])).refusals
+    assert refusal.code == Code.LIMITS_EXCEEDED
+    assert "joint4 at 7 rad is more than a full turn" in refusal.text
+    assert not driven.step(position_command([2, 3], [15.0, 9.0])).refusals
 
 
 @pytest.mark.parametrize("values", [[6.2], [-6.2], [5.0, 2.9], [2.9, 2.9], [0.1, 6.2]])

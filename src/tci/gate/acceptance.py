@@ -18,7 +18,7 @@ from tci.gate.kernels.motion import all_finite
 from tci.gate.kernels.targets import is_acceptable
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformSwitch
 from tci.reasons import Code, Reason
-from tci.robot.description import Robot, Servo
+from tci.robot.description import Limits, Robot, Servo
 
 NEEDED = ("lower", "upper", "velocity", "acceleration", "jerk")
 """Limits that are required to move a servo."""
@@ -96,11 +96,12 @@ def _refuse_wrong(robot: Robot, command: PlatformCommand) -> None:
         _refuse_each(robot, command, fast, "speed of", command.speed, f"at least {SLOWEST:g} rad/s")
 
 
-def is_likely_degrees(values: Array) -> bool:
+def is_likely_degrees(values: Array, wrong: NDArray[np.bool_] | None = None) -> bool:
     """Returns True if so many of the angles `values` (k,) [rad] exceed a full turn that they may be in
     degrees: two angles, or half of those that are not 0. A single such angle among many is a wrong angle, not
-    a wrong unit."""
-    large = int(np.count_nonzero(np.abs(values) > 2.0 * np.pi))
+    a wrong unit. Only the angles that are `wrong` (k,) count; by default all angles."""
+    beyond = np.abs(values) > 2.0 * np.pi
+    large = int(np.count_nonzero(beyond if wrong is None else beyond & wrong))
     return large >= 2 or 0 < int(np.count_nonzero(values)) <= 2 * large
 
 
@@ -108,14 +109,26 @@ def refuse_far(robot: Robot, command: PlatformCommand) -> NoReturn:
     """Raises CommandError for a command with angles that are far outside their limits. The message contains
     the question if the angles are in degrees, unless only a single angle of many exceeds a full turn."""
     names = [robot.servos[servo].name for servo in command.servos]
-    worst = int(np.argmax(np.abs(command.values)))
-    limits = robot.servos[command.servos[worst]].limits
+    ranges = [robot.servos[servo].limits for servo in command.servos]
+    angles = np.abs(command.values)
+    wrong = np.array(
+        [not _is_inside(value, limits) for value, limits in zip(command.values, ranges, strict=True)]
+    )
+    worst = int(np.argmax(np.where(wrong, angles, -1.0)))
+    limits = ranges[worst]
     words = f"{command.mode.value} of {', '.join(names)}: {names[worst]} at {command.values[worst]:g} rad"
     ends = f"{limits.lower:.2f} .. {limits.upper:.2f} rad"
-    if is_likely_degrees(command.values) or not (np.abs(command.values) > 2.0 * np.pi).any():
+    if is_likely_degrees(command.values, wrong) or angles[worst] <= 2.0 * np.pi:
         words = f"{words}, limits {ends}; degrees? valid: radians, as from np.deg2rad"
         raise CommandError(words, code=Code.LIKELY_DEGREES)
     raise CommandError(f"{words} is more than a full turn; valid: {ends}", code=Code.LIMITS_EXCEEDED)
+
+
+def _is_inside(value: float, limits: Limits) -> bool:
+    """Returns True if an angle [rad] is inside `limits`, which must be known."""
+    assert limits.lower is not None
+    assert limits.upper is not None
+    return limits.lower <= value <= limits.upper
 
 
 def check_switch(robot: Robot, switch: PlatformSwitch) -> None:

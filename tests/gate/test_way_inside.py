@@ -13,7 +13,7 @@ from tci.gate.acceptance import SLOWEST
 from tci.gate.bounds import bounds_of
 from tci.gate.stop_plan import StopTrajectory
 from tci.gate.trajectory import OnlineTrajectory
-from tci.gate.way_inside import CREEP, OUTSIDE, QUICK, SAGS
+from tci.gate.way_inside import CREEP, OUTSIDE, QUICK, SAGS, UNPLANNED
 from tci.messages import Mode, PlatformSwitch
 from tci.reasons import Code, Reason
 
@@ -137,6 +137,115 @@ def test_a_servo_comes_in_also_if_a_command_asks_for_the_least_speed(straight: b
     assert -way[1] == pytest.approx(4.0 * SLOWEST, rel=0.1)
     assert 0.1 * SLOWEST < way[0] <= 4.0 * SLOWEST
     assert np.abs(np.diff(path, axis=0)).max() / PERIOD <= 1.001 * SLOWEST
+
+
+def count_plans(trajectory: OnlineTrajectory, monkeypatch: pytest.MonkeyPatch) -> list[None]:
+    """Returns a list that grows by one entry with each calculation of a motion."""
+    plans: list[None] = []
+    otg = trajectory._otg
+
+    class Counted:
+        def update(self, *args: object) -> object:
+            plans.append(None)
+            return otg.update(*args)
+
+        def reset(self) -> None:
+            otg.reset()
+
+    monkeypatch.setattr(trajectory, "_otg", Counted())
+    return plans
+
+
+@pytest.mark.parametrize("mode", [Mode.POSITION, Mode.VELOCITY])
+@pytest.mark.parametrize("blocked", [{0}, {0, 1}])
+def test_a_refused_way_inside_is_tried_again_only_with_a_command(
+    mode: Mode, blocked: set[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In an earlier version it was tried in each period, with up to three calculations. So a joint could move
+    minutes after its command."""
+    refused = {*blocked}
+    trajectory = limiter(refused)
+
+    def command() -> None:
+        if mode is Mode.VELOCITY:
+            trajectory.drive_at([0, 1, 2], np.zeros(3))
+        else:
+            trajectory.aim(np.array([1.5, 0.2, 0.0]), np.full(3, 1.0))
+
+    command()
+    _, told = go(trajectory, 4.0)
+    assert told == [NEAR]
+    plans = count_plans(trajectory, monkeypatch)
+    go(trajectory, 0.1)
+    assert len(plans) <= (50 if mode is Mode.VELOCITY else 0)
+    refused.clear()
+    path, told = go(trajectory, 4.0)
+    assert np.ptp(path[:, 0]) == 0.0
+    assert not told
+    command()
+    path, told = go(trajectory, 4.0)
+    assert path[-1, 0] <= LIMIT
+    assert not told
+
+
+def test_a_refused_way_inside_is_tried_again_while_other_servos_of_the_group_move() -> None:
+    refused = {0}
+    trajectory = limiter(refused)
+    trajectory.aim(np.array([1.9, 1.5, 0.0]), np.full(3, 1.0))
+    path, _ = go(trajectory, 0.5)
+    assert np.ptp(path[:, 0]) == 0.0
+    refused.clear()
+    path, _ = go(trajectory, 20.0)
+    assert path[-1, 0] <= LIMIT
+
+
+def test_a_calculation_that_fails_is_not_called_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In an earlier version the reason was that of a coupling or limit that prevents the way inside."""
+    trajectory = limiter(set())
+    trajectory.drive_at([0, 1], np.array([0.0, 0.2]))
+    go(trajectory, 0.1)
+    otg, calls = trajectory._otg, [0]
+
+    class FailsOnce:
+        def update(self, *args: object) -> object:
+            calls[0] += 1
+            if calls[0] == 1:
+                raise RuckigError("no way")
+            return otg.update(*args)
+
+        def reset(self) -> None:
+            otg.reset()
+
+    monkeypatch.setattr(trajectory, "_otg", FailsOnce())
+    path, told = go(trajectory, 2.0)
+    assert told == [UNPLANNED]
+    assert path[-1, 0] <= LIMIT
+
+
+def test_another_reason_is_reported_after_a_calculation_that_failed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In an earlier version no refusal was reported until a step inside succeeded."""
+    refused: set[int] = set()
+    trajectory = limiter(refused)
+    trajectory.drive_at([0, 1], np.array([0.0, 0.2]))
+    go(trajectory, 0.1)
+    otg, calls = trajectory._otg, [0]
+
+    class FailsOnce:
+        def update(self, *args: object) -> object:
+            calls[0] += 1
+            if calls[0] == 1:
+                raise RuckigError("no way")
+            return otg.update(*args)
+
+        def reset(self) -> None:
+            otg.reset()
+
+    monkeypatch.setattr(trajectory, "_otg", FailsOnce())
+    _, told = go(trajectory, PERIOD)
+    assert told == [UNPLANNED]
+    refused.add(0)
+    _, told = go(trajectory, 0.1)
+    assert told == [NEAR]
 
 
 def test_a_halt_ends_the_way_inside() -> None:

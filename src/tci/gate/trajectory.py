@@ -21,8 +21,8 @@ from tci.frames import Array
 from tci.gate.bounds import MARGIN, Bounds
 from tci.gate.kernels.targets import straight_limits
 from tci.gate.stop_plan import StopPlanner, StopTrajectory
-from tci.gate.way_inside import OUTSIDE, creeping, was_there
-from tci.reasons import Reason
+from tci.gate.way_inside import OUTSIDE, STILL, UNPLANNED, creeping, sags, was_there
+from tci.reasons import Code, Reason
 
 LEAST_SHARE = 1e-6
 """Least distance of a servo in a straight motion, as a fraction of the longest distance. Shorter distances
@@ -61,7 +61,10 @@ class OnlineTrajectory:
         """Target (n,) [rad], which is always inside the limits."""
         self._speed = np.array(bounds.velocity)
         self._drive = np.full(count, np.nan)
-        self._stopping = self._returns = self._refused = False
+        self._stopping = self._returns = False
+        self._told: Code | None = None
+        self._barred: Reason | None = None  # why the way inside is not tried until the next command
+        self._hindrance = OUTSIDE
         self._resting = True
         self.found, self.measured = np.array(position), position
         """Measured angles (n,) [rad]: when the servos came under command, and now."""
@@ -149,8 +152,7 @@ class OnlineTrajectory:
         self.target = np.array(target)
         self._speed = np.array(speed)
         self._set_straight(self._straight and not self._state[1].any())
-        self._stopping = self._refused = False
-        self._resting = False
+        self._begin()
 
     def drive_at(self, places: Sequence[int], velocity: Array) -> None:
         """Drives servos at `velocity` (k,) [rad/s], within the speed limit, until the next call.
@@ -163,8 +165,12 @@ class OnlineTrajectory:
         self._asked = True
         if not np.array_equal(self._driven, np.isfinite(self._drive)):
             self._set_interfaces()
-        self._stopping = self._refused = False
-        self._resting = False
+        self._begin()
+
+    def _begin(self) -> None:
+        """Permits motion after a command."""
+        self._stopping = self._resting = False
+        self._told = self._barred = None
 
     def halt(self) -> None:
         """Stops all servos as fast as the bounds allow, and removes targets and velocities immediately."""
@@ -200,19 +206,34 @@ class OnlineTrajectory:
     def step(self) -> Array:
         """Moves by one period, and returns the new positions (n,) [rad]."""
         self.ended = None
-        moved = self._resting or (not self._stopping and self._advance())
+        moved = self._resting or self._waits or (not self._stopping and self._advance())
         if not moved and not (self._stopping and self._returns and self._return_inside()):
             self._brake()
         position: Array = self._state[0]
         return position
+
+    @property
+    def _waits(self) -> bool:
+        """True if the way inside was refused, and nothing has to move until the next command."""
+        if self._barred is None or self._any_driven or (self._stopping and not self._returns):
+            return False
+        return not (self._state[1].any() or self._sags)
+
+    @property
+    def _sags(self) -> bool:
+        """True if a servo outside its limits has sagged, so that it must be led back."""
+        return sags(self._state[0], self.bounds, self.found, self.measured)
 
     def _advance(self) -> bool:
         """Takes a step towards the target. If the stop after this step would leave the bounds, takes no step
         and returns False.
 
         If the way inside of a servo outside its limits is refused, the other servos move without this servo.
-        If the guard refuses their motion too, all targets end, and only the way inside is tried again.
+        The way inside is tried again while servos move, and then not until the next command. If the guard
+        refuses the motion of the other servos too, all targets end, and only the way inside goes on.
         """
+        if self._barred and not self._any_driven:  # the other servos are at rest
+            return self._return_inside()
         if self._asked or self._outside is not self._creeps:
             self._input.max_velocity = (self._creeping if self._outside else self._most).tolist()
             self._input.target_position = self.target.tolist()
@@ -220,20 +241,20 @@ class OnlineTrajectory:
         back = self._back() if self._outside else None
         if self._any_driven:
             self._set_velocities(back, inward=True)
-        taken, fault = self._try()
+        taken, fault = (False, self._barred) if self._barred and back is not None else self._try()
         if not taken and back is not None and (fault or self._any_driven or self._straight):
             self._asked = True
             self._input.target_position = np.where(back != 0.0, self._state[0], self.target).tolist()
             if self._any_driven:
                 self._set_velocities(back, inward=False)
-            here = self._state[0]
+            here, hindrance = self._state[0], self._hindrance
             taken, again = self._try()
             if taken and not np.any(self._state[0] != here):  # the other servos are at rest
                 self._return_inside()
-            fault = fault or again or (OUTSIDE if taken else None)
-        if fault:
-            self.ended = None if self._refused and taken else fault  # the end of all targets is new
-        self._refused = fault is not None
+            fault = fault or again or (hindrance if taken else None)
+        if fault and not (taken and fault.code is self._told):  # the end of all targets is always reported
+            self.ended = fault
+        self._told = None if fault is None else fault.code
         if fault and not taken:
             self.halt()
             self._returns = self._outside
@@ -260,15 +281,21 @@ class OnlineTrajectory:
 
     def _return_inside(self) -> bool:
         """Takes a step in which servos outside their limits move inward and all others stop. Returns False,
-        and takes no step, if no servo is outside or the step is refused."""
+        and takes no step, if no servo is outside or the step is refused.
+
+        If the step is refused while all servos are at rest, the way inside ends until the next command.
+        After that, servos only return to where they were found.
+        """
         self._set_straight(False)
-        back = self._back()
-        if not back.any():
+        back, rests = self._back(), bool(np.abs(self._state[1]).max() <= STILL)
+        if not back.any() or (self._barred and not self._sags):
             return False
         self._input.per_dof_control_interface = [ControlInterface.Velocity] * len(back)
         self._input.per_dof_synchronization = [Synchronization.No] * len(back)
         self._input.target_velocity = back.tolist()
-        taken, _ = self._try(back)
+        taken, fault = self._try(back)
+        if not taken and rests and self._barred is None and (fault or self._hindrance is OUTSIDE):
+            self._barred = fault or OUTSIDE
         self._set_interfaces()
         self._led = self._resting = False
         return taken
@@ -289,13 +316,16 @@ class OnlineTrajectory:
             # motion takes longer than ruckig can plan, ruckig returns a number that its Python enumeration
             # lacks. A failed calculation leaves a trajectory in ruckig that must not be continued.
             self._otg.reset()
+            self._hindrance = UNPLANNED
             return False, None
+        self._hindrance = OUTSIDE
         state = np.array(numbers).reshape(3, -1)
         if not self._stopper.plan(state, here):
             return False, None
         stop = self._stopper.planned
         known = back is not None and was_there(back, here, stop.span, self.found, self.measured)
-        if not known and (fault := self._guard(stop)):
+        barred = None if back is None else self._barred
+        if not known and (fault := barred or self._guard(stop)):
             return False, fault
         output.pass_to_input(self._input)
         self._state, self._outside = state, self._stopper.outside

@@ -7,6 +7,7 @@ import numpy as np
 
 from tci.frames import Array
 from tci.gate.acceptance import SLOWEST
+from tci.gate.bounds import Bounds
 from tci.reasons import Code, Reason
 
 CREEP = 0.1
@@ -19,8 +20,13 @@ SAGS = float(np.deg2rad(0.5))
 """Largest angle [rad] by which a reference may lie inside the angle at which its servo was found, to lead a
 servo that has sagged back to this angle. Assumed: a usual deviation of servos. At the length of an arm, this
 angle is a distance below the margin of the check for self-collision, which covers such deviations."""
+LAGS = 5e-5
+"""Angle [rad] by which a servo outside its limits must sag before it is led back. Assumed: about the
+resolution of joint encoders."""
 OUTSIDE = Reason(Code.LIMITS_EXCEEDED, "a joint outside its limits can't move inward now")
 """Reason that is reported if the bounds refuse the way inside, such as a coupling."""
+UNPLANNED = Reason(Code.OTHER, "no motion inward was found for a joint outside its limits; it is tried again")
+"""Reason that is reported if ruckig finds no motion, which is rare and usually ends in the next period."""
 STILL = 1e-9
 """Angle [rad] below which a motion is a rounding error."""
 
@@ -35,6 +41,14 @@ def creeping(speed: Array, *, straight: bool) -> Array:
     most = speed.max() if straight else speed
     reduced: Array = np.maximum(CREEP * np.minimum(most, QUICK), np.minimum(most, SLOWEST))
     return speed * (reduced / most)
+
+
+def sags(here: Array, bounds: Bounds, found: Array, measured: Array) -> bool:
+    """Returns True if a servo whose reference is outside its limits was measured farther outside than it was
+    found. All arguments are (n,) [rad], those of `was_there`."""
+    sagged = np.where(here < bounds.lower, found - measured, measured - found)
+    outside = (here < bounds.lower) | (here > bounds.upper)
+    return bool(sagged.max(initial=0.0, where=outside) > LAGS)
 
 
 def was_there(back: Array, here: Array, span: Array, found: Array, measured: Array) -> bool:

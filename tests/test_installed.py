@@ -82,13 +82,13 @@ def test_a_missing_module_names_itself_and_the_way_to_get_it(acme: PathDistribut
         ),
         needs("the driver 'acme'", "acme", of=acme),
     ):
-        import no_such_wire  # noqa: F401
+        import no_such_wire  # noqa: F401 - only the error of the import matters
 
 
 def test_a_module_of_tci_that_is_missing_is_a_bug(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "tci.clock", None)
     with pytest.raises(ModuleNotFoundError), needs("a clock", "viewer"):
-        import tci.clock  # noqa: F401
+        import tci.clock  # noqa: F401 - only the error of the import matters
 
 
 @pytest.mark.parametrize(

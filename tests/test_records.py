@@ -42,9 +42,9 @@ def test_fields_defaults_and_checks_are_those_of_the_data_class() -> None:
 def test_an_object_stays_frozen() -> None:
     pair, frame = Pair(1), SkinFrame("patch", 0.0, 1, np.zeros(2))
     with pytest.raises(FrozenInstanceError):
-        pair.first = 2  # type: ignore[misc]
+        pair.first = 2
     with pytest.raises(FrozenInstanceError):
-        frame.stamp = 2.0  # type: ignore[misc]
+        frame.stamp = 2.0
     assert type(frame) is SkinFrame
     assert not hasattr(pair, "__dict__")
 

@@ -193,7 +193,7 @@ def _patch(robot: Robot, patch: Patch, **changes: object) -> dict[str, object]:
 
 
 def _generic(robot: Robot, part: GenericPart, wrong: object) -> dict[str, object]:
-    servos = tuple(wrong if one.id == wrong.id else one for one in part.servos)  # type: ignore[attr-defined]
+    servos = tuple(wrong if one.id == wrong.id else one for one in part.servos)
     return {"parts": _swap(robot.parts, part, part.model_copy(update={"servos": servos}))}
 
 

@@ -72,11 +72,11 @@ def draw(folder: Path) -> None:
     _draw_events(folder / "tactile-events.png", times, felt, events)
 
 
-def _axes(width: float, height: float):  # type: ignore[no-untyped-def]
+def _axes(width: float, height: float):
     return plt.subplots(figsize=(width, height), layout="constrained")
 
 
-def _show(axes, body, seen):  # type: ignore[no-untyped-def]
+def _show(axes, body, seen):
     """Draws the pressure image of the sleeve, and returns it."""
     image = pressure_image(seen, body, PATCH, pixel=0.001)
     height, width = image.pressure.shape
@@ -87,14 +87,14 @@ def _show(axes, body, seen):  # type: ignore[no-untyped-def]
     return image
 
 
-def _draw_image(path, body, seen) -> None:  # type: ignore[no-untyped-def]
+def _draw_image(path, body, seen) -> None:
     figure, axes = _axes(6.5, 2.9)
     _show(axes, body, seen)
     axes.set_title("pressure on the unrolled sleeve", fontsize=10)
     figure.savefig(path, dpi=110)
 
 
-def _draw_shape(path, body, seen) -> None:  # type: ignore[no-untyped-def]
+def _draw_shape(path, body, seen) -> None:
     figure, axes = _axes(4.2, 3.4)
     image = _show(axes, body, seen)
     contact = seen.contacts[0]
@@ -113,7 +113,7 @@ def _draw_shape(path, body, seen) -> None:  # type: ignore[no-untyped-def]
     figure.savefig(path, dpi=110)
 
 
-def _draw_shear(path, times, felt) -> None:  # type: ignore[no-untyped-def]
+def _draw_shear(path, times, felt) -> None:
     figure, axes = _axes(6.5, 2.9)
     axes.plot(times, felt[:, 0], label="pressing force")
     axes.plot(times, felt[:, 1], label="shear force")
@@ -122,7 +122,7 @@ def _draw_shear(path, times, felt) -> None:  # type: ignore[no-untyped-def]
     figure.savefig(path, dpi=110)
 
 
-def _draw_events(path, times, felt, events) -> None:  # type: ignore[no-untyped-def]
+def _draw_events(path, times, felt, events) -> None:
     figure, axes = _axes(6.5, 2.9)
     pressed = felt[:, 0] > 0.0
     ratio = np.full(len(times), np.nan)
@@ -137,7 +137,7 @@ def _draw_events(path, times, felt, events) -> None:  # type: ignore[no-untyped-
     figure.savefig(path, dpi=110)
 
 
-def _in_image(body, image, contact, directions):  # type: ignore[no-untyped-def]
+def _in_image(body, image, contact, directions):
     """Returns unit vectors (k, 2) in the plane of the image for `directions` (k, 3) in the link, by a fit to
     the taxels of the contact."""
     points = body.skin.surfaces[PATCH].positions[contact.taxels]

@@ -50,7 +50,7 @@ EXPECTED = {
 
 
 def handed(folder: Path, chains: Sequence[Chain], **changed: object) -> Path:
-    return with_hands(MadeHumanoid(legs=False).urdf(folder), chains, **changed)  # type: ignore[arg-type]
+    return with_hands(MadeHumanoid(legs=False).urdf(folder), chains, **changed)
 
 
 def kept(robot: Robot, path: Path) -> Robot:
@@ -167,7 +167,7 @@ def faults(path: Path) -> str:
 
 
 def flexions(path: Path, trust: str) -> dict[str, str]:
-    robot = propose(path, name="made", trust_fingers=trust)  # type: ignore[arg-type]
+    robot = propose(path, name="made", trust_fingers=trust)
     found = [part for part in robot.parts if part.name == "left_fingers"]
     return {
         one.name: str(robot.servos[one.servo].joint) for part in found for one in part.servos

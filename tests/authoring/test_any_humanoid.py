@@ -38,7 +38,7 @@ def joints_of(robot: Robot, part: str) -> dict[str, str]:
 
 def faults(path: Path, **options: object) -> str:
     with pytest.raises(DescriptionError) as error:
-        propose(path, name="made", **options)  # type: ignore[arg-type]
+        propose(path, name="made", **options)
     return str(error.value)
 
 

@@ -154,9 +154,9 @@ def ros1() -> Iterator[tuple[int, Ask]]:
     topic = f"{space}/joint_states"
 
     def port() -> int:
-        ((_, (node, *_)),) = [one for one in master.getSystemState("/test")[2][0] if one[0] == topic]  # type: ignore[index,misc,union-attr]
-        with ServerProxy(master.lookupNode("/test", node)[2]) as asked:  # type: ignore[arg-type,index]
-            return int(asked.requestTopic("/test", topic, [["TCPROS"]])[2][2])  # type: ignore[arg-type,index]
+        ((_, (node, *_)),) = [one for one in master.getSystemState("/test")[2][0] if one[0] == topic]
+        with ServerProxy(master.lookupNode("/test", node)[2]) as asked:
+            return int(asked.requestTopic("/test", topic, [["TCPROS"]])[2][2])
 
     def ask() -> Again:
         sock = socket.create_connection(("127.0.0.1", port()), timeout=20)

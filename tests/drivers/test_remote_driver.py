@@ -114,7 +114,7 @@ def test_a_halt_is_said_until_the_robot_holds_and_nothing_ordered_is_said_again(
         wire.there = "hold" if len(wire.said) >= 4 else "run"
         wire.tell()
 
-    wire._put = hold  # type: ignore[method-assign]
+    wire._put = hold
     wire.halt()
     assert [message.halt for message in wire.said[1:]] == [HALTED] * 3
     assert not any(message.orders for message in wire.said[1:])

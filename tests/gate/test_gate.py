@@ -270,7 +270,7 @@ def test_a_command_for_a_whole_part_leaves_a_servo_that_can_not_be_moved_where_i
 
 
 def test_a_command_in_generic_joints_is_refused_whole() -> None:
-    safe = Driven(make_robot(), ZERO).step(GenericCommand("head", Mode.POSITION, np.zeros(3)))  # type: ignore[arg-type]
+    safe = Driven(make_robot(), ZERO).step(GenericCommand("head", Mode.POSITION, np.zeros(3)))
     assert "a GenericCommand is not in the robot's own joints" in safe.refusals[0].text
     assert safe.servos.size == 0
 

@@ -290,7 +290,7 @@ def test_a_step_that_gives_no_pair_is_told_what_to_give(driver: SimulatedDriver,
         def step(
             self, memory: int, perception: Perception, body: GenericBody
         ) -> tuple[tuple[Order, ...], int]:
-            return answer  # type: ignore[return-value]
+            return answer
 
     with pytest.raises(CommandError, match=f"Odd: step returned {type(answer).__name__}; valid: the pair"):
         run(driver, Odd(), duration=0.1)

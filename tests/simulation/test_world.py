@@ -379,7 +379,7 @@ def test_bad_input_says_what_is_valid(nao: World) -> None:
         with pytest.raises(CommandError, match=f"{next(iter(wrong))} .*valid: "):
             World(robot, **wrong)
     with pytest.raises(CommandError, match=r"seed 1.5; valid: a whole number"):
-        nao.reset(seed=1.5)  # type: ignore[arg-type]
+        nao.reset(seed=1.5)
     with pytest.raises(UnknownNameError, match="left_arm"):
         World(robot, posture={"third_arm": np.zeros(5)})
     with pytest.raises(CommandError, match="5 finite angles"):

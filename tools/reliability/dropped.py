@@ -53,7 +53,7 @@ def dropped(full: bool) -> Any:
 
     from drivers.wires import PEERS
 
-    names = [name for name, peer in PEERS.items() if peer.other_process]  # type: ignore[attr-defined]
+    names = [name for name, peer in PEERS.items() if peer.other_process]
     jobs = [(name, seed, 100 if full else 2) for seed in range(10 if full else 1) for name in names]
     done = gather("dropped", _drop, jobs, full=full)
     tried = {name: sum(len(one["times"]) for one in done if one["name"] == name) for name in names}

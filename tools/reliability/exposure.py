@@ -67,7 +67,7 @@ class Server:
 
 
 def _serve(via: str, opened_by: str, **more: str | tuple[str, ...]) -> Server:
-    return Server(("serve", "nao", "--via", via), opened_by, **more)  # type: ignore[arg-type]
+    return Server(("serve", "nao", "--via", via), opened_by, **more)
 
 
 ROSCORE = """

@@ -231,7 +231,7 @@ class _Attack(Attack):
         self.socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         theirs.setblocking(False)
         orders = Orders("lo", 0, "rt/arm_sdk", whole=False, simulation=False, period=PERIOD, socket=0)
-        self.keeper = Keeper(orders, self.wire, theirs)  # type: ignore[arg-type]
+        self.keeper = Keeper(orders, self.wire, theirs)
         self.end = Robot(self.slots.tolist(), [servo.limits for servo in robot.servos])
         self.messages, self.refused, self.time = 0, 0, 0.0
         self.socket.send(ASK)

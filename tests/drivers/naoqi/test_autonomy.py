@@ -99,7 +99,7 @@ def test_a_gap_in_the_network_does_not_leave_life_off(waits: bool) -> None:
             is_back(driver)
             assert nao.life() == "disabled"
         else:
-            poller: Any = driver._poller  # type: ignore[attr-defined]
+            poller: Any = driver._poller
             wait_for(lambda: poller.generation == 1 or not poller.services.session.isConnected())
         driver.close()
         assert nao.life() == "solitary"
@@ -136,7 +136,7 @@ def test_what_can_not_be_switched_off_after_a_gap_stops_the_gate() -> None:
 
 def test_life_that_somebody_switches_on_meanwhile_stops_the_gate() -> None:
     with StillNao() as nao, connect(ROBOT, nao.via, arm=True) as driver:
-        lookout: Any = driver._lookout  # type: ignore[attr-defined]
+        lookout: Any = driver._lookout
         wait_for(lambda: watch(driver).state is GateState.RUN and lookout._was_off)
         nao.services["ALAutonomousLife"].setState("interactive")
         wait_for(lambda: watch(driver).state is GateState.STOP)

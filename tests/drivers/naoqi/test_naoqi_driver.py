@@ -95,7 +95,7 @@ def test_a_vector_of_another_publisher_without_numbers_counts_when_it_changes() 
 
 def test_a_frame_that_is_due_goes_before_joints_only_while_these_are_young() -> None:
     with StillNao() as nao, connect(ROBOT, nao.via) as driver:
-        poller: Any = driver._poller  # type: ignore[attr-defined]
+        poller: Any = driver._poller
         poller.close()
         poller.clock, poller._until = ManualClock(100.0), 100.004
         for due, age, first in ((0.002, 0.005, True), (0.002, 0.02, False), (0.008, 0.005, False)):
@@ -106,7 +106,7 @@ def test_a_frame_that_is_due_goes_before_joints_only_while_these_are_young() -> 
 
 def test_a_frame_that_was_there_at_once_is_asked_for_earlier_the_next_time() -> None:
     with StillNao() as nao, connect(ROBOT, nao.via) as driver:
-        poller: Any = driver._poller  # type: ignore[attr-defined]
+        poller: Any = driver._poller
         poller._end.set()
         poller._thread.join(PATIENCE)
         poller.clock = ManualClock(100.0)
@@ -407,7 +407,7 @@ def test_skin_that_is_published_in_another_way_after_a_restart_is_not_looked_for
         memory = nao.services["ALMemory"]
         del memory._live["TCI/Skin/left_forearm/Packed"]
         with connect(ROBOT, nao.via) as driver:
-            poller: Any = driver._poller  # type: ignore[attr-defined]
+            poller: Any = driver._poller
             del memory._live["TCI/Skin/left_forearm/Sequence"]
             cut(nao.port)
             wait_for(lambda: poller.generation == 1, driver)

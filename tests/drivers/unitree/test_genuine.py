@@ -48,7 +48,7 @@ class Peer:
 def started(*command: str) -> Iterator[Peer]:
     """Runs a program and waits until the program prints `ready`."""
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-    with subprocess.Popen(command, text=True, cwd=HERE.parents[1], **pipes) as process:  # type: ignore[call-overload]
+    with subprocess.Popen(command, text=True, cwd=HERE.parents[1], **pipes) as process:
         assert process.stdout is not None
         try:
             while "ready" not in (line := process.stdout.readline()):

@@ -64,7 +64,7 @@ def references(
         angles.append(sent.position[place[0]] if len(place) else angles[-1])
         speeds.append(sent.velocity[place[0]] if len(place) else 0.0)
         if server is not None:
-            server.publish(reading, Perception(now, {}, ()), sent)  # type: ignore[arg-type] # unused
+            server.publish(reading, Perception(now, {}, ()), sent)
     return np.array(angles), np.array(speeds)
 
 
@@ -77,7 +77,7 @@ def test_a_stream_of_set_points_is_followed_without_a_second_start() -> None:
         SimulatedDriver(ROBOT, rate=2.0 * RATE) as driver,
         UnitreeServer(driver, f"lo/{next(DOMAINS)}") as server,
     ):
-        server._arms = Stream(posture, angles, speeds)  # type: ignore[assignment]
+        server._arms = Stream(posture, angles, speeds)
         followed, _ = references(driver, lambda reading: server.orders(), server)
     begins = [np.argmax(np.abs(found - posture[SERVO]) > MOVED) for found in (angles, followed)]
     assert abs(followed[-1] - angles[-1]) < 1e-4

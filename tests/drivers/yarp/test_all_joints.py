@@ -47,7 +47,7 @@ class Board:
         for now in self.driver.ticks(duration=seconds):
             joints = self.driver.read().joints
             orders = self.served.book.take()
-            safe = self.driver.gate.step(orders, joints, now)  # type: ignore[arg-type]
+            safe = self.driver.gate.step(orders, joints, now)
             self.refused += [reason.text for reason in safe.refusals]
             self.served.book.judge(safe.orders, safe.refusals)
             self.driver.write(safe)
@@ -57,7 +57,7 @@ class Board:
 
 def _unawaited(board: ServedBoard) -> ServedBoard:
     """Makes calls return before the loop has judged them, because the loop runs in the same thread."""
-    board.book.begin = board.book.settle = lambda: None  # type: ignore[method-assign]
+    board.book.begin = board.book.settle = lambda: None
     return board
 
 

@@ -127,7 +127,7 @@ def use(driver: YarpDriver, case: Case) -> None:
     for order in (command, switch, command):
         for _ in range(5):
             safe = driver.gate.step([order], driver.read().joints, driver.clock.now())
-            case.attempt(lambda safe=safe: driver.write(safe))  # type: ignore[misc]
+            case.attempt(lambda safe=safe: driver.write(safe))
             time.sleep(driver.period)
     case.attempt(driver.halt)
 

@@ -95,7 +95,7 @@ def test_a_board_says_what_joints_and_modes_it_has(numbers: object, words: objec
     board = ServedBoard("LArm", tci.load_robot("nao").servos_of("LArm"))
     for act in (board.set_modes, board.set_interactions):
         with pytest.raises(CallError, match="valid"):
-            act(numbers, words)  # type: ignore[arg-type]
+            act(numbers, words)
 
 
 @pytest.mark.parametrize("target", [b"tcp:/\xff", b"/\xff", b"tcp://a\nNAME_SERVER unregister /r"])

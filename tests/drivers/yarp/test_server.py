@@ -287,8 +287,8 @@ def test_states_keep_apart_from_skin_and_go_out_beside_one_that_never_rests(
             states.append(driver.clock.now())
 
     with YarpServer(driver, "127.0.0.1:0,dialect=3") as shown:
-        shown._write = write  # type: ignore[method-assign]
-        shown._publish_skin = lambda frame, offset: felt.append(driver.clock.now())  # type: ignore[method-assign]
+        shown._write = write
+        shown._publish_skin = lambda frame, offset: felt.append(driver.clock.now())
         serve(shown, duration=0.5)
     assert len(states) >= 49
     if rate == 100.0:

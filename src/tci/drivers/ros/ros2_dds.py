@@ -110,7 +110,7 @@ class DdsNode(RosNode):
         for topic, kind, reader, callback, keep in self._readers:
             for sample in reader.take(keep):
                 if isinstance(sample, IdlStruct):  # any other sample means that a writer has disconnected
-                    self._pass_on(topic, partial(decode, kind, sample.raw), callback)  # type: ignore[attr-defined] # _idl's
+                    self._pass_on(topic, partial(decode, kind, sample.raw), callback)  # type: ignore[attr-defined] # set by _idl
 
     def types_of(self, topic: str) -> tuple[str, ...]:
         for sample in self._publications.take(1000):

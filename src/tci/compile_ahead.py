@@ -42,7 +42,7 @@ _tried = False
 
 
 def is_worker() -> bool:
-    """Returns True if this process only compiles."""
+    """Returns True if this process is a worker, which only compiles."""
     return CLAIMS in os.environ
 
 
@@ -63,7 +63,7 @@ def compile_ahead(is_missing: Callable[[], bool]) -> None:
 
 @contextmanager
 def _alone() -> Iterator[None]:
-    """Waits until no other process compiles, and prints a line about this wait on stderr.
+    """Waits until no other process compiles loops. Prints a line on stderr if it has to wait.
 
     On a system without file locks, two processes may do the same work; this is harmless.
     """
@@ -121,8 +121,8 @@ def _show_progress(claims: Path, workers: list[subprocess.Popen[bytes]]) -> None
 
 
 def _state(claims: Path, now: float) -> str:
-    """Returns a text with the number of loops that are compiled `now` [s] after the start, and the remaining
-    time.
+    """Returns a line for the user: the number of loops that are compiled `now` [s] after the start, and the
+    estimated remaining time.
 
     The remaining time is estimated under the assumption that compile time is proportional to the length of
     the bytecode.

@@ -5,9 +5,9 @@ Loops are compiled once. Their machine code is cached on disk until a source fil
 Numba itself compares only the date of the file with the loop: after a change in a file with a called loop, it
 would run old machine code. TCI compares a hash of that file and of all files that it imports.
 
-By default, Numba counts references to arrays with atomic instructions, which took most of the time of small
-loops. A loop that allocates no array does not need this (option `_nrt`, which Numba uses for its own loops
-too).
+By default, compiled loops count references to arrays with atomic instructions, which took most of the time of
+small loops. TCI switches this off for loops that allocate no array, with Numba's option `_nrt`. Numba uses
+this option for its own loops too.
 """
 
 from __future__ import annotations
@@ -58,10 +58,11 @@ def compiled(*signatures: Any, allocates: bool = False) -> Callable[[Callable[..
 
 
 def inlined(loop: Callable[..., Any]) -> Any:
-    """Compiles a loop that only compiled loops call, and inlines it into them. It must not allocate arrays.
+    """Compiles a loop that only compiled loops call, and inserts its machine code into theirs. Such a loop
+    must not allocate arrays.
 
-    Inlining avoids passing arrays: an array argument consists of seven numbers or more, which a call writes
-    and reads.
+    Inserted machine code (inlining) is faster than a call: a call would pass seven numbers or more for each
+    array.
     """
     return _jit(loop, _nrt=False, forceinline=True)
 
@@ -73,7 +74,7 @@ def _jit(loop: Callable[..., Any], **options: bool) -> Any:
 
 @cache
 def _stamp(file: Path) -> str:
-    """Returns a hash of the file and of all files of TCI that it imports, directly or indirectly."""
+    """Returns a hash of a file and of all files of TCI that it imports, directly or indirectly."""
     digest = hashlib.sha256()
     for one in sorted(_sources(file)):
         digest.update(one.read_bytes())
@@ -103,22 +104,23 @@ def _imported(file: Path) -> frozenset[Path]:
 
 
 def reads(dimensions: int, dtype: Any = float64) -> Any:
-    """Returns the type of a contiguous array that the loop only reads."""
+    """Returns the Numba type of a contiguous array that the loop only reads."""
     return types.Array(dtype, dimensions, "C", readonly=True)
 
 
 def views(dimensions: int, dtype: Any = float64) -> Any:
-    """Returns the type of a small array with any strides that the loop only reads."""
+    """Returns the Numba type of an array that the loop only reads and whose elements need not be
+    contiguous."""
     return types.Array(dtype, dimensions, "A", readonly=True)
 
 
 def writes(dimensions: int, dtype: Any = float64) -> Any:
-    """Returns the type of a contiguous array that the loop changes."""
+    """Returns the Numba type of a contiguous array that the loop changes."""
     return types.Array(dtype, dimensions, "C")
 
 
 def record(kind: type, *fields: Any) -> Any:
-    """Returns the type of a NamedTuple whose fields have these types.
+    """Returns the Numba type of a NamedTuple whose fields have the types `fields`.
 
     The NamedTuple must be defined at the top of a module, because cached machine code refers to it by name.
     """
@@ -139,5 +141,9 @@ def entry(loop: Any, signature: int = 0) -> Callable[..., Any]:
 
 
 def returns(*results: Any) -> Any:
-    """Returns the type of a tuple of `results`; called with argument types, it makes a loop's signature."""
+    """Returns the Numba type of a tuple with elements of the types `results`.
+
+    This type is the return type of a loop with several results, or the type of a tuple that is an argument of
+    a loop. A call of the returned type with the types of a loop's arguments gives the signature of the
+    loop."""
     return types.Tuple(results)  # type: ignore[no-untyped-call] # Numba's has no types

@@ -15,9 +15,9 @@ T = TypeVar("T")
 def quick(kind: type[T]) -> type[T]:
     """Makes a frozen data class with slots two to four times as fast to create, and final.
 
-    A new object first has an equal class that permits assignments. After the last assignment the object gets
-    its own class. A subclass has other slots, so it is refused with a TypeError. Raises TypeError for a field
-    that is computed, or that only a keyword sets.
+    A new object first gets a helper class: it has the same slots, and permits assignments. After the last
+    assignment, the object gets its own class. This is not possible for a subclass, so subclasses are refused
+    with a TypeError. Raises TypeError if `kind` has a field that is computed or can be set only by keyword.
     """
     cls: Any = kind
     names, parameters, defaults = [], ["cls"], {}

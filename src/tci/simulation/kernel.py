@@ -81,7 +81,8 @@ def _exponential(x: float) -> float:
 
 @inlined
 def _weigh(u: float, v: float, count: int, work: Array, row: int) -> float:
-    """Writes the weights of a tilt (u, v) into a row of the workspace.
+    """Computes the weight of each taxel for a tilt (u, v), and writes the weights into a row of the workspace
+    `work`.
 
     The largest weight is 1. Also writes the sums of the weights: plain, times offsets, and times products of
     offsets. Returns the objective: the logarithm of the plain sum, plus the penalty.
@@ -116,9 +117,9 @@ def _weigh(u: float, v: float, count: int, work: Array, row: int) -> float:
 def _centre(count: int, work: Array) -> None:
     """Writes shares proportional to exp(logarithms + offsets . tilt).
 
-    The tilt is chosen so that the weighted mean is at the point. The tilt is found by Newton's method on the
-    convex function log(sum) + softness / 2 * tilt^2. The gradient of this function is the weighted mean
-    offset plus softness * tilt.
+    The tilt is chosen so that the weighted mean of the taxels is at the point of the force. Newton's method
+    finds this tilt as the minimum of the convex function log(sum) + softness / 2 * tilt^2, whose gradient is
+    the weighted mean offset plus softness * tilt.
     """
     tilt_u = tilt_v = 0.0
     row, other = SHARE, _TRIAL
@@ -153,7 +154,8 @@ def _centre(count: int, work: Array) -> None:
 
 @inlined
 def share_into(positions: Array, near: Array, point: Array, normal: Array, sigma: float, work: Array) -> None:
-    """Writes the shares of the taxels `near` (k,), which `within` has found."""
+    """Writes into `work` the share of a force that each of the taxels `near` (k,) gets. `within` finds these
+    taxels."""
     x, y, z = abs(normal[0]), abs(normal[1]), abs(normal[2])
     # Perpendicular to the normal and to the axis that is least parallel to it.
     if x <= y and x <= z:
@@ -178,7 +180,7 @@ def share_into(positions: Array, near: Array, point: Array, normal: Array, sigma
 def within(
     positions: Array, among: Array, point: Array, sigma: float, reach: float, near: Array, work: Array
 ) -> tuple[int, float]:
-    """Finds the taxels out of `among` (k,) that are near a point.
+    """Finds the taxels near a point, among the taxels with the indices `among` (k,).
 
     Such a taxel is at most `reach` [widths] farther from the point than the nearest taxel. Writes these
     taxels into `near`. Returns their number, and the distance [widths] of the nearest taxel.

@@ -11,20 +11,22 @@ from tci.frames import Array
 from tci.simulation.kernel import REACH, ROWS, SHARE, share_into, within
 
 SLOTS = 16
-"""Largest number of contacts on one patch at a time. Assumed: this is far above the number of contacts that
-the simulated finger makes."""
+"""Largest number of contacts on one patch at a time. Assumed: the simulated finger makes far fewer
+contacts."""
 FOUND, FORCE, POSITION, NORMAL, TANGENT = 0, 1, 4, 7, 10
-"""Indices in a slot (the data of one contact). The first number is the number of contacts. Force (along
-normal, tangent and the third axis), position, normal and tangent follow, with 3 values each."""
+"""Indices of the numbers in a slot, which MuJoCo's sensor fills with the data of one contact. The first
+number is the number of contacts on the patch. Four vectors follow, with 3 numbers each: force (along normal,
+tangent and the third axis), position, normal and tangent."""
 NUMBERS = 13
 """Numbers per slot."""
 WIDE = 0.02
 """Width [m] of a kernel above which its shares are computed twice, see `_share`. Assumed: this is far above
 the width of a taxel."""
 SIDE = 0.2
-"""Cosine of the angle between a contact's normal and the taxels' normals below which the taxels do not feel
-the contact. Such a contact is on an end of a limb's skin, where there are no taxels. Assumed: on the skin of
-the included robots, this cosine is below 0.2 on these ends, and above 0.7 at almost all other places."""
+"""Least cosine of the angle between a contact's normal and the taxels' normals at which the taxels measure
+the contact. A contact with a smaller cosine is on an end of a limb's skin, where there are no taxels.
+Assumed: on the skin of the included robots, this cosine is below 0.2 on these ends, and above 0.7 at almost
+all other places."""
 SENSOR, FLOOR, BODY, BEGIN, END, CHANNEL, NODE, NODES, AXES, COUNT, DUE, TAKEN, TOUCHED, PRESSED = range(14)
 """Columns of a patch's integers:
 
@@ -45,12 +47,12 @@ REST, PER_COUNT, SHEAR_PER_COUNT, RATE, WIDTH, SIZE, OUTWARD = range(7)
 - `WIDTH`, `SIZE`: width [m] of the kernel, and half of the patch's longest side [m].
 - `OUTWARD`: mean of its normals (3)."""
 X, Y, AREA = 0, 3, 6
-"""Columns of a taxel (7): two tangents (3 each), and the area [m2]."""
+"""Columns (7) of the table of taxels: two tangents with 3 numbers each, and the area [m2]."""
 PRESSING, MARK = 2, 3
-"""Rows of the load on taxels (4): force [N] along x, along y and along the normal. The last row is 1 for an
-active taxel and 0 for others."""
+"""Two of the four rows of the load on taxels. The rows are: force [N] along x, along y and along the normal
+(`PRESSING`), and 1 for an active taxel or 0 for another taxel (`MARK`)."""
 ALL, NEAR, ACTIVE, LATEST, AROUND = range(5)
-"""Rows of lists of taxels. Taxels are given by their number in the patch.
+"""Rows of `lists`, a table with several lists of taxels. A taxel is given by its index within the patch.
 
 - `ALL`: all taxels.
 - `NEAR`: the taxels near a contact.
@@ -64,7 +66,7 @@ SKIN = returns(
     reads(1), reads(2), reads(2), writes(2, int64), reads(2), reads(2), reads(2), reads(1, int64), reads(2),
     writes(2), writes(2, int64), writes(2), writes(2), writes(1),
 )  # fmt: skip
-"""Numba types of the data of all patches, in this order:
+"""Numba types of `skin`, a tuple with the data of all patches. Its elements, in this order:
 
 - MuJoCo's sensors, and positions and orientations of links.
 - `patches` and their `floats`.
@@ -88,11 +90,13 @@ def _share(
     spot: Array,
     work: Array,
 ) -> int:
-    """Finds the taxels that share a force.
+    """Finds the taxels over which a contact force is distributed, and the fraction (share) of the force on
+    each of them.
 
-    Writes these taxels into the list `NEAR` and their shares into the workspace (see `kernel.spread`).
-    Returns the number of these taxels. For a wide kernel the shares are computed twice, the second time for a
-    corrected point, since the penalty on the tilt is in units of the kernel's width.
+    Writes the taxels into the row `NEAR` of `lists`, and the shares into `work` (see `kernel.spread`).
+    Returns the number of these taxels. For a wide kernel the mean of the first shares is not exactly at
+    `point`, since the penalty on the tilt grows with the width. The shares are then computed again for a
+    point that corrects this error.
     """
     near, around, count = lists[NEAR], lists[AROUND + row], 0
     for _ in range(2 if sigma > WIDE else 1):
@@ -125,8 +129,11 @@ def _share(
 
 @inlined
 def _feels(normal: Array, count: int, taxels: Array, lists: Array, work: Array) -> bool:
-    """Returns True if the taxels `NEAR` feel a contact with this `normal` (3,), see `SIDE`. The normal of a
-    taxel is the cross product of its tangents."""
+    """Returns True if taxels measure a contact with this `normal` (3,): if it is not perpendicular to their
+    normals, see `SIDE`.
+
+    The taxels are in the row `NEAR` of `lists`. The normal of a taxel is the cross product of its
+    tangents."""
     cosine = 0.0
     for j in range(count):
         row = taxels[lists[NEAR, j]]
@@ -142,10 +149,11 @@ def _add(
     push: tuple[float, float, float, float], count: int, axes: int, taxels: Array, lists: Array, active: int,
     load: Array, work: Array,
 ) -> int:  # fmt: skip
-    """Adds the shares of a `push` [N] to the taxels `NEAR`.
+    """Adds the shares of a contact force to the loads of the taxels in the row `NEAR` of `lists`.
 
-    A push is a normal force and a tangential force along x, y, z. The tangential force is used only for three
-    axes. Returns the number of active taxels.
+    `push` is the contact force [N]: its part along the normal, then its tangential part along x, y and z. The
+    tangential part is used only if taxels have three `axes`. Returns the number of active taxels of the
+    patch, after `active` taxels before this call.
     """
     force, x, y, z = push
     for j in range(count):
@@ -166,10 +174,12 @@ def _add(
 def press(patch: int, skin: Arrays) -> tuple[int, int]:
     """Finds the active taxels of a patch and the forces on them.
 
-    Writes the taxels into the list `ACTIVE`, and the forces [N] into `load`. Returns the number of contacts
-    and the number of active taxels. Contacts beside the taxels are not felt. Contacts with a floor are
-    counted only if there is no other contact. If there are more contacts than slots, the number of active
-    taxels is 0.
+    Writes the indices of the active taxels into the row `ACTIVE` of the lists in `skin`, and the forces [N]
+    into the load in `skin`. Returns the number of contacts and the number of active taxels.
+
+    A contact on an end of a limb's skin, where there are no taxels, has no effect on taxels (see `SIDE`).
+    Contacts with a floor are counted only if there is no other contact. If there are more contacts than
+    slots, forces are not computed, and the number of active taxels is 0.
     """
     sensors, centres, turns, patches, floats, positions, taxels, _, _, load, lists, spots, work, _ = skin
     integers, numbers = patches[patch], floats[patch]
@@ -235,10 +245,11 @@ def _counts(pressure: float, begin: int, end: int, nodes: Array, per_count: floa
 
 @inlined
 def sample(patch: int, step: int, skin: Arrays) -> int:
-    """Takes a patch's next frame at the end of a step.
+    """Computes the next skin frame of a patch, at the end of a step of the simulation.
 
-    Writes the unrounded values [counts] of all channels that are active or were active in the frame before.
-    With `step` -1 no frame is taken, and the forces stay in `load`. Returns the number of contacts.
+    Writes the unrounded values [counts] of all channels whose taxel is active, or was active in the frame
+    before. With `step` -1, only the forces on taxels are computed, and they stay in the load in `skin`.
+    Returns the number of contacts on the patch.
     """
     _, _, _, patches, floats, _, taxels, channels, nodes, load, lists, _, _, values = skin
     integers, numbers = patches[patch], floats[patch]
@@ -273,5 +284,5 @@ def sample(patch: int, step: int, skin: Arrays) -> int:
 
 @compiled(int64(int64, int64, SKIN))
 def sample_now(patch: int, step: int, skin: Arrays) -> int:
-    """Calls `sample` from Python, for the first frame and between steps."""
+    """Makes `sample` callable from Python, which needs it for the first frame and between steps."""
     return sample(patch, step, skin)

@@ -31,7 +31,7 @@ SERVO, ADDRESS, DOF, ACTUATOR, LOOSE, YIELDING = range(6)
 """Rows of the indices of moving joints (6, k): the servo, and the places in `qpos`, `qvel` and `ctrl`. The
 last two rows are flags: 1 in torque mode, and 1 in impedance mode."""
 TARGET, TORQUE = range(2)
-"""Rows of the commands of all servos (2, n)."""
+"""Rows of the commands to all servos (2, n): target angles [rad], and torques [N m]."""
 ACTIVE, BEGIN, SPEED, DEPTH, LEADS, PATH, END, FORCE, FIRST, LOST, PEAK = range(11)
 """Indices of the finger's state:
 
@@ -50,14 +50,15 @@ and `xfrc_applied`, each as one row of numbers."""
 ENGINE = returns(int64, int64)
 """Numba types of the addresses of MuJoCo's model and data."""
 KEPT = returns(writes(1), writes(1), writes(1, int64))
-"""Numba types of the arrays that a step stores for the next step: MuJoCo's warm start, the inputs of the step
-that was computed in advance, and the integers."""
+"""Numba types of the arrays that a step stores for the next step: the solver's result, from which the next
+solution starts (MuJoCo's warm start); the inputs of the step that was computed in advance; and the
+integers."""
 SERVOS = returns(writes(2), reads(2, int64), reads(2))
 """Numba types of the servos' arrays: states and indices of the moving joints, and commands of all servos."""
 FINGER = returns(writes(1), writes(2))
 """Numba types of the finger's state and of its trace."""
 JOINT, VELOCITY, MOTOR = range(3)
-"""Rows of the measurements of all servos (3, n)."""
+"""Rows of the measurements of all servos (3, n): angles [rad], velocities [rad/s] and motor torques [N m]."""
 
 
 def find_library(folder: Path, version: str) -> Path:
@@ -76,7 +77,7 @@ _LIBRARY = ctypes.CDLL(str(find_library(Path(mujoco.__file__).parent, mujoco.__v
 
 
 def _bring(name: str) -> Any:
-    """Makes a function of MuJoCo callable in compiled loops."""
+    """Returns a function of MuJoCo's library, by its name, in a form that compiled loops can call."""
     address = ctypes.cast(getattr(_LIBRARY, name), ctypes.c_void_p).value
     binding.add_symbol(name, address)
     return types.ExternalFunction(name, types.void(types.intp, types.intp))
@@ -90,7 +91,7 @@ _check, _integrate = _bring("mj_checkAcc"), _bring("mj_implicit")
 
 @inlined
 def _follow(servos: Array, places: Array, asked: Array) -> None:
-    """Moves the servos' set-points by one step."""
+    """Moves the set-points of the servos towards their targets, by the motion of one step."""
     for i in range(servos.shape[1]):
         left = asked[TARGET, places[SERVO, i]] * servos[RATIO, i] + servos[SHIFT, i] - servos[SETPOINT, i]
         servos[ADVANCE, i] = min(max(left, -servos[STRIDE, i]), servos[STRIDE, i])
@@ -99,9 +100,9 @@ def _follow(servos: Array, places: Array, asked: Array) -> None:
 
 @inlined
 def _drive(qpos: Array, ctrl: Array, servos: Array, places: Array, asked: Array, ahead: float) -> None:
-    """Writes the inputs of the servos.
+    """Writes the inputs of the servos' actuators into `ctrl`.
 
-    For this, the set-points are moved on by `ahead` steps at their present speed.
+    The inputs are computed for the set-points that result from `ahead` further steps at the present speed.
     """
     for i in range(servos.shape[1]):
         lag, advance = servos[LAG, i], servos[ADVANCE, i]
@@ -116,7 +117,7 @@ def _drive(qpos: Array, ctrl: Array, servos: Array, places: Array, asked: Array,
 
 @inlined
 def _push(time: float, ctrl: Array, finger: Array, whole: Array) -> None:
-    """Moves the finger's base by one step."""
+    """Moves the base of the finger along its path, by the motion of one step."""
     wanted = finger[SPEED] * (time - finger[BEGIN])
     finger[PATH] = max(finger[PATH], min(wanted, finger[END]))
     # The damper lies between base and tip, so it needs the base's speed as well.
@@ -158,7 +159,7 @@ def _look_ahead(
 ) -> None:
     """Updates contacts and sensors to the current joint angles.
 
-    For this, all of the next step is computed except the motion.
+    All of the next step is computed for this, except the motion.
     """
     qpos, qvel, ctrl, applied, pushed = moved
     _step1(model, data)
@@ -188,9 +189,10 @@ def _differs(values: Array, here: Array, at: int) -> bool:
 
 @inlined
 def _take_step(model: int, data: int, number: int, moved: Arrays, here: Array, whole: Array) -> None:
-    """Does `mj_step`.
+    """Executes one step of the physics, like MuJoCo's `mj_step`.
 
-    If joints and inputs are unchanged since `_look_ahead`, only the rest of the step is computed.
+    `_look_ahead` may already have computed a part of this step. If joints and inputs have not changed since
+    then, only the rest of the step is computed.
     """
     qpos, qvel, ctrl, applied, pushed = moved
     n, m, k = len(qpos), len(qvel), len(ctrl)
@@ -219,10 +221,10 @@ def march(
     finger: Arrays,
     skin: Arrays,
 ) -> int:
-    """Takes the steps with numbers `begin` to `end`, each of `step` [s].
+    """Executes the steps of the simulation with the numbers `begin` to `end`, each of `step` [s].
 
-    Also takes the skin frames that become due. Returns the number of the last step. The loop ends early if a
-    patch has more contacts than slots.
+    Also computes the skin frames that become due. Returns the number of the last step. The loop ends early if
+    a patch has more contacts than its sensor can report (`SLOTS`).
     """
     model, data = engine
     warm, here, whole = kept
@@ -242,8 +244,8 @@ def march(
             _note(time, sensors, tool, whole, trace)
         if number + 1 < min(due, end):
             continue
-        # Torques and forces on the skin depend on the servos' inputs. Those of the step before would brake a
-        # stiff servo in motion, so they are read with the inputs with which it goes on.
+        # Torques and forces on the skin depend on the servos' inputs. The inputs of the previous step would
+        # brake a stiff servo in motion. So torques and forces are computed with the inputs of the next step.
         _drive(qpos, ctrl, states, places, asked, 1.0)
         if tool[ACTIVE]:
             _push((number + 1) * step, ctrl, tool, whole)
@@ -302,8 +304,8 @@ def aim(
 ) -> int:
     """Sets targets `angles` (k,) [rad] of `servos` (k,).
 
-    The set-points reach the targets in `steps` steps. A joint moves by at most `top` (moving,) [rad] per
-    step.
+    The set-points reach the targets in `steps` steps, or in more steps if a joint would otherwise move by
+    more than `top` (moving,) [rad] per step.
     """
     for i in range(len(servos)):
         asked[TARGET, servos[i]] = angles[i]

@@ -1,4 +1,5 @@
-"""Counts of trusted taxels around places of a generic limb."""
+"""Counts the taxels around places of a generic limb, and how many of these taxels are masked (not
+trusted)."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ def place(joints: Array, angles: Array, frames: Array) -> None:
 
 @inlined
 def _shadow(shapes: Array, points: Array, frames: Array, shape: int, x: float, y: float, z: float) -> float:
-    """Returns the largest coordinate [m] of a shape along the unit vector (x, y, z) of the world frame."""
+    """Returns the end [m] of a shape's projection onto the unit vector (x, y, z) of the world frame."""
     j = int(shapes[shape, 0])
     start = 0.0
     if j >= 0:
@@ -185,8 +185,8 @@ def follow(
 
     Returns the number of these pairs; 0 at the end of the path. Checks only the first `count` pairs listed in
     `known`, at points that are no farther apart than `stride` [m] according to `levers` (j,) [m/rad]. Writes
-    the section of the path and the point in this section into `at`, the pairs into `asked`, and the angles
-    and frames at this point into `known`.
+    results into three arguments: into `at` the section of the path and the point in this section, into
+    `asked` the pairs, and into `known` the angles and frames at this point.
     """
     joints, shapes, points, _, pairs, own = solids
     posture, distance, axis, left, slack, least, step, frames, angles = known

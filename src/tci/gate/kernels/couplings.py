@@ -70,7 +70,7 @@ def find_nearest(
     lower: Array, upper: Array, target: Array, coupling: Array, lows: Array, highs: Array,
     free: NDArray[np.bool_], point: Array,
 ) -> None:  # fmt: skip
-    """Calls `project` from Python."""
+    """Makes `project`, which compiled loops call, callable from Python."""
     project(lower, upper, target, coupling, lows, highs, free, point)
 
 

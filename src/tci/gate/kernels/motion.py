@@ -1,4 +1,5 @@
-"""Check, in one compiled loop, that servos follow their references; used by `tci.gate.joint_monitor`."""
+"""Checks in one compiled loop that servos follow their references. `tci.gate.joint_monitor` calls this
+loop."""
 
 from __future__ import annotations
 
@@ -19,15 +20,17 @@ FOLLOWS, LATE, OPPOSED, FROZEN, DISAGREES, DEAF, JUMPED = range(7)
 - an angle jumps
 """
 FOLLOWING_ERROR, LAG, PATIENCE, OPPOSING, LEAST_SPEED, LONGEST_REPEAT, TRAVEL, FORGETS, PUSH, STEP = range(10)
-"""Indices of the settings."""
+"""Indices of the numbers in `settings`, which `JointMonitor` fills from its settings."""
 ANGLE, SPEED, ANGLE_BEFORE, SPEED_BEFORE = range(4)
 """Rows of two successive readings (4, n_servos): angles [rad] and velocities [rad/s] of this reading, then of
 the reading before."""
 FOLLOWED, LOOSE = range(2)
-"""Rows of the kinds of modes (2, k): modes that are compared with a reference, and torque mode."""
+"""Rows of a table (2, k) of the servos' control modes: 1 for a servo whose angle must follow a reference, and
+1 for a servo in torque mode."""
 LATE_SINCE, OPPOSED_SINCE, REPEATS_SINCE, ORIGIN = range(4)
-"""Rows of the memory (4, n_servos). The first three: time [s] since when a condition is true without
-interruption, or infinity. The last: reference [rad] at the time when the angle began to repeat."""
+"""Rows of the memory (4, n_servos). Each of the first three rows is the time [s] since which a condition is
+true without interruption, or infinity if the condition is false. The last row is the reference [rad] at the
+time when the angle began to repeat."""
 DRIFT, WEAKEST, STRONGEST, PUSHED_SINCE = range(4)
 """Rows of the memory of velocities (4, n_servos):
 
@@ -87,8 +90,8 @@ def judge_motion(
 
     The latest two readings are `elapsed` [s] apart. `position` [rad] and `velocity` [rad/s] (k,) are the
     reference of the servos. Updates the memory. Writes two values into `worst` (2,): the index k of the servo
-    with the worst fault, and an angle [rad], which is the distance from the reference, or, for a frozen
-    encoder, the motion of the reference.
+    with the worst fault, and an angle [rad]. For a frozen encoder, the angle is the motion of the reference.
+    For other faults, the angle is the distance from the reference.
     """
     longest = -1.0
     for k in range(len(servos)):

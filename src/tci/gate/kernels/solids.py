@@ -1,4 +1,4 @@
-"""The solid links of a robot as flat arrays, which the compiled loops need.
+"""The shapes of a robot's links as numeric arrays, for the compiled loops that check for self-collision.
 
 All coordinates are in frames at the joints. While every joint is at zero, these frames are parallel to the
 world frame.
@@ -20,7 +20,7 @@ from tci.skin.kernels.arrays import Indices
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solids:
-    """Joints, shapes, and the pairs of shapes that could hit each other."""
+    """Joints and shapes of a robot, and the pairs of shapes that could collide."""
 
     servos: NDArray[np.intp]
     """Index (j,) of the servo that moves each joint. A joint comes after the joints that carry it."""
@@ -46,7 +46,7 @@ class Solids:
     geoms: Indices
     """Index (g,) of each shape's geom in the MuJoCo model."""
     pairs: Indices
-    """First and second shape (p, 2) of each pair that the Clearance checks."""
+    """First and second shape (p, 2) of each pair that `Clearance` checks for collision."""
     levers: Array
     """For each joint and pair (j, p): largest change [m/rad] of the distance of the pair per radian of the
     joint."""

@@ -11,7 +11,8 @@ from tci.frames import Array
 from tci.gate.kernels.couplings import box_keeps
 
 LOWER, UPPER, ACCELERATION, JERK = range(4)
-"""Rows of the limits (4, n) of servos that stop."""
+"""Rows of the limits (4, n) of servos that stop: lower and upper angles [rad], acceleration [rad/s2] and jerk
+[rad/s3]."""
 (
     LEAST, MOST, HERE, END, ANGLE, SPEED, PULL, FIRST_JERK, LAST_JERK, RAMP, PLATEAU, RELEASE,
     STOP_ROWS,
@@ -132,8 +133,9 @@ def take_room(index: NDArray[np.intp], measured: Array, reference: Array, span: 
     """Writes the least and largest angles [rad] that servos `index` (n,) may have during their stop into
     `box` (2, n_servos).
 
-    The references of the servos stay between the angles of `span` (2, n) [rad]. The measured angles may be
-    farther out by the present deviation: `measured` (n_servos,) [rad] minus `reference` (n,) [rad].
+    During the stop, the references of the servos stay between the angles of `span` (2, n) [rad]. The measured
+    angle of a servo may leave this span by the servo's present deviation, which is `measured` (n_servos,)
+    [rad] minus `reference` (n,) [rad].
     """
     for i in range(len(index)):
         servo = index[i]

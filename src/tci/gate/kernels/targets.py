@@ -11,9 +11,10 @@ from tci.frames import Array
 from tci.gate.kernels.couplings import project
 
 LOWER, UPPER, FASTEST = range(3)
-"""Rows of the limits of a joint group: lower and upper angles [rad], and speeds [rad/s]."""
+"""Rows of the limits of a joint group (servos that move together): lower and upper angles [rad], and speeds
+[rad/s]."""
 TARGET, SPEED, WANTED = range(3)
-"""Rows of the targets of a joint group: targets [rad], speeds [rad/s], and work space."""
+"""Rows of the targets of a joint group: targets [rad], speeds [rad/s], and a row for intermediate results."""
 
 
 @compiled(boolean(reads(1, int64), reads(1), reads(1), int64, float64))
@@ -90,12 +91,15 @@ def straight_limits(
     here: Array, target: Array, speed: Array, acceleration: Array, jerk: Array,
     still: float, least: float, limits: Array,
 ) -> None:  # fmt: skip
-    """Writes the `limits` (3, n) with which all servos move in a straight line from `here` to `target` (n,)
-    [rad].
+    """Writes `limits` (3, n) of speed, acceleration and jerk with which servos move together along a straight
+    line.
 
-    The limits are proportional to the distances of the servos, and as large as `speed`, `acceleration` and
-    `jerk` (n,) allow. If the longest distance is below `still` [rad], it is replaced by `still`. A distance
-    that is below the fraction `least` of the longest distance is replaced by this fraction.
+    In joint space, the line leads from `here` (n,) [rad] to `target` (n,) [rad].
+
+    The limits of a servo are proportional to its distance, and as large as the servo's own limits `speed`,
+    `acceleration` and `jerk` (n,) allow. If the longest distance is below `still` [rad], it is replaced by
+    `still`. A distance that is below the fraction `least` of the longest distance is replaced by this
+    fraction.
     """
     longest = still
     for i in range(len(here)):

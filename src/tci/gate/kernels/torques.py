@@ -31,15 +31,17 @@ RISE = 0.02
 """Time [s] in which a torque may rise from zero to its limit. Assumed: a sudden change of torque would jerk
 the joint."""
 BAND = 0.1
-"""Full braking torque acts if the speed exceeds the allowed speed by this fraction of the allowed speed.
-Assumed: with a smaller value, the torque chatters; with a larger value, a joint exceeds its limit by more."""
+"""Least excess over the allowed speed at which the full braking torque acts, as a fraction of the allowed
+speed. Assumed: with a smaller value, the torque chatters; with a larger value, a joint exceeds its limit by
+more."""
 SETTLE = 2.0
-"""Factor of the delay of the data. If the acceleration limit allows a servo to lose its speed within the
-product, the servo is braked by a torque proportional to the speed. Assumed: with full torque, a servo at rest
-at a limit would tremble because of the noise of its velocity."""
+"""A servo is slow if its acceleration limit allows it to stop within this number of data delays. A slow servo
+is braked by a torque proportional to its speed. Assumed: with full torque, a servo at rest at a limit would
+tremble because of the noise of its velocity."""
 CALMER, BOLDER, LEAST = 0.5, 1.5, 1.0 / 64.0
-"""Factors of the braking torque: after it has reversed a joint, after it has not reversed a joint, and the
-least fraction. Assumed: with full braking torque, a joint that is much lighter than its limits imply would
+"""Three numbers that adapt the braking torque to the joint. The torque is multiplied by the first number
+after it has reversed the joint, and by the second number otherwise; the third number is the least fraction of
+the torque. Assumed: with full braking torque, a joint that is much lighter than its limits imply would
 oscillate."""
 FADE = float(np.deg2rad(2.0))
 """Distance [rad] from a limit below which a torque towards the limit decreases to zero. Assumed: with a

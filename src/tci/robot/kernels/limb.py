@@ -14,8 +14,10 @@ Row = tuple[float, float, float, float]
 
 
 def limb_numbers(part: GenericPart, segment: Segment) -> Array:
-    """Returns a segment as one array (15,), which compiled loops need. It contains R_TM (9 numbers), the
-    origin in the segment's link (3), the length [m], the side (+1 or -1), and the index in SEGMENTS."""
+    """Returns the numbers (15,) that describe a limb segment to compiled loops.
+
+    They are, in this order: the rotation R_TM of the limb's mount (9 numbers), the origin (3,) [m] in the
+    segment's link, the length [m], the side (+1 left, -1 right), and the index of the segment in SEGMENTS."""
     assert part.side is not None  # as `Robot.limb_segment` says
     place = [segment.length, side_sign(part.side), SEGMENTS.index(segment.name)]
     return np.concatenate([part.R_TM.ravel(), segment.origin, place])
@@ -51,7 +53,7 @@ def _turned(x: Vector, y: Vector, c: float, s: float) -> tuple[Vector, Vector]:
 
 @inlined
 def _origin(T_TL: Array, T_TG: Array, limb: Array, k: int) -> float:
-    """Returns component `k` of the vector from the origin of the segment to the origin of the link."""
+    """Returns component `k` [m] of the vector from the origin of the segment to the origin of the link."""
     p = T_TL[k, 3] - T_TG[k, 3]
     for axis in range(3):
         p -= T_TG[k, axis] * limb[9 + axis]

@@ -10,16 +10,18 @@ from tci.compiled import compiled, inlined, reads, views, writes
 from tci.frames import Array
 
 BEFORE, SERVO, SLIDES = range(3)
-"""Columns of `steps`, which are explained in `tci.robot.kinematics`."""
+"""Columns of the table `steps`: index of the step before, index of the servo, and 1 if the joint slides.
+`KinematicChain.steps` has the details."""
 STEP, SIGN = range(2)
-"""Columns of a path: index of the step, and the sign of its servo in a Jacobian (1, -1 or 0)."""
+"""Columns of a path: index of the step, and factor of its servo in a Jacobian. The factor is 1 or -1, or 0
+for a step that does not change the Jacobian."""
 
 
 @inlined
 def take_steps(
     position: Array, path: NDArray[np.int64], steps: NDArray[np.int64], sums: Array, work: Array
 ) -> None:
-    """Writes the pose in the world frame after each step of a path into `work` (s, 3, 4)."""
+    """Computes the pose in the world frame after each step of a path, and writes it into `work` (s, 3, 4)."""
     for k in range(len(path)):
         s = path[k, STEP]
         before, servo = steps[s, BEFORE], steps[s, SERVO]
@@ -54,11 +56,14 @@ def link_poses(
     work: Array,
     poses: Array,
 ) -> None:
-    """Writes `T_TL` (l, 4, 4) of the links at the ends of the steps `ends` (l,). They are in the frame at the
-    end of the step `torso`.
+    """Writes the poses `T_TL` (l, 4, 4) of links into `poses`.
 
-    `position` is (n_servos,) [rad]. `path` (k, 2) lists all required steps, parents first. `steps` (s, 3) and
-    `sums` (s, 3, 3, 4) are explained in `tci.robot.kinematics`. `work` (s, 3, 4) is work space.
+    Link l lies at the end of the step `ends[l]`. The poses are given in the frame at the end of the step
+    `torso`.
+
+    `position` (n_servos,) [rad] are the servos' angles. `path` (k, 2) lists all required steps, parents
+    first. `steps` (s, 3) and `sums` (s, 3, 3, 4) are explained in `tci.robot.kinematics`. `work` (s, 3, 4) is
+    work space.
     """
     take_steps(position, path, steps, sums, work)
     T_WT = work[torso]

@@ -12,7 +12,8 @@ from tci.robot.limb import RHO
 
 @inlined
 def limb_point(theta: float) -> tuple[float, float]:
-    """Returns y and z of a point of the generic limb; see `generic_limb_point`."""
+    """Returns the coordinates y and z [limb lengths] of the point at the angle `theta` [rad] on the generic
+    limb (eq. 6); see `generic_limb_point`."""
     return RHO * np.sin(theta), RHO * np.cos(theta)
 
 

@@ -16,16 +16,18 @@ Places = NDArray[np.int64]
 Single = NDArray[np.float32]
 
 TAXEL, CHANNEL, BLOCK, CELL, NODE = range(5)
-"""Columns of `LayoutArrays.begin`."""
+"""Columns of `LayoutArrays.begin`: first taxel, channel, block, cell and node of a patch."""
 LOWEST, HIGHEST, REST, SIGN, FULL = range(5)
 """Columns of `LayoutArrays.sensor`: the range (two columns), rest value and polarity of raw values, and the
 largest deviation [counts]."""
 FIRST, END, STRAIGHT = range(3)
-"""Columns of `LayoutArrays.span`."""
+"""Columns of `LayoutArrays.span`: first channel of a block, last channel + 1, and 1 if its channels are
+consecutive."""
 AREA = 6
 """Column of `LayoutArrays.taxel` with the area, after the columns of position and normal."""
 LINK, LIMB_LINK, POSTURE = range(3)
-"""Columns of `LayoutArrays.on`."""
+"""Columns of `LayoutArrays.on`: link of a patch, link of its limb segment, and row of its part in the
+posture."""
 BLOCK_SIZE = 64
 """Taxels per block. If the raw values of a block equal those of the previous frame, the block is not computed
 again: only the number of such frames is counted."""

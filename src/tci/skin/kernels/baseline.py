@@ -22,11 +22,13 @@ THRESHOLD, LEAST, FLUCTUATING, SHARE, LIVELY, TYPICAL, DRIFT, FLOOR, OWN, RELEAS
 - `OWN`, `RELEASE`, `NOISE`: weights of this window in the rest value of a quiet taxel, in the rest value of a
   taxel below rest, and in the noise."""
 ROOM = 6
-"""Rows of the work space (ROOM, n)."""
+"""Number of rows of the work space `room` (ROOM, n)."""
 BESIDE = 2.0
-"""Mark of a quiet taxel beside a touched one. Other quiet taxels have the mark 1."""
+"""Value that marks a quiet taxel beside a touched taxel. Other quiet taxels are marked by 1, and all other
+taxels by 0."""
 NOISE_GAIN = float(np.sqrt(6.0) * np.sqrt(2.0 / np.pi))
-"""Mean absolute second difference of Gaussian noise with a standard deviation of 1."""
+"""Mean absolute second difference of Gaussian noise with a standard deviation of 1. Divided by this number,
+the second differences of a signal give the standard deviation of its noise."""
 
 
 class BaselineArrays(NamedTuple):

@@ -70,7 +70,9 @@ _STEP = 256
 
 @inlined
 def _same(raw: NDArray[Any], last: NDArray[Any], begin: int, end: int) -> bool:
-    """Compares two frames slice by slice, so that the processor compares many values at once."""
+    """Returns True if two frames have equal values from `begin` to `end` - 1.
+
+    The frames are compared slice by slice, so that the processor compares many values at once."""
     for first in range(begin, end, _STEP):
         a, b = raw[first : min(first + _STEP, end)], last[first : min(first + _STEP, end)]
         differs = False
@@ -98,7 +100,7 @@ def _gather(raw: NDArray[Any], layout: LayoutArrays, block: int, begin: int, val
 def _note(
     values: Single, sensor: Single, estimates: Estimates, statistics: Single, begin: int, frames: int
 ) -> tuple[int, int, int]:
-    """Updates the statistics of one block.
+    """Updates the statistics of one block of taxels with the raw values of one or more equal frames.
 
     The loop has no branches, so that the processor can compute eight taxels at once. Returns the number of
     values dropped, the number of saturated taxels, and 1 if any taxel is active.
@@ -200,7 +202,7 @@ def _take(
     estimates: Estimates,
     memory: SkinMemory,
 ) -> None:
-    """Adds one new frame of a patch to the statistics."""
+    """Adds one new frame of patch `p` to the statistics."""
     status, statistics, blocks = memory.patches[p], memory.statistics, memory.blocks
     first, end = layout.begin[p, CHANNEL], layout.begin[p + 1, CHANNEL]
     begin, stop = layout.begin[p, TAXEL], layout.begin[p + 1, TAXEL]

@@ -51,7 +51,7 @@ _NONE, _ONE = np.uint64(0), np.uint64(1)
 
 @inlined
 def _deal(found: int, clusters: Clusters, count: int) -> None:
-    """Sorts the `found` taxels of the queue into their clusters and sets their labels to zero."""
+    """Sorts the first `found` taxels of `clusters.queue` by cluster, and sets their labels to zero."""
     label, bound, member = clusters.label, clusters.bound, clusters.member
     for place in range(np.uint64(found)):
         taxel = np.uint64(clusters.queue[place])
@@ -75,7 +75,8 @@ def _grow(
 ) -> tuple[int, bool]:  # fmt: skip
     """Labels all active taxels that are connected with a first taxel.
 
-    Returns the number of these taxels, and True if they form a contact.
+    Returns the number of these taxels, and True if their forces are large enough for a contact (see
+    `cluster`).
     """
     force, label, queue, graph = clusters.force, clusters.label, clusters.queue, layout.graph
     done, size = _NONE, _ONE
@@ -97,7 +98,8 @@ def _grow(
 def cluster(
     state: ActiveTaxels, limits: Limits, onset: Array, layout: LayoutArrays, clusters: Clusters
 ) -> tuple[int, int, int]:
-    """Finds clusters of neighbouring active taxels (single linkage).
+    """Finds clusters of neighbouring active taxels. Two active neighbours are always in one cluster (single
+    linkage).
 
     On each taxel the force must be at least `limits.floor`. In each cluster, one taxel must have a force of
     at least `limits.touch`. A force of at least `limits.light` is enough if the taxel's pressure is at least

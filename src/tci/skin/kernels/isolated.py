@@ -22,7 +22,8 @@ from tci.skin.kernels.arrays import (
 )
 
 PLACE, SINCE, FORCE, CHANGED, LEFT, WAITING = range(6)
-"""Columns of `waiting`, one row per isolated taxel. `WAITING` is their number.
+"""Columns of `waiting`, a table with one row per isolated taxel (active without active neighbours). `WAITING`
+is the number of columns.
 
 - `PLACE`: index of the taxel within the whole skin.
 - `SINCE`: time [s] at which the taxel became active alone.
@@ -38,7 +39,7 @@ is on a sparse skin, where every touch presses a single taxel."""
 
 @inlined
 def _has_neighbours(taxel: int, layout: LayoutArrays, least: Array, reach: float) -> bool:
-    """Returns True if a taxel has at least `SURROUNDED` trusted neighbours nearby."""
+    """Returns True if at least `SURROUNDED` trusted taxels are within `reach` [m] of a taxel."""
     taxels, graph = layout.taxel, layout.graph
     x, y, z = taxels[taxel, 0], taxels[taxel, 1], taxels[taxel, 2]
     found = 0
@@ -83,7 +84,7 @@ def _was_touched(taxel: int, before: Places) -> bool:
 
 @inlined
 def _wait_on(place: int, stamp: float, force: float, waiting: Array, now: Array) -> bool:
-    """Writes the waiting state `now` (WAITING,) of an isolated taxel.
+    """Writes the row `now` (WAITING,) of an isolated taxel, which the taxel needs in the next frame.
 
     Returns False if the taxel has just become active.
     """

@@ -13,8 +13,9 @@ from tci.frames import Array
 from tci.skin.kernels.arrays import CONTACTS, ContactArrays
 
 PATCH, IDENTITY, BEGAN, SEEN, ORIGIN, PLACE, TRACK = 0, 1, 2, 3, 4, 7, 10
-"""Columns of a track: patch, identity of the contact, onset [s], time [s] of the latest frame with the
-contact, place at onset (3,) [m], present place (3,) [m]. `TRACK` is their number."""
+"""Columns of a track, which is the history of one contact: patch, identity of the contact, onset [s], time
+[s] of the latest frame with the contact, place at onset (3,) [m], present place (3,) [m]. `TRACK` is the
+number of columns."""
 _FREE = -1
 
 
@@ -37,7 +38,8 @@ def _is_taken(track: int, best: Array, begin: int, end: int) -> bool:
 def _find_nearest(
     c: int, tracks: Array, known: int, reach: float, out: ContactArrays, best: Array, begin: int, end: int
 ) -> None:
-    """Finds the free track of the patch that is nearest to contact `c`.
+    """Finds the nearest track to contact `c`, among the tracks of the patch that have no contact in this
+    frame yet.
 
     Writes this track and its distance to `best`. Tracks farther than `reach` [m] are ignored.
     """
@@ -53,7 +55,7 @@ def _find_nearest(
 def _assign(
     tracks: Array, known: int, reach: float, out: ContactArrays, best: Array, begin: int, end: int
 ) -> None:
-    """Matches the contacts of one patch, from `begin` to `end`, to the patch's tracks.
+    """Assigns the contacts of one patch (indices from `begin` to `end` - 1) to the patch's tracks.
 
     The nearest pairs are matched first.
     """
@@ -76,9 +78,10 @@ def _assign(
 
 @inlined
 def _first_new(out: ContactArrays, best: Array, begin: int, end: int) -> int:
-    """Returns the contact without a track that has the lowest index of its first taxel.
+    """Returns the next contact to be numbered: of the contacts without a track, the contact whose first taxel
+    has the lowest index.
 
-    Returns -1 if all have tracks.
+    Returns -1 if all contacts have tracks.
     """
     first = -1
     for c in range(begin, end):

@@ -167,7 +167,8 @@ _NUMBERS = ("onset", "displacement", "force", "peak", "area", "u", "theta", "tax
 
 
 class _Number:
-    """Attribute of a contact that is a number: the contact's element of the array with this name."""
+    """Attribute of a `Contact` whose value is a number. It reads the element of the contact in the array of
+    `Contacts` that has the name of the attribute."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
@@ -177,7 +178,8 @@ class _Number:
 
 
 class _Vector(_Number):
-    """Attribute of a contact that is a vector (3,): the contact's row of the array with this name."""
+    """Attribute of a `Contact` whose value is a vector (3,). It reads the row of the contact in the array of
+    `Contacts` that has the name of the attribute."""
 
     def __get__(self, contact: Contact, owner: type) -> Array:  # type: ignore[override]  # no number
         vector: Array = getattr(contact.table, self.name)[contact.row]

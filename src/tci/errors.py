@@ -1,7 +1,7 @@
 """All errors that TCI raises.
 
-They have one root class, so a caller can catch all of them. Messages name the wrong value, its place, and the
-valid values.
+All errors have one root class, so a caller can catch all of them. Messages name the wrong value, its place,
+and the valid values.
 """
 
 from __future__ import annotations

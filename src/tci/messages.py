@@ -116,8 +116,8 @@ class Reading:
 @quick
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinState(Frozen):
-    """Pressure on the whole skin at one instant. It lists only active taxels, which are those above their
-    threshold."""
+    """Pressure on the whole skin at one instant. A `SkinState` lists only active taxels, which are those
+    above their threshold."""
 
     taxels: NDArray[np.int64]
     """Index (p + 1,) of each patch's first taxel within the whole skin, in the robot's order; the last
@@ -286,8 +286,8 @@ class PlatformSwitch:
 @quick
 @dataclass(frozen=True, slots=True, eq=False)
 class PlatformCommand:
-    """A command in the robot's own joint space. It contains only servos that the joint map of a generic part
-    uses."""
+    """A command in the robot's own joint space. The command contains only servos that the joint map of a
+    generic part uses."""
 
     mode: Mode
     """Quantity and unit of `values`."""

@@ -14,8 +14,8 @@ from yarpwire.returns_v4 import FAIL, METHOD_FAILED, NOT_IMPLEMENTED, OK, RETURN
 from yarpwire.values import Array, Vocab
 
 PROTOCOL = b"\0\1\0\0\1\0\0\0" + b"\0\0\4\0\0\0\0\0"
-"""Answer of YARP 4.0's control boards to `getRemoteProtocolVersion`. It is not a valid Bottle, but clients
-expect these bytes."""
+"""Answer of YARP 4.0's control boards to `getRemoteProtocolVersion`. The answer is not a valid Bottle, but
+clients expect these bytes."""
 INTERFACES = (
     "iAxisInfo", "iControlLimits", "iControlMode", "iEncodersTimed", "iImpedanceControl", "iInteractionMode",
     "iPositionControl", "iPositionDirect", "iTorqueControl", "iVelocityControl", "iVelocityDirect",
@@ -48,7 +48,8 @@ def answer_v4(board: BoardService, items: Sequence[Any]) -> list[Any] | bytes:
 
 
 def _axis(values: Callable[[BoardService], Array | None]) -> tuple[Answers, Answers, Answers]:
-    """Returns three functions. They answer with the value of one joint, of some joints, and of all joints."""
+    """Returns three functions. These functions answer with the value of one joint, of some joints, and of all
+    joints."""
 
     def one(board: BoardService, joint: int) -> list[Any]:
         return [float(_known(values(board))[board.joints([joint])[0]])]

@@ -1,4 +1,4 @@
-"""All errors of yarpwire. They derive from `YarpError`."""
+"""All errors of yarpwire. Their base class is `YarpError`."""
 
 from __future__ import annotations
 

@@ -4,8 +4,8 @@
 - A connection begins with a header: number 7777 + carrier, int32 length of the name, sender's name and NUL.
 - A message begins with an index: number 10, count of blocks (1 byte), byte 1, and 8 bytes FF. Then the int32
   lengths of the blocks follow, and int32 0.
-- The first block is a command. Its short form is int32 0, `~`, a letter, 00 01. Its long form is int32
-  length, `~`, 00 00 01, and a text with NUL.
+- The first block is a command. The short form of a command is int32 0, `~`, a letter, 00 01. The long form is
+  int32 length, `~`, 00 00 01, and a text with NUL.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""A name server in Python, for machines without YARP. It is sufficient for YARP's tools and devices, and for
-yarpwire."""
+"""A name server in Python, for machines without YARP. This server is sufficient for YARP's tools and devices,
+and for yarpwire."""
 
 from __future__ import annotations
 

@@ -112,5 +112,5 @@ class Network(ABC):
 
     @abstractmethod
     def caller(self, target: Contact, sender: str, dialect: Dialect) -> Caller:
-        """Returns an object that makes calls to a port, with the carrier tcp. It connects at the first call,
-        and again after a failure."""
+        """Returns an object that makes calls to a port, with the carrier tcp. The caller connects at the
+        first call, and again after a failure."""

@@ -286,8 +286,8 @@ class Port:
 
 
 def own_host(server: tuple[str, int]) -> str:
-    """Returns this machine's address in the network of the name server. It is the loopback address if the
-    name server is on this machine."""
+    """Returns this machine's address in the network of the name server. The result is the loopback address if
+    the name server is on this machine."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect(server)

@@ -63,7 +63,7 @@ class Float32(float):
 
 
 class Dict(list[Any]):
-    """A list that is marked as a dictionary. Its items are lists (key value)."""
+    """A list that is marked as a dictionary. The items of the dictionary are lists (key value)."""
 
 
 class Loose(list[Any]):

@@ -15,7 +15,7 @@ from yarpwire.rpc import Rpc
 
 
 class Wire(Network):
-    """A YARP network in pure Python, for both dialects. It does not need YARP."""
+    """A YARP network in pure Python, for both dialects. The module does not need YARP."""
 
     title = "yarpwire, YARP in pure Python"
 

@@ -60,10 +60,10 @@ def check_reach(draft: Robot, part: GenericPart) -> None:
     worst = int(np.argmax(np.maximum(lower - angles, angles - upper)))
     low, high, needed = np.rad2deg([lower[worst], upper[worst], angles[worst]])
     message = (
-        f"{part.name}: its limits allow no posture in which it hangs with its forearm ahead; "
-        f"{draft.servos[joints.servos[worst]].name} has {low:.0f} to {high:.0f} degrees and needs "
-        f"{needed:.0f}; valid, in the model's file: limits of this side and of this joint, and names of the "
-        "left on the left"
+        f"{part.name}: the arm can't hang down with its forearm forward; joint "
+        f"{draft.servos[joints.servos[worst]].name} would need {needed:.0f} degrees, and its limits are "
+        f"{low:.0f} to {high:.0f} degrees; valid: a model file with the right limits of this joint (not "
+        "those of the other side or of another joint), in which the names left and right are not exchanged"
     )
     raise DescriptionError(draft.source, [Fault(0, message)])
 

@@ -34,8 +34,8 @@ AHEAD = 0.1
 comes much sooner."""
 TIMES = len(EARLY) + len(SHARES)
 UNKNOWN = 100.0
-"""Value for a limit [rad/s, rad/s2, rad/s3] that is missing in the description. Its size does not matter,
-since the gate refuses motions of a joint without limits."""
+"""Value for a limit [rad/s, rad/s2, rad/s3] that is missing in the description. The size of this value does
+not matter, since the gate refuses motions of a joint without limits."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -44,13 +44,15 @@ class SiteNumbers(NamedTuple):
     segment: NDArray[np.int64]
     """Index of the segment in SEGMENTS; -1 for a segment that SEGMENTS lacks."""
     merged: NDArray[np.int64]
-    """A number for each part of which only the strongest response of a field counts; -1 for other parts."""
+    """Number of the site's part, if the touches on this part count together (see `site_numbers`); else -1."""
 
 
 @lru_cache(maxsize=64)
 def site_numbers(sites: tuple[Site, ...], merged: frozenset[str] = frozenset()) -> SiteNumbers:
-    """Returns the properties of `sites`. `merged` are the parts of which only the strongest response of a
-    field counts."""
+    """Returns the properties of `sites` as numbers for the compiled loop.
+
+    `merged` are the names of the parts whose touches count together: of all contacts on such a part in one
+    field, only the one with the strongest response counts."""
     parts = tuple([site.part for site in sites])
     segments = [SEGMENTS.index(s.segment) if s.segment in SEGMENTS else -1 for s in sites]
     numbers = [parts.index(part) if part in merged else -1 for part in parts]
@@ -58,7 +60,7 @@ def site_numbers(sites: tuple[Site, ...], merged: frozenset[str] = frozenset()) 
 
 
 class Touches(NamedTuple):
-    """Those arrays of `Contacts` on which the response of a field depends."""
+    """The arrays of `Contacts` on which the response of a receptive field depends."""
 
     site: NDArray[np.int64]
     begin: NDArray[np.int64]
@@ -76,9 +78,9 @@ def touches(contacts: Contacts) -> Touches:
 
 @inlined
 def _felt(fields: Array, closest: int, contacts: Touches, c: int) -> float:
-    """Returns the force [N] of a contact that is compared with the thresholds of a field.
+    """Returns the force [N] of contact `c` that is compared with the thresholds of the field `closest`.
 
-    It depends on the `measure` of the field. For "weighted" it is the force of eq. 7, see
+    The setting `measure` of the field determines this force. For "weighted" it is the force of eq. 7, see
     `tci.skin.contacts.weighted_force`.
     """
     if fields[_MEASURE, closest] == 1.0:

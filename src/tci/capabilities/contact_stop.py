@@ -117,7 +117,7 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
 def _hold(command: Motion, perception: Perception) -> GenericCommand:
     """Returns the command that stops a part in the control mode of `command`.
 
-    Its values are the present posture, zero velocity or zero torque.
+    The values of this command are the present posture, zero velocity or zero torque.
     """
     if isinstance(command, CartesianCommand):
         return GenericCommand(command.part, Mode.POSITION, perception.posture[command.part])

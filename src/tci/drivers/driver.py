@@ -175,8 +175,8 @@ class Driver(ABC):
 
 
 class NativePart:
-    """Joints of one robot part, with the robot's own joint names. Needed for joints that are not generic,
-    such as wrists, fingers and toes (section 3 of the paper)."""
+    """Joints of one robot part, with the robot's own joint names. A program needs these names for joints that
+    are not generic, such as wrists, fingers and toes (section 3 of the paper)."""
 
     def __init__(self, name: str, servos: tuple[Servo, ...]) -> None:
         self.name = name

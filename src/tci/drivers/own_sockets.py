@@ -105,9 +105,9 @@ def listening() -> set[int]:
 
 @contextmanager
 def on_interface(name: str) -> Iterator[None]:
-    """Limits UDP sockets that are opened inside the block to data from one network interface. Needed because
-    DDS listens on every network interface, although DDS is configured for only one interface. Without this
-    function, DDS would also read data that arrives on the other interfaces.
+    """Limits UDP sockets that are opened inside the block to data from one network interface. This is needed
+    because DDS listens on every network interface, although DDS is configured for only one interface. Without
+    this function, DDS would also read data that arrives on the other interfaces.
     """
     before = {found.name for found in own_sockets(socket.SOCK_DGRAM)}
     yield
@@ -164,8 +164,8 @@ class ConnectionMonitor:
 def _open_more_files() -> None:
     """Raises the process's limit on open files to the system's maximum.
 
-    Needed because NAOqi's server accepts no further connections after a connection for which the process
-    could open no file.
+    This is needed because NAOqi's server accepts no further connections after a connection for which the
+    process could open no file.
     """
     if resource is not None:
         most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]

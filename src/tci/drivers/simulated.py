@@ -43,7 +43,7 @@ class WorldClock:
 class PacedWorldClock(WorldClock):
     """A clock of the simulation that is no faster than real time.
 
-    Needed for external programs that use the simulation.
+    External programs that use the simulation need such a clock.
     """
 
     def __init__(self, world: World) -> None:

@@ -144,8 +144,8 @@ class RobotFacts(Description):
     """Segments of each part for OROCOS KDL, by the part's name."""
     patches: tuple[PatchFacts, ...]
     fields: tuple[ReceptiveField, ...]
-    """Receptive fields of the withdrawal reflex on the generic limb. Their values are assumed, see
-    `default_fields`."""
+    """Receptive fields of the withdrawal reflex on the generic limb. The values of these fields are assumed,
+    see `default_fields`."""
 
 
 def query(robot: Robot) -> RobotFacts:

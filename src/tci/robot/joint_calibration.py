@@ -76,8 +76,8 @@ class JointCalibration(Description):
 
 
 def joint_calibration(robot: Robot, given: JointCalibration | None = None) -> JointCalibration:
-    """Returns the calibration `given`. Without `given`, returns the calibration in the file beside the
-    description, or an empty calibration if there is no file.
+    """Returns the calibration of a robot's joints: `given`, or by default the calibration in the file beside
+    the description. Without such a file the calibration is empty.
 
     Raises DescriptionError if the file has faults, and the errors that `JointCalibration.check` raises.
     """

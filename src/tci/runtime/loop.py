@@ -265,8 +265,8 @@ class _Loop(Generic[Memory]):
         return self._perception
 
     def finish(self) -> None:
-        """Brings moving joints to rest, and then ends the hold that stopped them. Needed at the end of a run
-        because no later tick ends the joints' motion.
+        """Brings moving joints to rest, and then ends the hold that stopped them. This is needed at the end
+        of a run because no later tick ends the joints' motion.
         """
         if self._sent is None or not _moves(self._sent):
             return

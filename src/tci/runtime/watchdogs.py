@@ -98,8 +98,8 @@ class SkinWatchdog:
 class TorqueWatchdog:
     """Detects that joints have stopped reporting torques.
 
-    Needed for robots that detect touches by joint torques. Torques that stay exactly constant while the
-    joints move do not count as new.
+    Robots that detect touches by joint torques need this watchdog. Torques that stay exactly constant while
+    the joints move do not count as new.
     """
 
     def __init__(self, robot: Robot, *, stale_after: float) -> None:

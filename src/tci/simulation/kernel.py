@@ -28,7 +28,8 @@ than a micrometre."""
 _LEAST = -60.0
 """Logarithm of the weight below which a taxel's weight is negligible, relative to the largest weight."""
 SHARE, _TRIAL, _LOGARITHM, _ACROSS, _UP, _NUMBERS = range(6)
-"""Rows of the workspace. Its shape is (6, at least n and 8).
+"""Rows of the workspace. The shape of the workspace for n taxels is (6, m), where m is at least n and at
+least 8.
 
 - `SHARE`, `_TRIAL`: shares of the force on the taxels, and trial shares.
 - `_LOGARITHM`: logarithms of the weights without a tilt.
@@ -68,7 +69,7 @@ def spread(positions: Array, point: Array, normal: Array, sigma: float) -> Array
 def _exponential(x: float) -> float:
     """Returns exp(x) for x from `_LEAST` to 0, with a relative error of 1e-11.
 
-    It is computed as (1 + x / 256 + ...)^256. The function has no branch, so the compiler can vectorise it.
+    The formula is (1 + x / 256 + ...)^256. The function has no branch, so the compiler can vectorise it.
     """
     x = (x if x > _LEAST else _LEAST) * 0.00390625
     y = 1.0 + x * (1.0 / 7.0) * (1.0 + x * (1.0 / 8.0) * (1.0 + x * (1.0 / 9.0)))

@@ -90,8 +90,8 @@ class Baseline:
         """
         self.settings = settings
         self.offset = np.zeros(count)
-        """Rest value (n,) [counts] relative to the rest value in the description. It increases with
-        pressure."""
+        """Rest value (n,) [counts] relative to the rest value in the description. The sign is such that
+        pressure increases a value."""
         self.noise = np.full(count, noise)
         """Standard deviation (n,) [counts] of the noise."""
         self.threshold = settings.threshold * self.noise

@@ -45,9 +45,9 @@ class ContactSettings:
     counts or more above rest. Assumed: on all described sleeves this force is less than two counts, so the
     two counts decide."""
     floor: float = 0.01
-    """Least force [N] on a taxel that is added to a contact. It is low enough to include the weak edge of a
-    touch. Assumed: this is below one count of an iCub's sensor. A sensor that flickers at rest needs a
-    higher value."""
+    """Least force [N] on a taxel that is added to a contact. The default is low enough to include the weak
+    edge of a touch. Assumed: this is below one count of an iCub's sensor. A sensor that flickers at rest
+    needs a higher value."""
     isolated: IsolatedSettings | None = field(default_factory=IsolatedSettings)
     """Conditions under which a single active taxel is a contact. With None every active taxel can be a
     contact."""

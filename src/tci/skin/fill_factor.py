@@ -15,9 +15,9 @@ from tci.skin.surfaces import NEIGHBOUR_DISTANCE, Surface
 from tci.skin.triangulation import is_sheet
 
 WIDTHS = 2e-3 * 2.0 ** np.arange(4)
-"""Standard deviations [m] of the Gaussians over which the fill factor is averaged. Each is twice the
-previous one. Assumed: they range from the sharpest touch that taxels at distances of 5 mm can resolve to
-the touch of a palm."""
+"""Standard deviations [m] of the Gaussians over which the fill factor is averaged. Each of these widths is
+twice the previous one. Assumed: they range from the sharpest touch that taxels at distances of 5 mm can
+resolve to the touch of a palm."""
 REACH = 2.5
 """Distance [standard deviations] at which the Gaussians are cut off. Assumed: the part beyond this distance
 has 4 % of the weight of a Gaussian."""

@@ -17,7 +17,8 @@ from tci.errors import TciError
 from tci.frames import Array
 
 EARLY = 1e-6
-"""Time [s] by which the required duration is shortened. It allows for rounding of the frame's stamp."""
+"""Time [s] by which the required duration is shortened. This tolerance allows for rounding of the frame's
+stamp."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -197,7 +197,8 @@ def _as_described(robot: Robot) -> SkinLayout:
 
 
 def adjacency(count: int, pairs: NDArray[np.intp]) -> Indices:
-    """Returns `LayoutArrays.graph` for `count` taxels. `pairs` (m, 2) are neighbours, each pair once."""
+    """Returns the neighbours of each of `count` taxels, in the form of `LayoutArrays.graph`. `pairs` (m, 2)
+    are the indices of neighbouring taxels, each pair once."""
     one, other = np.concatenate([pairs, pairs[:, ::-1]]).T
     starts = np.concatenate([[0], np.cumsum(np.bincount(one, minlength=count))]) + count + 1
     return np.concatenate([starts, other[np.lexsort((other, one))]]).astype(np.int32)

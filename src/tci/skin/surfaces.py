@@ -24,8 +24,8 @@ from tci.skin.nearest import nearest_on_faces
 from tci.skin.triangulation import outward, triangulate
 
 NEIGHBOUR_DISTANCE = 0.015
-"""Upper bound [m] on the distance of neighbouring taxels. It is the largest value in the settings of iCub's
-skinManager."""
+"""Upper bound [m] on the distance of neighbouring taxels. This value is the largest one in the settings of
+iCub's skinManager."""
 
 PITCHES = 2.3
 """Largest distance between neighbouring taxels, as a multiple of the pitch of a dense lattice. Assumed: this

@@ -148,7 +148,7 @@ def values_order(robot_part: str, servos: tuple[Servo, ...], data: Any) -> Platf
 def movable(order: PlatformCommand, robot: Robot) -> PlatformCommand:
     """Returns the command without the joints that the gate can't move.
 
-    Needed since a message for a whole part also contains joints that the gate can't move.
+    This is needed because a message for a whole part also contains joints that the gate can't move.
     """
     limits = (robot.servos[servo].limits for servo in order.servos)
     known = [None not in (s.lower, s.upper, s.velocity, s.acceleration, s.jerk) for s in limits]

@@ -1,7 +1,7 @@
 """The messages between TCI processes: one process owns the robot, other processes command the robot.
 
-- The robot's process has the gate, the lease and the watchdog. It sends a `State` in every period and each
-  skin frame once.
+- The robot's process has the gate, the lease and the watchdog. This process sends a `State` in every period
+  and each skin frame once.
 - A behaviour's process replies with `Orders` in every period, also if the list of orders is empty. So the
   reply also serves as a heartbeat. The reply contains the time stamp of the state, so delays are detected
   without synchronised clocks.

@@ -27,7 +27,7 @@ class WholeParts:
     def forget(self) -> None:
         """Deletes the stored positions of joints without a command.
 
-        Needed after the robot was disconnected or halted, since the robot's posture may have changed.
+        This is needed after the robot was disconnected or halted, since the robot's posture may have changed.
         """
         self._stays.clear()
 

@@ -108,7 +108,8 @@ class JointArrivals:
         return self._orders[names]
 
     def _speed(self, servos: NDArray[np.intp], position: Array, stamp: float) -> Array:
-        """Computes speeds [rad/s] from the previous positions. Needed for a robot that sends no speeds."""
+        """Computes speeds [rad/s] from the previous positions. This is needed for a robot that sends no
+        speeds."""
         passed = stamp - self._stamps[servos]
         moved = position - self._position[servos]
         known = np.isfinite(passed) & (passed > 0.0) & np.isfinite(moved)

@@ -110,8 +110,8 @@ class Ros1Node(RosNode):
     def _serve_in_threads(self) -> None:
         """Makes rospy accept each connection in a thread of its own.
 
-        Needed since rospy has a single thread for new connections, and one client that sends nothing would
-        block this thread.
+        This is needed because rospy has a single thread for new connections, and one client that sends
+        nothing would block this thread.
         """
         server = import_module("rospy.impl.tcpros_base").init_tcpros_server()  # returns the existing server
         server.start_server()

@@ -245,7 +245,7 @@ def keep(keeper: Keeper, driver: socket.socket, period: float) -> None:
 
 
 def main() -> None:
-    """Runs the keeper. Its command line has one argument: `Orders` as JSON."""
+    """Runs the keeper. The command line of this process has one argument: `Orders` as JSON."""
     orders = Orders(**json.loads(sys.argv[1]))
     driver = socket.socket(fileno=orders.socket)
     driver.setblocking(False)

@@ -49,7 +49,8 @@ STREAMS = {
 
 AHEAD = 0.02
 """Time [s] by which a sent position is ahead of the servo's reference on the path that the gate has planned.
-Needed since a board may stop a servo that has reached the set-point. Assumed: four periods of 5 ms."""
+This is needed because a board may stop a servo that has reached the set-point. Assumed: four periods of 5
+ms."""
 SWITCHING = 0.0005
 """Longest time [s] to wait for the answer to a change of mode. If the answer arrives in time, set-points are
 sent again, since a board ignores set-points before the change. Assumed: a tenth of a period of 5 ms."""
@@ -175,8 +176,8 @@ class BoardDriver:
 
     @raises_driver_errors
     def send_torques_only(self, safe: SafeCommand) -> None:
-        """Sends only the torques of servos in torque mode. Needed to end the torques if no states
-        arrive from the board, since the board itself would keep the last torques."""
+        """Sends only the torques of servos in torque mode. This ends the torques if no states arrive from the
+        board: the board itself would keep the last torques."""
         mine = self._mine
         loose = [
             (place, servo)

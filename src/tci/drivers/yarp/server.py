@@ -213,7 +213,7 @@ class YarpServer(Server):
     def close_board(self, part: str) -> None:
         """Closes the ports of one control board until `open_board` is called.
 
-        Needed for tests with a board that restarts.
+        Tests with a board that restarts need this method.
         """
         for name in list(self._ports):
             if name.startswith(f"{self._where[part]}/"):

@@ -14,8 +14,8 @@ MARGIN = 1e-6
 """Distance [rad] that targets keep from limits and from bounds of couplings. Assumed: above ruckig's rounding
 errors."""
 SWEEPS = 50
-"""Largest number of sweeps over all couplings in the search for a nearest point. It bounds the time of the
-search. Assumed: later sweeps change little."""
+"""Largest number of sweeps over all couplings in the search for a nearest point. This number bounds the time
+of the search. Assumed: later sweeps change little."""
 
 
 @inlined

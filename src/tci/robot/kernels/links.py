@@ -98,10 +98,10 @@ def pose_and_jacobian(
 ) -> None:
     """Writes the pose of a point of a link, and adds the Jacobian of the point to `jacobian`.
 
-    The `point` (3,) [m] belongs to the link at the end of the step `ends[0]`. Its pose `T_TP` (4, 4) is given
-    in the torso frame, at the end of the step `ends[1]`. The Jacobian (6, n_servos) is relative to the torso.
-    `axes` (s, 2, 3) contains the axis of each step's joint and a point [m] on this axis, in the frame before
-    the step. The other arguments are those of `link_poses`.
+    The `point` (3,) [m] belongs to the link at the end of the step `ends[0]`. The pose `T_TP` (4, 4) of the
+    point is given in the torso frame, which lies at the end of the step `ends[1]`. The Jacobian (6, n_servos)
+    is relative to the torso. `axes` (s, 2, 3) contains the axis of each step's joint and a point [m] on this
+    axis, in the frame before the step. The other arguments are those of `link_poses`.
     """
     take_steps(position, path, steps, sums, work)
     T_WL, T_WT = work[ends[0]], work[ends[1]]

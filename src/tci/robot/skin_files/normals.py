@@ -55,7 +55,7 @@ def estimate_normals(positions: Array) -> Array:
 
     Taxels at equal positions get equal normals. Fewer than three points, or points on one line, define no
     plane: their normals are zero. On a curved skin, normals point away from the centroid of the skin. For a
-    flat skin, positions do not show which side is outside. Its normals point away from the origin of the
+    flat skin, positions do not show which side is outside. The normals point away from the origin of the
     frame, because the origin of a link is inside the link.
     """
     places, index = np.unique(positions, axis=0, return_inverse=True)

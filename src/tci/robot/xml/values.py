@@ -213,7 +213,7 @@ class Number(Value):
 
 @dataclass(frozen=True)
 class Factor(Value):
-    """A transform factor (gamma in eq. 1). Its sign may be positive or negative; its absolute value is
+    """A transform factor (gamma in eq. 1). The sign may be positive or negative; the absolute value is
     bounded."""
 
     least: float = 1e-3

@@ -86,15 +86,15 @@ class Estimates(NamedTuple):
     muted: NDArray[np.bool_]
     """Taxels whose values are ignored."""
     least: Array
-    """Pressure [Pa] above which a taxel is active. It is infinite if the taxel is masked."""
+    """Pressure [Pa] above which a taxel is active. The value is infinite if the taxel is masked."""
     fluctuating: NDArray[np.bool_]
     """True for taxels with so much noise that their values never stay constant for long."""
     onset: Array
-    """Pressure [Pa] of two counts, at which a light touch begins. It is infinite while the taxel's noise is
-    unknown."""
+    """Pressure [Pa] of two counts, at which a light touch begins. The value is infinite while the taxel's
+    noise is unknown."""
     hidden: Array
-    """Pressure [Pa] below which the edge of a touch is not measured. It is 0 for sheets and switches, on
-    which a touch has no gradual edge."""
+    """Pressure [Pa] below which the edge of a touch is not measured. The value is 0 for sheets and switches,
+    on which a touch has no gradual edge."""
 
 
 class SkinMemory(NamedTuple):

@@ -1,4 +1,5 @@
-"""Kernel for the end of an estimation window: updates rest values and noise of the taxels of one patch."""
+"""Updates rest values and noise of the taxels of one patch at the end of an estimation window, in compiled
+loops."""
 
 from __future__ import annotations
 
@@ -35,7 +36,8 @@ class BaselineArrays(NamedTuple):
     """Estimates of the taxels (n,) of one patch."""
 
     offset: Array
-    """Rest value [counts] relative to the rest value in the description. It increases with pressure."""
+    """Rest value [counts] relative to the rest value in the description. The sign is such that pressure
+    increases a value."""
     noise: Array
     """Standard deviation [counts] of the noise."""
     threshold: Array

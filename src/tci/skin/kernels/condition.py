@@ -1,6 +1,6 @@
-"""Conditioning kernel: turns raw values into active taxels with pressure.
+"""Turns raw values into active taxels with pressure (conditioning), in compiled loops.
 
-It also computes the statistics of estimation windows.
+The loops also compute the statistics of estimation windows.
 """
 
 from __future__ import annotations

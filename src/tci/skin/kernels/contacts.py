@@ -1,5 +1,5 @@
-"""Contact kernels: find clusters of active taxels, and compute position, normal and force of each cluster
-(eqs 3-4, 6-7).
+"""Finds clusters of active taxels, and computes position, normal and force of each cluster (eqs 3-4, 6-7), in
+compiled loops.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ def _on_limb(
 ) -> tuple[float, float, float]:
     """Returns u, y and z on the generic limb for a point of the link (eqs 4, 6).
 
-    They are NaN if the patch is on no limb. See `limb_coordinates` and `generic_limb_point`.
+    All three are NaN if the patch is on no limb. See `limb_coordinates` and `generic_limb_point`.
     """
     if length == 0.0:
         return np.nan, np.nan, np.nan

@@ -1,4 +1,4 @@
-"""Tracking kernel: identities of contacts.
+"""Gives each contact an identity, in compiled loops.
 
 An identity stays constant from the contact's first frame to its last.
 """

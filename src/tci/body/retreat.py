@@ -44,7 +44,7 @@ class _Motion:
 
     joints: JointMap
     inverse: Array | None
-    """Derivatives of servos by generic joints, transposed, if they are equal in all postures; else None."""
+    """Transposed derivative d servo / d generic joint, if it is equal in all postures; else None."""
     bounds: Bounds
     outside: Array
     """Coefficients (m, n_servos) of the servos of other parts in the couplings of this part."""

@@ -36,7 +36,7 @@ class GenericLimits(Description):
     """Lower limit [rad], or None if a servo's limit is unknown, if no servo moves the joint, or if the limit
     depends on the angles of other joints."""
     upper: float | None
-    """Upper limit [rad]. None for the reasons given for `lower`."""
+    """Upper limit [rad], or None in the cases in which `lower` can be None."""
 
 
 class DHRow(Description):

@@ -24,7 +24,8 @@ LAGS = 5e-5
 """Angle [rad] by which a servo outside its limits must sag before it is led back. Assumed: about the
 resolution of joint encoders."""
 OUTSIDE = Reason(Code.LIMITS_EXCEEDED, "a joint outside its limits can't move inward now")
-"""Reason that is reported if the bounds refuse the way inside, such as a coupling."""
+"""Reason that is reported if a servo outside its limits can't move back inside, for example because of a
+coupling."""
 UNPLANNED = Reason(Code.OTHER, "no motion inward was found for a joint outside its limits; it is tried again")
 """Reason that is reported if ruckig finds no motion, which is rare and usually ends in the next period."""
 STILL = 1e-9
@@ -54,8 +55,9 @@ def sags(here: Array, bounds: Bounds, found: Array, measured: Array) -> bool:
 def was_there(back: Array, here: Array, span: Array, found: Array, measured: Array) -> bool:
     """Returns True if a stop takes servos that have sagged only back to where they were found.
 
-    A servo outside its limits deviates from its reference by its sag. The way back to the angle at which it
-    was found needs no check, since the robot was in this posture.
+    The measured angle of a servo outside its limits differs from its reference, because the servo sags under
+    its load. The way back to the angle at which it was found needs no check, since the robot was in this
+    posture.
 
     Args:
         back: Velocity (n,) [rad/s] of each servo outside its limits; 0 for all other servos, which must not

@@ -49,7 +49,8 @@ class SkinContact:
     """
 
     id: int
-    """Identity of the contact. The identities of new contacts increase."""
+    """Number of the contact, constant from its beginning to its end. Each new contact gets a higher
+    number."""
     body_part: int
     """Body part: 1 torso, 2 head, 3 and 4 arms, 5 and 6 legs."""
     link: int

@@ -119,8 +119,8 @@ def _names(node: Node, name: str, kind: str, nodes: Mapping[int, Node], faults: 
 
 
 def _initial_positions(node: Node, nodes: Mapping[int, Node], faults: Faults) -> dict[int, Node]:
-    """Returns the `servo` elements of `initial_positions` by generic id. In the paper, their number is the
-    generic id."""
+    """Returns the `servo` elements of `initial_positions` by generic id. As in the paper, the number in such
+    an element is the generic id."""
     group = node.first("initial_positions")
     if group is None:
         return {}

@@ -24,8 +24,8 @@ class Perceived:
     reading: Reading
     """Reading of the robot."""
     perception: Perception
-    """Posture and contacts. If this reading did not fit the robot: posture and contacts of the previous
-    period."""
+    """Posture and contacts. If this reading does not fit the robot, posture and contacts are those of the
+    previous period."""
     commands: tuple[dict[str, Any], ...]
     """Commands of the behaviour. Each command has the fields of `schemas.COMMAND`."""
     decision: dict[str, Any] | None

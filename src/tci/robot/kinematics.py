@@ -302,7 +302,8 @@ def _bare_model(model: Model, _: int) -> mujoco.MjModel:
 
 
 def at_zero(model: mujoco.MjModel, joint: int) -> Array:
-    """Returns the transform (4, 4) of a body, in its own frame, by a hinge or slide joint at angle 0.
+    """Returns the transform (4, 4) by which a hinge or slide joint moves its body, in the body's frame, while
+    the joint is at 0.
 
     The transform is the identity, unless the model gives the joint a reference angle.
     """

@@ -69,7 +69,7 @@ SKIN = returns(
 """Numba types of `skin`, a tuple with the data of all patches. Its elements, in this order:
 
 - MuJoCo's sensors, and positions and orientations of links.
-- `patches` and their `floats`.
+- Integers and floats of the patches.
 - Positions of taxels, their tangents and areas, and their channels.
 - Nodes of responses, load on taxels, lists of taxels, centres of the lists.
 - Workspace, and values of the channels."""

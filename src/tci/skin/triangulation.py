@@ -113,7 +113,7 @@ def _skin_only(faces: NDArray[np.intp], places: Array, normals: Array) -> NDArra
 
 
 def _delaunay(flat: Array) -> NDArray[np.intp]:
-    """Returns Delaunay's triangles (f, 3) of points (n, 2)."""
+    """Returns the Delaunay triangulation of points (n, 2): triangles (f, 3) of point indices."""
     return np.asarray(Delaunay(flat).simplices, dtype=np.intp)
 
 

@@ -40,7 +40,7 @@ class ImplausibleError(InvalidValueError):
 
 
 def to_rad(value: float, unit: Unit) -> float:
-    """Returns `value`, which is in `unit`, in radians."""
+    """Converts `value` from `unit` to radians."""
     return math.radians(value) if unit == "deg" else value
 
 

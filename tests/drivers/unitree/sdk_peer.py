@@ -199,7 +199,7 @@ def py_hands() -> None:
     state.mode_machine, state.imu_state.quaternion = 5, [1.0, 0.0, 0.0, 0.0]
     imu = IMUState_([1.0, 0.0, 0.0, 0.0], [0.0] * 3, [0.0] * 3, [0.0] * 3, 30)
     heard: dict[str, Any] = {"left": [], "right": []}
-    writers, q = {}, {"left": [-0.1] * 7, "right": [0.1] * 7}
+    readers, writers, q = {}, {}, {"left": [-0.1] * 7, "right": [0.1] * 7}
     for side, angles in q.items():
 
         def hear(command: Any, angles: Any = angles, messages: Any = heard[side]) -> None:
@@ -208,8 +208,8 @@ def py_hands() -> None:
                 if motor.mode >> 4 & 7:
                     angles[motor.mode & 0x0F] = motor.q
 
-        commands = channel.ChannelSubscriber(f"rt/dex3/{side}/cmd", HandCmd_)
-        commands.Init(hear, 0)
+        readers[side] = channel.ChannelSubscriber(f"rt/dex3/{side}/cmd", HandCmd_)  # one that is freed crashes
+        readers[side].Init(hear, 0)
         writers[side] = channel.ChannelPublisher(f"rt/dex3/{side}/state", HandState_)
         writers[side].Init()
     states = channel.ChannelPublisher("rt/lowstate", LowState_)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import queue
 import subprocess
 import sys
@@ -29,7 +30,7 @@ from drivers.ros_robots import (
 from peers import DEBIAN_PYTHON, needs_debian_module
 from tci.drivers.registry import connect
 from tci.drivers.ros.messages import TEXT
-from tci.drivers.ros.ros1 import Ros1Node
+from tci.drivers.ros.ros1 import NAMES, Ros1Node
 from tci.errors import DriverError
 from tci.exports.facts import query, read_facts
 
@@ -72,6 +73,18 @@ def test_a_robot_in_ros_sends_joints_and_skin_and_takes_trajectories(
     names = [servo.joint or servo.name for servo in driver.robot.servos_of("LArm")]
     assert heard[-1]["names"] == names
     assert {(command["part"], command["seconds"]) for command in heard} == {("LArm", 0.01)}
+
+
+def test_robot_of_this_machine_needs_no_netifaces(start: Start) -> None:
+    """Only the system's version of Python can import Debian's `netifaces`."""
+    via = f"ros1:{anywhere()}"
+    start(*SERVE, via)
+    program = (
+        "import sys; sys.modules['netifaces'] = None; import tci\n"
+        f"with tci.connect('nao', '{via}', wait=60.0) as robot: print(robot.read().joints.sequence)"
+    )
+    usual = {name: value for name, value in os.environ.items() if name not in NAMES}
+    subprocess.run([sys.executable, "-c", program], env=usual, timeout=80, check=True)
 
 
 def test_what_a_killed_process_left_in_the_master_is_no_robot(start: Start) -> None:

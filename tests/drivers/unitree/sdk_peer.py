@@ -208,7 +208,7 @@ def py_hands() -> None:
                 if motor.mode >> 4 & 7:
                     angles[motor.mode & 0x0F] = motor.q
 
-        readers[side] = channel.ChannelSubscriber(f"rt/dex3/{side}/cmd", HandCmd_)  # one that is freed crashes
+        readers[side] = channel.ChannelSubscriber(f"rt/dex3/{side}/cmd", HandCmd_)  # freed: a crash
         readers[side].Init(hear, 0)
         writers[side] = channel.ChannelPublisher(f"rt/dex3/{side}/state", HandState_)
         writers[side].Init()

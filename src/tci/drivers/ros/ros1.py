@@ -185,10 +185,11 @@ class Ros1Node(RosNode):
 def _stay_here() -> None:
     """Makes rospy listen on the loopback interface only, unless a setting requires the network.
 
-    Such settings are a remote master in ROS_MASTER_URI, ROS_IP and ROS_HOSTNAME.
+    Such settings are a remote master in ROS_MASTER_URI, ROS_IP and ROS_HOSTNAME. ROS_IP is set, because with
+    `ROS_HOSTNAME=localhost` rospy imports `netifaces`, which Debian has only for its own Python.
     """
     if _is_here() and not any(map(os.environ.get, NAMES)):
-        os.environ["ROS_HOSTNAME"] = "localhost"
+        os.environ["ROS_IP"] = "127.0.0.1"
 
 
 def _is_here() -> bool:

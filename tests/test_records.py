@@ -5,6 +5,7 @@ import copy
 import pickle
 from dataclasses import FrozenInstanceError, dataclass, field, replace
 from inspect import signature
+from typing import Generic, TypeVar
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from tci.contacts import Contact, Contacts
 from tci.gate.safe_command import SafeCommand
 from tci.messages import GenericCommand, Perception, SkinFrame, SkinState
 from tci.records import quick
+
+T = TypeVar("T")
 
 
 @quick
@@ -55,6 +58,16 @@ def test_copies_and_pickles_are_equal() -> None:
         assert type(other) is Pair
     frame = pickle.loads(pickle.dumps(SkinFrame("patch", 0.5, 1, np.arange(3))))
     assert (frame.patch, frame.stamp, frame.sequence, frame.values.tolist()) == ("patch", 0.5, 1, [0, 1, 2])
+
+
+def test_a_generic_class_can_be_quick() -> None:
+    @quick
+    @dataclass(frozen=True, slots=True)
+    class Box(Generic[T]):
+        content: T
+
+    box: Box[int] = Box(3)
+    assert (type(box), box.content, replace(box, content=4)) == (Box, 3, Box(4))
 
 
 def test_a_computed_field_is_refused() -> None:

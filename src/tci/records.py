@@ -29,7 +29,8 @@ def quick(kind: type[T]) -> type[T]:
         if one.default is not MISSING:
             defaults[f"_{one.name}"] = one.default
             parameters[-1] += f"=_{one.name}"
-    open_kind = type(cls.__name__, (cls.__base__,), {"__slots__": cls.__slots__})
+    own = {name: vars(cls)[name] for name in ("__slots__", "__orig_bases__") if name in vars(cls)}
+    open_kind = type(cls.__name__, (cls.__base__,), own)
     lines = [
         f"def __new__({', '.join(parameters)}):",
         "self = _new(_open_kind)",

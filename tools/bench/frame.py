@@ -113,7 +113,7 @@ class Frame:
         )  # fmt: skip
         self._clusters, self._posture = finder._clusters, (poses, self.posture[None, :4].copy())
         self._room = np.full(n, -1), np.zeros(fields), np.zeros(n, np.int64), np.zeros(n)
-        self._sites = site_numbers(self.layout.sites)[1:]
+        self._sites = site_numbers(self.layout.sites)[1:3]
         self._arguments = (
             *self._condition[:3], *self._condition[4:], self._clusters, *self._posture,
             np.zeros((n, SUMMARY)), empty_contacts(n, n), *self._sites, self.table, *self._room,

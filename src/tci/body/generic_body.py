@@ -274,14 +274,14 @@ def order_to_platform(robot: Robot, order: Order, position: Array) -> PlatformOr
     can't be converted.
     """
     match order:
+        case GenericCommand():
+            return to_platform(robot, order, position=position)
         case PlatformCommand() | PlatformSwitch():
             return order
         case SwitchMode():
             return switch(robot, order)
         case CartesianCommand():
             return cartesian_to_platform(robot, order, position)
-        case GenericCommand():
-            return to_platform(robot, order, position=position)
 
 
 def _joints(perception: Perception) -> JointReading:

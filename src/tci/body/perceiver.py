@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from copy import deepcopy
 from math import isfinite
-from operator import attrgetter
 
 from tci.body.generic_body import GenericBody
 from tci.errors import FrameError
@@ -16,8 +15,6 @@ from tci.robot.joint_calibration import joint_calibration
 from tci.skin.conditioning import Conditioner, PatchHealth
 from tci.skin.contacts import ContactFinder
 from tci.skin.send_on_delta import HoldLast
-
-_STAMP = attrgetter("stamp")
 
 
 class Perceiver:
@@ -58,9 +55,10 @@ class Perceiver:
         Raises FrameError if a frame or the joints do not fit the robot; the state is then unchanged.
         """
         posture = self.body.posture(reading.joints)
-        if not all(map(isfinite, map(_STAMP, reading.skin))):
-            wrong = next(frame for frame in reading.skin if not isfinite(frame.stamp))
-            raise FrameError(f"{wrong.patch}: a frame stamped {wrong.stamp} s; valid: a finite time")
+        if not isfinite(sum([frame.stamp for frame in reading.skin])):
+            for frame in reading.skin:
+                if not isfinite(frame.stamp):
+                    raise FrameError(f"{frame.patch}: a frame stamped {frame.stamp} s; valid: a finite time")
         frames = reading.skin if self._held is None else self._held.fill(reading.skin, now)
         try:
             perceived = frames != self._frames and self._conditioner.step(frames)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from tci.errors import CommandError
-from tci.frames import Array, read_only
+from tci.frames import Array, frozen, read_only
 from tci.gate.acceptance import is_likely_degrees
 from tci.messages import GenericCommand, Mode, PlatformCommand, PlatformSwitch, SwitchMode
 from tci.robot.description import GenericPart, Robot
@@ -60,11 +60,12 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
             f"{command.mode.value} of {command.part}: values of shape {values.shape}; "
             f"valid: {joints.fixed.shape}"
         )
-    if not all(map(math.isfinite, values.tolist())):
+    numbers = values.tolist()
+    if not all(map(math.isfinite, numbers)):
         part, bad = robot.part(command.part), np.flatnonzero(~np.isfinite(values))
         names = ", ".join(f"{part.servos[i].name} = {values[i]}" for i in bad)
         raise CommandError(f"{command.mode.value} of {part.name}: {names}; valid: finite numbers")
-    if command.mode in ANGLES and max(map(abs, values.tolist()), default=0.0) > 2.0 * math.pi:
+    if command.mode in ANGLES and max(map(abs, numbers), default=0.0) > 2.0 * math.pi:
         part, worst = robot.part(command.part), int(np.argmax(np.abs(values)))
         valid = "degrees? valid: radians, as from np.deg2rad"
         if not is_likely_degrees(values):
@@ -82,6 +83,7 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
         )
     here = initial_position(robot) if position is None else position
     speeds = joints.unlimited
+    # each of these methods returns a new array
     if command.mode in ANGLES:
         values, speeds = joints.to_robot(values, here), joints.speeds(here)
     elif command.mode is Mode.VELOCITY:
@@ -91,7 +93,7 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
         values, speeds = joints.slope(here).T @ values[joints.ids], joints.driven_speeds(here)
     else:
         values = joints.shares(values)
-    return PlatformCommand(command.mode, joints.servos, read_only(values), speeds)
+    return PlatformCommand(command.mode, joints.servos, frozen(values), speeds)
 
 
 def speed_limits(robot: Robot, part: str, position: Array) -> Array:

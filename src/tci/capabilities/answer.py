@@ -45,6 +45,8 @@ class SiteNumbers(NamedTuple):
     """Index of the segment in SEGMENTS; -1 for a segment that SEGMENTS lacks."""
     merged: NDArray[np.int64]
     """Number of the site's part, if the touches on this part count together (see `site_numbers`); else -1."""
+    limbs: tuple[str, ...]
+    """Names of the parts with a segment in SEGMENTS: only on these parts a field contains a contact."""
 
 
 @lru_cache(maxsize=64)
@@ -56,7 +58,8 @@ def site_numbers(sites: tuple[Site, ...], merged: frozenset[str] = frozenset()) 
     parts = tuple([site.part for site in sites])
     segments = [SEGMENTS.index(s.segment) if s.segment in SEGMENTS else -1 for s in sites]
     numbers = [parts.index(part) if part in merged else -1 for part in parts]
-    return SiteNumbers(parts, read_only(segments, np.int64), read_only(numbers, np.int64))
+    limbs = dict.fromkeys(part for part, segment in zip(parts, segments, strict=True) if segment >= 0)
+    return SiteNumbers(parts, read_only(segments, np.int64), read_only(numbers, np.int64), tuple(limbs))
 
 
 class Touches(NamedTuple):

@@ -132,13 +132,13 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         there is one command for each arm that withdraws. Raises CommandError if a touched part does not have
         the five joints of a base motion.
         """
-        contacts, wishes = perception.contacts, dict[str, list[Wish[ReceptiveField]]]()
+        contacts = perception.contacts
+        wishes: dict[str, list[Wish[ReceptiveField]]] = {}
         if len(contacts):
             # A moving part responds to the strongest touch of each field. Weaker touches have no effect.
             moving = frozenset([part for part, one in memory.motions.items() if not one.quiet])
-            sites, numbers = contacts.site.tolist(), site_numbers(contacts.sites, moving)
-            around = self._asking(memory, {numbers.part[site] for site in {*sites}})
-            wishes = self._wishes(contacts, sites, numbers, around)
+            numbers = site_numbers(contacts.sites, moving)
+            wishes = self._wishes(contacts, numbers, self._asking(memory, contacts, numbers))
         after = withdraw_all(memory, wishes, perception, body, refractory=self.refractory, mode=self.mode)
         if self.mode is not Mode.VELOCITY:
             return new_targets(memory, after, self.mode), after
@@ -178,38 +178,42 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         contact."""
         table = Contacts.of(contacts)
         numbers = site_numbers(table.sites)
-        wishes = self._wishes(table, table.site.tolist(), numbers, around={*numbers.part})
+        wishes = self._wishes(table, numbers, around=numbers.limbs)
         found: list[Answer | None] = [None] * len(contacts)
         for wish in (one for part in wishes.values() for one in reversed(part)):
             found[wish.contact] = Answer(wish.field, wish.gain)
         return found
 
-    def _asking(self, memory: WithdrawalMemory, touched: Collection[str]) -> set[str]:
-        """Returns the `touched` arms for which fields of `surround` may respond.
+    def _asking(self, memory: WithdrawalMemory, contacts: Contacts, numbers: SiteNumbers) -> Collection[str]:
+        """Returns the touched arms for which fields of `surround` may respond.
 
-        These are the arms at rest, and the arms that a field of `surround` already moves.
+        These are the arms at rest, and the arms that a field of `surround` already moves. `numbers` are the
+        properties of the contacts' sites.
         """
         own = memory.motions
-        return {part for part in touched if part not in own or own[part].field.name in self._around}
+        asking = [p for p in numbers.limbs if p not in own or own[p].field.name in self._around]
+        if not asking:
+            return ()
+        return {numbers.part[site] for site in {*contacts.site.tolist()}}.intersection(asking)
 
     @cached_property
     def _around(self) -> frozenset[str]:
         return frozenset(field.name for field in self.surround or ())
 
     def _wishes(
-        self, contacts: Contacts, sites: Sequence[int], numbers: SiteNumbers, around: Collection[str]
+        self, contacts: Contacts, numbers: SiteNumbers, around: Collection[str]
     ) -> dict[str, list[Wish[ReceptiveField]]]:
         """Returns the requested responses (wishes) by part.
 
         Each contact requests the response of the closest of `fields`. For a part in `around`, the responses
-        of the two closest fields of `surround` follow. `sites` (c,) are the contacts' sites, and `numbers`
-        the properties of all sites.
+        of the two closest fields of `surround` follow. `numbers` are the properties of the contacts' sites.
         """
         wishes: dict[str, list[Wish[ReceptiveField]]] = {}
-        felt, parts, count = touches(contacts), numbers.part, len(sites)
+        felt, parts, count = touches(contacts), numbers.part, len(contacts)
         cosine = self.distance_discount == "cosine"
         for ranks, fields, table in self._tables if around else self._tables[:1]:
-            closest = np.full(count, -1)
+            closest = np.empty(count, np.int64)
+            closest.fill(-1)
             for rank in ranks:
                 beside, closest, gains = closest, np.empty(count, np.int64), np.empty(count)
                 _find_answers(
@@ -217,7 +221,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
                     closest, gains,
                 )  # fmt: skip
                 for row in gains.nonzero()[0].tolist():
-                    part = parts[sites[row]]
+                    part = parts[contacts.site[row]]
                     if not rank or part in around:
                         wish = Wish(fields[closest[row]], float(gains[row]), row, rank)
                         wishes.setdefault(part, []).append(wish)

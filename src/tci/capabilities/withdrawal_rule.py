@@ -19,6 +19,7 @@ from tci.errors import CommandError
 from tci.frames import Array, frozen
 from tci.messages import GenericCommand, Mode, Perception
 from tci.reasons import Code, Reason
+from tci.records import quick
 
 ANEW = 0.02
 """Time [s] after which a refused motion is checked again, even if no new skin frame has arrived, because the
@@ -57,6 +58,7 @@ class Wish(NamedTuple, Generic[F]):
     """Order in which the responses of several fields are tried: 0 is tried first."""
 
 
+@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class Withdrawal(Generic[F]):
     """Withdrawal of one part."""
@@ -87,11 +89,9 @@ class Withdrawal(Generic[F]):
         return frozen(self.origin + self.gain * np.array(self.field.motion))
 
     def touched_again(self, now: float) -> Withdrawal[F]:
-        """Returns the withdrawal after a touch at `now` [s]. A call of `dataclasses.replace` would take three
+        """Returns the withdrawal after a touch at `now` [s]. A call of `dataclasses.replace` would take many
         times as long as this constructor."""
-        return Withdrawal(
-            self.field, self.origin, self.gain, self.started, now, met=self.met, ended=self.ended
-        )
+        return Withdrawal(self.field, self.origin, self.gain, self.started, now, False, self.met, self.ended)
 
     def goes_as(self, before: Withdrawal[F] | None) -> bool:
         """Returns True if this withdrawal has the target of the withdrawal `before`."""
@@ -171,9 +171,9 @@ def withdraw_all(
     refused = memory.refused
     met = frozenset(perception.contacts.identity.tolist())
     for part, posture in perception.posture.items():
-        if part not in memory.motions and part not in wishes:
-            continue
         before, own = memory.motions.get(part), wishes.get(part, ())
+        if before is None and not own:
+            continue
         if own and posture.size != len(own[0].field.motion):
             valid = len(own[0].field.motion)
             raise CommandError(
@@ -189,7 +189,8 @@ def withdraw_all(
             # increase.
             same = before is not None and before.started == after.started
             after = replace(after, gain=before.gain) if same and before is not None else None
-        refused = told(refused, part, after, reason)
+        if reason is not None or part in refused:
+            refused = told(refused, part, after, reason)
         if after is not None:
             motions[part] = after
     return Withdrawals(motions, refused)
@@ -262,8 +263,9 @@ def withdraw(
                     after = grown
     elif not before.quiet:
         after = replace(before, quiet=True)
-    after, reason = _meet(after, perception, body, part, met, mode, reason)
-    return after, refusal(reason, perception) or (stands if wishes else None)
+    if after.ended is None and not met <= after.met:
+        after, reason = _meet(after, perception, body, part, met, mode, reason)
+    return after, refusal(reason, perception) if reason else stands if wishes else None
 
 
 def refusal(reason: str, perception: Perception) -> Refusal | None:
@@ -333,13 +335,11 @@ def _meet(
     mode: Mode,
     reason: str,
 ) -> tuple[Withdrawal[F], str]:
-    """Ends a withdrawal at the present posture if its remaining motion would press a new contact.
+    """Ends a withdrawal at the present posture if its remaining motion would press one of the contacts `met`.
 
     Returns the withdrawal, and the reason for which the withdrawal was ended. If the withdrawal was not
     ended, the second value is `reason`.
     """
-    if withdrawal.ended is not None or met <= withdrawal.met:
-        return withdrawal, reason
     if reason := why_not(perception, body, part, withdrawal.target, mode=mode):
         return replace(withdrawal, ended=frozen(perception.posture[part].copy())), reason
     return replace(withdrawal, met=met), ""

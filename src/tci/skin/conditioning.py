@@ -11,14 +11,14 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from operator import attrgetter, gt, lt
+from operator import gt, lt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tci.compiled import entry
 from tci.errors import TciError, UnknownNameError
-from tci.frames import Array, frozen
+from tci.frames import frozen
 from tci.messages import SkinFrame, SkinState
 from tci.skin.baseline import BaselineSettings
 from tci.skin.estimation import PatchEstimator
@@ -53,7 +53,6 @@ RESTART = 1.0
 """If a frame has a lower sequence number than the previous frame, but its stamp is later by more than this
 time [s], the sender counts as restarted. Assumed: with a shorter time, a frame out of order could look like a
 restart. With a longer time, the frames of a restarted sender would be ignored for longer."""
-_FIELDS = attrgetter("patch", "stamp", "sequence", "values")
 _CONDITION = {np.dtype(kind): entry(condition, k) for k, kind in enumerate((np.uint8, np.float32))}
 """The kernel for each dtype of raw values."""
 
@@ -130,7 +129,10 @@ class Conditioner:
         # The second windows of the patches differ in length, so that they end in different frames.
         self._stagger = 0.5 * np.arange(patches) / max(patches, 1)
         self._out = ActiveTaxels(
-            np.zeros(patches), np.zeros(patches + 1, np.int64), np.zeros(taxels, np.int32), np.zeros(taxels)
+            stamp=np.full(patches, np.nan),
+            begin=np.zeros(patches + 1, np.int64),
+            active=np.zeros(taxels, np.int32),
+            pressure=np.zeros(taxels),
         )
         self._sequence = np.full(patches, -1, np.int64)
         self._vectors = ForceVectors(layout)
@@ -173,11 +175,12 @@ class Conditioner:
         """
         if not frames:
             return False
-        names, stamps, sequences, given = zip(*map(_FIELDS, frames), strict=True)
-        if len({*names}) < len(names):
-            return self._step_each(frames)
-        buffer = self._buffer
-        buffer.arrange(names)
+        names, buffer = tuple([frame.patch for frame in frames]), self._buffer
+        if names != buffer.names:
+            if len({*names}) < len(names):
+                return self._step_each(frames)
+            buffer.arrange(names)
+        sequences = [frame.sequence for frame in frames]
         known = (self._sequence if buffer.whole else self._sequence[buffer.which]).tolist()
         if not all(map(gt, sequences, known)):
             fresh = [frame for frame, last in zip(frames, known, strict=True) if self._is_new(frame, last)]
@@ -188,7 +191,7 @@ class Conditioner:
                 taken = self.step(fresh)
                 self.late += late
                 return taken
-        values = [*map(np.asarray, given)]
+        values = [*map(np.asarray, [frame.values for frame in frames])]
         buffer.check(values)
         self.catch_up()
         buffer.fill(values)
@@ -197,7 +200,7 @@ class Conditioner:
         if not buffer.whole:
             sequence[buffer.which] = sequences
         self._sequence = sequence
-        self._condition(frames, np.array(stamps, np.float64))
+        self._condition(frames)
         return True
 
     def update(self) -> bool:
@@ -248,8 +251,9 @@ class Conditioner:
         stamp = self._memory.patches[self.layout.places[frame.patch], STAMP]
         return frame.sequence > known or not frame.stamp <= stamp + RESTART
 
-    def _condition(self, frames: Sequence[SkinFrame], stamps: Array) -> None:
+    def _condition(self, frames: Sequence[SkinFrame]) -> None:
         memory, buffer = self._memory, self._buffer
+        stamps = np.array([frame.stamp for frame in frames], np.float64)
         ended = _CONDITION[buffer.raw.dtype](
             buffer.raw, buffer.last, buffer.which, stamps, self.settings.latency, self.layout.arrays,
             self.estimates, memory, self._out,
@@ -262,16 +266,15 @@ class Conditioner:
                 p for p in buffer.which.tolist()
                 if status[p, ELAPSED] >= status[p, DUE] and status[p, IN_WINDOW] >= status[p, LEAST]
             ]  # fmt: skip
-        self._vectors.step(buffer.which.tolist(), frames, self._out)
+        self._vectors.step(buffer.which, frames, self._out)
         self.state = self._state()
 
     def _state(self) -> SkinState:
         out, begin = self._out, self._out.begin.copy()
         found = int(begin[-1])
         return SkinState(
-            self.layout.starts, self._memory.patches[:, STAMP].copy(), self._sequence, begin,
-            out.active[:found].copy(), out.pressure[:found].copy(), self._vectors.latest(out),
-            self._masked,
+            self.layout.starts, out.stamp.copy(), self._sequence, begin, out.active[:found].copy(),
+            out.pressure[:found].copy(), self._vectors.latest(out), self._masked,
         )  # fmt: skip
 
     def _revive(self, patches: list[int]) -> None:

@@ -141,7 +141,7 @@ class ContactFinder:
 
     def _angles(self, posture: Mapping[str, Array]) -> Array:
         """Returns the generic angles (parts, 4) [rad] of the limbs. Raises UnknownNameError."""
-        if not all(map(posture.__contains__, self._parts)):
+        if not self._parts <= posture.keys():
             for p in self._clusters.counts.nonzero()[0].tolist():
                 if (part := self.layout.sites[p].part) not in posture:
                     raise UnknownNameError("generic part in this posture", part, posture)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import repeat
-from operator import attrgetter, is_
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +14,6 @@ from tci.skin.layout import SkinLayout
 SETS = 16
 """Largest number of cached entries. An entry belongs to one combination of patches that send together.
 Assumed: this is more than the number of different frame rates of a robot's patches."""
-_TYPE, _SHAPE = attrgetter("dtype"), attrgetter("shape")
 Values = Sequence[NDArray[np.generic]]
 
 
@@ -30,11 +27,12 @@ class FrameBuffer:
         """Raw values (channels,) of the latest frames."""
         self.last = self.raw.copy()
         """Raw values (channels,) of the previous frames."""
+        self.names: tuple[str, ...] = ()
+        """Names (k,) of the patches in the latest call of `arrange`."""
         self.which: Places = np.zeros(0, np.int64)
-        """Indices (k,) of the patches in the latest call of `arrange`."""
+        """Indices (k,) of these patches."""
         self.whole = False
         """True if the latest call of `arrange` contained all patches, in the order of the layout."""
-        self._names: tuple[str, ...] = ()
         self._sizes = list[tuple[int]]()
         self._arranged: dict[tuple[str, ...], tuple[Places, list[tuple[int]], bool]] = {}
 
@@ -44,7 +42,7 @@ class FrameBuffer:
         The result is cached, since few combinations of patches occur: slow patches send together with every
         n-th frame of fast patches.
         """
-        if names == self._names:
+        if names == self.names:
             return
         places = self._layout.places
         found = self._arranged.get(names)
@@ -58,25 +56,25 @@ class FrameBuffer:
                 self._arranged.clear()
             found = self._arranged[names] = np.array(which, np.int64), sizes, which == [*range(len(places))]
         self.which, self._sizes, self.whole = found
-        self._names = names
+        self.names = names
 
     def check(self, values: Values) -> None:
         """Raises FrameError unless all `values` (channels,) fit the arranged patches.
 
         Switches the buffer to float32 if the dtype of the values requires float32.
         """
-        if [*map(_SHAPE, values)] != self._sizes:
-            for name, one, size in zip(self._names, values, self._sizes, strict=True):
+        if [one.shape for one in values] != self._sizes:
+            for name, one, size in zip(self.names, values, self._sizes, strict=True):
                 if one.shape != size:
                     raise FrameError(
                         f"{name}: frame of shape {one.shape}, expected {size}, one value per channel"
                     )
         own = self.raw.dtype
-        if all(map(is_, map(_TYPE, values), repeat(own))):
+        if [one.dtype for one in values] == [own] * len(values):
             return
         others = {one.dtype for one in values}
         if any(other.kind not in "uif" for other in others):
-            for name, one in zip(self._names, values, strict=True):
+            for name, one in zip(self.names, values, strict=True):
                 if one.dtype.kind not in "uif":
                     raise FrameError(
                         f"{name}: frame of type {one.dtype}, expected integers or floating point numbers"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tci.frames import Array, doubles
 from tci.messages import SkinFrame
 from tci.robot.description import Patch
-from tci.skin.kernels.arrays import ActiveTaxels
+from tci.skin.kernels.arrays import ActiveTaxels, Places
 from tci.skin.layout import AXES, SkinLayout
 from tci.skin.surfaces import Surface, tangents
 
@@ -73,9 +73,11 @@ class ForceVectors:
         }
         self._vectors = {p: np.zeros((0, 3)) for p in self._shears}
 
-    def step(self, which: list[int], frames: Sequence[SkinFrame], active: ActiveTaxels) -> None:
+    def step(self, which: Places, frames: Sequence[SkinFrame], active: ActiveTaxels) -> None:
         """Processes the frames of the patches `which` (k,), from which `active` was computed."""
-        for p, frame in zip(which, frames, strict=True):
+        if not self._shears:
+            return
+        for p, frame in zip(which.tolist(), frames, strict=True):
             if p in self._shears:
                 own = slice(*active.begin[p : p + 2])
                 pressure = np.zeros(len(self._patches[p].surface.areas))

@@ -115,7 +115,7 @@ class Contacts(Frozen, Sequence["Contact"]):
     """Position (k, 3) [limb lengths] of each taxel on the generic limb; NaN without a limb."""
     certainty: Array | None = None
     """Probability (c,) that the error of a contact's place is below 5 cm: 1 on skin, less for touches that
-    are felt through joints. None if all contacts are on skin."""
+    are felt through joints. The value is None if all contacts are on skin."""
 
     def __len__(self) -> int:
         return len(self.site)

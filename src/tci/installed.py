@@ -68,7 +68,7 @@ def installed_by(extra: str) -> dict[str, str]:
 
 
 def _names(need: Requirement, extra: str) -> bool:
-    """True if a requirement belongs to an extra, on any machine."""
+    """Returns True if a requirement belongs to an extra, on any machine."""
     return f'extra == "{extra}"' in str(need.marker)
 
 

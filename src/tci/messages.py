@@ -83,8 +83,8 @@ class JointReading:
     """True (n,) for each servo that is switched on; None if the robot does not report this."""
     gravity: Array | None = None
     """Gravity minus acceleration (3,) [m/s2] of the root link of the robot's model, in the frame of that
-    link. This is the negative reading of an accelerometer on that link. None if the robot does not report
-    it."""
+    link. This is the negative reading of an accelerometer on that link. The value is None if the robot does
+    not report it."""
 
 
 @quick
@@ -209,7 +209,7 @@ class Perception:
     """Pressure on the whole skin; None if the perception was created without a robot."""
     joints: JointReading | None = None
     """The robot's own joints, for the methods of `GenericBody`. A capability that reads these joints directly
-    does not run on every robot. None if the perception was created without a robot."""
+    does not run on every robot. The value is None if the perception was created without a robot."""
 
 
 def _take_mode(command: GenericCommand | SwitchMode | PlatformSwitch | PlatformCommand) -> None:

@@ -147,8 +147,8 @@ class Reason:
     code: Code
     text: str
     names: tuple[str, ...] = ()
-    """Name of the servo for the code CLAMPED, names of the two links for the code SELF_COLLISION. Empty for
-    other codes, and for a reason from another process."""
+    """Name of the servo for the code CLAMPED, names of the two links for the code SELF_COLLISION. The tuple
+    is empty for other codes, and for a reason from another process."""
 
     def __str__(self) -> str:
         return self.text

@@ -13,11 +13,12 @@ class Carrier:
 
     name: str
     code: int | None = None
-    """Number of the carrier in a binary header, added to the magic number. None for text carriers."""
+    """Number of the carrier in a binary header, added to the magic number. The value is None for text
+    carriers."""
     acknowledged: bool = False
     """True if the receiver acknowledges each message."""
     greeting: str = ""
-    """First word that is sent on a text connection. Empty for binary carriers."""
+    """First word that is sent on a text connection. The text is empty for binary carriers."""
 
 
 TCP = Carrier("tcp", code=131, acknowledged=True)

@@ -17,7 +17,7 @@ class Dialect:
     float32: int
     """Tag of a single-precision float. In 4.x it has the number that means a double in 3.x."""
     vocab64: int | None
-    """Tag of a vocabulary of up to eight letters. None if the dialect lacks this type."""
+    """Tag of a vocabulary of up to eight letters. The value is None if the dialect lacks this type."""
 
 
 V3 = Dialect("3", float64=10, float32=128, vocab64=None)

@@ -42,7 +42,8 @@ class Clock(Protocol):
     """Maps the clock of a sender to this machine's monotonic clock."""
 
     difference: float | None
-    """Time on this machine's clock minus time on the sender's clock [s]. None before the first message."""
+    """Time on this machine's clock minus time on the sender's clock [s]. The value is None before the first
+    message."""
 
     def place(self, stamp: float, arrival: float) -> float | None:
         """Returns the time of measurement [s] of a message, on this machine's clock.

@@ -89,8 +89,7 @@ def _leg(joints: Sequence[Joint], chain: Sequence[int], side: Side, slanted: flo
 
 def _first_aside(joints: Sequence[Joint], chain: Sequence[int], sign: float) -> int | None:
     """Returns the index of the first joint in a chain that carries only joints of the side `sign` (1: left).
-
-    None if there is no such joint.
+    Returns None if there is no such joint.
     """
     for place, one in enumerate(chain):
         if all(

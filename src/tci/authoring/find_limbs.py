@@ -177,9 +177,8 @@ def _arms_of(
 
 
 def _kind(joints: Sequence[Joint], pair: Pair, points: LinkPoints, R_RH: Array) -> Vote:
-    """Returns the kind of a pair of limbs, from their place and their names.
-
-    None if place and names contradict each other, or if neither place nor names determine the kind.
+    """Returns the kind of a pair of limbs, from their place and their names. Returns None if place and names
+    contradict each other, or if neither place nor names determine the kind.
     """
     moved = [joints[limb.ball[0]].link for limb in pair.values()]
     centre = points.centre_of_mass_without(moved)
@@ -265,7 +264,8 @@ def extent_of(joints: Sequence[Joint]) -> float:
 
 
 def _carries_both_sides(joints: Sequence[Joint], index: int) -> bool:
-    """True if a joint carries joints of the left and of the right side, so that it belongs to the trunk."""
+    """Returns True if a joint carries joints of the left and of the right side, so that it belongs to the
+    trunk."""
     sideways = [joints[other].anchor[1] for other in carried(joints, index)]
     left, right = max(sideways), -min(sideways)
     return bool(

@@ -41,7 +41,7 @@ def named_side(name: str) -> str | None:
 
 
 def is_named_so(joints: Sequence[Joint], pair: Pair) -> bool:
-    """True if the names of a pair's first joints do not contradict its sides.
+    """Returns True if the names of a pair's first joints do not contradict its sides.
 
     If the names of both limbs contain one and the same side, such as `_r0` and `_r1`, they are ignored.
     """
@@ -79,7 +79,7 @@ def named_as(joints: Sequence[Joint], pair: Pair) -> Vote:
 
 
 def is_named_as(kind: str, name: str) -> bool:
-    """True if a name contains a word for a `kind` of part: arm, leg, head or torso."""
+    """Returns True if a name contains a word for a `kind` of part: arm, leg, head or torso."""
     return bool(_NAMES[kind].search(name))
 
 

@@ -83,9 +83,7 @@ class LinkPoints:
 
     def centre_of_mass_without(self, links: Iterable[str]) -> Array | None:
         """Returns the centre of mass (3,) [m] of a robot without `links` and without all links that `links`
-        carry, in the root's frame.
-
-        None if the remaining links have no mass.
+        carry, in the root's frame. Returns None if the remaining links have no mass.
         """
         moved = {self._model.body(link).id for link in links}
         base = {int(self._model.body_rootid[body]) for body in moved}

@@ -60,9 +60,8 @@ class LocatedTaxels:
     positions: Array
     """Positions (n, 3) [m] in the link; for a taxel that never responded, its initial position."""
     normals: Array
-    """Outward unit normals (n, 3): for each taxel the mean over the touches to which it responded.
-
-    Zero for a taxel that never responded.
+    """Outward unit normals (n, 3): for each taxel the mean over the touches to which it responded. The value
+    is zero for a taxel that never responded.
     """
     touches: NDArray[np.intp]
     """Number (n,) of touches to which each taxel responded."""

@@ -160,8 +160,8 @@ def segment(body: FoundLimbs, points: LinkPoints, name: str, link: str, begin: A
 def find_mount(shoulder: Shoulder) -> tuple[float, float, float] | None:
     """Finds the mount (roll, pitch, yaw) [rad] on which a shoulder's first axis is the axis of flexion.
 
-    The mount is the smallest rotation that turns the y axis to the first axis of the shoulder. None if this
-    rotation exceeds the limit for mounts.
+    The mount is the smallest rotation that turns the y axis to the first axis of the shoulder. Returns None
+    if this rotation exceeds the limit for mounts.
     """
     axis = shoulder.axes[0] * (1.0 if shoulder.axes[0][1] >= 0.0 else -1.0)
     across = np.cross([0.0, 1.0, 0.0], axis)

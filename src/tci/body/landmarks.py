@@ -68,8 +68,7 @@ class Landmarks:
 
     def around(self, part: str, landmark: Landmark, radius: float) -> tuple[str, NDArray[np.bool_]] | None:
         """Returns the patch of a landmark, and a mask (n,) of the patch's taxels nearer than `radius` [m].
-
-        None if the part has no skin at this landmark.
+        Returns None if the part has no skin at this landmark.
         """
         reach = self._reach(part, landmark)
         return None if reach is None else (reach.place.patch, reach.distances < radius)

@@ -44,7 +44,8 @@ class Leaf(Behaviour):
         self.memory: Any = None
         """Memory of the capability."""
         self.seen: tuple[Perception, GenericBody] | None = None
-        """Perception of this tick, and the generic body. None if the leaf is not in a `BehaviourTree`."""
+        """Perception of this tick, and the generic body. The value is None if the leaf is not in a
+        `BehaviourTree`."""
         self.orders: list[Order] = []
         """Orders of the capability in this tick."""
 

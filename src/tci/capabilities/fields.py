@@ -109,7 +109,7 @@ class BodyField(Description):
     kind: BodyKind
     """Kind of the generic part on which the field lies."""
     segment: str = ""
-    """Segment of the part. Empty for skin that belongs to no segment."""
+    """Segment of the part. The text is empty for skin that belongs to no segment."""
     towards: Annotated[Vector, Field(strict=False)]
     """Direction (3,) in which the centre lies on the skin, see `tci.messages.Landmark`."""
     radius_m: Annotated[float, Field(gt=0.0, le=1.0)]

@@ -41,7 +41,7 @@ class GestureMemory:
     time: float
     """Time [s] since the beginning of the gesture, without pauses."""
     since: float | None
-    """Time [s] at which the phase began. None before the first step."""
+    """Time [s] at which the phase began. The value is None before the first step."""
     stamp: float
     """Time of the latest step [s]."""
     reflex: Any

@@ -78,8 +78,8 @@ class Withdrawal(Generic[F]):
     met: frozenset[int] = frozenset()
     """Identities of the contacts that have been checked. The motion does not press any of these contacts."""
     ended: Array | None = None
-    """Generic posture (n,) [rad] at which the motion was ended because of an object on the path. None if the
-    motion was not ended."""
+    """Generic posture (n,) [rad] at which the motion was ended because of an object on the path. The value is
+    None if the motion was not ended."""
 
     @property
     def target(self) -> Array:

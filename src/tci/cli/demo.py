@@ -167,7 +167,7 @@ def _run_trials(
 
 
 def _mode(name: str) -> Mode:
-    """Returns the control mode with the name `mode`. Raises UnknownNameError if the reflex does not support
+    """Returns the control mode with the name `name`. Raises UnknownNameError if the reflex does not support
     this mode."""
     from tci.capabilities.withdrawal import MODES
 

@@ -21,7 +21,7 @@ class Stream:
     name: str
     """Name of the patch, or "joints"."""
     expected: float | None
-    """Nominal frame rate [Hz] in the description. None for the joints."""
+    """Nominal frame rate [Hz] in the description. The value is None for the joints."""
     frames: int
     """Number of different frames that were read."""
     sent: int

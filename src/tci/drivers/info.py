@@ -31,7 +31,7 @@ class DriverInfo:
     one robot, and only one of these drivers may command the robot at a time."""
     keep_alive: float | None = None
     """Longest time [s] between two frames of a patch, if the robot sends a frame only when values change
-    (send-on-delta). None if the robot sends every frame."""
+    (send-on-delta). The value is None if the robot sends every frame."""
     about: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     """Facts for a recording that are required to repeat the run, such as the random seed and the time step of
     a simulation."""

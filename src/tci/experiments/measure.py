@@ -33,13 +33,13 @@ class Trial:
     """True if the reflex commanded this part and no other part, and the part's skin moved away from the
     finger."""
     trigger_ms: float | None
-    """Time [ms] of the first command of the reflex. None if the reflex sent no command."""
+    """Time [ms] of the first command of the reflex. The value is None if the reflex sent no command."""
     first_motion_ms: float | None
     """First time [ms] at which a joint angle differed by at least 0.05 degrees from the trial without reflex.
-    None if all differences were smaller."""
+    The value is None if all differences were smaller."""
     contact_lost_ms: float | None
-    """Time [ms] of the end of the last contact. None if the finger touched the skin until the end of the
-    trial."""
+    """Time [ms] of the end of the last contact. The value is None if the finger touched the skin until the
+    end of the trial."""
     contact_lost_without_reflex_ms: float | None
     """Time [ms] of the end of the last contact in the trial without reflex. Normally None, because the finger
     then touches the skin until the end."""

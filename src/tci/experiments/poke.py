@@ -49,11 +49,11 @@ class Trace:
     start: float = 0.0
     """Time [s] at which the finger started to move."""
     first_contact: float | None = None
-    """Time [s] of the first contact, with the resolution of the simulation step. None if there was no
-    contact."""
+    """Time [s] of the first contact, with the resolution of the simulation step. The value is None if there
+    was no contact."""
     contact_lost: float | None = None
-    """Time [s] of the end of the last contact. None if the finger touched the skin until the end of the
-    trial."""
+    """Time [s] of the end of the last contact. The value is None if the finger touched the skin until the end
+    of the trial."""
     peak_force: float = 0.0
     """Largest contact force [N] in the physics simulation."""
     time: list[float] = field(default_factory=list)
@@ -77,7 +77,8 @@ class Trace:
     commanded: list[tuple[float, str]] = field(default_factory=list)
     """Time [s] and generic part of each command of the reflex."""
     notes: tuple[str, ...] = ()
-    """Messages of the reflex at the end of the trial. Empty if the reflex ran in another process."""
+    """Messages of the reflex at the end of the trial. The tuple is empty if the reflex ran in another
+    process."""
     contacts: dict[float, Contact] = field(default_factory=dict)
     """Strongest contact that TCI found in each skin frame, by the time [s] of the frame."""
 

@@ -73,7 +73,8 @@ class Gate:
         self._settings = settings or GateSettings()
         self.state = GateState.RUN
         self.reason: Reason | None = None
-        """Reason why the gate holds or has stopped, as of the latest step. None in the state RUN."""
+        """Reason why the gate holds or has stopped, as of the latest step. The value is None in the state
+        RUN."""
         self._seal = GateToken(robot.name)
         self._issued: SafeCommand | None = None
         self._tally = Tally()

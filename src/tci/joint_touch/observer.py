@@ -63,8 +63,8 @@ class Residual:
     torque: Array
     """External torque (n,) [N m] on each servo."""
     deviation: Array
-    """Standard deviation (n,) [N m] of the torque due to errors of the model. Infinite for a servo that
-    reports no torque."""
+    """Standard deviation (n,) [N m] of the torque due to errors of the model. The value is infinite for a
+    servo that reports no torque."""
 
 
 class MomentumObserver:

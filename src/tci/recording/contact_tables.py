@@ -45,7 +45,7 @@ class TableFit:
     """Number of contacts recorded on this part."""
     off: float
     """Median distance [m] between the recorded centres and the centres that are computed from the robot's
-    taxels. NaN if this distance is unknown."""
+    taxels. The value is NaN if this distance is unknown."""
     verdict: Verdict
     """Result of the comparison with the robot's skin:
 

@@ -73,7 +73,8 @@ class Recorder:
         """
         self.path = Path(path)
         self.failed = ""
-        """Reason why the recording ended early or could not be compacted. Empty if there was no error."""
+        """Reason why the recording ended early or could not be compacted. The text is empty if there was no
+        error."""
         self.ticks = 0
         """Number of periods written."""
         try:

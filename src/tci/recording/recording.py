@@ -61,7 +61,8 @@ class RecordedTick:
     commands: tuple[dict[str, Any], ...]
     """Commands of the capability. Each command has the fields of `schemas.COMMAND`."""
     decision: dict[str, Any] | None
-    """Decision that was sent to the robot, with the fields of `schemas.DECISION`. None if nothing was sent.
+    """Decision that was sent to the robot, with the fields of `schemas.DECISION`. The value is None if
+    nothing was sent.
     """
 
 
@@ -118,9 +119,8 @@ class Recording:
 
     @property
     def keep_alive(self) -> float | None:
-        """Longest time [s] between two frames of a patch, if frames are sent only when values change.
-
-        None if every frame is sent.
+        """Longest time [s] between two frames of a patch, if frames are sent only when values change. The
+        value is None if every frame is sent.
         """
         try:
             return float(self.about["keep_alive_s"])

@@ -46,8 +46,8 @@ class RunResult(Generic[Memory]):
     state: GateState
     """State of the gate at the end of the run."""
     reason: Reason | None
-    """Reason for the gate's state HOLD or STOP at the end of the run. None if the gate is in the state
-    RUN."""
+    """Reason for the gate's state HOLD or STOP at the end of the run. The value is None if the gate is in the
+    state RUN."""
     touched: Mapping[str, float]
     """Largest force [N] of a contact on each patch that was touched, by patch name. The patch that was
     touched first is the first key."""

@@ -77,10 +77,10 @@ class Session:
         self.report = LoopReport()
         self.log = RunLog(self.driver, listen)
         self.result: RunResult[Any] | None = None
-        """Result of the run. None if the run ended with an error."""
+        """Result of the run. The value is None if the run ended with an error."""
         self.error: BaseException | None = None
         """Exception that ended the run: an error of the capability, or the exception that a signal raised.
-        None if no exception ended the run."""
+        The value is None if no exception ended the run."""
         self._capability, self._observe = capability, observe
 
     @property

@@ -170,9 +170,9 @@ class Interruption:
 
     def __init__(self) -> None:
         self.signal: int | None = None
-        """Number of the received signal. None if no signal was received."""
+        """Number of the received signal. The value is None if no signal was received."""
         self.failure: BaseException | None = None
-        """Exception that ended a thread. None if no thread failed."""
+        """Exception that ended a thread. The value is None if no thread failed."""
         self.thread = ""
         """Name of the failed thread."""
         self.rests = False

@@ -132,12 +132,12 @@ class Finger:
 
     @property
     def first_contact(self) -> float | None:
-        """Time [s] of the tip's first contact in this poke. None if there was no contact."""
+        """Time [s] of the tip's first contact in this poke. The value is None if there was no contact."""
         return self._stamp(at.FIRST)
 
     @property
     def contact_lost(self) -> float | None:
-        """Time [s] when the tip last lost contact. None while the tip touches the skin."""
+        """Time [s] when the tip last lost contact. The value is None while the tip touches the skin."""
         return self._stamp(at.LOST)
 
     @property
@@ -153,7 +153,7 @@ class Finger:
     def pose(self) -> Array | None:
         """`T_WF` (4, 4): pose of the tip's centre in the world frame.
 
-        The z axis of F points into the skin. None if the finger is removed.
+        The z axis of F points into the skin. The value is None if the finger is removed.
         """
         return self._physics.pose(self._tip) if self.state[at.ACTIVE] else None
 

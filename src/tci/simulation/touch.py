@@ -49,9 +49,10 @@ class ContactTruth:
     vector: Array
     """Sum (3,) [N] of the contact forces on the skin, in the torso frame."""
     center: Array
-    """Contact point (3,) [m], weighted by force, in the torso frame. NaN without contact."""
+    """Contact point (3,) [m], weighted by force, in the torso frame. The value is NaN without contact."""
     normal: Array
-    """Outward unit normal (3,) of the contacts, weighted by force, in the torso frame. NaN without contact.
+    """Outward unit normal (3,) of the contacts, weighted by force, in the torso frame. The value is NaN
+    without contact.
     """
 
 

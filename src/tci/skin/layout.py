@@ -54,7 +54,7 @@ class SkinPatch:
     surface: Surface
     part: GenericPart
     segment: Segment | None
-    """The limb segment on which the patch is. None if the patch is on no limb segment."""
+    """The limb segment on which the patch is. The value is None if the patch is on no limb segment."""
     calibration: PatchCalibration | None = None
     """Measured rest values, noise and response. None: the values of the description are used."""
 

@@ -41,8 +41,8 @@ class View:
     response: float
     """Largest servo speed [rad/s] in the command that was sent."""
     finger: Array | None = None
-    """Pose `T_WF` (4, 4) of the simulated finger's tip. The z axis of F points into the skin. None if there
-    is no finger."""
+    """Pose `T_WF` (4, 4) of the simulated finger's tip. The z axis of F points into the skin. The value is
+    None if there is no finger."""
 
     @property
     def force(self) -> float:

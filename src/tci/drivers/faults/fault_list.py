@@ -21,9 +21,9 @@ class KnownFault:
     expected: str
     """Required reaction of TCI."""
     test: str
-    """Test that checks the reaction, as `path::test`. Empty if the fault has no test."""
+    """Test that checks the reaction, as `path::test`. The text is empty if the fault has no test."""
     missing: str
-    """Missing part of TCI for which this fault has no test. Empty if the fault has a test."""
+    """Missing part of TCI for which this fault has no test. The text is empty if the fault has a test."""
 
 
 def _load() -> dict[int, KnownFault]:

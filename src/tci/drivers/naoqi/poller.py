@@ -76,7 +76,7 @@ class Poller:
         self.counts: Counter[str] = Counter()
         """Counts of requests (`polls`), `failures`, `reconnections` and invalid skin frames (`bad`)."""
         self.trouble = ""
-        """Reason why the robot does not answer at present. Empty if the robot answers."""
+        """Reason why the robot does not answer at present. The text is empty if the robot answers."""
         self._joints = joints
         self._currents = Currents(robot, self.names)
         self._channels = {patch.name: patch.channels for patch in robot.skin}

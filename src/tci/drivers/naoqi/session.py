@@ -35,7 +35,7 @@ class Address:
     host: str
     port: int
     user: str = ""
-    """User name for the login. Empty for NAOqi up to 2.8, which has no login."""
+    """User name for the login. The text is empty for NAOqi up to 2.8, which has no login."""
     life: str = "refuse"
     """Action of an armed driver if autonomous motions are on: `refuse` to connect, or switch these motions
     `off`."""

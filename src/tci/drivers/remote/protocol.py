@@ -67,7 +67,7 @@ class State:
     gate: str
     """State of the gate: run, hold or stop."""
     reason: Reason | None
-    """Reason for the gate's state hold or stop. None in the state run."""
+    """Reason for the gate's state hold or stop. The value is None in the state run."""
     commanders: tuple[Commander, ...]
 
 
@@ -95,8 +95,8 @@ class Orders:
     sequence: int
     """Number of the message, which increases by one with each message of the client."""
     halt: Reason | None
-    """Reason for which the sender's gate is in the state HOLD, so that the robot must also hold. None if the
-    sender's gate is in the state RUN."""
+    """Reason for which the sender's gate is in the state HOLD, so that the robot must also hold. The value is
+    None if the sender's gate is in the state RUN."""
     leaving: bool
     """True if this is the last message of the sender."""
     first: int

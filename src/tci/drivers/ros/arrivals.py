@@ -50,7 +50,7 @@ class JointArrivals:
         self._stamps = np.full(count, -np.inf)
         self._sequence = 0
         self.latest: JointReading | None = None
-        """The latest reading of all servos. None until data of every servo has arrived."""
+        """The latest reading of all servos. The value is None until data of every servo has arrived."""
 
     @property
     def missing(self) -> list[str]:
@@ -167,7 +167,7 @@ class SkinArrivals:
         self._clock = SourceClock()
         self._sequence = 0
         self.latest: SkinFrame | None = None
-        """The latest frame. None until a frame has arrived."""
+        """The latest frame. The value is None until a frame has arrived."""
 
     def receive(self, fields: Mapping[str, Any], values: NDArray[np.generic], arrival: float) -> None:
         """Handles raw values that arrived at `arrival` [s]."""

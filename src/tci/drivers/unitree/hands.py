@@ -89,12 +89,12 @@ class Hand:
         self.frames: tuple[SkinFrame, ...] = ()
         """Latest frame of each patch; empty before the first state."""
         self.state: Any = None
-        """Latest records (m,) of MOTOR_STATE. None before the first state."""
+        """Latest records (m,) of MOTOR_STATE. The value is None before the first state."""
         self.stamp = -np.inf
         """Time [s] of the latest state."""
         self.fault = ""
-        """Reason for which the fingers must not move until a person connects again. Empty if the fingers may
-        move."""
+        """Reason for which the fingers must not move until a person connects again. The text is empty if the
+        fingers may move."""
         self._count = 0
 
     def poll(self, now: float) -> None:

@@ -40,7 +40,8 @@ class Health:
         self.wrong = 0
         """Number of states with a wrong checksum."""
         self.lasting = ""
-        """Reason of a fault after which a person must connect again. Empty if no such fault occurred."""
+        """Reason of a fault after which a person must connect again. The text is empty if no such fault
+        occurred."""
         self._heard = -np.inf
         self._there, self._names = np.arange(MOTORS), NAMES
 

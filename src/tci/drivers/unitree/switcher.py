@@ -87,7 +87,7 @@ class SwitcherServer:
 
     def __init__(self, node: UnitreeNode) -> None:
         self.name = NAME
-        """Name of the controller that runs. Empty if no controller runs."""
+        """Name of the controller that runs. The text is empty if no controller runs."""
         self._requests = node.reader(
             "rt/api/motion_switcher/request", messages.REQUEST, keep=MOST, reliable=True
         )

@@ -218,8 +218,8 @@ class GenericBody:
     def retreat_at_ends(self, perception: Perception, part: str, targets: Array) -> Array:
         """Returns the displacement (2, m, c) [m] of c contact points at the ends of m motions of `part`.
 
-        For each row of `targets` (m, n) [rad], the result equals the last time of `retreat`, but needs much
-        less computing time.
+        For each row of `targets` (m, n) [rad], the result equals the displacement that `retreat` returns for
+        the last time, but needs much less computing time.
         """
         return self._retreat.at_ends(_joints(perception).position, perception.contacts, part, targets)
 

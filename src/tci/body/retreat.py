@@ -98,8 +98,9 @@ class Retreat:
     def at_ends(self, position: Array, contacts: Contacts, part: str, targets: Array) -> Array:
         """Returns the displacement (2, m, c) [m] of each contact point at the end of each of m motions.
 
-        The motions go to `targets` (m, n) [rad]. The result equals the last time of `along`, but no motion is
-        planned, which takes less computing time. Raises UnknownNameError for an unknown part.
+        The motions go to `targets` (m, n) [rad]. The result equals the displacement that `along` returns for
+        the end of a motion, but needs less computing time, because no motion is planned. Raises
+        UnknownNameError for an unknown part.
         """
         motion = self._motion(part)
         angles = np.empty((len(targets) + 1, len(position)))

@@ -47,7 +47,7 @@ class Answer:
     field: ReceptiveField
     """Closest field among those that contain the contact."""
     gain: float
-    """phi(F) psi(d), above 0 and at most 1 (eq. 5)."""
+    """Gain phi(F) psi(d) of the response (eq. 5), above 0 and at most 1."""
 
 
 WithdrawalMemory = Withdrawals[ReceptiveField]

@@ -51,7 +51,7 @@ class Wish(NamedTuple, Generic[F]):
     field: F
     """Field that responds. This field contains the contact."""
     gain: float
-    """phi(F) psi(d), above 0 and at most 1 (eq. 5)."""
+    """Gain phi(F) psi(d) of the response (eq. 5), above 0 and at most 1."""
     contact: int
     """Index of the contact in `Perception.contacts`."""
     rank: int = 0

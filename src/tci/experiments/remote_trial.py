@@ -206,8 +206,8 @@ def _patiently(robot: Robot, via: str) -> Driver:
 def answer(robot: Robot, reflex: Capability[Any], pipe: Connection) -> None:
     """Main loop of the other process.
 
-    The loop receives an address, connects to the robot at this address, and runs the reflex until the next
-    message arrives. Then the loop begins again.
+    In each turn, the loop receives an address, connects to the robot at this address, and runs the reflex
+    until the next message arrives.
     """
     while True:
         try:

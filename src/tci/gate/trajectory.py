@@ -228,9 +228,10 @@ class OnlineTrajectory:
         """Takes a step towards the target. If the stop after this step would leave the bounds, takes no step
         and returns False.
 
-        If the way inside of a servo outside its limits is refused, the other servos move without this servo.
-        The way inside is tried again while servos move, and then not until the next command. If the guard
-        refuses the motion of the other servos too, all targets end, and only the way inside goes on.
+        If a servo outside its limits may not move back inside (the "way inside"), the other servos move
+        without this servo. The way inside is tried again while servos move, and after that only at the next
+        command. If the guard refuses the motion of the other servos too, all targets end, and only the way
+        inside continues.
         """
         if self._barred and not self._any_driven:  # the other servos are at rest
             return self._return_inside()

@@ -1,5 +1,5 @@
-"""The way inside of servos that were found outside their limits: its speed, and the part of it that needs no
-check for self-collision."""
+"""The motion by which servos that were found outside their limits move back inside ("way inside"): its speed,
+and the part of it that needs no check for self-collision."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Contacts: clusters of active taxels with their centre of pressure on the skin (eq. 7).
 
-Taxels are clustered first. If two places of a limb are touched, the mean of eq. 7 over the whole skin would
-be on the untouched skin between them, or inside the limb.
+Active taxels are clustered before eq. 7 is applied to each cluster. If two places of a limb are touched, the
+mean of eq. 7 over the whole skin would be on the untouched skin between them, or inside the limb.
 """
 
 from __future__ import annotations

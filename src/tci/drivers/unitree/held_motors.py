@@ -49,8 +49,8 @@ class HeldMotors:
     """Starts the keeper and communicates with it. The keeper continues if this process ends."""
 
     def __init__(self, where: UnitreeAddress, period: float, node: UnitreeNode, health: Health) -> None:
-        """Starts the keeper. The keeper does not take the motors before `take`. `node` and `health` are the
-        driver's objects, and are used if the keeper is killed. Raises DriverError if the operating system
+        """Starts the keeper. The keeper takes the motors only after a call of `take`. `node` and `health` are
+        the driver's objects, and are used if the keeper is killed. Raises DriverError if the operating system
         lacks the required sockets.
         """
         if not hasattr(socket, "SOCK_SEQPACKET") or not hasattr(socket, "AF_UNIX"):

@@ -50,7 +50,7 @@ class SkinLayout:
     """Index (n,) of the channel that represents each channel if a skin is read per triangle; -1 for an absent
     channel, -2 for a pad."""
     listed_normals: Array
-    """Normals (n, 3) as written in the file. They may have any length. iCub's skinManager uses them
+    """Normals (n, 3) as written in the file. These normals may have any length. iCub's skinManager uses them
     unchanged."""
     tangents: Array | None = None
     """Unit x axes (n, 3) of three-axis taxels, perpendicular to the normals; None if the file contains no x

@@ -26,8 +26,8 @@ Trust = Literal["names", "places", "none"]
 """Rule for fingers in doubt. "names": the names of the fingers decide. "places": the places of the fingers
 decide. "none": the hand is described without fingers."""
 SHORTEST = 0.005
-"""Least length [m] of a finger's last link by its shape; a shorter result is not used. Assumed: shorter than
-any finger tip."""
+"""Least plausible length [m] of a finger's last link. A shorter length, computed from the link's shape, is
+not used. Assumed: shorter than any finger tip."""
 Hands = Mapping[Side, tuple[Finger, ...]]
 """Fingers by side. Hands without fingers are left out."""
 

@@ -170,7 +170,8 @@ class _FieldsFile(Description):
 
 @cache
 def default_fields(*, measure: Measure = "total") -> tuple[ReceptiveField, ...]:
-    """Returns the five default fields of arms. Their values are assumed, since no values are published."""
+    """Returns the five default fields of arms. All values of the fields are assumed, since no values are
+    published."""
     with as_file(files("tci.capabilities") / "withdrawal.toml") as path:
         return load_fields(path, measure=measure)
 
@@ -220,7 +221,7 @@ def load_fields(
 def default_body_fields() -> BodyFields:
     """Returns the default fields of head, torso, hands and legs.
 
-    Their values are assumed, since no values are published.
+    All values of the fields are assumed, since no values are published.
     """
     with as_file(files("tci.capabilities") / "body_withdrawal.toml") as path:
         return load_body_fields(path)

@@ -49,9 +49,9 @@ def look_at(
     """Returns a camera that looks at `point` (3,) [m] from the distance `distance` [m].
 
     The camera's direction from the point is given by `azimuth` [rad], an angle around z that is 0 in front
-    (x) and +pi/2 on the left (y), and by `elevation` [rad], the angle above the horizontal plane. Point,
-    angles and "up" are in the frame `T_WF` (4, 4), by default in the world frame. Raises TciError for a
-    distance, angle or size with which no picture is possible.
+    (x) and +pi/2 on the left (y), and by `elevation` [rad], the angle above the horizontal plane. The point,
+    the angles and the picture's upward direction are given in the frame `T_WF` (4, 4), by default in the
+    world frame. Raises TciError for a distance, angle or size with which no picture is possible.
     """
     if not distance > 0.0:
         raise TciError(f"camera distance {distance} m; valid: more than 0")

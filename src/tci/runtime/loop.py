@@ -110,7 +110,8 @@ def run(
     Before the robot moves, raises TciError for an invalid duration or argument, CommandError if the gate
     refuses the capability's first commands, and DriverError if another process commands the robot. After the
     robot has come to rest, raises CommandError if a step of the capability did not return commands and
-    memory. Also then raises the errors of the driver, of the capability, of an observer or of a thread.
+    memory. At this time, `run` also raises errors of the driver, of the capability, of an observer or of a
+    thread.
     """
     check_duration(duration)
     driver, capability = as_driver(driver), as_capability(capability)

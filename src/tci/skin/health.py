@@ -97,7 +97,8 @@ class TaxelHealth:
         return healthy
 
     def revive(self, changed: NDArray[np.bool_]) -> None:
-        """Uses dead and stuck taxels that `changed` (n,) again, from the next frame on."""
+        """Ends the masking of dead and stuck taxels whose value has `changed` (n,). These taxels are used
+        again from the next frame on."""
         self.state[changed & (self.state != _NOISY)] = _HEALTHY
         self.muted &= ~(changed & (self.state == _HEALTHY))
 

@@ -37,7 +37,8 @@ class Out:
         self._sample: Any = kind.__new__(kind)
 
     def __call__(self, data: bytes) -> None:
-        """Sends one message, which a slow reader misses. Raises DriverError if the message can't be sent."""
+        """Sends one message. A reader that is too slow misses the message. Raises DriverError if the message
+        can't be sent."""
         self._sample.raw = data
         try:
             self._writer.write(self._sample)

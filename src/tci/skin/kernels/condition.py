@@ -261,7 +261,7 @@ def condition(
     again: only the number of such frames is counted. The sums of the block are updated later, when its values
     change or the estimation window ends. The result is equal. `raw` (c,) contains all channels. `last` (c,)
     are the raw values of the previous frame. `stamps` (k,) [s] are the times of the frames. `latency` [s] is
-    the time constant of the low-pass filter. Returns the number of patches that have an ended window.
+    the time constant of the low-pass filter. Returns the number of patches whose estimation window has ended.
     """
     ended = 0
     for k in range(len(which)):

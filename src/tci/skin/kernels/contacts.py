@@ -33,7 +33,7 @@ from tci.skin.kernels.arrays import (
 from tci.skin.kernels.nearest import nearest
 
 FORCE, PEAK, AREA_SUM, U, THETA, Y, Z, POINT, NORMAL, SUMMARY = 0, 1, 2, 3, 4, 5, 6, 7, 10, 13
-"""Columns of the summary of a contact. `SUMMARY` is their number."""
+"""Columns of the summary of a contact. `SUMMARY` is the number of columns."""
 NARROW = 0.5
 """Least width of a touch [distances of neighbouring taxels]. A smaller width can't be measured, since few
 taxels respond. Assumed: on skins with distances of 6 to 10 mm between taxels, touches of 3 to 5 mm width then

@@ -54,7 +54,10 @@ def test_a_proposed_robot_is_proved_as_it_is(name: str, tmp_path: Path) -> None:
 
 def test_an_arm_whose_limits_keep_it_away_from_every_posture_is_refused(tmp_path: Path) -> None:
     file = "simple_humanoid_description/urdf/simple_humanoid.urdf"
-    with pytest.raises(DescriptionError, match="RARM_SHOULDER_R has 0 to 164 degrees and needs -15; valid"):
+    with pytest.raises(
+        DescriptionError,
+        match="RARM_SHOULDER_R would need -15 degrees, and its limits are 0 to 164 degrees; valid",
+    ):
         proposed("simple", file, tmp_path)
 
 

@@ -53,6 +53,45 @@ ANGLES = pytest.mark.parametrize("mode", [Mode.POSITION, Mode.IMPEDANCE])
 
 
 @ANGLES
+def test_a_command_to_servos_that_move_already_is_refused_for_the_same_faults(mode: Mode) -> None:
+    driven = Driven(make_robot(modes=(mode,)), ZERO)
+    good = dataclasses.replace(position_command([2, 3], [0.5, 0.5]), mode=mode)
+    for _ in range(3):
+        driven.step(good)
+    targets = driven.gate.targets
+    for values, speed, code in (
+        ([0.1, np.nan], 1.0, Code.COMMAND_INVALID),
+        ([0.1, 0.2], 0.5 * SLOWEST, Code.COMMAND_INVALID),
+        ([45.0, 90.0], 1.0, Code.LIKELY_DEGREES),
+        ([7.0, 0.2], 1.0, Code.LIKELY_DEGREES),
+    ):
+        wrong = position_command([2, 3], values, speed)
+        assert driven.step(dataclasses.replace(wrong, mode=mode)).refusals[0].code is code
+        assert np.array_equal(driven.gate.targets, targets)
+
+
+def test_a_command_of_other_number_types_counts_like_one_of_doubles() -> None:
+    paths = []
+    for servos, values in (([2, 4], np.float64), (np.array([2, 4], np.int16), np.float32)):
+        driven, command = Driven(make_robot(), ZERO), position_command([2, 4], [0.5, -0.25])
+        command = dataclasses.replace(command, servos=np.array(servos), values=command.values.astype(values))
+        for _ in range(5):
+            driven.step(command)
+        paths.append(np.array(driven.path))
+    assert np.array_equal(*paths)
+    assert paths[0].any()
+
+
+@pytest.mark.parametrize("name", ["position", "velocity"])
+def test_joint_data_that_are_no_doubles_are_an_error(name: str) -> None:
+    """Compiled loops would read the bytes of other numbers as doubles."""
+    gate, joints = Gate(make_robot(), period=PERIOD, stale_after=0.05), reading(ZERO)
+    wrong = dataclasses.replace(joints, **{name: np.zeros(6, np.int64)})
+    with pytest.raises(TypeError, match="valid: float64"):
+        gate.step((), wrong, 0.0)
+
+
+@ANGLES
 def test_position_is_clamped_reported_and_what_is_sent_is_the_clamped_value(mode: Mode) -> None:
     driven = Driven(make_robot(modes=(mode,)), ZERO)
     safe = driven.step(dataclasses.replace(position_command([3], [6.0]), mode=mode))

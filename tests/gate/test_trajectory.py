@@ -177,7 +177,7 @@ def test_before_the_first_step_what_lies_ahead_is_the_stop() -> None:
 
 def test_what_can_not_stop_can_not_be_taken_over() -> None:
     limiter, _ = moving()
-    limiter._state[1, 1] = np.nan
+    limiter.whole_state[1, 1] = np.nan
     other = OnlineTrajectory(BOUNDS, BOUNDS.nearest(np.zeros(len(ARM)), FREE), PERIOD)
     words = "these servos can't join the motion now: they would leave their limits .*; valid: ask again later"
     with pytest.raises(CommandError, match=f"^{words}$"):

@@ -12,6 +12,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.compiled import entry
 from tci.errors import CommandError
 from tci.frames import Array
 from tci.gate.kernels.motion import all_finite
@@ -32,6 +33,7 @@ in all joints."""
 SLOWEST = 1e-3
 """Least speed [rad/s] that a command may request. Assumed: at a lower speed, a motion over the full range of
 a joint takes longer than two hours, which is the longest motion that ruckig plans."""
+_all_finite, _is_acceptable = entry(all_finite), entry(is_acceptable)
 INDICES, DOUBLES = np.dtype(np.intp), np.dtype(np.float64)
 
 
@@ -40,7 +42,7 @@ def fault_of_reading(robot: Robot, joints: JointReading, now: float, stale_after
 
     The age of usable data is between -`stale_after` and `stale_after` [s]. The age may be negative, because
     `now` is the beginning of a control period and the data may be read a little later. Velocities may be NaN,
-    because not every robot sends them.
+    because not every robot sends them. Raises TypeError for arrays of another type than double.
     """
     expected = (len(robot.servos),)
     if joints.position.shape != expected:
@@ -49,7 +51,10 @@ def fault_of_reading(robot: Robot, joints: JointReading, now: float, stale_after
     if joints.velocity.shape != expected:
         words = f"joint velocities of shape {joints.velocity.shape}; valid: {expected}"
         return Reason(Code.JOINTS_MISFIT, words)
-    if not all_finite(joints.position):
+    if not joints.position.dtype == joints.velocity.dtype == DOUBLES:
+        words = f"joint angles of type {joints.position.dtype}, velocities of {joints.velocity.dtype}"
+        raise TypeError(f"{words}; valid: {DOUBLES}")
+    if not _all_finite(joints.position):
         worst = int(np.argmin(np.isfinite(joints.position)))
         return Reason(Code.JOINTS_MISFIT, f"the angle of {robot.servos[worst].name} is not finite")
     age = now - joints.stamp
@@ -59,17 +64,26 @@ def fault_of_reading(robot: Robot, joints: JointReading, now: float, stale_after
     return None
 
 
+def is_usual(command: PlatformCommand) -> bool:
+    """Returns True if the arrays of a command have equal shapes (k,) and the types that compiled loops
+    read."""
+    servos, values, speed = command.servos, command.values, command.speed
+    return (
+        servos.dtype == INDICES
+        and values.dtype == speed.dtype == DOUBLES
+        and servos.ndim == 1
+        and values.shape == speed.shape == servos.shape
+    )
+
+
 def check_command(robot: Robot, command: PlatformCommand) -> tuple[NDArray[np.intp], Array, Array]:
     """Returns the servos, values and speeds (k,) of a command, as new arrays.
 
     Raises CommandError if a shape or a value is invalid.
     """
     servos, values, speed = command.servos, command.values, command.speed
-    usual = servos.dtype == INDICES and values.dtype == speed.dtype == DOUBLES
-    if usual and servos.ndim == 1 and values.shape == speed.shape == servos.shape:
-        numbers = servos.copy(), values.copy(), speed.copy()
-        if is_acceptable(*numbers, len(robot.servos), SLOWEST):
-            return numbers
+    if is_usual(command) and _is_acceptable(servos, values, speed, len(robot.servos), SLOWEST):
+        return servos.copy(), values.copy(), speed.copy()
     _refuse_wrong(robot, command)
     return servos.astype(np.intp), values.astype(np.float64), speed.astype(np.float64)
 

@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.compiled import entry
 from tci.frames import Array
 from tci.gate.joint_group import JointGroup
 from tci.gate.kernels.stops import take_room
@@ -14,6 +15,7 @@ from tci.gate.self_collision import SelfCollision
 from tci.gate.stop_plan import StopTrajectory
 from tci.reasons import Reason
 
+_take_room = entry(take_room)
 LOOKS = 16
 """Number of checked points of a stop, including both ends. Assumed: the number is sufficient, because
 `SelfCollision` also checks the path between two points."""
@@ -39,7 +41,7 @@ class BodyGuard:
     def turns(self, chains: Collection[JointGroup], moving: Collection[JointGroup]) -> Iterator[JointGroup]:
         """Yields the `moving` groups one after the other. The caller must move each group by one period
         before the caller requests the next group."""
-        self._before = {chain: chain.limiter.whole_state[0] for chain in chains}
+        self._before = {chain: chain.limiter.position for chain in chains}
         self._waiting = {*moving}
         for chain in moving:
             yield chain
@@ -57,10 +59,10 @@ class BodyGuard:
         if (box := self._box).shape[1] != len(measured):
             box = self._box = np.empty((2, len(measured)))
         box[:] = measured
-        take_room(index, measured, stop.here, stop.span, box)
+        _take_room(index, measured, stop.here, stop.span, box)
         for other in others:
-            here = other.limiter.whole_state[0]
-            take_room(other.index, measured, self._before.get(other, here), other.limiter.span, box)
+            limiter = other.limiter
+            _take_room(other.index, measured, self._before.get(other, limiter.position), limiter.span, box)
         if self._body.keeps_margin(box):
             return None
         return self._fault_of_path(index, stop, others, measured)
@@ -73,7 +75,7 @@ class BodyGuard:
         reference[index] = stop.here
         deviation[index] = measured[index] - stop.here
         for other in others:
-            here = reference[other.index] = other.limiter.whole_state[0]
+            here = reference[other.index] = other.limiter.position
             deviation[other.index] = measured[other.index] - self._before.get(other, here)
         duration = stop.duration
         longest = max((other.limiter.remaining for other in others), default=0.0)

@@ -63,7 +63,8 @@ class CommandedGroups:
         servos outside a group."""
         self.measured = measured
         for chain in self._chains.values():
-            chain.look_outside(measured)
+            if chain.leans:
+                chain.look_outside(measured)
 
     def drop(self) -> None:
         """Ends all groups. The control modes of the servos do not change."""

@@ -86,7 +86,7 @@ class Gate:
         self._stopped: Reason | None = None
         self._held: Reason | None = None
         self._credit, self._before = 1.0, -np.inf
-        self._pace = 0.0
+        self._pace: float | None = 0.0  # latest delay of a loop that was never on time [periods]
 
     @property
     def robot(self) -> Robot:
@@ -262,10 +262,10 @@ class Gate:
     def _judge(self, joints: JointReading, now: float) -> Reason | None:
         """Sets the state of the gate. Returns the reason why nothing may move now; None if the robot may
         move."""
-        if -np.inf < now < self._before - self.period:
+        if -math.inf < now < self._before - self._period:
             words = f"time went back by {self._before - now:.3f} s"
             self.stop(Reason(Code.TIME_WENT_BACK, words))
-            self._before = now - self.period
+            self._before = now - self._period
         reason = fault_of_reading(self._robot, joints, now, self._stale_after)
         if reason:
             self._motion.refuse(joints)
@@ -275,7 +275,7 @@ class Gate:
             if monitor is not None and (fault := monitor.step(joints, self._reference, self._torque)):
                 self.stop(fault)
             self._motion.see(joints, now, believed=monitor is None or not monitor.misled)
-            reason = self._motion.fault_of_age(now, self.stale_after)
+            reason = self._motion.fault_of_age(now, self._stale_after)
         reason, self._held = reason or self._held, None
         if self._stopped:
             self.state, reason = GateState.STOP, self._stopped
@@ -293,9 +293,10 @@ class Gate:
         once after a delay."""
         if not math.isfinite(now):
             return False
-        if self._before > -np.inf:
-            passed = max(0.0, now - self._before) / self.period
-            self._look_at_rate(passed)
+        if self._before > -math.inf:
+            passed = max(0.0, now - self._before) / self._period
+            if self._pace is not None:
+                self._look_at_rate(passed)
             self._credit = min(self._credit + passed, 1.0 + CATCH_UP)
         self._before = max(self._before, now)
         if self._credit < 1.0 - EARLY:
@@ -309,10 +310,10 @@ class Gate:
         `passed` [periods] is the time since the last call. If a call was on time once, the loop is only
         delayed, and no warning is logged here: the function that runs the loop reports delays.
         """
-        if passed <= 1.0 + CATCH_UP:
-            self._pace = math.nan
+        if passed <= 1.0 + CATCH_UP or self._pace is None:
+            self._pace = None
         elif abs(passed - self._pace) <= STEADY * passed:
-            self._pace = math.nan
+            self._pace = None
             rate = 1.0 / (passed * self.period)
             _log.warning(
                 f"{self.robot.name}: gate.step is called every {1e3 / rate:.4g} ms and plans for "
@@ -320,7 +321,7 @@ class Gate:
                 f"of driver.ticks(), or connect to 'sim' with rate={rate:.4g}; other drivers have the "
                 "rate of their binding in the robot's description"
             )
-        elif not math.isnan(self._pace):
+        else:
             self._pace = passed
 
     def _set_share(self, command: PlatformCommand, shares: dict[int, float]) -> list[Reason]:

@@ -13,13 +13,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.compiled import entry
 from tci.frames import Array
+from tci.gate.acceptance import FAR_OFF, SLOWEST
 from tci.gate.bounds import Bounds, bounds_of
 from tci.gate.kernels.couplings import shift
-from tci.gate.kernels.targets import SPEED, TARGET, take_targets
+from tci.gate.kernels.targets import take_targets
 from tci.gate.trajectory import Guard, OnlineTrajectory
 from tci.robot.description import Robot
 from tci.robot.joint_map import joint_map
+
+_take_targets = entry(take_targets)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,40 +47,40 @@ class JointGroup:
     ends: Array
     """Present bounds (2, m) of the couplings, which depend on the angles of the servos outside the group. The
     trajectory uses this array too, so the array is changed in place."""
+    leans: bool
+    """True if a servo outside the group shifts the bounds of a coupling."""
+    free: NDArray[np.bool_]
+    """Work space (n,) of `aim`."""
 
     @property
     def driven(self) -> list[int]:
         """Returns the indices, within the group, of the servos that are driven at a velocity other than
         zero."""
-        drive = self.limiter.drive
-        if not self.limiter.drives:
-            return []
-        return np.flatnonzero(np.abs(drive) > 0.0).tolist()  # the comparison is false for NaN
+        return np.flatnonzero(np.abs(self.limiter.drive) > 0.0).tolist()  # the comparison is false for NaN
 
-    def aim(self, servos: NDArray[np.intp], values: Array, speeds: Array, sent: Array) -> float:
+    def aim(self, servos: NDArray[np.intp], values: Array, speeds: Array, box: Array, sent: Array) -> float:
         """Sets the targets of those `servos` (k,) that belong to the group.
 
         Each target is the requested angle in `values` (k,) [rad], or the nearest angle that the bounds allow.
         `speeds` (k,) [rad/s] are the largest speeds of the motion. Writes the targets into `sent` (k,) [rad],
-        and returns the largest distance [rad] of a target from the requested angle.
+        and returns the largest distance [rad] of a target from the requested angle. `box` (2, n_servos) [rad]
+        contains the limits of all servos. Returns INVALID or FAR_OFF (`kernels.targets`), and changes
+        nothing, if the command must be refused. The arrays must be those of a command that `is_usual`.
         """
-        limiter, count = self.limiter, len(self.servos)
-        aims = np.empty((3, count))
-        aims[TARGET], aims[SPEED] = limiter.target, limiter.speed
-        farthest: float = take_targets(
-            self.index, servos, values, speeds, self.limits, self.bounds.coupling, self.ends,
-            np.empty(count, np.bool_), aims, sent,
+        limiter = self.limiter
+        farthest: float = _take_targets(
+            servos, values, speeds, box, FAR_OFF, SLOWEST, self.index, self.limits, self.bounds.coupling,
+            self.ends, self.free, limiter.aims, sent,
         )  # fmt: skip
-        limiter.aim(aims[TARGET], aims[SPEED])
+        if farthest >= 0.0:
+            limiter.begin()
         return farthest
 
     def look_outside(self, measured: Array) -> None:
-        """Passes the angles `measured` (n_servos,) [rad] to the trajectory, and shifts the bounds of the
-        couplings by the contribution of the servos outside the group."""
-        self.limiter.measured = measured[self.index]
-        if len(self.outside):
-            lower, upper = self.bounds.coupling_lower, self.bounds.coupling_upper
-            shift(self.outside, measured, lower, upper, self.ends[0], self.ends[1])
+        """Shifts the bounds of the couplings by the contribution of the servos outside the group, which are
+        at `measured` (n_servos,) [rad]."""
+        lower, upper = self.bounds.coupling_lower, self.bounds.coupling_upper
+        shift(self.outside, measured, lower, upper, self.ends[0], self.ends[1])
 
     def places(self, servos: Sequence[int]) -> list[int]:
         """Returns, for each of `servos`, its index within the group."""
@@ -105,7 +109,8 @@ def make_chain(
     limits = np.array([bounds.lower, bounds.upper, bounds.velocity])
     own = replace(bounds, coupling_lower=ends[0], coupling_upper=ends[1])
     limiter = OnlineTrajectory(own, measured[union], period, guard=guard)
-    chain = JointGroup(union, np.array(union, dtype=np.intp), limiter, bounds, outside, limits, ends)
+    index, free = np.array(union, dtype=np.intp), np.zeros(len(union), np.bool_)
+    chain = JointGroup(union, index, limiter, bounds, outside, limits, ends, bool(outside.any()), free)
     chain.look_outside(measured)
     if old is not None:
         moving = [servo for servo in union if servo in old.servos and servo not in fresh]

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.compiled import entry
 from tci.errors import TciError
 from tci.frames import Array
 from tci.gate.kernels.motion import (
@@ -30,6 +31,7 @@ from tci.messages import JointReading, Mode
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
+_judge_reading = entry(judge_reading)
 JUDGED = (Mode.POSITION, Mode.VELOCITY)
 """Modes in which the measured motion must follow the reference. In other modes a joint may yield, so its
 angle is compared with its velocity and its torque instead."""
@@ -147,7 +149,7 @@ class JointMonitor:
         elapsed = 0.0 if before is None else joints.stamp - before.stamp
         self._sort(reference.modes)
         pushed = np.zeros(len(reference.servos)) if torque is None else torque
-        found = judge_reading(
+        found = _judge_reading(
             self._arrays, reference.servos, self._kinds, reference.position, reference.velocity, pushed,
             joints.position, joints.velocity, joints.stamp, elapsed,
         )  # fmt: skip

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from tci.errors import CommandError
 from tci.frames import Array, frozen
-from tci.gate.acceptance import FAR_OFF, check_command, check_limits, check_switch, refuse_far
+from tci.gate.acceptance import FAR_OFF, check_command, check_limits, check_switch, is_usual, refuse_far
 from tci.gate.bounds import MARGIN
 from tci.gate.commanded_groups import CommandedGroups
 from tci.gate.freshness import Freshness
 from tci.gate.immovable import Immovable
 from tci.gate.joint_monitor import Reference
-from tci.gate.kernels.targets import is_far_off
+from tci.gate.kernels.targets import INVALID, is_far_off
 from tci.gate.settings import GateSettings, Tally
 from tci.gate.speeds import Slope, Speeds
 from tci.gate.torque import TorqueLimiter
@@ -48,8 +48,8 @@ class Motion:
         self._settings = settings
         self._tally = tally
         limits = [servo.limits for servo in robot.servos]
-        self._lower = np.array([limit.lower for limit in limits], dtype=float)
-        self._upper = np.array([limit.upper for limit in limits], dtype=float)
+        ends = [[limit.lower for limit in limits], [limit.upper for limit in limits]]
+        self._box = np.array(ends, dtype=float)
         self.groups = CommandedGroups(robot, period=period, settings=settings)
         """Servos that are under command in any mode other than torque mode."""
         self._torque = TorqueLimiter(robot, period, speed_share=settings.speed_share)
@@ -135,43 +135,55 @@ class Motion:
         if isinstance(command, PlatformSwitch):
             self._switch(command)
             return []
-        servos, values, speeds = check_command(self.robot, command)
-        mode = command.mode
-        chains = self.groups.found(mode, servos)
-        if chains is None:
-            self._check_modes(servos, mode)
-        if mode in TARGETS:
-            if is_far_off(servos, values, self._lower, self._upper, FAR_OFF):
-                refuse_far(self.robot, command)
-            if chains is None:
-                chains = self.groups.moving(servos.tolist())
-                self.groups.note(mode, servos, chains)
-            sent = np.empty(len(servos))
-            farthest = max([chain.aim(servos, values, speeds, sent) for chain in chains])
-            clamped = [] if farthest <= 2 * MARGIN else self.clamps(command, sent.tolist(), "rad")
-        else:
-            clamped = self._push(command) if mode is Mode.TORQUE else self._drive(command)
+        if command.mode in TARGETS:
+            return self._aim(command)
+        servos, _, _ = check_command(self.robot, command)
+        self._check_modes(servos, command.mode)
+        clamped = self._push(command) if command.mode is Mode.TORQUE else self._drive(command)
         self._fed[servos] = now
         return clamped
+
+    def _aim(self, command: PlatformCommand) -> list[Reason]:
+        """Sets the targets of servos. Returns the reasons for clamped values."""
+        servos, values, speeds = command.servos, command.values, command.speed
+        usual = is_usual(command)
+        chains = self.groups.found(command.mode, servos) if usual else None
+        if chains is None:
+            servos, values, speeds = check_command(self.robot, command)
+            self._check_modes(servos, command.mode)
+            if is_far_off(servos, values, self._box, FAR_OFF):
+                refuse_far(self.robot, command)
+            chains = self.groups.moving(servos.tolist())
+            self.groups.note(command.mode, servos, chains)
+        sent = np.empty(len(servos))
+        farthest = max([chain.aim(servos, values, speeds, self._box, sent) for chain in chains])
+        if farthest == INVALID:
+            check_command(self.robot, command)
+        if farthest < 0.0:
+            refuse_far(self.robot, command)
+        return [] if farthest <= 2 * MARGIN else self.clamps(command, sent.tolist(), "rad")
 
     def step(self, now: float) -> list[Reason]:
         """Moves the servos by one period. Returns the reasons for motions that were ended to avoid
         self-collisions."""
         self._switched.clear()
-        longest = self._settings.command_timeout
         near: list[Reason] = []
-        chains, body = self.groups.chains, self.groups.body
+        longest, chains, body = self._settings.command_timeout, self.groups.chains, self.groups.body
         moving = [chain for chain in chains if not chain.limiter.rests]
         for chain in moving if body is None or not moving else body.turns(chains, moving):
-            late = [place for place in chain.driven if now - self._fed[chain.servos[place]] > longest]
-            if late:
-                chain.limiter.drive_at(late, np.zeros(len(late)))
-            chain.limiter.step()
-            if (ended := chain.limiter.ended) is not None:
+            limiter = chain.limiter
+            if limiter.drives:
+                late = [place for place in chain.driven if now - self._fed[chain.servos[place]] > longest]
+                if late:
+                    limiter.drive_at(late, np.zeros(len(late)))
+            if limiter.outside:
+                limiter.measured = self.groups.measured[chain.index]
+            limiter.step()
+            if (ended := limiter.ended) is not None:
                 near.append(replace(ended, text=f"stopped on the way: {ended}"))
+                self._tally.near_misses += ended.code is Code.SELF_COLLISION
         if self._torque.servos.size:
             self._torque.relax(np.flatnonzero(now - self._fed > longest))
-        self._tally.near_misses += sum(reason.code is Code.SELF_COLLISION for reason in near)
         return near
 
     def torques(self, now: float, *, due: bool) -> Array:
@@ -182,7 +194,7 @@ class Motion:
         """
         others = self.groups.count
         if not self._torque.servos.size:
-            if len(self._none) != others:
+            if self._none.size != others:
                 self._none = frozen(np.zeros(others))
             return self._none
         age = self._freshness.age(now)

@@ -79,6 +79,7 @@ class SelfCollision:
         self._strides = self._clearance.levers[s.servos]
         self._segment = np.zeros(6)
         self._ends = np.zeros((2, joints))
+        self._robot = (self._arrays, self._known, s.servos, s.zero)
         self._patience = 0
         start = self._of_joints(initial_position(robot))
         self._measure(start, np.arange(pairs, dtype=np.int32), self._axis)
@@ -136,8 +137,7 @@ class SelfCollision:
     def _near(self, box: Array) -> int:
         """Returns the number of pairs that may come closer than the margin between the angles of `box` (2,
         n_servos) [rad]."""
-        servos, zero = self._solids.servos, self._solids.zero
-        count: int = _come_near(self._arrays, self._known, servos, zero, box, self._ends, self.margin)
+        count: int = _come_near(*self._robot, box, self._ends, self.margin)
         return count
 
     def _measure(self, angles: Array, pairs: Indices, axis: Array | None = None) -> Array:

@@ -6,10 +6,12 @@ from collections import deque
 
 import numpy as np
 
+from tci.compiled import entry
 from tci.frames import Array
 from tci.gate.kernels.motion import all_finite
 from tci.messages import JointReading
 
+_all_finite = entry(all_finite)
 SMOOTHING = 0.05
 """Time constant [s] of the smoothed speed that is estimated from successive angles. Assumed: with a shorter
 time constant, the resolution of an encoder looks like a speed; with a longer time constant, a motion is
@@ -60,7 +62,7 @@ class Speeds:
         """Returns the speeds (n,) [rad/s] at a new reading. If the measured speed of a servo is NaN, its
         speed is estimated."""
         before, self._before = self._before, joints
-        if all_finite(joints.velocity):
+        if _all_finite(joints.velocity):
             self._guess = joints.velocity
             return joints.velocity
         passed = 0.0 if before is None else joints.stamp - before.stamp

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tci.compiled import entry
 from tci.frames import Array
 from tci.gate.bounds import Bounds
 from tci.gate.kernels.stops import (
@@ -24,6 +25,7 @@ from tci.gate.kernels.stops import (
     plan_stop,
 )
 
+_plan_stop, _follow_stop = entry(plan_stop), entry(follow_stop)
 LONGEST_STOP = 512
 """Largest number of periods of a stop near a coupling, since this stop is checked period by period. Assumed:
 a stop from full speed takes a tenth of this number; a longer stop near a coupling is not permitted."""
@@ -52,7 +54,7 @@ class StopTrajectory:
         """Returns angles [rad], velocities [rad/s] and accelerations [rad/s2] (k, 3, n) at `times` (k,) [s]
         after the stop begins."""
         states = np.empty((len(times), 3, self.way.shape[1]))
-        follow_stop(self.way, times, states)
+        _follow_stop(self.way, times, states)
         return states
 
 
@@ -65,6 +67,7 @@ class StopPlanner:
         self._period = period
         self._bounds = bounds
         self._limits = np.array([bounds.lower, bounds.upper, bounds.acceleration, bounds.jerk])
+        self._checked = self._limits, bounds.coupling, bounds.coupling_lower, bounds.coupling_upper
         self._kept, self.planned = StopTrajectory(count), StopTrajectory(count)
         self._since = np.zeros(1)
         self.outside = False
@@ -85,10 +88,8 @@ class StopPlanner:
         Returns True if the planned stop keeps the couplings and stays inside the limits, or no farther
         outside than `here`.
         """
-        stop, bounds = self.planned, self._bounds
-        inside, keeps, self.outside, stop.duration = plan_stop(
-            state, here, self._limits, bounds.coupling, bounds.coupling_lower, bounds.coupling_upper, stop.way
-        )
+        stop = self.planned
+        inside, keeps, self.outside, stop.duration = _plan_stop(state, here, *self._checked, stop.way)
         # The check of the box around the stop is quick, and sufficient while no coupling is near.
         return inside and (keeps or self._keeps_couplings(stop))
 

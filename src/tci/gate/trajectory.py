@@ -19,7 +19,7 @@ from ruckig import (
 from tci.errors import CommandError
 from tci.frames import Array
 from tci.gate.bounds import MARGIN, Bounds
-from tci.gate.kernels.targets import straight_limits
+from tci.gate.kernels.targets import SPEED, TARGET, straight_limits
 from tci.gate.stop_plan import StopPlanner, StopTrajectory
 from tci.gate.way_inside import OUTSIDE, STILL, UNPLANNED, creeping, sags, was_there
 from tci.reasons import Code, Reason
@@ -57,9 +57,12 @@ class OnlineTrajectory:
         self._guard = guard
         self.ended: Reason | None = None
         """Reason why the guard ended the motion in the latest step; None if the guard did not end it."""
-        self.target = bounds.inside(position)
-        """Target (n,) [rad], which is always inside the limits."""
-        self._speed = np.array(bounds.velocity)
+        self.aims: Array = np.array([bounds.inside(position), bounds.velocity, np.zeros(count)])
+        """Targets [rad], which are always inside the limits, and speed limits [rad/s] of the present motion,
+        and work space of the function that changes them, in one array (3, n). After a change, call
+        `begin`."""
+        self.target: Array = self.aims[TARGET]
+        self._speed: Array = self.aims[SPEED]
         self._drive = np.full(count, np.nan)
         self._stopping = self._returns = False
         self._told: Code | None = None
@@ -75,7 +78,10 @@ class OnlineTrajectory:
         self._input, self._output = InputParameter(count), OutputParameter(count)
         self._input.max_acceleration, self._input.max_jerk = list(bounds.acceleration), list(bounds.jerk)
         self._stopper = StopPlanner(bounds, position, period)
-        self._state: Array
+        self.whole_state: Array
+        """Latest state as one array (3, n). While nothing moves, the identical array object."""
+        self.position: Array
+        """Latest position (n,) [rad], the first row of the state."""
         self._outside: bool
         self._set_state(np.array([position, np.zeros(count), np.zeros(count)]))
         self._set_interfaces()
@@ -83,14 +89,8 @@ class OnlineTrajectory:
     @property
     def state(self) -> tuple[Array, Array, Array]:
         """Latest position [rad], velocity [rad/s] and acceleration [rad/s2], each (n,)."""
-        position, velocity, acceleration = self._state
+        position, velocity, acceleration = self.whole_state
         return position, velocity, acceleration
-
-    @property
-    def whole_state(self) -> Array:
-        """Latest state as one array (3, n). While nothing moves, this property returns the identical array
-        object."""
-        return self._state
 
     @property
     def span(self) -> Array:
@@ -113,6 +113,11 @@ class OnlineTrajectory:
         return self._any_driven
 
     @property
+    def outside(self) -> bool:
+        """True if a servo is outside its limits, so that `measured` must be up to date."""
+        return self._outside
+
+    @property
     def rests(self) -> bool:
         """True if nothing moves until a new command, so that steps can be omitted."""
         return self._resting and not self._any_driven
@@ -128,7 +133,7 @@ class OnlineTrajectory:
         state = np.array(self.state)
         state[:, places] = np.array(other.state)[:, others]
         self._set_state(state)
-        if not self._stopper.plan(state, self._state[0]):
+        if not self._stopper.plan(state, self.position):
             raise CommandError(
                 "these servos can't join the motion now: they would leave their limits if they stopped; "
                 "valid: ask again later"
@@ -149,9 +154,12 @@ class OnlineTrajectory:
 
         Servos that are driven at a velocity continue at this velocity.
         """
-        self.target = np.array(target)
-        self._speed = np.array(speed)
-        self._set_straight(self._straight and not self._state[1].any())
+        self.target[:], self._speed[:] = target, speed
+        self.begin()
+
+    def begin(self) -> None:
+        """Begins the motion to the targets in `aims`."""
+        self._set_straight(self._straight and not self.whole_state[1].any())
         self._begin()
 
     def drive_at(self, places: Sequence[int], velocity: Array) -> None:
@@ -161,7 +169,7 @@ class OnlineTrajectory:
         must be at rest before the call. A servo outside its limits moves inward, at any requested velocity.
         """
         self._drive[places] = velocity
-        self.target[places] = self.bounds.inside(self._state[0])[places]
+        self.target[places] = self.bounds.inside(self.position)[places]
         self._asked = True
         if not np.array_equal(self._driven, np.isfinite(self._drive)):
             self._set_interfaces()
@@ -176,7 +184,7 @@ class OnlineTrajectory:
         """Stops all servos as fast as the bounds allow, and removes targets and velocities immediately."""
         self._returns = False
         if not self._stopping:
-            self.target = self.bounds.inside(self._stopper.end)
+            self.target[:] = self.bounds.inside(self._stopper.end)
             self._drive[self._driven] = 0.0
             self._asked = True
         self._stopping = True
@@ -190,18 +198,17 @@ class OnlineTrajectory:
         """Returns the positions (k, n) [rad] that the servos would have at `times` (k,) [s] from now if they
         stopped now."""
         if self._resting:
-            return np.tile(self._state[0], (len(times), 1))
+            return np.tile(self.position, (len(times), 1))
         return self._stopper.ahead(times)
 
     def ahead(self, time: float) -> Array:
         """Returns the positions (n,) [rad] that the servos will have in `time` [s] if no new command
         arrives."""
-        position: Array = self._state[0]
         if self._stopping or self._stopper.begun or not self._led:
             ahead: Array = self._stopper.ahead(np.array([time]))[0]
             return ahead
         plan = self._output
-        return position if self._resting else np.array(plan.trajectory.at_time(plan.time + time)[0])
+        return self.position if self._resting else np.array(plan.trajectory.at_time(plan.time + time)[0])
 
     def step(self) -> Array:
         """Moves by one period, and returns the new positions (n,) [rad]."""
@@ -209,20 +216,19 @@ class OnlineTrajectory:
         moved = self._resting or self._waits or (not self._stopping and self._advance())
         if not moved and not (self._stopping and self._returns and self._return_inside()):
             self._brake()
-        position: Array = self._state[0]
-        return position
+        return self.position
 
     @property
     def _waits(self) -> bool:
         """True if the way inside was refused, and nothing has to move until the next command."""
         if self._barred is None or self._any_driven or (self._stopping and not self._returns):
             return False
-        return not (self._state[1].any() or self._sags)
+        return not (self.whole_state[1].any() or self._sags)
 
     @property
     def _sags(self) -> bool:
         """True if a servo outside its limits has sagged, so that it must be led back."""
-        return sags(self._state[0], self.bounds, self.found, self.measured)
+        return sags(self.position, self.bounds, self.found, self.measured)
 
     def _advance(self) -> bool:
         """Takes a step towards the target. If the stop after this step would leave the bounds, takes no step
@@ -245,12 +251,12 @@ class OnlineTrajectory:
         taken, fault = (False, self._barred) if self._barred and back is not None else self._try()
         if not taken and back is not None and (fault or self._any_driven or self._straight):
             self._asked = True
-            self._input.target_position = np.where(back != 0.0, self._state[0], self.target).tolist()
+            self._input.target_position = np.where(back != 0.0, self.position, self.target).tolist()
             if self._any_driven:
                 self._set_velocities(back, inward=False)
-            here, hindrance = self._state[0], self._hindrance
+            here, hindrance = self.position, self._hindrance
             taken, again = self._try()
-            if taken and not np.any(self._state[0] != here):  # the other servos are at rest
+            if taken and not np.any(self.position != here):  # the other servos are at rest
                 self._return_inside()
             fault = fault or again or (hindrance if taken else None)
         if fault and not (taken and fault.code is self._told):  # the end of all targets is always reported
@@ -269,12 +275,12 @@ class OnlineTrajectory:
     def _back(self) -> Array:
         """Returns the velocity (n,) [rad/s] with which servos outside their limits move inward; 0 for all
         other servos."""
-        return self.bounds.inward(self._state[0], self._creeping)
+        return self.bounds.inward(self.position, self._creeping)
 
     def _set_velocities(self, back: Array | None, *, inward: bool) -> None:
         """Sets the target velocities of driven servos. Servos with a velocity `back` (n,) [rad/s] other than
         0 get this velocity if they move `inward`; otherwise these servos stop."""
-        allowed = self.bounds.allowed_velocity(self._state[0], np.nan_to_num(self._drive))
+        allowed = self.bounds.allowed_velocity(self.position, np.nan_to_num(self._drive))
         if back is not None:
             allowed = np.where(self._driven & (back != 0.0), back if inward else 0.0, allowed)
         self._driving = bool(allowed.any())
@@ -288,7 +294,7 @@ class OnlineTrajectory:
         After that, servos only return to where they were found.
         """
         self._set_straight(False)
-        back, rests = self._back(), bool(np.abs(self._state[1]).max() <= STILL)
+        back, rests = self._back(), bool(np.abs(self.whole_state[1]).max() <= STILL)
         if not back.any() or (self._barred and not self._sags):
             return False
         self._input.per_dof_control_interface = [ControlInterface.Velocity] * len(back)
@@ -308,7 +314,7 @@ class OnlineTrajectory:
         Args:
             back: Velocity (n,) [rad/s] of servos outside their limits, if only these servos move.
         """
-        here, output = self._state[0], self._output
+        here, output = self.position, self._output
         try:
             result = self._otg.update(self._input, output)
             numbers = [*output.new_position, *output.new_velocity, *output.new_acceleration]
@@ -329,7 +335,7 @@ class OnlineTrajectory:
         if not known and (fault := barred or self._guard(stop)):
             return False, fault
         output.pass_to_input(self._input)
-        self._state, self._outside = state, self._stopper.outside
+        self.whole_state, self.position, self._outside = state, state[0], self._stopper.outside
         self._stopper.keep()
         self._resting = result == Result.Finished and not (self._driving or self._outside)
         self._led = True
@@ -369,7 +375,7 @@ class OnlineTrajectory:
         self._most, acceleration, jerk = self._speed, self.bounds.acceleration, self.bounds.jerk
         if self._straight:
             limits = np.empty((3, len(jerk)))
-            here = self._state[0]
+            here = self.position
             straight_limits(here, self.target, self._most, acceleration, jerk, MARGIN, LEAST_SHARE, limits)
             self._most, acceleration, jerk = limits
         elif not was:  # ruckig already has these limits
@@ -379,7 +385,7 @@ class OnlineTrajectory:
 
     def _set_state(self, state: Array) -> None:
         """Stores positions, velocities and accelerations (3, n) as the present state, also for ruckig."""
-        self._state = state
+        self.whole_state, self.position = state, state[0]
         self._outside = bool(((state[0] < self.bounds.lower) | (state[0] > self.bounds.upper)).any())
         i = self._input
         i.current_position, i.current_velocity, i.current_acceleration = state.tolist()

@@ -6,7 +6,7 @@ import numpy as np
 from numba import boolean, float64, int64, void
 from numpy.typing import NDArray
 
-from tci.compiled import compiled, reads, views, writes
+from tci.compiled import compiled, inlined, reads, views, writes
 from tci.frames import Array
 from tci.gate.kernels.couplings import project
 
@@ -15,15 +15,14 @@ LOWER, UPPER, FASTEST = range(3)
 [rad/s]."""
 TARGET, SPEED, WANTED = range(3)
 """Rows of the targets of a joint group: targets [rad], speeds [rad/s], and a row for intermediate results."""
+INVALID, FAR_OFF = -1.0, -2.0
+"""Results of `take_targets` for a command that must be refused: invalid numbers, and angles that are far
+outside their limits."""
 
 
-@compiled(boolean(reads(1, int64), reads(1), reads(1), int64, float64))
-def is_acceptable(servos: NDArray[np.intp], values: Array, speeds: Array, count: int, slowest: float) -> bool:
-    """Returns True if a command is valid.
-
-    `servos` (k,) must be below `count` and occur once. `values` (k,) must be finite, and `speeds` (k,)
-    [rad/s] at least `slowest`.
-    """
+@inlined
+def acceptable(servos: NDArray[np.intp], values: Array, speeds: Array, count: int, slowest: float) -> bool:
+    """Returns True if a command is valid: see `is_acceptable`."""
     for k in range(len(servos)):
         if not (0 <= servos[k] < count and np.isfinite(values[k]) and speeds[k] >= slowest):
             return False
@@ -33,41 +32,67 @@ def is_acceptable(servos: NDArray[np.intp], values: Array, speeds: Array, count:
     return len(servos) > 0
 
 
-@compiled(boolean(reads(1, int64), reads(1), reads(1), reads(1), float64))
-def is_far_off(servos: NDArray[np.intp], values: Array, lower: Array, upper: Array, far: float) -> bool:
-    """Returns True if `values` (k,) [rad] of `servos` (k,) are so large that they may be in degrees.
+@compiled(boolean(views(1, int64), views(1), views(1), int64, float64))
+def is_acceptable(servos: NDArray[np.intp], values: Array, speeds: Array, count: int, slowest: float) -> bool:
+    """Returns True if a command is valid.
 
-    There are two cases: one angle is outside `lower` .. `upper` (n_servos,) [rad] and larger than a full
-    turn; or there are two angles or more, and each is outside its limits by more than `far` [rad].
+    `servos` (k,) must be below `count` and occur once. `values` (k,) must be finite, and `speeds` (k,)
+    [rad/s] at least `slowest`.
     """
+    valid: bool = acceptable(servos, values, speeds, count, slowest)
+    return valid
+
+
+@inlined
+def far_off(servos: NDArray[np.intp], values: Array, box: Array, far: float) -> bool:
+    """Returns True if angles may be in degrees: see `is_far_off`."""
     near = len(servos) < 2
     for k in range(len(servos)):
-        outside = max(lower[servos[k]] - values[k], values[k] - upper[servos[k]])
+        outside = max(box[LOWER, servos[k]] - values[k], values[k] - box[UPPER, servos[k]])
         if outside > 0.0 and abs(values[k]) > 2.0 * np.pi:
             return True
         near = near or outside <= far
     return not near
 
 
+@compiled(boolean(views(1, int64), views(1), reads(2), float64))
+def is_far_off(servos: NDArray[np.intp], values: Array, box: Array, far: float) -> bool:
+    """Returns True if `values` (k,) [rad] of `servos` (k,) are so large that they may be in degrees.
+
+    There are two cases: one angle is outside its limits in `box` (2, n_servos) [rad] and larger than a full
+    turn; or there are two angles or more, and each is outside its limits by more than `far` [rad].
+    """
+    large: bool = far_off(servos, values, box, far)
+    return large
+
+
 @compiled(
     float64(
-        reads(1, int64), reads(1, int64), reads(1), reads(1), reads(2), views(2), views(2),
-        writes(1, boolean), writes(2), writes(1),
+        views(1, int64), views(1), views(1), reads(2), float64, float64, reads(1, int64), reads(2), views(2),
+        reads(2), writes(1, boolean), writes(2), writes(1),
     )
 )  # fmt: skip
 def take_targets(
-    index: NDArray[np.intp], servos: NDArray[np.intp], values: Array, speeds: Array, limits: Array,
-    coupling: Array, ends: Array, free: NDArray[np.bool_], aims: Array, sent: Array,
+    servos: NDArray[np.intp], values: Array, speeds: Array, box: Array, far: float, slowest: float,
+    index: NDArray[np.intp], limits: Array, coupling: Array, ends: Array, free: NDArray[np.bool_],
+    aims: Array, sent: Array,
 ) -> float:  # fmt: skip
     """Sets the targets of the servos `index` (n,) of a joint group from the `values` (k,) [rad] of a command
     to `servos` (k,).
 
-    Returns the largest distance [rad] of a target from its requested value. Writes into `aims` (3, n) the
-    targets [rad], which are inside `limits` and couplings, and the `speeds` (k,) [rad/s], clipped to the
-    speeds in `limits` (3, n). Writes into `sent` (k,) [rad] the targets of the servos that are in the group.
-    `coupling` (m, n) and its bounds `ends` (2, m) are described in `Bounds`. `free` (n,) and the last row of
-    `aims` are work space.
+    Returns the largest distance [rad] of a target from its requested value. Returns INVALID or FAR_OFF, and
+    writes nothing, unless the whole command passes `is_acceptable` and `is_far_off`; the arguments `box`,
+    `far` and `slowest` are described there.
+
+    Writes into `aims` (3, n) the targets [rad], which are inside `limits` and couplings, and the `speeds`
+    (k,) [rad/s], clipped to the speeds in `limits` (3, n). Writes into `sent` (k,) [rad] the targets of the
+    servos that are in the group. `coupling` (m, n) and its bounds `ends` (2, m) are described in `Bounds`.
+    `free` (n,) and the last row of `aims` hold intermediate results.
     """
+    if not acceptable(servos, values, speeds, box.shape[1], slowest):
+        return INVALID
+    if far_off(servos, values, box, far):
+        return FAR_OFF
     for i in range(len(index)):
         free[i] = False
         aims[WANTED, i] = aims[TARGET, i]

@@ -3,11 +3,15 @@ skin."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+import pressing
+from pressing import with_pad
 from simulation import kernel_oracle
 from simulation.pokes import frame_of, poke_anywhere, pressures, straight_arms
 from tci.errors import TciError
@@ -139,6 +143,45 @@ def test_a_touch_on_the_end_of_a_limb_s_skin_is_not_felt() -> None:
     assert (
         frame_of(world, "right_thigh").values == round(world.robot.patch("right_thigh").sensor.rest)
     ).all()
+
+
+TILTS = [(0.0, True), (40.0, True), (70.0, True), (90.0, False), (180.0, False)]
+
+
+@pytest.mark.parametrize(("tilt", "felt"), TILTS)
+def test_a_skin_of_one_taxel_feels_its_face_and_not_its_rim_or_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tilt: float, felt: bool
+) -> None:
+    """In an earlier version a touch from behind was felt as a touch from the front, so a reflex would have
+    moved towards it."""
+    monkeypatch.setattr(pressing, "SHEET", 1)
+    normal = np.array([0.0, 0.0, 1.0])
+    robot = with_pad(load_robot("icub"), "torso", "chest", tmp_path, centre=0.3 * normal, normal=normal)
+    world = World(robot, skin=("pad",))
+    angle, surface = np.deg2rad(tilt), world.surfaces["pad"]
+    way = np.array([np.sin(angle), 0.0, np.cos(angle)])
+    rim = 0.5 * np.sqrt(surface.areas[0] / np.pi) * np.array([np.sin(angle), 0.0, 0.0])
+    world.finger.poke("pad", surface.positions[0] + rim, way, depth=0.005)
+    world.advance(0.2)
+    assert world.contact_truth("pad").force > 1.0
+    assert (frame_of(world, "pad").values[0] != robot.patch("pad").sensor.rest) == felt
+
+
+def test_a_poke_is_refused_that_would_also_press_the_end_of_a_limb_s_skin(tmp_path: Path) -> None:
+    """In an earlier version the finger was caught between a pad and the end of an iCub's shank, which bore 8
+    of 9 N unfelt. The shank moved away from the pad, and the force rose by 3.9 N."""
+    end, normal = -0.0138, np.array([0.0, 1.0, 0.0])
+    robot = with_pad(
+        load_robot("icub-whole"), "right_leg", "r_lower_leg", tmp_path,
+        centre=np.array([0.008, -0.016, end]), normal=normal, segment="shank",
+    )  # fmt: skip
+    world = World(robot, skin=("pad", "right_shank"))
+    with pytest.raises(TciError, match="no room for the finger: right_shank would touch it too"):
+        world.finger.poke("pad", 2, depth=0.005)
+    assert world.finger.pose is None
+    world.finger.poke("pad", 3, depth=0.005)
+    world.advance(0.2)
+    assert world.contact_truth("pad").force == pytest.approx(4.0, rel=0.05)
 
 
 def test_raw_values_stop_at_the_sensor_s_range(nao: World) -> None:

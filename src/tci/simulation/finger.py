@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -36,6 +38,8 @@ _COLOUR = (0.85, 0.55, 0.45, 1.0)
 _OVERLAP = 5e-4
 """Largest depth [m] inside the skin at which the finger may start. Assumed: this is larger than the solver's
 tolerance and smaller than a visible overlap."""
+_PRESSED = 2e-4
+"""Depth [m] in the skin at which no surface without taxels may be in the way. The tip is this deep at 8 N."""
 
 
 def add_finger(spec: mujoco.MjSpec, *, step: float, radius: float = RADIUS) -> None:
@@ -91,10 +95,13 @@ class Finger:
     moves.
     """
 
-    def __init__(self, physics: Physics, skin: PosedSkin) -> None:
+    def __init__(self, physics: Physics, skin: PosedSkin, unfelt: Callable[[], Sequence[str]]) -> None:
+        """Creates a finger, which is removed. `unfelt` returns the names of the patches that are touched now
+        only where they have no taxels."""
         model = physics.model
         self._physics = physics
         self._skin = skin
+        self._unfelt = unfelt
         self._geom = model.geom(_TIP).id
         self.radius = float(model.geom_size[self._geom, 0])
         """Radius of the tip [m]."""
@@ -185,11 +192,13 @@ class Finger:
         `place` is a taxel, or a point (3,) [m] in the frame of the patch's link. An outward `normal` (3,) in
         the link's frame replaces the surface normal, if given. `speed` [m/s] is the speed of the base.
         `depth` [m] determines the force: `depth * 800 N/m` once the base rests. `gap` [m] is the distance
-        from tip to skin at the start. Raises UnknownNameError for an unknown patch, CommandError for an
-        invalid number, and TciError if the finger would start inside another patch.
+        from tip to skin at the start. Raises UnknownNameError for an unknown patch, and CommandError for an
+        invalid number. Raises TciError if the finger would start inside another patch, or if the finger at
+        this point also touches another patch where that patch has no taxels.
         """
         point, outward = self._skin.point(patch, place, normal)
         self._start(point, outward, speed, depth, gap)
+        self._check_way(patch, gap)
 
     def poke_at(
         self,
@@ -244,3 +253,22 @@ class Finger:
                 other = model.geom(int(contact.geom[contact.geom != self._geom][0])).name
                 self.retire()
                 raise TciError(f"no room for the finger: it would start {-contact.dist:.4f} m inside {other}")
+
+    def _check_way(self, patch: str, gap: float) -> None:
+        """Raises TciError if a finger that touches `patch` also touches another patch where that patch has no
+        taxels, such as the end of a limb.
+
+        In this case an unknown part of the force would be felt nowhere. `gap` [m] is the distance from the
+        tip to `patch`.
+        """
+        data = self._physics.data
+        data.qpos[self._qpos] = gap + _PRESSED
+        self._physics.touch()
+        others = [name for name in self._unfelt() if name != patch]
+        data.qpos[self._qpos] = 0.0
+        self._physics.touch()
+        if others:
+            self.retire()
+            raise TciError(
+                f"no room for the finger: {' and '.join(others)} would touch it too, where no taxels are"
+            )

@@ -23,10 +23,10 @@ WIDE = 0.02
 """Width [m] of a kernel above which its shares are computed twice, see `_share`. Assumed: this is far above
 the width of a taxel."""
 SIDE = 0.2
-"""Least cosine of the angle between a contact's normal and the taxels' normals at which the taxels measure
-the contact. A contact with a smaller cosine is on an end of a limb's skin, where there are no taxels.
-Assumed: on the skin of the included robots, this cosine is below 0.2 on these ends, and above 0.7 at almost
-all other places."""
+"""Least cosine of the angle between a contact's outward normal and the taxels' normals at which the taxels
+measure the contact. A contact with a smaller cosine is on an end of a limb's skin, or on the rim or the back
+of a sheet, where there are no taxels. Assumed: on the skin of the included robots, this cosine is below 0.2
+on these ends, and above 0.7 at almost all other places."""
 SENSOR, FLOOR, BODY, BEGIN, END, CHANNEL, NODE, NODES, AXES, COUNT, DUE, TAKEN, TOUCHED, PRESSED = range(14)
 """Columns of a patch's integers:
 
@@ -129,8 +129,7 @@ def _share(
 
 @inlined
 def _feels(normal: Array, count: int, taxels: Array, lists: Array, work: Array) -> bool:
-    """Returns True if taxels measure a contact with this `normal` (3,): if it is not perpendicular to their
-    normals, see `SIDE`.
+    """Returns True if taxels measure a contact with this outward `normal` (3,): if they face it, see `SIDE`.
 
     The taxels are in the row `NEAR` of `lists`. The normal of a taxel is the cross product of its
     tangents."""
@@ -141,7 +140,7 @@ def _feels(normal: Array, count: int, taxels: Array, lists: Array, work: Array) 
         y = row[X + 2] * row[Y] - row[X] * row[Y + 2]
         z = row[X] * row[Y + 1] - row[X + 1] * row[Y]
         cosine += work[SHARE, j] * (x * normal[0] + y * normal[1] + z * normal[2])
-    return abs(cosine) >= SIDE
+    return cosine >= SIDE
 
 
 @inlined

@@ -184,6 +184,16 @@ class Taxels:
         self._load[:] = 0.0
         return vectors
 
+    def unfelt(self) -> list[str]:
+        """Returns the names of the patches that are touched now, but only where they have no taxels."""
+        self._physics.refresh()
+        names = []
+        for name, number in self.worn.items():
+            if at.sample_now(number, -1, self.arrays) and not self._load[at.MARK].any():
+                names.append(name)
+            self._load[:] = 0.0
+        return names
+
     def _check(self, number: int, found: int) -> None:
         if found > at.SLOTS:
             raise TciError(

@@ -104,7 +104,7 @@ class World:
             self._physics, worn, self.surfaces, noise=noise, imperfection=imperfection,
             generator=self._generator,
         )  # fmt: skip
-        self.finger = Finger(self._physics, self._skin)
+        self.finger = Finger(self._physics, self._skin, self._taxels.unfelt)
         """Finger that pokes the skin."""
         self.reset()
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import os
 import socket
-import stat
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
+
+import psutil
 
 from drivers.served import needs_qi
 
@@ -71,20 +73,12 @@ class LivingNao:
 
 
 def cut(port: int) -> None:
-    """Shuts down each connection of this process to `port`. The listening socket stays open."""
-    for number in os.listdir("/proc/self/fd"):
-        try:
-            if not stat.S_ISSOCK(os.fstat(int(number)).st_mode):
-                continue  # a descriptor that is not a socket must not stay open
-            found = socket.socket(fileno=os.dup(int(number)))
-        except OSError:
-            continue  # closed in the meantime
-        with found:
-            try:
-                if found.getpeername()[1] == port:
-                    found.shutdown(socket.SHUT_RDWR)
-            except (OSError, IndexError):
-                continue
+    """Shuts down each connection of this process to `port`. Touches no other socket: a Python object for the
+    listening socket of rospy would make that socket non-blocking, and rospy's server would end."""
+    for one in psutil.Process().net_connections("tcp"):
+        if one.raddr and one.raddr.port == port:
+            with suppress(OSError), socket.socket(fileno=os.dup(one.fd)) as found:
+                found.shutdown(socket.SHUT_RDWR)
 
 
 def _serve(life: str, port: str, late: bool) -> None:

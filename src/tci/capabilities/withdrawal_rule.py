@@ -94,7 +94,7 @@ class Withdrawal(Generic[F]):
         return Withdrawal(self.field, self.origin, self.gain, self.started, now, False, self.met, self.ended)
 
     def goes_as(self, before: Withdrawal[F] | None) -> bool:
-        """Returns True if this withdrawal has the target of the withdrawal `before`."""
+        """Returns True if this withdrawal has the same target as the withdrawal `before`."""
         if before is None or before.ended is not self.ended:
             return False
         return (before.started, before.gain) == (self.started, self.gain)

@@ -29,7 +29,7 @@ coupling."""
 UNPLANNED = Reason(Code.OTHER, "no motion inward was found for a joint outside its limits; it is tried again")
 """Reason that is reported if ruckig finds no motion, which is rare and usually ends in the next period."""
 STILL = 1e-9
-"""Angle [rad] below which a motion is a rounding error."""
+"""Angle [rad] below which a motion counts as a rounding error, so as no motion."""
 
 
 def creeping(speed: Array, *, straight: bool) -> Array:

@@ -225,7 +225,7 @@ class Ros1Driver(RosDriver):
 
 
 class Ros1Server(RosServer):
-    """A server of a robot in ROS 1."""
+    """Serves a robot to programs in ROS 1."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
         """Serves the robot in the namespace `address`. Raises DriverError if no ROS master answers."""

@@ -75,7 +75,7 @@ class Ros2Driver(RosDriver):
 
 
 class Ros2Server(RosServer):
-    """A server of a robot in ROS 2."""
+    """Serves a robot to programs in ROS 2."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
         """Serves the robot in the namespace `address`. Raises DriverError if the node can't be opened."""

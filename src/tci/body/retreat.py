@@ -8,22 +8,25 @@ acceleration. Displacements are relative to the robot's root, since the torso ma
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from threading import local
 
 import numpy as np
 from numpy.typing import NDArray
 from ruckig import InputParameter, Ruckig, RuckigError, Synchronization, Trajectory
 
+from tci.compiled import entry
 from tci.errors import CommandError, UnknownNameError
 from tci.frames import Array
 from tci.gate.bounds import Bounds, bounds_of
 from tci.gate.kernels.couplings import shift
-from tci.messages import Contacts, Mode
+from tci.messages import Contacts, Mode, Site
 from tci.robot.description import Robot
 from tci.robot.joint_map import JointMap, joint_map
 from tci.robot.kernels.links import retreats
 from tci.skin.skin import Skin
 
+_retreats = entry(retreats)
 EARLY = (0.01, 0.02)
 """First times [s] of the prediction, from the beginning of the motion. Assumed: joints accelerate
 differently, so a path may begin in another direction than it ends."""
@@ -68,7 +71,13 @@ class Retreat:
         ends = self._chain.ends([self._chain.body(link) for link in links])
         self._path = self._chain.path(ends.tolist())
         after = dict(zip(links, ends.tolist(), strict=True))
-        self._after = {patch.name: after[patch.link] for patch in robot.patches}
+        ends_of = {patch.name: after[patch.link] for patch in robot.patches}
+
+        @lru_cache(maxsize=16)
+        def after_sites(sites: tuple[Site, ...]) -> NDArray[np.int64]:
+            return np.array([ends_of[site.patch] for site in sites], np.int64)
+
+        self._after = after_sites
         self._own = local()
         self._motions()  # built in advance, so that the first touch is not delayed
 
@@ -116,15 +125,14 @@ class Retreat:
         """
         result = np.zeros((2, len(angles) - 1, len(contacts)))
         if motion.joints.servos.size and len(contacts):
-            after = np.array([self._after[site.patch] for site in contacts.sites])
-            retreats(
+            _retreats(
                 self._chain.extended(angles),
                 self._path,
                 self._chain.steps,
                 self._chain.sums,
-                after[contacts.site],
-                contacts.p_L,
-                contacts.n_L,
+                self._after(contacts.sites)[contacts.site],
+                np.ascontiguousarray(contacts.p_L, np.float64),
+                np.ascontiguousarray(contacts.n_L, np.float64),
                 np.empty((len(self._chain.steps), 3, 4)),
                 np.empty((len(contacts), 3, 2)),
                 result,

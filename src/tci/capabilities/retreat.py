@@ -13,7 +13,7 @@ import numpy as np
 
 from tci.body.generic_body import GenericBody
 from tci.frames import Array
-from tci.messages import Mode, Perception
+from tci.messages import Contact, Mode, Perception
 
 PRESSED = 1e-5
 """Depth [m] up to which a motion into an object counts as tangential to the skin. Assumed: larger than
@@ -48,16 +48,17 @@ def why_not(
     inwards, across = body.retreat(perception, part, target, mode, driven=driven)
     if not inwards.size:
         return ""
-    deepest = inwards.min(axis=0)
-    worst = int(deepest.argmin())
-    if deepest[worst] < -PRESSED:
+    if inwards.min() < -PRESSED:
+        deepest = inwards.min(axis=0)
+        worst = int(deepest.argmin())
         patch = perception.contacts[worst].patch
         return (
             f"its motion would press {patch} {-deepest[worst] * 1e3:.2g} mm into the object that touches it; "
             "valid: a motion away from it"
         )
     reasons = [
-        _why_kept(perception.contacts[one].patch, inwards[:, one], across[:, one], least) for one in answers
+        _why_kept(perception.contacts[one], inwards[:, one].tolist(), across[:, one].tolist(), least)
+        for one in answers
     ]
     return reasons[0] if reasons and all(reasons) else ""
 
@@ -83,21 +84,24 @@ def are_hopeless(
     ]
 
 
-def _why_kept(patch: str, way: Array, across: Array, least: float) -> str:
+def _why_kept(contact: Contact, way: Sequence[float], across: Sequence[float], least: float) -> str:
     """Returns the reason why a contact point does not move away from the object far enough or directly
     enough. The text is empty if the motion is permitted.
 
     Args:
-        patch: Patch of the contact.
+        contact: The contact.
         way: Displacement (k,) [m] away from the object at k points of the motion.
         across: Displacement (k,) [m] tangential to the skin.
         least: Least distance [m] at the end of the motion.
     """
     if way[-1] < least:
         return (
-            f"its motion would take {patch} {way[-1] * 1e3:.2g} mm away from the object that touches it; "
-            f"valid: {least * 1e3:g} mm or more"
+            f"its motion would take {contact.patch} {way[-1] * 1e3:.2g} mm away from the object that touches "
+            f"it; valid: {least * 1e3:g} mm or more"
         )
-    if (way < STEEP * across).any():
-        return f"its motion would drag {patch} along the object that touches it; valid: a motion away from it"
+    if any(inwards < STEEP * aside for inwards, aside in zip(way, across, strict=True)):
+        return (
+            f"its motion would drag {contact.patch} along the object that touches it; "
+            "valid: a motion away from it"
+        )
     return ""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import isfinite
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -299,7 +300,7 @@ def _begin(
     """Starts the motion of the first permitted wish, in order of rank and gain. If no wish is permitted,
     returns None and the reason for which the first wish is refused."""
     posture, first = perception.posture[part], ""
-    if not np.isfinite(posture).all():
+    if not all(map(isfinite, posture.tolist())):
         return None, ""
     origin, now = frozen(posture.copy()), perception.stamp
     ways: dict[tuple[float, ...], list[Wish[F]]] = {}

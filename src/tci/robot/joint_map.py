@@ -6,12 +6,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.compiled import entry
 from tci.errors import FrameError
 from tci.frames import Array, frozen, read_only
 from tci.messages import JointReading
 from tci.robot.description import GenericPart, Robot
+from tci.robot.kernels.joints import combine_servos
 from tci.robot.per_robot import per_robot
 from tci.robot.transforms import KINDS, Coupled, Linear, Retarget, Synergy, Table, Transform, servo_speeds
+
+_combine_servos = entry(combine_servos)
 
 
 class JointMap:
@@ -132,7 +136,7 @@ class JointMap:
 
 class Postures:
     """The maps of all generic parts together. Nearly all joints have a constant slope: the angles of these
-    joints are computed by one sparse product."""
+    joints are computed by one compiled loop."""
 
     def __init__(self, robot: Robot) -> None:
         """Creates the maps. Raises the errors that the transforms raise."""
@@ -154,22 +158,20 @@ class Postures:
                 for row in t.slope(zero):
                     terms = np.flatnonzero(row) if row.any() else np.zeros(1, np.intp)
                     sums.append((t.servos[terms].tolist(), row[terms].tolist()))
-        self._ids, self._offset = np.array(ids, np.intp), np.array(offsets)
-        self._servos = np.array([servo for servos, _ in sums for servo in servos], np.intp)
-        self._factor = np.array([factor for _, factors in sums for factor in factors])
-        self._first = np.cumsum([0, *(len(servos) for servos, _ in sums)])[:-1]
-        self._single = len(self._servos) == len(self._ids)  # the sum for each of these joints has one term
-        self._whole = np.array_equal(self._ids, np.arange(len(self._fixed)))
+        self._constant = (
+            np.array(ids, np.int64),
+            np.cumsum([0, *(len(servos) for servos, _ in sums)]).astype(np.int64),
+            np.array([servo for servos, _ in sums for servo in servos], np.int64),
+            np.array([factor for _, factors in sums for factor in factors]),
+            np.array(offsets),
+        )
         self._others = [(begin + t.ids, t) for begin, t in placed if not t.constant]
 
     def to_generic(self, position: Array) -> dict[str, Array]:
         """Returns the generic angles (n,) [rad] of every part, by the name of the part, for the `position`
         (n_servos,) [rad] of all servos. The arrays are read-only."""
-        terms = self._factor * position.take(self._servos)
-        generic: Array = (terms if self._single else np.add.reduceat(terms, self._first)) + self._offset
-        if not self._whole:
-            constant, generic = generic, self._fixed.copy()
-            generic[self._ids] = constant
+        generic: Array = self._fixed.copy()
+        _combine_servos(np.ascontiguousarray(position, np.float64), *self._constant, generic)
         for ids, transform in self._others:
             generic[ids] = transform.generic(position[transform.servos])
         generic.setflags(write=False)

@@ -109,7 +109,7 @@ class SkinMemory(NamedTuple):
     smoothed: Array
     """Filtered pressure (n,) [Pa] of the previous frame. The shape is (0,) if pressures are not filtered."""
     room: Single
-    """Work space for the raw values of one block."""
+    """Work space for one number per taxel of a block."""
     counts: Places
     """Number of active taxels (p,) of each patch."""
     active: Indices

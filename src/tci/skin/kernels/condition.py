@@ -65,7 +65,9 @@ ROWS, BLOCK_COLUMNS, PATCH_COLUMNS = 6, 4, 9
 GAP = 1.0
 """Upper bound [s] on the frame interval that is added to the length of an estimation window. Assumed: during
 a longer pause the patch was not observed."""
-_STEP = 256
+_STEP, _FEW = 256, 8
+"""Numbers of values that are examined at once: in the comparison of two frames, and in the search for active
+taxels."""
 
 
 @inlined
@@ -156,11 +158,31 @@ def _response(counts: float, nodes: Array, first: int, end: int) -> float:
 
 
 @inlined
-def _pressure(i: int, p: int, layout: LayoutArrays, estimates: Estimates, statistics: Single) -> float:
-    """Returns the pressure [Pa] on taxel `i` of patch `p`. The result is 0 if the taxel is not active."""
-    deviation = statistics[SIGNAL, i] - estimates.offset[i]
-    if not deviation > np.float32(0.0) or deviation < estimates.threshold[i] or estimates.muted[i]:
-        return 0.0
+def _deviate(begin: int, estimates: Estimates, statistics: Single, found: Single) -> None:
+    """Writes the deviation [counts] of each taxel of a block into `found`, or 0 if the taxel is not active.
+
+    The block begins at the taxel `begin`. The loop has no branches, as in `_note`.
+    """
+    end, nothing = begin + len(found), np.float32(0.0)
+    signals, offsets = statistics[SIGNAL, begin:end], estimates.offset[begin:end]
+    thresholds, muted = estimates.threshold[begin:end], estimates.muted[begin:end]
+    for i in range(len(found)):
+        deviation = signals[i] - offsets[i]
+        active = (deviation > nothing) & (not deviation < thresholds[i]) & (not muted[i])
+        found[i] = deviation if active else nothing
+
+
+@inlined
+def _is_zero(values: Single) -> bool:
+    differs = False
+    for i in range(len(values)):
+        differs |= values[i] != np.float32(0.0)
+    return not differs
+
+
+@inlined
+def _pressure(deviation: float, i: int, p: int, layout: LayoutArrays) -> float:
+    """Returns the pressure [Pa] on taxel `i` of patch `p` with a `deviation` [counts]."""
     counts, first, end = np.float64(deviation), layout.begin[p, NODE], layout.begin[p + 1, NODE]
     if first < end:
         counts = _response(counts, layout.nodes, first, end)
@@ -179,10 +201,19 @@ def _list_active(
     begin, stop = layout.begin[p, TAXEL], layout.begin[p + 1, TAXEL]
     smoothing, place = len(memory.smoothed) > 0, begin
     for block in range(layout.begin[p, BLOCK], layout.begin[p + 1, BLOCK]):
-        if memory.blocks[block, LIVE] or smoothing:
-            first = begin + (block - layout.begin[p, BLOCK]) * BLOCK_SIZE
-            for i in range(first, min(first + BLOCK_SIZE, stop)):
-                pressure = _pressure(i, p, layout, estimates, memory.statistics)
+        if not (memory.blocks[block, LIVE] or smoothing):
+            continue
+        first = begin + (block - layout.begin[p, BLOCK]) * BLOCK_SIZE
+        end = min(first + BLOCK_SIZE, stop)
+        deviations = memory.room[: end - first]
+        _deviate(first, estimates, memory.statistics, deviations)
+        for few in range(first, end, _FEW):
+            last = min(few + _FEW, end)
+            if _is_zero(deviations[few - first : last - first]) and not smoothing:
+                continue
+            for i in range(few, last):
+                deviation = deviations[i - first]
+                pressure = _pressure(deviation, i, p, layout) if deviation > np.float32(0.0) else 0.0
                 if smoothing:
                     before = memory.smoothed[i]
                     pressure = before + share * (pressure - before) if share < 1.0 else pressure

@@ -69,8 +69,8 @@ def is_usual(command: PlatformCommand) -> bool:
     read."""
     servos, values, speed = command.servos, command.values, command.speed
     return (
-        servos.dtype == INDICES
-        and values.dtype == speed.dtype == DOUBLES
+        servos.dtype is INDICES
+        and values.dtype is speed.dtype is DOUBLES
         and servos.ndim == 1
         and values.shape == speed.shape == servos.shape
     )

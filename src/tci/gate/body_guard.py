@@ -38,14 +38,16 @@ class BodyGuard:
         self._before: dict[JointGroup, Array] = {}
         self._waiting: set[JointGroup] = set()
 
-    def turns(self, chains: Collection[JointGroup], moving: Collection[JointGroup]) -> Iterator[JointGroup]:
+    def turns(self, moving: Collection[JointGroup]) -> Iterator[JointGroup]:
         """Yields the `moving` groups one after the other. The caller must move each group by one period
         before the caller requests the next group."""
-        self._before = {chain: chain.limiter.position for chain in chains}
         self._waiting = {*moving}
+        self._before.clear()
         for chain in moving:
+            before = chain.limiter.position
             yield chain
             self._waiting.discard(chain)
+            self._before[chain] = before
         self._before.clear()
 
     def fault(

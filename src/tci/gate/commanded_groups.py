@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from operator import is_
 
 import numpy as np
@@ -35,7 +35,12 @@ class CommandedGroups:
         self._robot, self._period, self._settings = robot, period, settings
         self._group_of = groups_of(robot)
         self._chains: dict[int, JointGroup] = {}
-        self._found: dict[tuple[Mode, bytes], list[JointGroup]] = {}
+        self.chains: list[JointGroup] = []
+        """All groups, in the order of their servos in `reference`. A change makes a new list."""
+        self.count = 0
+        """Number of servos that the groups move."""
+        self._found: dict[bytes, tuple[Mode, list[JointGroup]]] = {}
+        self._others: dict[int, list[JointGroup]] = {}
         self.modes = [servo.modes[0] for servo in robot.servos]
         """Control mode of every servo."""
         self.measured: Array = np.zeros(len(robot.servos))
@@ -48,39 +53,36 @@ class CommandedGroups:
         self._states: list[Array] = []
         self._shown_of: list[JointGroup] | None = None
 
-    @property
-    def chains(self) -> Collection[JointGroup]:
-        """All groups, in the order of their servos in `reference`."""
-        return self._chains.values()
-
-    @property
-    def count(self) -> int:
-        """Number of servos that the groups move."""
-        return sum([len(chain.servos) for chain in self._chains.values()])
-
     def look(self, measured: Array) -> None:
         """Stores the `measured` angles (n_servos,) [rad], and shifts the bounds of couplings that contain
         servos outside a group."""
         self.measured = measured
-        for chain in self._chains.values():
+        for chain in self.chains:
             if chain.leans:
                 chain.look_outside(measured)
 
     def drop(self) -> None:
         """Ends all groups. The control modes of the servos do not change."""
         self._chains.clear()
+        self._note_change()
+
+    def _note_change(self) -> None:
+        """Deletes what was derived from the groups and the modes before a change."""
+        self.chains = list(self._chains.values())
+        self.count = sum(len(chain.servos) for chain in self.chains)
+        self._shown_of = None
         self._found.clear()
+        self._others.clear()
 
     def reference(self, loose: NDArray[np.intp]) -> Reference:
         """Returns the present references of the servos under command. The servos in torque mode, `loose`,
         come last, with their measured angles as references."""
-        chains = list(self._chains.values())
+        chains, shown = self.chains, self._shown
         states = [chain.limiter.whole_state for chain in chains]
-        rests = len(states) == len(self._states) and all(map(is_, states, self._states))
-        if self._shown is not None and rests and not loose.size:
-            return self._shown
-        if self._shown is not None and not loose.size and chains == self._shown_of:
-            servos, modes = self._shown.servos, self._shown.modes
+        if shown is not None and chains is self._shown_of and not loose.size:
+            if all(map(is_, states, self._states)):
+                return shown
+            servos, modes = shown.servos, shown.modes
         else:
             servos = frozen(np.concatenate([*(chain.index for chain in chains), loose]))
             modes = tuple([self.modes[servo] for servo in servos.tolist()])
@@ -94,13 +96,14 @@ class CommandedGroups:
 
     def found(self, mode: Mode, servos: NDArray[np.intp]) -> list[JointGroup] | None:
         """Returns the cached groups of `servos` (k,) in `mode`; None if no groups are cached for them."""
-        return self._found.get((mode, servos.tobytes()))
+        found_in, chains = self._found.get(servos.tobytes(), (None, None))
+        return chains if found_in is mode else None
 
     def note(self, mode: Mode, servos: NDArray[np.intp], chains: list[JointGroup]) -> None:
         """Caches the groups of `servos` (k,), which are all in `mode`, until a group or a mode changes."""
         if len(self._found) >= FOUND:
             self._found.clear()
-        self._found[mode, servos.tobytes()] = chains
+        self._found[servos.tobytes()] = mode, chains
 
     def moving(self, servos: Sequence[int]) -> list[JointGroup]:
         """Returns the groups that move `servos`. Servos without a command so far join their groups at their
@@ -108,15 +111,16 @@ class CommandedGroups:
         wanted: dict[int, set[int]] = {}
         for servo in servos:
             wanted.setdefault(self._group_of[servo], set()).add(servo)
-        chains = {}
+        chains: dict[int, JointGroup] = {}
         for group, mine in wanted.items():
             old = self._chains.get(group)
             if old is not None and mine.issubset(old.servos):
                 chains[group] = old
             else:
                 chains[group] = self._chain(group, mine.union(old.servos if old else ()))
-                self._found.clear()
-        self._chains.update(chains)
+        if any(self._chains.get(group) is not chain for group, chain in chains.items()):
+            self._chains.update(chains)
+            self._note_change()
         return list(chains.values())
 
     def switch(self, servos: Sequence[int], mode: Mode, loose: set[int]) -> None:
@@ -133,8 +137,6 @@ class CommandedGroups:
             old = self._chains.get(group)
             kept = ({*old.servos} if old else set()) | mine
             chains[group] = self._chain(group, kept - loose, fresh) if kept - loose else None
-        self._shown = None
-        self._found.clear()
         for servo in servos:
             self.modes[servo] = mode
         for group, chain in chains.items():
@@ -145,6 +147,7 @@ class CommandedGroups:
                 chain.limiter.drive_at(places, np.full(len(places), velocity))
             else:
                 self._chains.pop(group, None)
+        self._note_change()
 
     def _chain(self, group: int, servos: set[int], fresh: Sequence[int] = ()) -> JointGroup:
         """Returns a new motion of the `servos` of a group. Raises CommandError if some servos can't join the
@@ -174,7 +177,10 @@ class CommandedGroups:
         def fault(stop: StopTrajectory) -> Reason | None:
             if self.body is None:
                 return None
-            others = [chain for other, chain in self._chains.items() if other != group]
+            others = self._others.get(group)
+            if others is None:
+                others = [chain for other, chain in self._chains.items() if other != group]
+                self._others[group] = others
             return self.body.fault(index, stop, others, self.measured)
 
         return fault

@@ -168,9 +168,9 @@ class Motion:
         self-collisions."""
         self._switched.clear()
         near: list[Reason] = []
-        longest, chains, body = self._settings.command_timeout, self.groups.chains, self.groups.body
-        moving = [chain for chain in chains if not chain.limiter.rests]
-        for chain in moving if body is None or not moving else body.turns(chains, moving):
+        longest, body = self._settings.command_timeout, self.groups.body
+        moving = [chain for chain in self.groups.chains if not chain.limiter.rests]
+        for chain in moving if body is None or not moving else body.turns(moving):
             limiter = chain.limiter
             if limiter.drives:
                 late = [place for place in chain.driven if now - self._fed[chain.servos[place]] > longest]

@@ -79,7 +79,8 @@ class SelfCollision:
         self._strides = self._clearance.levers[s.servos]
         self._segment = np.zeros(6)
         self._ends = np.zeros((2, joints))
-        self._robot = (self._arrays, self._known, s.servos, s.zero)
+        self._safe, pause = np.full((2, joints), np.inf), np.zeros(1, np.int64)
+        self._fixed = (self._arrays, self._known, s.servos, s.zero, self._safe, pause)
         self._patience = 0
         start = self._of_joints(initial_position(robot))
         self._measure(start, np.arange(pairs, dtype=np.int32), self._axis)
@@ -137,7 +138,7 @@ class SelfCollision:
     def _near(self, box: Array) -> int:
         """Returns the number of pairs that may come closer than the margin between the angles of `box` (2,
         n_servos) [rad]."""
-        count: int = _come_near(*self._robot, box, self._ends, self.margin)
+        count: int = _come_near(*self._fixed, box, self._ends, self.margin)
         return count
 
     def _measure(self, angles: Array, pairs: Indices, axis: Array | None = None) -> Array:

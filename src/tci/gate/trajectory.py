@@ -159,7 +159,9 @@ class OnlineTrajectory:
 
     def begin(self) -> None:
         """Begins the motion to the targets in `aims`."""
-        self._set_straight(self._straight and not self.whole_state[1].any())
+        if self._straight:
+            self._set_straight(not self.whole_state[1].any())
+        self._asked = True
         self._begin()
 
     def drive_at(self, places: Sequence[int], velocity: Array) -> None:

@@ -36,6 +36,13 @@ In this order:
 - angles (j,) [rad]
 """
 Arrays = tuple[Array, ...]
+SPARE, WIDER = 0.002, 0.5
+"""A box of angles is checked with a reserve on each side, so that later boxes inside it need no check: this
+angle [rad], plus this fraction of the width. Assumed: above the noise of encoders; a moving joint stays in
+the reserve for about ten periods."""
+PAUSE = 16
+"""Number of checks without such a reserve after a check that failed because of it. Assumed: then the second
+check takes little time on average."""
 
 
 @inlined
@@ -129,20 +136,12 @@ def to_joints(servos: NDArray[np.intp], zero: Array, box: Array, ends: Array) ->
             ends[k, j] = box[k, servos[j]] - zero[j]
 
 
-@compiled(int64(SOLIDS, KNOWN, reads(1, int64), reads(1), reads(2), writes(2), float64))
-def come_near(
-    solids: Arrays, known: Arrays, servos: NDArray[np.intp], zero: Array, box: Array, ends: Array,
-    margin: float,
-) -> int:  # fmt: skip
-    """Returns the number of pairs that may come as close as `margin` [m] while the servos are within the
-    angles of `box` (2, n_servos) [rad].
-
-    Writes the indices of these pairs into `known`, and updates the bounds in `known` for the middle of the
-    box. Writes the joint angles at both ends of the box into `ends` (2, j), as `to_joints` does.
-    """
+@inlined
+def _count_near(solids: Arrays, known: Arrays, ends: Array, margin: float) -> int:
+    """Returns the number of pairs that may come as close as `margin` [m] while the joints are between the
+    angles `ends` (2, j) [rad]: see `come_near`."""
     joints, shapes, points, _, pairs, levers = solids
     posture, distance, axis, left, bound, _, _, frames, middle = known
-    to_joints(servos, zero, box, ends)
     low, high = ends
     for p in range(len(pairs)):
         bound[p] = distance[p]
@@ -171,6 +170,45 @@ def come_near(
         if not max(now, there) - way > margin:
             left[count] = p
             count += 1
+    return count
+
+
+@compiled(
+    int64(
+        SOLIDS, KNOWN, reads(1, int64), reads(1), writes(2), writes(1, int64), reads(2), writes(2), float64
+    )
+)  # fmt: skip
+def come_near(
+    solids: Arrays, known: Arrays, servos: NDArray[np.intp], zero: Array, safe: Array, pause: Indices,
+    box: Array, ends: Array, margin: float,
+) -> int:  # fmt: skip
+    """Returns the number of pairs that may come as close as `margin` [m] while the servos are within the
+    angles of `box` (2, n_servos) [rad].
+
+    Writes the indices of these pairs into `known`, and updates the bounds in `known` for the middle of the
+    box. Writes the joint angles at both ends of the box into `ends` (2, j), as `to_joints` does.
+
+    Between the joint angles `safe` (2, j) [rad] no pair comes near; a box inside needs no check. After a
+    check, `safe` is larger than the box. `pause` (1,) is the number of checks until this is tried again.
+    """
+    to_joints(servos, zero, box, ends)
+    inside = True
+    for j in range(len(servos)):
+        inside = inside and safe[0, j] <= ends[0, j] and ends[1, j] <= safe[1, j]
+    if inside:
+        return 0
+    for j in range(len(servos)):
+        reserve = SPARE + WIDER * (ends[1, j] - ends[0, j])
+        safe[0, j], safe[1, j] = ends[0, j] - reserve, ends[1, j] + reserve
+    count = 0
+    for trial in range(2):
+        if trial == 0 and pause[0] > 0:
+            continue
+        count = _count_near(solids, known, safe if trial == 0 else ends, margin)
+        if trial == 0 and not count:
+            return 0
+        pause[0] = PAUSE if trial == 0 else pause[0] - 1
+    safe[0] = np.inf
     return count
 
 

@@ -142,7 +142,7 @@ def test_a_servo_comes_in_also_if_a_command_asks_for_the_least_speed(straight: b
 def count_plans(trajectory: OnlineTrajectory, monkeypatch: pytest.MonkeyPatch) -> list[None]:
     """Returns a list that grows by one entry with each calculation of a motion."""
     plans: list[None] = []
-    otg = trajectory._otg
+    otg = trajectory._planner._otg
 
     class Counted:
         def update(self, *args: object) -> object:
@@ -152,7 +152,7 @@ def count_plans(trajectory: OnlineTrajectory, monkeypatch: pytest.MonkeyPatch) -
         def reset(self) -> None:
             otg.reset()
 
-    monkeypatch.setattr(trajectory, "_otg", Counted())
+    monkeypatch.setattr(trajectory._planner, "_otg", Counted())
     return plans
 
 
@@ -204,7 +204,7 @@ def test_a_calculation_that_fails_is_not_called_a_limit(monkeypatch: pytest.Monk
     trajectory = limiter(set())
     trajectory.drive_at([0, 1], np.array([0.0, 0.2]))
     go(trajectory, 0.1)
-    otg, calls = trajectory._otg, [0]
+    otg, calls = trajectory._planner._otg, [0]
 
     class FailsOnce:
         def update(self, *args: object) -> object:
@@ -216,7 +216,7 @@ def test_a_calculation_that_fails_is_not_called_a_limit(monkeypatch: pytest.Monk
         def reset(self) -> None:
             otg.reset()
 
-    monkeypatch.setattr(trajectory, "_otg", FailsOnce())
+    monkeypatch.setattr(trajectory._planner, "_otg", FailsOnce())
     path, told = go(trajectory, 2.0)
     assert told == [UNPLANNED]
     assert path[-1, 0] <= LIMIT
@@ -228,7 +228,7 @@ def test_another_reason_is_reported_after_a_calculation_that_failed(monkeypatch:
     trajectory = limiter(refused)
     trajectory.drive_at([0, 1], np.array([0.0, 0.2]))
     go(trajectory, 0.1)
-    otg, calls = trajectory._otg, [0]
+    otg, calls = trajectory._planner._otg, [0]
 
     class FailsOnce:
         def update(self, *args: object) -> object:
@@ -240,7 +240,7 @@ def test_another_reason_is_reported_after_a_calculation_that_failed(monkeypatch:
         def reset(self) -> None:
             otg.reset()
 
-    monkeypatch.setattr(trajectory, "_otg", FailsOnce())
+    monkeypatch.setattr(trajectory._planner, "_otg", FailsOnce())
     _, told = go(trajectory, PERIOD)
     assert told == [UNPLANNED]
     refused.add(0)
@@ -288,7 +288,7 @@ def test_after_a_calculation_that_fails_no_step_is_taken_twice(monkeypatch: pyte
     trajectory.drive_at([1], np.array([0.5]))
     go(trajectory, 0.02)
     reset: list[None] = []
-    otg = trajectory._otg
+    otg = trajectory._planner._otg
 
     class Failing:
         """Fails at the first of each two calculations."""
@@ -305,7 +305,7 @@ def test_after_a_calculation_that_fails_no_step_is_taken_twice(monkeypatch: pyte
             reset.append(None)
             otg.reset()
 
-    monkeypatch.setattr(trajectory, "_otg", Failing())
+    monkeypatch.setattr(trajectory._planner, "_otg", Failing())
     path, _ = go(trajectory, 0.1)
     assert len(reset) == len(path) - 1
     assert np.abs(np.diff(path[:, 1], 3)).max() / PERIOD**3 <= LIMITS.jerk * 1.001

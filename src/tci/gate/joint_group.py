@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,15 +43,13 @@ class JointGroup:
     outside: NDArray[np.float64]
     """Coefficients (m, n_servos) of the servos outside the group, for couplings that contain a servo of the
     group."""
-    limits: Array
-    """Lower limits [rad], upper limits [rad] and speed limits [rad/s] in one array (3, n)."""
     ends: Array
     """Present bounds (2, m) of the couplings, which depend on the angles of the servos outside the group. The
     trajectory uses this array too, so the array is changed in place."""
     leans: bool
     """True if a servo outside the group shifts the bounds of a coupling."""
-    free: NDArray[np.bool_]
-    """Work space (n,) of `aim`."""
+    arrays: tuple[NDArray[Any], ...]
+    """Arrays that `kernels.targets.take_targets` reads and changes."""
 
     @property
     def driven(self) -> list[int]:
@@ -68,10 +67,7 @@ class JointGroup:
         nothing, if the command must be refused. The arrays must be those of a command that `is_usual`.
         """
         limiter = self.limiter
-        farthest: float = _take_targets(
-            servos, values, speeds, box, FAR_OFF, SLOWEST, self.index, self.limits, self.bounds.coupling,
-            self.ends, self.free, limiter.aims, sent,
-        )  # fmt: skip
+        farthest: float = _take_targets((servos, values, speeds), box, FAR_OFF, SLOWEST, self.arrays, sent)
         if farthest >= 0.0:
             limiter.begin()
         return farthest
@@ -110,7 +106,8 @@ def make_chain(
     own = replace(bounds, coupling_lower=ends[0], coupling_upper=ends[1])
     limiter = OnlineTrajectory(own, measured[union], period, guard=guard)
     index, free = np.array(union, dtype=np.intp), np.zeros(len(union), np.bool_)
-    chain = JointGroup(union, index, limiter, bounds, outside, limits, ends, bool(outside.any()), free)
+    arrays = index, limits, bounds.coupling, ends, free, limiter.aims
+    chain = JointGroup(union, index, limiter, bounds, outside, ends, bool(outside.any()), arrays)
     chain.look_outside(measured)
     if old is not None:
         moving = [servo for servo in union if servo in old.servos and servo not in fresh]

@@ -1,25 +1,16 @@
-"""Jerk-limited motion of servos that move together, one step per control period. The library ruckig plans
-this motion."""
+"""Jerk-limited motion of servos that move together, one step per control period."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from ruckig import (
-    ControlInterface,
-    InputParameter,
-    OutputParameter,
-    Result,
-    Ruckig,
-    RuckigError,
-    Synchronization,
-)
 
 from tci.errors import CommandError
 from tci.frames import Array
 from tci.gate.bounds import MARGIN, Bounds
 from tci.gate.kernels.targets import SPEED, TARGET, straight_limits
+from tci.gate.motion_planner import MotionPlanner
 from tci.gate.stop_plan import StopPlanner, StopTrajectory
 from tci.gate.way_inside import OUTSIDE, STILL, UNPLANNED, creeping, sags, was_there
 from tci.reasons import Code, Reason
@@ -38,11 +29,10 @@ class OnlineTrajectory:
     """Moves n servos within their bounds, each towards a target or at a velocity.
 
     Before the trajectory returns a state, it plans a stop from this state and checks the stop against limits
-    and couplings. Each state must have a valid stop, a motion that brakes to rest. If the next state
-    towards the target has none, or if ruckig finds no motion to the target, the trajectory brakes for one
-    period, and tries again in the next period. If
-    the servos come to rest in this way, they continue in a straight line to the target, because a line
-    between two points inside limits and couplings stays inside.
+    and couplings. Each state must have a valid stop, a motion that brakes to rest. If the next state towards
+    the target has none, or if no motion to the target is found, the trajectory brakes for one period, and
+    tries again in the next period. If the servos come to rest in this way, they continue in a straight line
+    to the target, because a line between two points inside limits and couplings stays inside.
     """
 
     def __init__(
@@ -74,9 +64,8 @@ class OnlineTrajectory:
         self._led = False  # True if the latest state is a result of ruckig's present plan for these servos
         self._asked = self._creeps = True
         self._straight = False
-        self._otg = Ruckig(count, period)
-        self._input, self._output = InputParameter(count), OutputParameter(count)
-        self._input.max_acceleration, self._input.max_jerk = list(bounds.acceleration), list(bounds.jerk)
+        self._planner = MotionPlanner(count, period)
+        self._planner.set_limits(bounds.acceleration, bounds.jerk)
         self._stopper = StopPlanner(bounds, position, period)
         self.whole_state: Array
         """Latest state as one array (3, n). While nothing moves, the identical array object."""
@@ -209,8 +198,7 @@ class OnlineTrajectory:
         if self._stopping or self._stopper.begun or not self._led:
             ahead: Array = self._stopper.ahead(np.array([time]))[0]
             return ahead
-        plan = self._output
-        return self.position if self._resting else np.array(plan.trajectory.at_time(plan.time + time)[0])
+        return self.position if self._resting else self._planner.ahead(time)
 
     def step(self) -> Array:
         """Moves by one period, and returns the new positions (n,) [rad]."""
@@ -244,8 +232,7 @@ class OnlineTrajectory:
         if self._barred and not self._any_driven:  # the other servos are at rest
             return self._return_inside()
         if self._asked or self._outside is not self._creeps:
-            self._input.max_velocity = (self._creeping if self._outside else self._most).tolist()
-            self._input.target_position = self.target.tolist()
+            self._planner.set_targets(self.target, self._creeping if self._outside else self._most)
             self._asked, self._creeps = False, self._outside
         back = self._back() if self._outside else None
         if self._any_driven:
@@ -253,7 +240,8 @@ class OnlineTrajectory:
         taken, fault = (False, self._barred) if self._barred and back is not None else self._try()
         if not taken and back is not None and (fault or self._any_driven or self._straight):
             self._asked = True
-            self._input.target_position = np.where(back != 0.0, self.position, self.target).tolist()
+            others = np.where(back != 0.0, self.position, self.target)
+            self._planner.set_targets(others, self._creeping)
             if self._any_driven:
                 self._set_velocities(back, inward=False)
             here, hindrance = self.position, self._hindrance
@@ -286,7 +274,7 @@ class OnlineTrajectory:
         if back is not None:
             allowed = np.where(self._driven & (back != 0.0), back if inward else 0.0, allowed)
         self._driving = bool(allowed.any())
-        self._input.target_velocity = allowed.tolist()
+        self._planner.set_velocity(allowed)
 
     def _return_inside(self) -> bool:
         """Takes a step in which servos outside their limits move inward and all others stop. Returns False,
@@ -299,9 +287,8 @@ class OnlineTrajectory:
         back, rests = self._back(), bool(np.abs(self.whole_state[1]).max() <= STILL)
         if not back.any() or (self._barred and not self._sags):
             return False
-        self._input.per_dof_control_interface = [ControlInterface.Velocity] * len(back)
-        self._input.per_dof_synchronization = [Synchronization.No] * len(back)
-        self._input.target_velocity = back.tolist()
+        self._planner.set_driven(np.ones(len(back), np.bool_))
+        self._planner.set_velocity(back)
         taken, fault = self._try(back)
         if not taken and rests and self._barred is None and (fault or self._hindrance is OUTSIDE):
             self._barred = fault or OUTSIDE
@@ -310,36 +297,25 @@ class OnlineTrajectory:
         return taken
 
     def _try(self, back: Array | None = None) -> tuple[bool, Reason | None]:
-        """Takes the step that `_input` describes, if the stop after this step is allowed. Returns True if the
+        """Takes the next step of the plan, if the stop after this step is allowed. Returns True if the
         step is taken, and the guard's reason if the guard refuses it.
 
         Args:
             back: Velocity (n,) [rad/s] of servos outside their limits, if only these servos move.
         """
-        here, output = self.position, self._output
-        try:
-            result = self._otg.update(self._input, output)
-            numbers = [*output.new_position, *output.new_velocity, *output.new_acceleration]
-        except (RuckigError, ValueError):
-            # For a few states ruckig finds no synchronised motion, mostly when a speed limit decreases. If a
-            # motion takes longer than ruckig can plan, ruckig returns a number that its Python enumeration
-            # lacks. A failed calculation leaves a trajectory in ruckig that must not be continued.
-            self._otg.reset()
-            self._hindrance = UNPLANNED
-            return False, None
-        self._hindrance = OUTSIDE
-        state = np.array(numbers).reshape(3, -1)
-        if not self._stopper.plan(state, here):
+        here, state = self.position, self._planner.step()
+        self._hindrance = UNPLANNED if state is None else OUTSIDE
+        if state is None or not self._stopper.plan(state, here):
             return False, None
         stop = self._stopper.planned
         known = back is not None and was_there(back, here, stop.span, self.found, self.measured)
         barred = None if back is None else self._barred
         if not known and (fault := barred or self._guard(stop)):
             return False, fault
-        output.pass_to_input(self._input)
+        self._planner.take()
         self.whole_state, self.position, self._outside = state, state[0], self._stopper.outside
         self._stopper.keep()
-        self._resting = result == Result.Finished and not (self._driving or self._outside)
+        self._resting = self._planner.ended and not (self._driving or self._outside)
         self._led = True
         return True, None
 
@@ -352,17 +328,10 @@ class OnlineTrajectory:
             self._set_straight(True)
 
     def _set_interfaces(self) -> None:
-        """Sets the mode of each servo for ruckig: move to a target at which all servos arrive together, or
-        keep a velocity."""
+        """Sets for each servo if it moves to a target or at a velocity."""
         self._driven = np.isfinite(self._drive)
         self._any_driven, self._driving = bool(self._driven.any()), False
-        self._input.target_velocity = [0.0] * len(self._drive)
-        self._input.per_dof_control_interface = [
-            ControlInterface.Velocity if driven else ControlInterface.Position for driven in self._driven
-        ]
-        self._input.per_dof_synchronization = [
-            Synchronization.No if driven else Synchronization.Time for driven in self._driven
-        ]
+        self._planner.set_driven(self._driven)
         self._set_straight(False)
 
     def _set_straight(self, straight: bool) -> None:
@@ -380,14 +349,13 @@ class OnlineTrajectory:
             here = self.position
             straight_limits(here, self.target, self._most, acceleration, jerk, MARGIN, LEAST_SHARE, limits)
             self._most, acceleration, jerk = limits
-        elif not was:  # ruckig already has these limits
+        elif not was:  # the planner already has these limits
             return
-        self._input.max_acceleration, self._input.max_jerk = acceleration.tolist(), jerk.tolist()
+        self._planner.set_limits(acceleration, jerk)
         self._stopper.set_limits(acceleration, jerk)
 
     def _set_state(self, state: Array) -> None:
-        """Stores positions, velocities and accelerations (3, n) as the present state, also for ruckig."""
+        """Sets positions, velocities and accelerations (3, n) as the present state, also of the planner."""
         self.whole_state, self.position = state, state[0]
         self._outside = bool(((state[0] < self.bounds.lower) | (state[0] > self.bounds.upper)).any())
-        i = self._input
-        i.current_position, i.current_velocity, i.current_acceleration = state.tolist()
+        self._planner.set_state(state)

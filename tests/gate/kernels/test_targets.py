@@ -19,6 +19,7 @@ from tci.gate.kernels.targets import (
 SERVOS, VALUES, SPEEDS = np.array([3, 0, 5]), np.array([0.1, -0.2, 0.3]), np.array([1.0, 2.0, np.inf])
 BOX = np.array([[-1.0] * 6, [1.0] * 6])
 FAR, SLOWEST = 0.5, 1e-3
+RULES = BOX, FAR, SLOWEST
 
 
 def test_a_command_is_acceptable_and_without_servos_none_is() -> None:
@@ -47,9 +48,11 @@ def test_values_go_to_their_servos_places_and_come_back_from_there() -> None:
     limits = np.array([[-0.15] * 4, [0.2] * 4, [1.5, 0.1, 1.0, 0.1]])
     aims, sent = np.array([[9.0] * 4, [8.0] * 4, [7.0] * 4]), np.full(3, 7.0)
     farthest = take_targets(
-        SERVOS, VALUES, SPEEDS, BOX, FAR, SLOWEST, index, limits, np.zeros((0, 4)), np.zeros((2, 0)), free,
-        aims, sent,
-    )  # fmt: skip
+        (SERVOS, VALUES, SPEEDS),
+        *RULES,
+        (index, limits, np.zeros((0, 4)), np.zeros((2, 0)), free, aims),
+        sent,
+    )
     assert aims[TARGET].tolist() == pytest.approx([-0.15, 9.0, 0.1, 9.0], abs=1e-5)
     assert aims[SPEED].tolist() == [1.5, 8.0, 1.0, 8.0]
     assert sent.tolist() == pytest.approx([0.1, -0.15, 7.0], abs=1e-5)
@@ -60,7 +63,7 @@ def test_between_limits_that_are_near_a_value_goes_to_the_middle() -> None:
     one, aims, sent = np.zeros(1, np.intp), np.zeros((3, 1)), np.zeros(1)
     limits = np.array([[0.0], [1e-7], [1.0]])
     none = np.zeros((0, 1)), np.zeros((2, 0)), np.zeros(1, bool)
-    take_targets(one, np.array([1.4]), np.ones(1), BOX, FAR, SLOWEST, one, limits, *none, aims, sent)
+    take_targets((one, np.array([1.4]), np.ones(1)), *RULES, (one, limits, *none, aims), sent)
     assert sent.tolist() == [0.5e-7]
 
 
@@ -76,7 +79,7 @@ def test_a_command_that_is_refused_changes_nothing() -> None:
         numbers = SERVOS, np.array(values), np.full(3, speed)
         assert is_far_off(SERVOS, numbers[1], BOX, FAR) is (expected == FAR_OFF)
         none = np.zeros((0, 3)), np.zeros((2, 0)), free
-        assert take_targets(*numbers, BOX, FAR, SLOWEST, index, limits, *none, aims, sent) == expected
+        assert take_targets(numbers, *RULES, (index, limits, *none, aims), sent) == expected
         assert (aims == 9.0).all()
         assert (sent == 7.0).all()
 
@@ -87,18 +90,9 @@ def test_a_target_beyond_a_coupling_goes_next_to_it_and_servos_that_nobody_asked
     ends = np.array([[-0.3], [0.3]])
     aims, sent = np.array([[0.2, 0.0], [1.0, 1.0], [0.0, 0.0]]), np.zeros(1)
     farthest = take_targets(
-        np.array([3]),
-        np.array([0.5]),
-        np.ones(1),
-        BOX,
-        FAR,
-        SLOWEST,
-        index,
-        limits,
-        np.array([[1.0, 1.0]]),
-        ends,
-        free,
-        aims,
+        (np.array([3]), np.array([0.5]), np.ones(1)),
+        *RULES,
+        (index, limits, np.array([[1.0, 1.0]]), ends, free, aims),
         sent,
     )
     assert aims[TARGET].tolist() == pytest.approx([0.2, 0.1], abs=1e-5)

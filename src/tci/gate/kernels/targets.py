@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import boolean, float64, int64, void
 from numpy.typing import NDArray
 
-from tci.compiled import compiled, inlined, reads, views, writes
+from tci.compiled import compiled, inlined, reads, returns, views, writes
 from tci.frames import Array
 from tci.gate.kernels.couplings import project
 
@@ -18,6 +20,12 @@ TARGET, SPEED, WANTED = range(3)
 INVALID, FAR_OFF = -1.0, -2.0
 """Results of `take_targets` for a command that must be refused: invalid numbers, and angles that are far
 outside their limits."""
+
+COMMAND = returns(views(1, int64), views(1), views(1))
+"""Types of a command: `servos` (k,), `values` (k,) [rad] and `speeds` (k,) [rad/s]."""
+GROUP = returns(reads(1, int64), reads(2), views(2), reads(2), writes(1, boolean), writes(2))
+"""Types of a joint group: `index` (n,), `limits` (3, n), `coupling` (m, n), `ends` (2, m), `free` (n,) and
+`aims` (3, n)."""
 
 
 @inlined
@@ -66,19 +74,14 @@ def is_far_off(servos: NDArray[np.intp], values: Array, box: Array, far: float) 
     return large
 
 
-@compiled(
-    float64(
-        views(1, int64), views(1), views(1), reads(2), float64, float64, reads(1, int64), reads(2), views(2),
-        reads(2), writes(1, boolean), writes(2), writes(1),
-    )
-)  # fmt: skip
+@compiled(float64(COMMAND, reads(2), float64, float64, GROUP, writes(1)))
 def take_targets(
-    servos: NDArray[np.intp], values: Array, speeds: Array, box: Array, far: float, slowest: float,
-    index: NDArray[np.intp], limits: Array, coupling: Array, ends: Array, free: NDArray[np.bool_],
-    aims: Array, sent: Array,
+    command: tuple[NDArray[Any], ...], box: Array, far: float, slowest: float,
+    group: tuple[NDArray[Any], ...], sent: Array,
 ) -> float:  # fmt: skip
     """Sets the targets of the servos `index` (n,) of a joint group from the `values` (k,) [rad] of a command
-    to `servos` (k,).
+    to `servos` (k,). A command consists of `servos`, `values` and `speeds`; the types of a `group` are in
+    GROUP.
 
     Returns the largest distance [rad] of a target from its requested value. Returns INVALID or FAR_OFF, and
     writes nothing, unless the whole command passes `is_acceptable` and `is_far_off`; the arguments `box`,
@@ -89,6 +92,8 @@ def take_targets(
     servos that are in the group. `coupling` (m, n) and its bounds `ends` (2, m) are described in `Bounds`.
     `free` (n,) and the last row of `aims` hold intermediate results.
     """
+    servos, values, speeds = command
+    index, limits, coupling, ends, free, aims = group
     if not acceptable(servos, values, speeds, box.shape[1], slowest):
         return INVALID
     if far_off(servos, values, box, far):

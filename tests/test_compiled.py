@@ -36,6 +36,7 @@ def test_the_stamp_follows_every_source(tmp_path: Path, monkeypatch: pytest.Monk
 
     def stamp() -> str:
         compiled._stamp.cache_clear()
+        compiled._content.cache_clear()
         compiled._imported.cache_clear()
         return compiled._stamp(tmp_path / "own.py")
 
@@ -181,6 +182,20 @@ def test_no_loop_takes_more_than_ten_arguments(name: str) -> None:
     loops = [one for one in vars(import_module(name)).values() if hasattr(one, "py_func")]
     long = [one.__name__ for one in loops if one.py_func.__code__.co_argcount > 10 and not is_inlined(one)]
     assert long == []
+
+
+@pytest.mark.parametrize("name", modules_with_loops())
+def test_loops_call_only_inlined_loops(name: str) -> None:
+    """The cache lacks what Numba needs to link a compiled loop into another one."""
+    module = import_module(name)
+    loops = [one for one in vars(module).values() if hasattr(one, "py_func")]
+    called = [
+        one.py_func.__globals__[used]
+        for one in loops
+        for used in one.py_func.__code__.co_names
+        if hasattr(one.py_func.__globals__.get(used), "py_func")
+    ]
+    assert [one.__name__ for one in called if not is_inlined(one)] == []
 
 
 def is_inlined(loop: Any) -> bool:

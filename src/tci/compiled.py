@@ -19,7 +19,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from llvmlite.binding import parse_assembly
 from numba import float64, njit, types
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
 
 from tci.compile_ahead import compile_ahead, is_worker, waiting
 
@@ -37,24 +39,62 @@ def compiled(*signatures: Any, allocates: bool = False) -> Callable[[Callable[..
     def decorate(loop: Callable[..., Any]) -> Any:
         function: Any = _jit(loop, _nrt=allocates)
         try:
-            function.enable_caching()
+            function._cache = _Cache(loop)
         except RuntimeError:  # numba finds no folder to write to
             pass
         else:
-            function._cache._cache_file._source_stamp = _stamp(Path(loop.__code__.co_filename))
-            # Numba's own would first load all that it can compile, SciPy among it: half a second.
-            function._cache.load_overload = function._cache._load_overload
             if is_worker():
                 waiting.append((function, signatures))
                 return function
-            if loop.__module__.startswith("tci."):
-                compile_ahead(lambda: not function._cache._cache_file._load_index())
         for signature in signatures:
             function.compile(signature)
         function.disable_compile()
         return function
 
     return decorate
+
+
+class _OnlyMachineCode(CompileResultCacheImpl):
+    """Converts a compiled loop to the data in the cache, without what nobody reads: bitcode and annotations.
+
+    Numba needs the bitcode of a loop only to link it into other loops. TCI's loops call only `inlined` loops,
+    which are not cached. Parsing the bitcode took half of the time for loading a loop.
+    """
+
+    def reduce(self, result: Any) -> tuple[Any, ...]:
+        reduced = super().reduce(result)  # type: ignore[no-untyped-call]  # Numba has no types
+        library, *facts, _, loads, environments = reduced
+        name, kind, (machine_code, _) = library
+        # Numba looks up in the bitcode which functions the machine code has. Variables with the functions'
+        # names are enough, and an attempt to link them as functions would fail.
+        functions = result.fndesc.llvm_func_name, result.fndesc.llvm_cpython_wrapper_name
+        names = parse_assembly("\n".join(f'@"{function}" = global i8 0' for function in functions))
+        return (name, kind, (machine_code, names.as_bitcode())), *facts, "", loads, environments
+
+
+class _Cache(FunctionCache):
+    """The machine code of one loop on disk."""
+
+    _impl_class = _OnlyMachineCode
+
+    def __init__(self, loop: Callable[..., Any]) -> None:
+        super().__init__(loop)  # type: ignore[no-untyped-call]  # Numba has no types
+        self._cache_file._source_stamp = _stamp(Path(loop.__code__.co_filename))
+        self._is_ours = loop.__module__.startswith("tci.")
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        """Returns the loop for a signature, or None if it is not in the cache.
+
+        If the cache lacks the loop, all loops are compiled first. Numba's own function would load all that
+        Numba can compile before, SciPy among it: half a second.
+        """
+        load: Callable[..., Any] = self._load_overload
+        found = load(signature, context)
+        if found is None and self._is_ours and not is_worker():
+            index: Callable[[], Any] = self._cache_file._load_index
+            compile_ahead(lambda: not index())
+            found = load(signature, context)
+        return found
 
 
 def inlined(loop: Callable[..., Any]) -> Any:
@@ -68,7 +108,8 @@ def inlined(loop: Callable[..., Any]) -> Any:
 
 
 def _jit(loop: Callable[..., Any], **options: bool) -> Any:
-    untyped: dict[str, Any] = {"error_model": "numpy", **options}
+    # Only programs in C need the wrapper that is left out.
+    untyped: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True, **options}
     return njit(**untyped)(loop)
 
 
@@ -77,8 +118,13 @@ def _stamp(file: Path) -> str:
     """Returns a hash of a file and of all files of TCI that it imports, directly or indirectly."""
     digest = hashlib.sha256()
     for one in sorted(_sources(file)):
-        digest.update(one.read_bytes())
+        digest.update(_content(one))
     return digest.hexdigest()
+
+
+@cache
+def _content(file: Path) -> bytes:
+    return hashlib.sha256(file.read_bytes()).digest()
 
 
 def _sources(file: Path) -> set[Path]:
@@ -146,4 +192,4 @@ def returns(*results: Any) -> Any:
     This type is the return type of a loop with several results, or the type of a tuple that is an argument of
     a loop. A call of the returned type with the types of a loop's arguments gives the signature of the
     loop."""
-    return types.Tuple(results)  # type: ignore[no-untyped-call] # Numba's has no types
+    return types.Tuple(results)  # type: ignore[no-untyped-call]  # Numba has no types

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
 
 from tci.body.places import Place, leave_surface
 from tci.errors import TciError
@@ -142,6 +141,7 @@ def _geodesics(surface: Surface, edges: NDArray[np.intp], point: Array, normal: 
     `normal` (3,) is the surface's normal at the point. Paths follow `edges` (m, 2), pairs of taxels.
     """
     # imported here, because the import is slow and skin on sleeves does not need this function
+    from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
     count = len(surface.positions)
@@ -164,6 +164,8 @@ def _edges(count: int, faces: NDArray[np.intp]) -> NDArray[np.intp]:
 
     With longer steps, paths zigzag less, so that their lengths are more exact.
     """
+    from scipy.sparse import coo_array
+
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     near = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(count, count)).tocsr()
     near = near + near.T

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from tci.errors import DescriptionError
 from tci.frames import Array, apply
@@ -31,6 +30,10 @@ class StaticStability:
     def __init__(self, skin: Skin) -> None:
         self._skin = skin
         self._soles = [patch for patch in skin.robot.patches if patch.segment == SOLE]
+        if self._soles:
+            # The import takes 0.2 s. No period of a loop may wait for this, and robots without soles need no
+            # import.
+            import scipy.spatial  # noqa: F401
         try:
             self._gravity: Gravity | None = Gravity(skin.robot) if self._soles else None
         except DescriptionError:  # the masses are missing in the model
@@ -66,6 +69,8 @@ def inside(point: Array, corners: Array, along: Array) -> float:
     The point and the corners are first projected along the direction `along` (3,). The distance is positive
     inside the hull, negative outside, and -inf if the corners span no area.
     """
+    from scipy.spatial import ConvexHull, QhullError
+
     across = np.linalg.svd(along[None])[2][1:]
     try:
         hull = ConvexHull(corners @ across.T)

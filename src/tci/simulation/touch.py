@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
 from tci.engine import mujoco
 from tci.frames import Array, apply, invert
@@ -126,6 +125,8 @@ def floor_sensor(patch: str) -> str:
 def _solid(surface: Surface) -> tuple[Array, NDArray[np.intp]]:
     """Returns vertices (v, 3) [m] and faces (f, 3) of a body that has this surface.
 
+    If there are no faces, MuJoCo uses the faces of the convex hull.
+
     The taxels of a limb enclose a body. Each taxel of a sheet, and each single taxel, becomes a plate with
     the taxel's area.
     """
@@ -139,8 +140,7 @@ def _solid(surface: Surface) -> tuple[Array, NDArray[np.intp]]:
             np.cos(angles)[:, None] * across[0] + np.sin(angles)[:, None] * across[1]
         )
         plates += [rim, rim - _THICKNESS * normal]
-    points = np.concatenate(plates)
-    return points, np.asarray(ConvexHull(points).simplices, dtype=np.intp)
+    return np.concatenate(plates), np.zeros((0, 3), dtype=np.intp)
 
 
 def contact_truth(physics: Physics, patch: str, torso: Callable[[], Array]) -> ContactTruth:

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from tci.frames import Array
+from tci.robot.near_points import distances_within, number_within
 from tci.skin.surfaces import NEIGHBOUR_DISTANCE, Surface
 from tci.skin.triangulation import is_sheet
 
@@ -35,9 +35,7 @@ def is_surface(surface: Surface) -> NDArray[np.bool_]:
     """
     if is_sheet(surface.normals):
         return np.zeros(len(surface.positions), np.bool_)
-    tree = cKDTree(surface.positions)
-    neighbours = tree.query_ball_point(surface.positions, NEIGHBOUR_DISTANCE, return_length=True)
-    return np.asarray(neighbours > SPARSE)  # each counts itself
+    return number_within(surface.positions, NEIGHBOUR_DISTANCE) > SPARSE  # each counts itself
 
 
 def fill_factors(surface: Surface) -> Array:
@@ -50,17 +48,16 @@ def fill_factors(surface: Surface) -> Array:
     """
     if is_sheet(surface.normals):
         return np.ones((len(surface.positions), len(WIDTHS)))
-    tree, blur = cKDTree(surface.positions), surface.areas / (4.0 * np.pi)
-    result = np.zeros((len(surface.positions), len(WIDTHS)))
+    positions, blur = surface.positions, surface.areas / (4.0 * np.pi)
+    result = np.zeros((len(positions), len(WIDTHS)))
     reach = REACH * np.sqrt(WIDTHS[-1] ** 2 + blur.max(initial=0.0))
     for first in range(0, len(result), _CHUNK):
         own = slice(first, first + _CHUNK)
-        pairs = cKDTree(surface.positions[own]).sparse_distance_matrix(tree, reach, output_type="ndarray")
-        one, other = pairs["i"], pairs["j"]
+        one, other, distance = distances_within(positions[own], positions, reach)
         cosine = np.einsum("ki,ki->k", surface.normals[own][one], surface.normals[other])
         facing = cosine > 0.0
         one, other, half = one[facing], other[facing], np.arccos(np.minimum(cosine[facing], 1.0)) / 2.0
-        distance2 = (pairs["v"][facing] / np.sinc(half / np.pi)) ** 2
+        distance2 = (distance[facing] / np.sinc(half / np.pi)) ** 2
         for column, width in enumerate(WIDTHS):
             variance = width**2 + blur[other]
             near = distance2 < REACH**2 * variance

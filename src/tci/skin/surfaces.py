@@ -11,12 +11,12 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from tci.errors import DescriptionError, Fault
 from tci.frames import Array, apply, invert, read_only, rotation_rpy, rotation_z, transform
 from tci.robot.description import Patch, Robot, TriangularModules, TruncatedCone
 from tci.robot.kinematics import KinematicChain
+from tci.robot.near_points import nearest, pairs_within
 from tci.robot.per_robot import per_robot
 from tci.robot.skin_files.file import MODULE_PITCH
 from tci.robot.skin_files.table import read_table
@@ -84,11 +84,11 @@ class Surface:
         the surface has no faces, the nearest taxel is returned.
         """
         if not len(self.faces):
-            near = cKDTree(self.positions).query(points)[1]
+            near = nearest(self.positions, points)[1].ravel()
             return self.positions[near], self.normals[near]
-        corners, weights, nearest = nearest_on_faces(self.positions, self.faces, points)
+        corners, weights, found = nearest_on_faces(self.positions, self.faces, points)
         normals = np.einsum("kc,kci->ki", weights, self.normals[corners])
-        return nearest, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        return found, normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
 def build_surface(robot: Robot, patch: Patch, kinematics: KinematicChain) -> Surface:
@@ -261,7 +261,7 @@ def lattice_pitch(positions: Array) -> float:
     places = np.unique(positions, axis=0)
     if len(places) < 4:
         return float("inf")
-    return float(np.median(cKDTree(places).query(places, k=4)[0][:, 3]))
+    return float(np.median(nearest(places, places, 4)[0][:, 3]))
 
 
 def neighbour_distance(positions: Array) -> float:
@@ -280,15 +280,16 @@ def find_neighbours(positions: Array, normals: Array, distance: float | None = N
     neighbours if the ball between them contains no other taxel (Gabriel and Sokal 1969). The reason: one
     finger on the gap presses both taxels.
     """
-    tree = cKDTree(positions)
     near = neighbour_distance(positions) if distance is None else distance
     widest = GAP if distance is None else distance
-    pairs = tree.query_pairs(widest, output_type="ndarray").astype(np.intp)
+    pairs = pairs_within(positions, widest)
     facing = np.einsum("pi,pi->p", normals[pairs[:, 0]], normals[pairs[:, 1]]) > 0.0
     pairs = pairs[facing]
     one, other = positions[pairs[:, 0]], positions[pairs[:, 1]]
     gap = np.linalg.norm(one - other, axis=1)
-    nothing_between = tree.query(0.5 * (one + other))[0] >= 0.5 * gap * (1.0 - 1e-9)
-    pairs = pairs[(gap <= near) | nothing_between]
+    kept = gap <= near
+    middle = 0.5 * (one + other)[~kept]
+    kept[~kept] = nearest(positions, middle)[0].ravel() >= 0.5 * gap[~kept] * (1.0 - 1e-9)
+    pairs = pairs[kept]
     result: NDArray[np.intp] = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     return result

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from tci.frames import Array
+from tci.robot.near_points import nearest
 
 SHEET = 0.3
 """Least cosine of the angle between each normal of a sheet and the mean of its normals. This is an angle of
@@ -44,13 +44,10 @@ def triangulate(positions: Array, normals: Array) -> NDArray[np.intp]:
     places, index = np.unique(positions, axis=0, return_index=True)
     if len(places) < 3 or np.linalg.matrix_rank(places - places.mean(axis=0), tol=1e-6) < 2:
         return _NONE
-    make = _on_plane if is_sheet(normals) else _around_axis
-    try:
-        faces = index[make(places, normals[index])]
-    except QhullError:
-        return _NONE
+    make = _on_plane if is_sheet(normals) else _around_axis if len(places) > 3 else _between
+    faces = index[make(places, normals[index])]
     corners = positions[np.unique(faces)]
-    whole = len(corners) > 0 and float(cKDTree(corners).query(positions)[0].max()) <= OFF
+    whole = len(corners) > 0 and float(nearest(corners, positions)[0].max()) <= OFF
     return faces if whole else _NONE
 
 
@@ -64,6 +61,11 @@ def _on_plane(places: Array, normals: Array) -> NDArray[np.intp]:
     """Returns triangles (f, 3) of a sheet, computed in the plane perpendicular to its mean normal."""
     across = np.linalg.svd(normals.mean(axis=0, keepdims=True))[2][1:]
     return _delaunay(places @ across.T)
+
+
+def _between(places: Array, normals: Array) -> NDArray[np.intp]:
+    """Returns the triangle (1, 3) between three taxels of a limb, or none if it passes through the limb."""
+    return _skin_only(np.arange(3)[None], places, normals)
 
 
 def _around_axis(places: Array, normals: Array) -> NDArray[np.intp]:
@@ -113,8 +115,19 @@ def _skin_only(faces: NDArray[np.intp], places: Array, normals: Array) -> NDArra
 
 
 def _delaunay(flat: Array) -> NDArray[np.intp]:
-    """Returns the Delaunay triangulation of points (n, 2): triangles (f, 3) of point indices."""
-    return np.asarray(Delaunay(flat).simplices, dtype=np.intp)
+    """Returns the Delaunay triangulation of points (n, 2): triangles (f, 3) of point indices.
+
+    The result is empty for points on one line.
+    """
+    if len(flat) == 3:
+        return np.arange(3)[None]
+    # SciPy's import takes a fifth of the start of a program, and sleeves and single buttons do without.
+    from scipy.spatial import Delaunay, QhullError
+
+    try:
+        return np.asarray(Delaunay(flat).simplices, dtype=np.intp)
+    except QhullError:
+        return _NONE
 
 
 def _unit_normals(faces: NDArray[np.intp], positions: Array) -> Array:

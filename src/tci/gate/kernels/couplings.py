@@ -74,7 +74,7 @@ def find_nearest(
     project(lower, upper, target, coupling, lows, highs, free, point)
 
 
-@compiled(boolean(views(2), views(2), views(1), views(1)))
+@inlined
 def box_keeps(span: Array, coupling: Array, lows: Array, highs: Array) -> bool:
     """Returns True if `lows` <= `coupling` @ point <= `highs` (m,) for all points between the angles of
     `span` (2, n) [rad]."""

@@ -12,9 +12,9 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from tci.frames import Array, apply, read_only
+from tci.robot.near_points import nearest
 from tci.robot.skin_files.normals import DISAGREE, disagreement, estimate_normals
 
 
@@ -168,6 +168,6 @@ def hexagons(positions: Array, taxels: NDArray[np.bool_]) -> Array:
     areas = np.zeros(len(positions))
     places = np.unique(positions[taxels], axis=0)
     if len(places) > 1:
-        spacing = cKDTree(places).query(positions[taxels], k=2)[0][:, 1]
+        spacing = nearest(places, positions[taxels], 2)[0][:, 1]
         areas[taxels] = np.sqrt(0.75) * spacing**2
     return areas

@@ -9,8 +9,6 @@ of the taxels.
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.spatial import cKDTree
 
 from tci.frames import Array
 
@@ -41,6 +39,8 @@ def disagreement(positions: Array, normals: Array) -> float:
     places, index = np.unique(positions, axis=0, return_index=True)
     if len(places) < NEIGHBOURS:
         return 0.0
+    from scipy.spatial import cKDTree
+
     near = cKDTree(places).query(places, k=NEIGHBOURS)[1]
     _, spread, axes = np.linalg.svd(places[near] - places[near].mean(axis=1, keepdims=True))
     flat = spread[:, 2] < THIN * spread[:, 1]
@@ -62,11 +62,13 @@ def estimate_normals(positions: Array) -> Array:
     from_middle = places - places.mean(axis=0)
     if len(places) < 3 or np.linalg.matrix_rank(from_middle, tol=1e-6) < 2:
         return np.zeros_like(positions)
+    # The imports take a fifth of the start of a program, and sleeves and single buttons do without.
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+    from scipy.spatial import cKDTree
+
     near = cKDTree(places).query(places, k=min(NEIGHBOURS, len(places)))[1]
     around = places[near] - places[near].mean(axis=1, keepdims=True)
-    # Its import takes a twentieth of the start of a run, and sleeves do without.
-    from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
-
     normals = np.linalg.svd(around)[2][:, 2]
     spread = np.linalg.svd(from_middle)[1] / np.sqrt(len(places))
     outward = places if len(spread) < 3 or spread[2] < FLAT else from_middle

@@ -20,6 +20,9 @@ from tci.skin.fill_factor import WIDTHS, fill_factors
 from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface, tangents
 
+_NEVER = int(np.iinfo(np.int64).max)
+"""Number of a step that a world does not reach."""
+
 
 class Taxels:
     """All patches of a world's skin, and the frames of these patches."""
@@ -41,6 +44,9 @@ class Taxels:
         self._noise = noise
         self._generator = generator
         self._surfaces, self._imperfection = surfaces, imperfection
+        self.noisy = noise > 0.0 or imperfection is not None
+        """True if frames have noise or imperfections. Noise and imperfections are added after each step with
+        a frame."""
         self._imperfect: list[ImperfectTaxels] = []
         self._integers = np.zeros((len(patches), 14), dtype=np.int64)
         floats, positions, taxels, channels, nodes = (
@@ -97,6 +103,7 @@ class Taxels:
         """Arguments of the loops in `sampling`."""
         # All frames at rest share one read-only array. A reader that recognises this array can skip its
         # values.
+        self._sent = [number for number, patch in enumerate(patches) if not patch.through_joints]
         self._rest = [_raw(patch, np.full(patch.channels, patch.sensor.rest)) for patch in patches]
         self._frames: list[SkinFrame] = []
         self._latest: tuple[SkinFrame, ...] = ()
@@ -106,13 +113,7 @@ class Taxels:
     def due(self) -> int:
         """Number of the step in which the next frame is taken. If the world has no skin, the number is the
         largest integer."""
-        return int(self._integers[:, at.DUE].min(initial=np.iinfo(np.int64).max))
-
-    @property
-    def noisy(self) -> bool:
-        """True if frames have noise or imperfections. Noise and imperfections are added after each step with
-        a frame."""
-        return self._noise > 0.0 or self._imperfection is not None
+        return int(self._integers[:, at.DUE].min(initial=_NEVER))
 
     def reset(self) -> None:
         """Takes the first frame now. Raises TciError like `frames`."""
@@ -133,12 +134,12 @@ class Taxels:
         time than slots.
         """
         if self._physics.steps >= self._until:
-            for number, integers in enumerate(self._integers.tolist()):
-                if self._frames[number].sequence != integers[at.COUNT]:
-                    self._frames[number] = self._frame(number, integers)
-            sent = zip(self._patches, self._frames, strict=True)
-            self._latest = tuple([frame for patch, frame in sent if not patch.through_joints])
-            self._until = self.due
+            frames, rows = self._frames, self._integers.tolist()
+            for number, integers in enumerate(rows):
+                if frames[number].sequence != integers[at.COUNT]:
+                    frames[number] = self._frame(number, integers)
+            self._latest = tuple([frames[number] for number in self._sent])
+            self._until = min([integers[at.DUE] for integers in rows], default=_NEVER)
         return self._latest
 
     def _frame(self, number: int, integers: list[int]) -> SkinFrame:
@@ -148,9 +149,9 @@ class Taxels:
         """
         patch, found = self._patches[number], integers[at.TOUCHED]
         taken = integers[at.TAKEN] * self._physics.step
-        self._check(number, found)
         values = self._rest[number]
         if found or self.noisy:
+            self._check(number, found)
             begin = integers[at.CHANNEL]
             counts = self._values[begin : begin + patch.channels].copy() if found else values.astype(float)
             if self._imperfect:

@@ -108,6 +108,8 @@ class SimulatedDriver(Driver):
         )  # fmt: skip
         self._events = None if keep_alive is None else SendOnDelta(keep_alive)
         self._sent: dict[str, SkinFrame] = {}
+        self._modes: tuple[Mode, ...] = ()
+        self._has_torque = False
 
     def _receive(self) -> Reading:
         skin = self.world.frames()
@@ -117,9 +119,11 @@ class SimulatedDriver(Driver):
         return Reading(joints=self.world.joints(), skin=skin)
 
     def _send(self, safe: SafeCommand) -> None:
+        if safe.modes is not self._modes:
+            self._modes, self._has_torque = safe.modes, Mode.TORQUE in safe.modes
         if safe.servos.size:
             self.world.set_modes(safe.servos, safe.modes)
-        if Mode.TORQUE in safe.modes:
+        if self._has_torque:
             loose = np.array([mode is Mode.TORQUE for mode in safe.modes], dtype=bool)
             self.world.set_position_targets(safe.servos[~loose], safe.position[~loose])
             self.world.set_torques(safe.servos[loose], safe.torque[loose])

@@ -35,11 +35,12 @@ class Physics:
         """MuJoCo's arrays. The references are stored, because a look-up in MuJoCo's data takes longer."""
         self.motors = data.actuator_force
         """Torque [N m] of each actuator in the latest step."""
-        self._warm = data.qacc_warmstart
         self._moved = self.qpos, self.qvel, self.ctrl, data.qfrc_applied, data.xfrc_applied.reshape(-1)
-        self._here = np.zeros(sum(one.size for one in self._moved) + model.nv)
+        here = np.zeros(sum(one.size for one in self._moved) + model.nv)
         self.whole = np.zeros(4, dtype=np.int64)
         """Integers of the loop. `stepping` defines the indices."""
+        self._kept = data.qacc_warmstart, here, self.whole
+        self._engine = model._address, data._address
 
     @property
     def time(self) -> float:
@@ -58,10 +59,7 @@ class Physics:
 
         `others` are the arrays of servos, finger and taxels, see `stepping.march`.
         """
-        self.steps = _march(
-            (self.model._address, self.data._address), self.steps, until, self.step, self._moved,
-            (self._warm, self._here, self.whole), *others,
-        )  # fmt: skip
+        self.steps = _march(self._engine, self.steps, until, self.step, self._moved, self._kept, *others)
 
     def refresh(self) -> None:
         """Updates poses, contacts and sensors to the current joint angles. Nothing else changes."""

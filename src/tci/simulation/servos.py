@@ -61,7 +61,7 @@ class Servos:
         """Index of each moving joint's angle in `qpos`."""
         self._dofs = np.array([joint.dofadr[0] for joint in joints], dtype=np.intp)
         self._actuators = np.array([model.actuator(joint.name).id for joint in joints], dtype=np.intp)
-        self._ramp_steps = max(1, round(period / physics.step))
+        self._ramp_steps = float(max(1, round(period / physics.step)))
         limits = [robot.servos[index].limits for index in self.moving]
         speed = np.array([np.inf if limit.velocity is None else limit.velocity for limit in limits])
         self.state = np.zeros((7, len(moving)))
@@ -120,7 +120,7 @@ class Servos:
         self._torques[:] = 0.0
         self.modes = (Mode.POSITION,) * len(self._home)
         """Control mode of each servo (n,). The tuple is the same object until a mode changes."""
-        self._switched: tuple[object, ...] = ()
+        self._switched: tuple[object, object, object] = None, None, None
         self.powered = read_only(np.ones(len(self._home)), np.bool_)
         """True (n,) for each servo that is on."""
         self._apply_gains()
@@ -141,8 +141,10 @@ class Servos:
 
     def set_position_targets(self, servos: ArrayLike, angles: ArrayLike) -> None:
         """Sets targets `angles` (k,) [rad]. Raises CommandError for an invalid servo or angle."""
-        index, values = _checked(servos, angles, len(self._home))
-        _aim(index, values, self._top, float(self._ramp_steps), self.places, self.asked, self.state)
+        if not (_plain(servos, _INDEX) and _plain(angles, _NUMBER) and len(servos) == len(angles)):
+            servos, angles = _checked(servos, angles, len(self._home))
+        if _aim(servos, angles, self._top, self._ramp_steps, self.places, self.asked, self.state):
+            _checked(servos, angles, len(self._home))  # raises the error
 
     def set_stiffness(self, servos: ArrayLike, share: ArrayLike) -> None:
         """Sets fractions (k,) 0..1 of full stiffness. At 0 a servo exerts no torque. Raises CommandError for
@@ -166,11 +168,8 @@ class Servos:
         Raises CommandError for an invalid servo.
         """
         now = self.modes
-        wanted = (
-            *(servos if isinstance(servos, np.ndarray) else np.asarray(servos)).ravel().tolist(),
-            *modes,
-        )
-        if wanted == self._switched[1:] and now is self._switched[0]:
+        fixed = isinstance(servos, np.ndarray) and not servos.flags.writeable and isinstance(modes, tuple)
+        if fixed and servos is self._switched[1] and modes is self._switched[2] and now is self._switched[0]:
             return  # commands that are sent in every period repeat their modes
         index, _ = _checked(servos, np.zeros(len(modes)), len(self._home))
         changes = [(s, mode) for s, mode in zip(index.tolist(), modes, strict=True) if mode is not now[s]]
@@ -183,7 +182,7 @@ class Servos:
         if changes:
             self.modes = tuple(after)
             self._apply_gains()
-        self._switched = self.modes, *wanted
+        self._switched = (self.modes, servos, modes) if fixed else (None, None, None)
 
     def set_torques(self, servos: ArrayLike, torque: ArrayLike) -> None:
         """Sets torques (k,) [N m] of servos in torque mode, limited to the motor's limit.

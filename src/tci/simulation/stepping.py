@@ -283,12 +283,8 @@ def measure(
     return int(places.shape[1])
 
 
-@compiled(int64(views(1, int64), views(1), int64))
-def fault_of(servos: Array, values: Array, count: int) -> int:
-    """Checks `values` (k,) for `servos` (k,), which must be below `count`.
-
-    Returns 1 for an invalid servo, 2 for a value that is not finite, and 0 if all are valid.
-    """
+@inlined
+def _fault(servos: Array, values: Array, count: int) -> int:
     for i in range(len(servos)):
         if not 0 <= servos[i] < count:
             return 1
@@ -298,6 +294,15 @@ def fault_of(servos: Array, values: Array, count: int) -> int:
     return 0
 
 
+@compiled(int64(views(1, int64), views(1), int64))
+def fault_of(servos: Array, values: Array, count: int) -> int:
+    """Checks `values` (k,) for `servos` (k,), which must be below `count`.
+
+    Returns 1 for an invalid servo, 2 for a value that is not finite, and 0 if all are valid.
+    """
+    return int(_fault(servos, values, count))
+
+
 @compiled(int64(views(1, int64), views(1), reads(1), float64, reads(2, int64), writes(2), writes(2)))
 def aim(
     servos: Array, angles: Array, top: Array, steps: float, places: Array, asked: Array, state: Array
@@ -305,12 +310,16 @@ def aim(
     """Sets targets `angles` (k,) [rad] of `servos` (k,).
 
     The set-points reach the targets in `steps` steps, or in more steps if a joint would otherwise move by
-    more than `top` (moving,) [rad] per step.
+    more than `top` (moving,) [rad] per step. Returns the result of `fault_of`, and sets nothing unless all
+    servos and angles are valid.
     """
+    fault = _fault(servos, angles, asked.shape[1])
+    if fault:
+        return int(fault)
     for i in range(len(servos)):
         asked[TARGET, servos[i]] = angles[i]
     for i in range(state.shape[1]):
         target = asked[TARGET, places[SERVO, i]] * state[RATIO, i] + state[SHIFT, i]
         left = abs(target - state[SETPOINT, i])
         state[STRIDE, i] = min(left / steps, top[i])
-    return len(servos)
+    return 0

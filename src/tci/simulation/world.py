@@ -106,6 +106,10 @@ class World:
         )  # fmt: skip
         self.finger = Finger(self._physics, self._skin, self._taxels.unfelt)
         """Finger that pokes the skin."""
+        servos, finger = self._servos, self.finger
+        self._arrays = (
+            (servos.state, servos.places, servos.asked), (finger.state, finger.traced), self._taxels.arrays,
+        )  # fmt: skip
         self.reset()
 
     @property
@@ -175,13 +179,7 @@ class World:
         last = math.ceil(until / self._physics.step - 1e-6)
         while self._physics.steps < last:
             end = min(last, self._taxels.due) if self._taxels.noisy else last
-            servos, finger = self._servos, self.finger
-            self._physics.advance(
-                end,
-                (servos.state, servos.places, servos.asked),
-                (finger.state, finger.traced),
-                self._taxels.arrays,
-            )
+            self._physics.advance(end, *self._arrays)
             if self._taxels.noisy or self._physics.steps < end:
                 self._taxels.frames()
 

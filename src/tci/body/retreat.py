@@ -53,6 +53,10 @@ class _Motion:
     """Coefficients (m, n_servos) of the servos of other parts in the couplings of this part."""
     free: NDArray[np.bool_]
     """Mask (k,) of servos that may deviate from a target that couplings forbid: all True."""
+    limits: list[tuple[float, float]]
+    """Lower and upper limit (k,) [rad] of each servo, from `bounds`."""
+    velocity: list[float] | None
+    """Largest velocity (k,) [rad/s] of each servo, if it is equal in all postures; else None."""
     planner: Ruckig
     input: InputParameter
     trajectory: Trajectory
@@ -154,7 +158,23 @@ class Retreat:
         else:  # the goals differ by a linear map of the differences between the targets
             apart = targets - targets[0]
             goals = joints.to_robot(targets[0], position) + apart.take(joints.ids, axis=1) @ motion.inverse
-        goals = np.minimum(np.maximum(goals, bounds.lower), bounds.upper)
+        return self._within(motion, position, np.minimum(np.maximum(goals, bounds.lower), bounds.upper))
+
+    def _goal(self, motion: _Motion, position: Array, target: Array) -> list[float]:
+        """Returns the angles (k,) [rad] of a part's k servos at the end of a motion to `target` (n,) [rad].
+
+        The result is that of `_goals`. Lists of a few numbers are faster than arrays here: a touch is rare,
+        so the code of NumPy's functions is not in the processor's caches when it begins.
+        """
+        ends = motion.joints.to_robot(target, position).tolist()
+        goal = [min(max(end, least), most) for end, (least, most) in zip(ends, motion.limits, strict=True)]
+        if len(motion.outside):
+            goal = self._within(motion, position, np.array([goal]))[0].tolist()
+        return goal
+
+    def _within(self, motion: _Motion, position: Array, goals: Array) -> Array:
+        """Returns `goals` (m, k) [rad], moved into the couplings of the part's servos."""
+        bounds = motion.bounds
         if len(motion.outside):
             lower, upper = np.empty_like(bounds.coupling_lower), np.empty_like(bounds.coupling_upper)
             shift(motion.outside, position, bounds.coupling_lower, bounds.coupling_upper, lower, upper)
@@ -188,10 +208,10 @@ class Retreat:
         joints, servos, bounds = motion.joints, motion.joints.servos, motion.bounds
         here = position[servos]
         near = self._driven_goal(motion, position, target) if driven else None
-        goal = self._goals(motion, position, target[None])[0] if near is None else near
+        goal = self._goal(motion, position, target) if near is None else near.tolist()
         plan = motion.input
-        plan.current_position, plan.target_position = here.tolist(), goal.tolist()
-        plan.max_velocity = np.minimum(bounds.velocity, joints.speeds(position)).tolist()
+        plan.current_position, plan.target_position = here.tolist(), goal
+        plan.max_velocity = motion.velocity or _velocity(joints, bounds, position)
         together = mode in (Mode.POSITION, Mode.IMPEDANCE)
         plan.synchronization = Synchronization.Time if together else Synchronization.No
         angles = np.empty((TIMES + 1, len(position)))
@@ -199,7 +219,7 @@ class Retreat:
         try:
             motion.planner.calculate(plan, motion.trajectory)
         except RuckigError:  # rare states have no synchronised trajectory
-            angles[1:, servos] += np.linspace(0.0, 1.0, TIMES + 1)[1:, None] * (goal - here)
+            angles[1:, servos] += np.linspace(0.0, 1.0, TIMES + 1)[1:, None] * (np.array(goal) - here)
             return angles
         at_time, duration = motion.trajectory.at_time, motion.trajectory.duration
         moments = [*EARLY, *(duration * share for share in SHARES)]
@@ -231,4 +251,16 @@ def _motion(robot: Robot, part: str) -> _Motion:
     constant = joints.exact and all(one.constant for one in joints.transforms)
     slope = joints.slope(np.zeros(len(robot.servos))) if constant else None
     inverse = None if slope is None else np.array(np.linalg.inv(slope).T, np.float64)
-    return _Motion(joints, inverse, bounds, outside, free, Ruckig(count), plan, Trajectory(count))
+    limits = [*zip(bounds.lower.tolist(), bounds.upper.tolist(), strict=True)]
+    steady = all(one.steady for one in joints.transforms)
+    velocity = _velocity(joints, bounds, np.zeros(len(robot.servos))) if steady else None
+    return _Motion(
+        joints, inverse, bounds, outside, free, limits, velocity, Ruckig(count), plan, Trajectory(count)
+    )
+
+
+def _velocity(joints: JointMap, bounds: Bounds, position: Array) -> list[float]:
+    """Returns the largest velocity (k,) [rad/s] of each servo with all servos at `position` (n_servos,)
+    [rad]."""
+    fastest: list[float] = np.minimum(bounds.velocity, joints.speeds(position)).tolist()
+    return fastest

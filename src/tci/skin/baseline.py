@@ -14,9 +14,12 @@ from math import exp
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tci.compiled import entry
 from tci.errors import TciError
 from tci.frames import Array
 from tci.skin.kernels.baseline import ROOM, BaselineArrays, Window, update_baseline
+
+_update_baseline = entry(update_baseline)
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +146,7 @@ class Baseline:
             s.threshold, s.quiet, s.fluctuating, s.share, s.lively, self.typical_noise,
             self._slew * elapsed, self._floor, *weights,
         ])  # fmt: skip
-        self.typical_noise = update_baseline(
+        self.typical_noise = _update_baseline(
             self._estimates, window, healthy, self._neighbours, numbers, self._afresh, self._room
         )
         self._afresh = False

@@ -10,6 +10,8 @@ from typing import Any
 
 MOST = 100
 """Largest number of kinds that are counted separately. Assumed: a longer list is not read."""
+FIGURES = re.compile(r"\b\d[\d.]*")
+"""Figures in a text, without digits in names."""
 OTHERS = "other reasons"
 """Text under which all further kinds are counted."""
 
@@ -177,7 +179,7 @@ def reason_of(number: int, text: str) -> Reason | None:
 def kind_of(reason: str) -> str:
     """Returns the text without its figures, so that equal reasons with different figures count as one kind.
     Digits in names are kept."""
-    return re.sub(r"\b\d[\d.]*", "", reason)
+    return FIGURES.sub("", reason)
 
 
 @dataclass(frozen=True, slots=True)

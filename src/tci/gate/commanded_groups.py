@@ -39,6 +39,7 @@ class CommandedGroups:
         """All groups, in the order of their servos in `reference`. A change makes a new list."""
         self.count = 0
         """Number of servos that the groups move."""
+        self._leaning: list[JointGroup] = []
         self._found: dict[bytes, tuple[Mode, list[JointGroup]]] = {}
         self._others: dict[int, list[JointGroup]] = {}
         self.modes = [servo.modes[0] for servo in robot.servos]
@@ -57,9 +58,8 @@ class CommandedGroups:
         """Stores the `measured` angles (n_servos,) [rad], and shifts the bounds of couplings that contain
         servos outside a group."""
         self.measured = measured
-        for chain in self.chains:
-            if chain.leans:
-                chain.look_outside(measured)
+        for chain in self._leaning:
+            chain.look_outside(measured)
 
     def drop(self) -> None:
         """Ends all groups. The control modes of the servos do not change."""
@@ -69,6 +69,7 @@ class CommandedGroups:
     def _note_change(self) -> None:
         """Deletes what was derived from the groups and the modes before a change."""
         self.chains = list(self._chains.values())
+        self._leaning = [chain for chain in self.chains if chain.leans]
         self.count = sum(len(chain.servos) for chain in self.chains)
         self._shown_of = None
         self._found.clear()

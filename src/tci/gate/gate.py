@@ -79,9 +79,8 @@ class Gate:
         self._issued: SafeCommand | None = None
         self._tally = Tally()
         self._motion = Motion(robot, period=period, settings=self._settings, tally=self._tally)
-        self._monitor = (
-            JointMonitor(robot, self._settings.monitor) if self._settings.monitor is not None else None
-        )
+        monitor = self._settings.monitor
+        self._monitor = None if monitor is None else JointMonitor(robot, monitor)
         self._reference, self._torque = self._motion.reference, np.zeros(0)
         self._stopped: Reason | None = None
         self._held: Reason | None = None
@@ -212,11 +211,8 @@ class Gate:
                 if reason:
                     raise CommandError(f"{self.state.value}: {reason}", code=Code.GATE_CLOSED)
                 if not isinstance(command, PlatformOrder):
-                    kind = type(command).__name__
-                    raise CommandError(
-                        f"a {kind} is not in the robot's own joints; "
-                        "valid: the result of GenericBody.to_platform"
-                    )
+                    words = f"a {type(command).__name__} is not in the robot's own joints"
+                    raise CommandError(f"{words}; valid: the result of GenericBody.to_platform")
                 if isinstance(command, PlatformCommand) and command.mode in SHARES:
                     shares = stiffness if command.mode is Mode.STIFFNESS else damping
                     clamped += self._set_share(command, shares)

@@ -147,7 +147,8 @@ class JointMonitor:
         """
         before, self._before = self._before, joints
         elapsed = 0.0 if before is None else joints.stamp - before.stamp
-        self._sort(reference.modes)
+        if reference.modes is not self._modes:
+            self._sort(reference.modes)
         pushed = np.zeros(len(reference.servos)) if torque is None else torque
         found = _judge_reading(
             self._arrays, reference.servos, self._kinds, reference.position, reference.velocity, pushed,
@@ -233,8 +234,7 @@ class JointMonitor:
 
     def _sort(self, modes: tuple[Mode, ...]) -> None:
         """Notes for each servo (k,) if it is compared with its reference, and if it is in torque mode."""
-        if modes != self._modes:
-            self._modes = modes
-            self._kinds = np.array(
-                [[mode in JUDGED for mode in modes], [mode is Mode.TORQUE for mode in modes]], dtype=bool
-            )
+        self._modes = modes
+        self._kinds = np.array(
+            [[mode in JUDGED for mode in modes], [mode is Mode.TORQUE for mode in modes]], dtype=bool
+        )

@@ -52,8 +52,12 @@ class OnlineTrajectory:
         and work space of the function that changes them, in one array (3, n). After a change, call
         `begin`."""
         self.target: Array = self.aims[TARGET]
-        self._speed: Array = self.aims[SPEED]
-        self._drive = np.full(count, np.nan)
+        self.speed: Array = self.aims[SPEED]
+        """The first two rows of `aims`."""
+        self.drive: Array = np.full(count, np.nan)
+        """Velocity (n,) [rad/s] at which each servo is driven; NaN for a servo that moves to a target."""
+        self.drives: bool
+        """True if any servo is driven at a velocity."""
         self._stopping = self._returns = False
         self._told: Code | None = None
         self._barred: Reason | None = None  # why the way inside is not tried until the next command
@@ -71,7 +75,8 @@ class OnlineTrajectory:
         """Latest state as one array (3, n). While nothing moves, the identical array object."""
         self.position: Array
         """Latest position (n,) [rad], the first row of the state."""
-        self._outside: bool
+        self.outside: bool
+        """True if a servo is outside its limits, so that `measured` must be up to date."""
         self._set_state(np.array([position, np.zeros(count), np.zeros(count)]))
         self._set_interfaces()
 
@@ -87,29 +92,9 @@ class OnlineTrajectory:
         return self._stopper.span
 
     @property
-    def speed(self) -> Array:
-        """Speed limit (n,) [rad/s] of the present motion."""
-        return self._speed
-
-    @property
-    def drive(self) -> Array:
-        """Velocity (n,) [rad/s] at which each servo is driven; NaN for a servo that moves to a target."""
-        return self._drive
-
-    @property
-    def drives(self) -> bool:
-        """True if any servo is driven at a velocity."""
-        return self._any_driven
-
-    @property
-    def outside(self) -> bool:
-        """True if a servo is outside its limits, so that `measured` must be up to date."""
-        return self._outside
-
-    @property
     def rests(self) -> bool:
         """True if nothing moves until a new command, so that steps can be omitted."""
-        return self._resting and not self._any_driven
+        return self._resting and not self.drives
 
     def take_over(self, here: Sequence[int], other: OnlineTrajectory, there: Sequence[int]) -> None:
         """Continues the motion of some servos of the trajectory `other`. The indices of these servos are
@@ -131,8 +116,8 @@ class OnlineTrajectory:
             raise CommandError(f"these servos can't join the motion now: {fault}", code=fault.code)
         self._stopper.keep()
         self.target[places] = other.target[others]
-        self._speed[places] = other.speed[others]
-        self._drive[places] = other.drive[others]
+        self.speed[places] = other.speed[others]
+        self.drive[places] = other.drive[others]
         self.found[places] = other.found[others]
         self._set_interfaces()
         self._resting = False
@@ -143,7 +128,7 @@ class OnlineTrajectory:
 
         Servos that are driven at a velocity continue at this velocity.
         """
-        self.target[:], self._speed[:] = target, speed
+        self.target[:], self.speed[:] = target, speed
         self.begin()
 
     def begin(self) -> None:
@@ -159,10 +144,10 @@ class OnlineTrajectory:
         If the velocity of a servo is NaN, the servo is no longer driven and keeps its position. Such a servo
         must be at rest before the call. A servo outside its limits moves inward, at any requested velocity.
         """
-        self._drive[places] = velocity
+        self.drive[places] = velocity
         self.target[places] = self.bounds.inside(self.position)[places]
         self._asked = True
-        if not np.array_equal(self._driven, np.isfinite(self._drive)):
+        if not np.array_equal(self._driven, np.isfinite(self.drive)):
             self._set_interfaces()
         self._begin()
 
@@ -176,7 +161,7 @@ class OnlineTrajectory:
         self._returns = False
         if not self._stopping:
             self.target[:] = self.bounds.inside(self._stopper.end)
-            self._drive[self._driven] = 0.0
+            self.drive[self._driven] = 0.0
             self._asked = True
         self._stopping = True
 
@@ -203,7 +188,8 @@ class OnlineTrajectory:
     def step(self) -> Array:
         """Moves by one period, and returns the new positions (n,) [rad]."""
         self.ended = None
-        moved = self._resting or self._waits or (not self._stopping and self._advance())
+        waits = self._resting or (self._barred is not None and self._waits)
+        moved = waits or (not self._stopping and self._advance())
         if not moved and not (self._stopping and self._returns and self._return_inside()):
             self._brake()
         return self.position
@@ -211,7 +197,7 @@ class OnlineTrajectory:
     @property
     def _waits(self) -> bool:
         """True if the way inside was refused, and nothing has to move until the next command."""
-        if self._barred is None or self._any_driven or (self._stopping and not self._returns):
+        if self.drives or (self._stopping and not self._returns):
             return False
         return not (self.whole_state[1].any() or self._sags)
 
@@ -229,20 +215,20 @@ class OnlineTrajectory:
         command. If the guard refuses the motion of the other servos too, all targets end, and only the way
         inside continues.
         """
-        if self._barred and not self._any_driven:  # the other servos are at rest
+        if self._barred and not self.drives:  # the other servos are at rest
             return self._return_inside()
-        if self._asked or self._outside is not self._creeps:
-            self._planner.set_targets(self.target, self._creeping if self._outside else self._most)
-            self._asked, self._creeps = False, self._outside
-        back = self._back() if self._outside else None
-        if self._any_driven:
+        if self._asked or self.outside is not self._creeps:
+            self._planner.set_targets(self.target, self._creeping if self.outside else self._most)
+            self._asked, self._creeps = False, self.outside
+        back = self._back() if self.outside else None
+        if self.drives:
             self._set_velocities(back, inward=True)
         taken, fault = (False, self._barred) if self._barred and back is not None else self._try()
-        if not taken and back is not None and (fault or self._any_driven or self._straight):
+        if not taken and back is not None and (fault or self.drives or self._straight):
             self._asked = True
             others = np.where(back != 0.0, self.position, self.target)
             self._planner.set_targets(others, self._creeping)
-            if self._any_driven:
+            if self.drives:
                 self._set_velocities(back, inward=False)
             here, hindrance = self.position, self._hindrance
             taken, again = self._try()
@@ -254,7 +240,7 @@ class OnlineTrajectory:
         self._told = None if fault is None else fault.code
         if fault and not taken:
             self.halt()
-            self._returns = self._outside
+            self._returns = self.outside
         return taken
 
     @property
@@ -270,7 +256,7 @@ class OnlineTrajectory:
     def _set_velocities(self, back: Array | None, *, inward: bool) -> None:
         """Sets the target velocities of driven servos. Servos with a velocity `back` (n,) [rad/s] other than
         0 get this velocity if they move `inward`; otherwise these servos stop."""
-        allowed = self.bounds.allowed_velocity(self.position, np.nan_to_num(self._drive))
+        allowed = self.bounds.allowed_velocity(self.position, np.nan_to_num(self.drive))
         if back is not None:
             allowed = np.where(self._driven & (back != 0.0), back if inward else 0.0, allowed)
         self._driving = bool(allowed.any())
@@ -313,9 +299,9 @@ class OnlineTrajectory:
         if not known and (fault := barred or self._guard(stop)):
             return False, fault
         self._planner.take()
-        self.whole_state, self.position, self._outside = state, state[0], self._stopper.outside
+        self.whole_state, self.position, self.outside = state, state[0], self._stopper.outside
         self._stopper.keep()
-        self._resting = self._planner.ended and not (self._driving or self._outside)
+        self._resting = self._planner.ended and not (self._driving or self.outside)
         self._led = True
         return True, None
 
@@ -324,13 +310,13 @@ class OnlineTrajectory:
         state, rests = self._stopper.step()
         self._set_state(state)
         if rests:
-            self._resting = self._stopping and not (self._returns and self._outside)
+            self._resting = self._stopping and not (self._returns and self.outside)
             self._set_straight(True)
 
     def _set_interfaces(self) -> None:
         """Sets for each servo if it moves to a target or at a velocity."""
-        self._driven = np.isfinite(self._drive)
-        self._any_driven, self._driving = bool(self._driven.any()), False
+        self._driven = np.isfinite(self.drive)
+        self.drives, self._driving = bool(self._driven.any()), False
         self._planner.set_driven(self._driven)
         self._set_straight(False)
 
@@ -341,9 +327,9 @@ class OnlineTrajectory:
         The motion is straight if all limits are proportional to the distances of the servos. (ruckig's phase
         synchronisation is not suitable: it fails if, because of rounding, states are not exactly on a line.)
         """
-        was, self._straight = self._straight, straight and not self._any_driven
+        was, self._straight = self._straight, straight and not self.drives
         self._asked = True
-        self._most, acceleration, jerk = self._speed, self.bounds.acceleration, self.bounds.jerk
+        self._most, acceleration, jerk = self.speed, self.bounds.acceleration, self.bounds.jerk
         if self._straight:
             limits = np.empty((3, len(jerk)))
             here = self.position
@@ -357,5 +343,5 @@ class OnlineTrajectory:
     def _set_state(self, state: Array) -> None:
         """Sets positions, velocities and accelerations (3, n) as the present state, also of the planner."""
         self.whole_state, self.position = state, state[0]
-        self._outside = bool(((state[0] < self.bounds.lower) | (state[0] > self.bounds.upper)).any())
+        self.outside = bool(((state[0] < self.bounds.lower) | (state[0] > self.bounds.upper)).any())
         self._planner.set_state(state)

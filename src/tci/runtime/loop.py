@@ -154,6 +154,7 @@ class _Loop(Generic[Memory]):
         write: bool,
     ) -> None:
         self.driver = driver
+        self._period = driver.period
         self.capability = capability
         self.observe = observe
         self.guard = guard
@@ -218,7 +219,7 @@ class _Loop(Generic[Memory]):
         """Counts the missed periods between the last tick and the end of the run after `duration` [s]."""
         if duration is None or self._before is None:
             return
-        missed = math.ceil(duration / self.driver.period - ROUNDING) - self._period_of(self._before) - 1
+        missed = math.ceil(duration / self._period - ROUNDING) - self._period_of(self._before) - 1
         if missed > 0:
             self.report.overruns += 1
             self.report.missed += missed
@@ -227,7 +228,7 @@ class _Loop(Generic[Memory]):
         """Counts the missed periods since the previous tick. Returns a reason to hold the robot if `MISSED`
         or more periods were missed, otherwise None.
         """
-        period = self.driver.period
+        period = self._period
         if self._before is None:
             self._before = now
             # periods before the first tick do not count as missed
@@ -248,7 +249,7 @@ class _Loop(Generic[Memory]):
 
         The first period has number 0.
         """
-        return int((now - self._start) / self.driver.period + ROUNDING)
+        return int((now - self._start) / self._period + ROUNDING)
 
     def _perceive(self, reading: Reading, now: float) -> Perception | None:
         """Returns the perception of a reading. Returns None if the reading does not fit the robot's

@@ -15,8 +15,8 @@ ROUNDING = 1e-6
 counts as this period. Without this tolerance, rounding (1e-11 s on a clock that has run for days) could make
 a period occur twice."""
 TAIL = 150e-6
-"""Last part of a sleep [s], in which a thread busy-waits. Assumed: longer than the usual delay of a wake-up
-(about 120 us)."""
+"""Length [s] of the last part of a sleep, in which the thread waits busily to wake up on time. Assumed:
+longer than the usual delay of a wake-up (about 120 us)."""
 
 
 class Clock(Protocol):

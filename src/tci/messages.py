@@ -135,7 +135,8 @@ class SkinState(Frozen):
     vector: Array | None = None
     """Force (k, 3) [N] on each active taxel, in the patch's link; None without three-axis sensors."""
     masked: NDArray[np.bool_] | None = None
-    """Taxels (n,) of the whole skin that are not trusted; None if there are none."""
+    """True (n,) for each taxel of the whole skin that is masked, so that its values are ignored; None if no
+    taxel is masked."""
 
     def on(self, patch: int) -> Array:
         """Returns the pressure (taxels,) [Pa] on all taxels of one patch, inactive ones included."""

@@ -9,11 +9,11 @@ from enum import IntEnum, unique
 from typing import Any
 
 MOST = 100
-"""Largest number of kinds that are counted separately. Assumed: a longer list is not read."""
+"""Largest number of kinds of reasons that are counted separately. Assumed: a longer list is not read."""
 FIGURES = re.compile(r"\b\d[\d.]*")
 """Figures in a text, without digits in names."""
 OTHERS = "other reasons"
-"""Text under which all further kinds are counted."""
+"""Text under which all further kinds of reasons are counted."""
 
 
 @unique

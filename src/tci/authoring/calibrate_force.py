@@ -24,7 +24,8 @@ BLOCK = 10
 """Number of consecutive frames that are used or held out together. Assumed: 0.2 s on an iCub, so that
 held-out frames differ from the frames used for the fit."""
 FEWEST = 8 * BLOCK
-"""Least number of frames. Assumed: two blocks for each of the four folds of the cross-validation."""
+"""Least number of frames in a calibration. Assumed: two blocks for each of the four folds of the
+cross-validation."""
 REST = 0.05
 """Fraction of the frames from which rest values are computed: the frames with the least sum of raw values.
 Assumed: on a robot that sways, each part of the skin is unloaded in this fraction of the frames."""

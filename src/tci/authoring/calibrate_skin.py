@@ -16,8 +16,8 @@ from tci.robot.skin_files.calibration import PatchCalibration
 from tci.skin.baseline import BaselineSettings
 
 NODES = 6
-"""Largest number of linear pieces of the response. Assumed. Fewer pieces are used if there are fewer than two
-loads per piece."""
+"""Largest number of linear pieces of a skin's response, the curve of pressure over raw value. Assumed: enough
+for smooth curves. Fewer pieces are used if there are fewer than two loads per piece."""
 STIFF = 0.03
 """Weight of the smoothing that keeps the slopes of adjacent pieces similar. Assumed: small against the weight
 of the loads."""

@@ -24,7 +24,7 @@ lowest joint. Assumed: this value excludes toes and parallel linkages, whose joi
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """Joints of a leg, by index."""
+    """Indices of the joints of a leg."""
 
     chain: tuple[int, ...]
     """All joints of the leg, from the hip down."""

@@ -1,4 +1,5 @@
-"""Fits of the paper's truncated cone to the skins of a file or a robot."""
+"""Fits a truncated cone (eq. 4 of the paper), a simple model of a limb's surface, to the skins of a file or a
+robot."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ POSTURES = np.deg2rad([[25, 25, 0, 60, 0], [25, 25, 0, 75, 0], [35, 30, 0, 60, 0
                        [45, 45, 0, 60, 0], [30, 60, 0, 90, 0], [30, 45, 30, 75, 0]])  # fmt: skip
 """Candidates for the initial posture [rad]; the first posture that fits is used. All values are assumed."""
 ROOM = 0.1
-"""Sufficient distance [rad] of the initial posture from joint limits."""
+"""Distance [rad] from the joint limits that is sufficient for an initial posture."""
 TURNED = float(np.deg2rad(120.0))
 """Largest rotation [rad] of a shoulder's joint from its rest (the model's zero, or the middle of its range).
 

@@ -22,11 +22,11 @@ SPEED = float(np.deg2rad(120.0))
 FASTEST = 50.0
 """A speed limit [rad/s] in the file that is at least this value counts as a placeholder."""
 ACCELERATION = np.deg2rad((400.0, 2400.0))
-"""Least and largest acceleration limit [rad/s2]. Between these values, the limit is the acceleration of the
-largest inertia under a quarter of the torque."""
+"""Least and largest acceleration limit [rad/s2] that is proposed. Between these values, the proposed limit is
+the acceleration that a quarter of the joint's torque gives to the largest inertia that the joint can move."""
 MOST_TORQUE = 0.35
-"""Largest fraction of the torque used for acceleration, if a quarter is not enough for the least acceleration
-limit."""
+"""Largest fraction of the joint's torque that is used for acceleration, if a quarter is not enough for the
+least value of ACCELERATION."""
 SLOWEST = float(np.deg2rad(30.0))
 """Least acceleration [rad/s2] of an arm's joint with its largest inertia under its full torque. Real arms
 reach more than 10 rad/s2; a file from which a lower acceleration follows has wrong units or a placeholder."""
@@ -34,7 +34,7 @@ LOST = 1.0 / 3.0
 """Largest fraction of the torque that may be spent on damping at full speed; the remaining torque is for
 motion and weight."""
 JERK = 100.0
-"""Jerk limit divided by acceleration limit [1/s]."""
+"""Ratio of the proposed jerk limit to the proposed acceleration limit [1/s]."""
 TORQUE, FINGER_TORQUE, STRONGEST = 40.0, 1.0, 1e4
 """Torque limits [N m]: for a joint without a limit in the file, for a joint of a finger without a limit in
 the file, and the value from which a limit in the file counts as a placeholder. A motor of a finger reaches

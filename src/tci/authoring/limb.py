@@ -17,8 +17,8 @@ from tci.frames import Array
 from tci.robot.shoulder import SLANT, nearest_point
 
 PARALLEL = 0.9
-"""Cosine above which two successive axes of a ball joint are too close to parallel. Assumed: 26 degrees
-between the axes."""
+"""Cosine of the angle between two successive joint axes above which the joints form no ball joint, because
+their axes are too close to parallel. Assumed: in a ball joint the axes differ by at least 26 degrees."""
 ASIDE = 0.6
 """Largest offset of the limb's axis from the centre of its ball joint, and from the bending axis, as a
 fraction of the limb's length. Assumed: with a larger value other chains of joints are taken for limbs; with a
@@ -53,7 +53,7 @@ class Limb:
 
     @property
     def length(self) -> float:
-        """Distance [m] from centre to middle."""
+        """Length [m] of the upper arm or thigh: the distance from `centre` to `middle`."""
         return float(np.linalg.norm(self.middle - self.centre))
 
     @property

@@ -48,7 +48,7 @@ positions between taxels."""
 
 @dataclass(frozen=True)
 class PatchMeasurement:
-    """Result of a calibration."""
+    """Result of the calibration of one patch."""
 
     file: Path
     """File to which the calibration was written."""

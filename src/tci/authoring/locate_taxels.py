@@ -25,7 +25,7 @@ START_WIDTH = 0.005
 FAINT = 0.04
 """A response below this fraction of the touch's strongest response counts as noise."""
 PRIOR = 0.010
-"""Standard deviation [m] of the initial positions."""
+"""Standard deviation [m] of the error that the initial positions of the taxels are expected to have."""
 CENTRE, SHIFT, SURFACE = 0.0005, 0.002, 0.0015
 """Three standard deviations [m].
 
@@ -34,7 +34,8 @@ CENTRE, SHIFT, SURFACE = 0.0005, 0.002, 0.0015
 - SURFACE: distance of taxels from the tangent plane of a touch.
 """
 LOGARITHM = 0.15
-"""Standard deviation of the logarithm of a touch's strongest response."""
+"""Standard deviation of the error of the logarithm of a touch's strongest response. Weaker responses of the
+touch get a larger error."""
 ROUNDS = 40
 LONGEST_STEP = 0.004
 """Largest displacement [m] of a taxel in one iteration."""

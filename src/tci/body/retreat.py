@@ -28,10 +28,10 @@ from tci.skin.skin import Skin
 
 _retreats = entry(retreats)
 EARLY = (0.01, 0.02)
-"""First times [s] of the prediction, from the beginning of the motion. Assumed: joints accelerate
-differently, so a path may begin in another direction than it ends."""
+"""First times [s] after the beginning of a motion at which its path is predicted. Assumed: early enough to
+notice a path that begins in another direction than it ends, because the joints accelerate differently."""
 SHARES = (0.25, 0.5, 0.75, 1.0)
-"""Later times, as fractions of the motion's duration."""
+"""Later times at which the path is predicted, as fractions of the motion's duration."""
 AHEAD = 0.1
 """Time [s] for which a target in velocity mode is ahead of the present angles. Assumed: the next skin frame
 comes much sooner."""

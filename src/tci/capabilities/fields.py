@@ -60,7 +60,7 @@ class Circle(Description):
     u: Annotated[float, Field(ge=0.0, le=1.0)]
     """Centre along the segment: 0 at the proximal joint, 1 at the distal joint."""
     radius: Annotated[float, Field(gt=0.0)]
-    """Radius r_i of eqs 5-7 [segment lengths]."""
+    """Radius of the field [segment lengths]: r_i in eqs. 5-7 of the paper."""
 
 
 class ForceRange(Description):

@@ -27,8 +27,8 @@ OPPOSES = 2.0
 """Speed of the thumb's opposition as a multiple of the speed of flexions. Assumed: then the thumb lies across
 the palm before the fingers close."""
 LONGEST = 0.1
-"""Largest time step [s] by which targets move between two perceptions. Assumed: after a longer gap, a hand
-continues without a jump."""
+"""Longest time [s] between two perceptions in which the targets of the fingers move. If more time passes, the
+targets move only as far as in this time, so the hand does not jump. Assumed: several periods of any skin."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

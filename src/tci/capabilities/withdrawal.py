@@ -45,7 +45,8 @@ class Answer:
     """Response to one contact."""
 
     field: ReceptiveField
-    """Closest field among those that contain the contact."""
+    """Receptive field that responds: of all fields that contain the contact, the one with the closest
+    centre."""
     gain: float
     """Gain phi(F) psi(d) of the response (eq. 5), above 0 and at most 1."""
 

@@ -69,7 +69,7 @@ class Withdrawal(Generic[F]):
     origin: Array
     """Generic posture (n,) [rad] of the part at the start of the withdrawal."""
     gain: float
-    """Largest gain phi(F) psi(d) so far."""
+    """Largest gain phi(F) psi(d) (eq. 5) since the start of the withdrawal."""
     started: float
     """Time [s] at which the withdrawal started."""
     touched: float
@@ -77,7 +77,7 @@ class Withdrawal(Generic[F]):
     quiet: bool = False
     """True if no field of this part was touched in the latest step."""
     met: frozenset[int] = frozenset()
-    """Identities of the contacts that have been checked. The motion does not press any of these contacts."""
+    """Identities of the contacts for which the motion has been checked: it presses none of them."""
     ended: Array | None = None
     """Generic posture (n,) [rad] at which the motion was ended because of an object on the path. The value is
     None if the motion was not ended."""
@@ -107,9 +107,9 @@ class Refusal(NamedTuple):
 
     reason: str
     frames: bytes
-    """Sequence numbers of the skin frames at the check."""
+    """Sequence numbers of the skin frames with which the motion was checked."""
     stamp: float
-    """Time [s] of the check."""
+    """Time [s] at which the motion was checked."""
 
     def stands(self, perception: Perception) -> bool:
         """Returns True if no new check is needed: the check is recent, and no skin frame has arrived after

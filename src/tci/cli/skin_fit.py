@@ -1,4 +1,4 @@
-"""`tci skin fit`: fits the paper's truncated cone to a skin."""
+"""`tci skin fit`: fits a truncated cone (eq. 4 of the paper) to a skin."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ def fit(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fit the paper's truncated cone to a skin, and print the distances between the taxels and this cone.
+    """Fit a truncated cone (eq. 4 of the paper) to a skin, and print the distances between the taxels and
+    this cone.
 
     The command computes three fits: with the given axis, with an axis that may also move sideways, and with
     an axis that may also tilt. For a robot, the given axes are the axes of the robot's segments.

@@ -15,14 +15,14 @@ UNEVEN = np.deg2rad(5.0)
 """Largest difference [rad] between generic limits or angles of the left and the right side. Assumed: larger
 than the differences between the two arms of real robots."""
 ROUNDED = 0.06
-"""Largest difference [rad] for which an angle on one side counts as written in radians instead of degrees:
-the difference between its number and the other side's angle in radians. Numbers may be rounded to one
-decimal."""
+"""An angle on one side of the robot counts as written in radians instead of degrees if its number differs
+from the other side's angle [rad] by at most this value. Assumed: numbers may be rounded to one decimal."""
 NEARLY = 0.1
-"""Largest relative difference at which a small angle counts as the other side's angle in radians. Assumed:
-more than the error of rounding to two digits."""
+"""For small angles, this relative difference is used instead of ROUNDED: the largest one between the number
+of an angle and the other side's angle [rad], at which the angle counts as written in radians. Assumed: more
+than the error of rounding to two digits."""
 TINY = 0.5 * np.pi
-"""Number of degrees [1] below which an angle of a part without another side counts as written in radians.
+"""Angles with a smaller number of degrees, on a part that has no other side, count as written in radians.
 Assumed: nobody turns a head or a torso by less than 1.6 degrees or by more than 90."""
 
 

@@ -35,9 +35,9 @@ class Stream:
     older: int
     """Number of frames that arrived after a newer frame."""
     age: float
-    """Median, over all reads, of the age [s] of the newest frame."""
+    """Median age [s] that the newest frame had when `read` was called."""
     oldest: float
-    """Largest age [s] of the newest frame in any read."""
+    """Largest age [s] that the newest frame had when `read` was called."""
 
     def to_json(self) -> dict[str, object]:
         """Returns the statistics as JSON values. Ages are in [ms]."""

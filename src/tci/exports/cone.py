@@ -103,7 +103,7 @@ def fit_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom = "n
 
 
 def cone_of(robot: Robot, surface: Surface, kinematics: KinematicChain) -> ConeFit:
-    """Fits the paper's truncated cone (eq. 4) to one patch, in the frame of the patch's link.
+    """Fits a truncated cone (eq. 4 of the paper) to one patch, in the frame of the patch's link.
 
     The cone's axis is parallel to the limb segment. The fit may move the axis sideways, since few skins are
     centred on the axis through the joints. Raises TciError if the patch is on no limb.

@@ -120,8 +120,9 @@ def is_likely_degrees(values: Array, wrong: NDArray[np.bool_] | None = None) -> 
 
 
 def refuse_far(robot: Robot, command: PlatformCommand) -> NoReturn:
-    """Raises CommandError for a command with angles that are far outside their limits. The message contains
-    the question if the angles are in degrees, unless only a single angle of many exceeds a full turn."""
+    """Raises CommandError for a command with angles that are far outside their limits. The message asks
+    whether the angles were given in degrees, unless only one angle of several is wrong and this angle exceeds
+    a full turn."""
     names = [robot.servos[servo].name for servo in command.servos]
     ranges = [robot.servos[servo].limits for servo in command.servos]
     angles = np.abs(command.values)

@@ -17,8 +17,8 @@ from tci.reasons import Reason
 
 _take_room = entry(take_room)
 LOOKS = 16
-"""Number of checked points of a stop, including both ends. Assumed: the number is sufficient, because
-`SelfCollision` also checks the path between two points."""
+"""Number of points of a planned stop at which the robot is checked for self-collision, including both ends.
+Assumed: the number is sufficient, because `SelfCollision` also checks the path between two points."""
 SHARES = np.linspace(0.0, 1.0, LOOKS)
 
 

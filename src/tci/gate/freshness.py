@@ -8,8 +8,8 @@ import math
 from tci.messages import JointReading
 
 LONGEST = 0.02
-"""Largest age [s] at which data is fully trusted. Assumed: a constant braking torque needs about 50 ms to
-reverse a joint, and robots send joint data at least every 10 ms."""
+"""Largest age [s] at which joint data is fully trusted. Assumed: a constant braking torque needs about 50 ms
+to reverse a joint, and robots send joint data at least every 10 ms."""
 FADE = 0.01
 """Time [s] in which the trust falls from 1 to 0 when data is too old to be fully trusted. Assumed: in this
 time, a light joint under its full torque gains a third of its speed limit."""

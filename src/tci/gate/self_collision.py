@@ -27,16 +27,17 @@ MARGIN = 0.005
 """Smallest allowed distance [m] between two links. Assumed: covers the lag of servos and the errors of
 simplified meshes."""
 WIDEST = 0.1
-"""Upper bound [m] of the margin. Assumed: with a larger margin, hands could hardly be used near the body."""
+"""Upper bound [m] on the distance that links must keep from each other. Assumed: with a larger margin, hands
+could hardly be used near the body."""
 SIGHT = 1.0
-"""Largest distance [m] that is measured; larger distances are set to this value. Assumed: no link moves this
-far in one period."""
+"""Largest distance [m] between two links that is measured; larger distances are set to this value. Assumed:
+no link moves this far in one period."""
 STRIDE = 0.002
 """Largest motion [m] of a link between two checked points of a path. Assumed: less than half of the
 margin."""
 PATIENCE = 16
-"""Number of checks after which distances that were not sufficient are measured again. Assumed: one
-measurement takes as long as a few checks."""
+"""Number of successive checks in which the stored distances did not suffice to exclude a collision, after
+which the distances are measured anew. Assumed: one measurement takes as long as a few checks."""
 SPECK = 1e-6
 """Distance [m] between two links below which the direction from one link to the other is only a rounding
 error."""

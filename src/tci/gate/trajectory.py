@@ -157,7 +157,8 @@ class OnlineTrajectory:
         self._told = self._barred = None
 
     def halt(self) -> None:
-        """Stops all servos as fast as the bounds allow, and removes targets and velocities immediately."""
+        """Drops all commanded targets and velocities, and brings all servos to rest as fast as the bounds
+        allow."""
         self._returns = False
         if not self._stopping:
             self.target[:] = self.bounds.inside(self._stopper.end)

@@ -14,8 +14,8 @@ CREEP = 0.1
 """Speed at which a servo outside its limits moves inward, as a fraction of its speed limit. Assumed: slow
 enough for a person to intervene, because obstacles outside the limits are unknown."""
 QUICK = float(np.deg2rad(180.0))
-"""Largest speed [rad/s] of which the fraction CREEP is taken. Assumed: a tenth of the speed limit of a G1's
-motors is still half a turn per second."""
+"""Upper bound [rad/s] on the speed limit from which the fraction CREEP is taken. Assumed: without this bound,
+a G1's motors would move inward with half a turn per second."""
 SAGS = float(np.deg2rad(0.5))
 """Largest angle [rad] by which a reference may lie inside the angle at which its servo was found, to lead a
 servo that has sagged back to this angle. Assumed: a usual deviation of servos. At the length of an arm, this

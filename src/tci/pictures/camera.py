@@ -21,7 +21,7 @@ class Camera:
     """Pinhole camera. The axes of the camera frame C are: x to the right, y down, z into the picture."""
 
     T_WC: Array
-    """Pose (4, 4) of the camera in the world frame. All rays start at the origin of C."""
+    """Pose (4, 4) of the camera frame C in the world frame W. All rays start at the origin of C."""
     fov: float
     """Vertical angle of view [rad]."""
     width: int

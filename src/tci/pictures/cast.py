@@ -17,7 +17,7 @@ from tci.pictures.camera import Camera, rays
 _CHUNK = 8192
 """Number of rays per call. The number is small, so that all threads have work until the end."""
 _OPAQUE, _GLASS, _HIDDEN = 0, 1, 5
-"""Geom group in the copied model for each kind of geom."""
+"""Number of the geom group, in the copied model, for opaque, transparent and hidden geoms."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

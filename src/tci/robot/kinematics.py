@@ -61,8 +61,9 @@ class KinematicChain:
         """Steps (s, 3). The columns are: index of the previous step, -1 for the world; servo, -1 for none; 1
         if the joint is prismatic."""
         self.sums: Array = read_only(steps.sums)
-        """K0, K1 and K2 (s, 3, 3, 4) of each step. Each of these matrices consists of a rotation and, in the
-        last column, a position [m]."""
+        """Matrices K0, K1 and K2 (s, 3, 3, 4) of each step: at the joint angle q, the pose after the step is
+        K0 + K1 cos q + K2 sin q. Each of these matrices consists of a rotation and, in the last column, a
+        position [m]."""
         self._axes: Array = read_only(steps.axes)
         self._after: Indices = read_only([steps.after[body] for body in range(model.nbody)], np.int64)
         self._asked: dict[tuple[str, ...], tuple[Indices, Indices]] = {}

@@ -28,9 +28,9 @@ class Transform(ABC):
     the number of joints (m,) may differ from the number of servos."""
 
     ids: NDArray[np.intp]
-    """Generic ids (k,)."""
+    """Generic ids (k,) of the joints that this transform converts."""
     servos: NDArray[np.intp]
-    """Indices (k,) into `Robot.servos`."""
+    """Indices (k,) into `Robot.servos` of the servos that move these joints."""
 
     def __init__(self, joints: list[GenericServo]) -> None:
         self.ids = np.array([joint.id for joint in joints], dtype=np.intp)

@@ -18,12 +18,12 @@ class Health(IntEnum):
     """State of a taxel."""
 
     HEALTHY = 0
-    """In use."""
+    """The taxel is in use."""
     DEAD = 1
-    """Masked because the taxel is at rest and constant for a long time, although the other taxels of its
-    patch fluctuate."""
+    """The taxel is masked because it is at rest and constant for a long time, although the other taxels of
+    its patch fluctuate."""
     STUCK = 2
-    """Masked because the taxel is active and constant, in one of these cases:
+    """The taxel is masked because it is active and constant, in one of these cases:
 
     - No neighbour is active, and the value is constant for a long time (one window if the taxel fluctuated
       before).
@@ -32,7 +32,7 @@ class Health(IntEnum):
     On a patch without noise, only a taxel at the end of its range, without an active neighbour, is stuck.
     """
     NOISY = 3
-    """Masked because the taxel is much noisier than its patch."""
+    """The taxel is masked because it is much noisier than its patch."""
 
 
 _HEALTHY, _DEAD, _STUCK, _NOISY = map(int, Health)

@@ -37,7 +37,7 @@ longer window causes more requests, a shorter window misses late frames."""
 STEP = 0.001
 """Largest assumed age [s] of a skin frame that a request returns for the first time."""
 FIRST = 0.003
-"""Time [s] before the expected time of a skin frame in which the frame is requested before the joints.
+"""If a skin frame is expected within this time [s], it is requested first, and the joints afterwards.
 Assumed: `EARLY` + `LATE`."""
 SLOW = 0.05
 """Time [s] between two requests for stiffness. Assumed: stiffness changes slowly."""

@@ -19,19 +19,19 @@ class Element:
     """Meaning of the element, in Markdown. The docstrings of the described type explain the attributes. An
     attribute without a docstring is explained here."""
     needs: Mapping[str, Value] = field(default_factory=dict)
-    """Required attributes."""
+    """Required attributes by name, each with its kind of value."""
     may: Mapping[str, Value] = field(default_factory=dict)
-    """Optional attributes."""
+    """Optional attributes by name, each with its kind of value."""
     text: Value | None = None
-    """Value of the element's text; None if the element has no text."""
+    """Kind of value that the element's text must have; None if the element has no text."""
     must: Mapping[str, Element] = field(default_factory=dict)
-    """Children that occur exactly once."""
+    """Child elements by tag that occur exactly once."""
     once: Mapping[str, Element] = field(default_factory=dict)
-    """Children that occur at most once."""
+    """Child elements by tag that occur at most once."""
     some: Mapping[str, Element] = field(default_factory=dict)
-    """Children that occur at least once."""
+    """Child elements by tag that occur at least once."""
     many: Mapping[str, Element] = field(default_factory=dict)
-    """Children that occur any number of times."""
+    """Child elements by tag that occur any number of times."""
     describes: type[Description] | None = None
     """Type in `tci.robot.description` to which the element is converted."""
     fields: Mapping[str, str | None] = field(default_factory=dict)

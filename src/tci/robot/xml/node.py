@@ -30,7 +30,8 @@ class Node:
     values: dict[str, Any] = field(default_factory=dict)
     """Values of the attributes, by the name of the attribute, in SI units and radians."""
     text: Any = None
-    """Value of the element's text."""
+    """Text of the element, converted to its type, for example a number in SI units; None if the element has
+    no valid text."""
     fields: dict[str, Any] = field(default_factory=dict)
     """Values of those attributes and children that are fields of the described type, by the name of the
     field."""
@@ -50,12 +51,13 @@ class Node:
         return next(iter(self.all(tag)), None)
 
     def value(self, tag: str, default: Any = None) -> Any:
-        """Returns the text value of the only child with the name `tag`."""
+        """Returns the value of the text of the only child with the name `tag`, or `default` if there is
+        none."""
         child = self.first(tag)
         return default if child is None or child.text is None else child.text
 
     def get(self, name: str, default: Any = None) -> Any:
-        """Returns the value of an attribute."""
+        """Returns the value of the attribute `name`, or `default` if the element has no such attribute."""
         return self.values.get(name, default)
 
 

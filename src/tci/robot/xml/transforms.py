@@ -19,7 +19,8 @@ WORST = 1e4
 """Largest condition number of the matrix of a coupling. Assumed: with this condition number, rounding errors
 stay far below the resolution of the sensors."""
 SHOULDER = (0, 1, 2)
-"""Generic ids of the arm joints that are retargeted together."""
+"""Indices, in the generic arm, of the three shoulder joints. The transform `retarget` converts their angles
+together, since each angle of the robot's shoulder depends on all three."""
 
 
 def read_table(node: Node, kind: str, faults: Faults) -> tuple[tuple[float, float], ...]:

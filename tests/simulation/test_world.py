@@ -396,3 +396,30 @@ def test_bad_input_says_what_is_valid(nao: World) -> None:
             nao.set_stiffness([0], [share])
         with pytest.raises(CommandError, match="valid: 0 to 1"):
             nao.set_damping([0], [share])
+
+
+def test_modes_are_switched_although_the_caller_reuses_its_array(nao: World) -> None:
+    """A command with the same read-only array is a repetition; a caller may write into its own array."""
+    one, other = arm_servos(nao)[:2]
+    servos, modes = np.array([one]), (Mode.TORQUE,)
+    nao.set_modes(servos, modes)
+    servos[0] = other
+    nao.set_modes(servos, modes)
+    assert [nao.joints().modes[servo] for servo in (one, other)] == [Mode.TORQUE, Mode.TORQUE]
+    servos.setflags(write=False)
+    nao.set_modes(servos, modes)
+    nao.set_modes([other], [Mode.POSITION])
+    nao.set_modes(servos, modes)
+    assert nao.joints().modes[other] is Mode.TORQUE
+
+
+@pytest.mark.parametrize("angle", [float("nan"), float("inf")])
+def test_a_refused_target_changes_no_target(nao: World, angle: float) -> None:
+    servos = np.array(arm_servos(nao)[:2])
+    before = nao.joints().position
+    with pytest.raises(CommandError, match="finite numbers"):
+        nao.set_position_targets(servos, np.array([0.5, angle]))
+    with pytest.raises(CommandError, match="valid: 0 to"):
+        nao.set_position_targets(np.array([servos[0], 999]), np.array([0.5, 0.5]))
+    nao.advance(0.1)
+    assert np.allclose(nao.joints().position, before, atol=1e-6)

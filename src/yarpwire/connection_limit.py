@@ -23,7 +23,7 @@ immediately, and a slow network needs a tenth of this time."""
 
 @dataclass(slots=True, eq=False)
 class AcceptedConnection:
-    """One connection."""
+    """One connection that the server accepted."""
 
     end: Callable[[], None]
     """Function that closes the connection. Any thread may call this function."""

@@ -31,10 +31,10 @@ CLEAR = np.deg2rad(25.0)
 """Least difference [rad] between the ranges of a finger in its two directions. If the difference is larger,
 the finger bends in the direction with the larger range; if not, its bending direction is in doubt."""
 APART = 0.1
-"""The thumb is found by leaving out one finger at a time: without the thumb, the bending axes of the other
-fingers are most parallel. The least cosine between these axes without the thumb must exceed the least cosine
-without any other finger by this value. Assumed: fingers that fan out change the cosine by less than this
-value."""
+"""The thumb is the finger without which the bending axes of the others are most parallel. So each finger is
+left out in turn, and the least cosine between the axes of the others is computed. The largest result must
+exceed all other results by this value, or else no finger counts as the thumb. Assumed: fingers that fan out
+change the cosine by less than this value."""
 BESIDE = 0.3
 """Least distance of a thumb from the middle of the palm, as a fraction of half the palm's width, at which the
 thumb counts as on one side. Assumed: the thumb of a Dex3 hand is in the middle of the palm."""

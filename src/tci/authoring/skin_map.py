@@ -13,8 +13,8 @@ from tci.exports.cone import ConeFit, Freedom, fit_cone
 from tci.frames import Array
 
 WIDEST = 3.0
-"""Largest radius of a cone, as a multiple of the size of its skin. Assumed: on a wider cone, the skin is
-practically flat."""
+"""Largest radius of a cone that is fitted to a skin, as a multiple of the size of this skin. Assumed: on a
+wider cone, the skin is practically flat."""
 
 
 def skin_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom) -> ConeFit:

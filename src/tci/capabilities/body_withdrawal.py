@@ -42,8 +42,8 @@ BodyMemory = Withdrawals[BodyField]
 class BodyWithdrawal(Capability[BodyMemory]):
     """Moves every touched head, torso, hand and leg away from the touch, once per touch.
 
-    Raises TciError for a setting out of range. The defaults are assumed, since the paper describes a reflex
-    of arms only.
+    Raises TciError for a setting out of range. The defaults are assumed, since the paper (§4) describes a
+    reflex of arms only.
     """
 
     fields: BodyFields = field(default_factory=default_body_fields)

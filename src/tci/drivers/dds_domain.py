@@ -12,8 +12,8 @@ MOST_PARTICIPANTS = 32
 """Largest number of processes on this machine that can discover each other in one domain without multicast,
 equal to the limit in ROS."""
 _open: dict[int, tuple[Domain, str, int]] = {}
-"""Open domains by domain number. Each entry has the domain, the domain's user, and the number of calls that
-opened the domain."""
+"""Open domains by domain number. Each entry has the domain, its user (the part of TCI that opened it, such as
+`ROS 2`), and the number of calls of `open_domain` that are not yet reverted."""
 
 
 def open_domain(number: int, settings: str, user: str) -> None:

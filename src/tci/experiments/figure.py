@@ -36,7 +36,7 @@ _INK, _PALE, _EDGE = "#1d2733", "#5b6878", "#c9d0d8"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Panel:
-    """One picture of the figure."""
+    """One of the pictures of which a figure consists, with its title."""
 
     image: NDArray[np.uint8]
     """Picture (h, w, 3). All panels of a figure have the same size."""

@@ -63,7 +63,8 @@ class _Seen:
 
 @dataclass(frozen=True)
 class _Followed(Capability[_Seen]):
-    """Capability that plays a gesture and measures the tracking error in each step."""
+    """Capability that plays a gesture and measures in each step how far the joints are from the gesture (the
+    tracking error)."""
 
     play: PlayGesture
 

@@ -28,7 +28,7 @@ class Trial:
     side: str
     site: str
     taxels: int
-    """Number of taxels of the poked patch."""
+    """Number of taxels of the patch that the finger poked."""
     responded: bool
     """True if the reflex commanded this part and no other part, and the part's skin moved away from the
     finger."""

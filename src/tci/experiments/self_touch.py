@@ -51,7 +51,7 @@ for which a posture is accepted. Assumed: a difference of 0.8 is an angle of 47 
 
 
 class _Places(NamedTuple):
-    """A taxel of one surface, and a taxel of another surface."""
+    """Two taxels that touch each other, on two surfaces."""
 
     own: Surface
     a: int

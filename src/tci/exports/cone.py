@@ -1,4 +1,4 @@
-"""The paper's approximation of a limb's skin: a truncated cone (eqs 3-4), fitted to the skin's taxels.
+"""Approximates a limb's skin by a truncated cone (eqs. 3-4 of the paper), fitted to the skin's taxels.
 
 The approximation keeps a taxel's position x along the cone's axis and its angle theta around the axis. The
 taxel's distance from the axis is replaced by the cone's radius r(x). The radial error is the distance minus

@@ -38,9 +38,9 @@ class DenavitHartenberg:
     servos: tuple[int, ...]
     """Indices of the chain's servos in `Robot.servos`, in order from the torso."""
     a: Array
-    """Length (n,) [m] of the common normal of each row."""
+    """DH parameter a (n,) [m] of each row: length of the common normal of two successive joint axes."""
     alpha: Array
-    """Twist (n,) [rad] of each row."""
+    """DH parameter alpha (n,) [rad] of each row: angle between two successive joint axes."""
     d: Array
     """Offset (n,) [m] along the joint's axis of each row."""
     theta: Array

@@ -45,9 +45,9 @@ class DHRow(Description):
     servo: int
     """Index of the joint's servo in `RobotFacts.servos`."""
     a: float
-    """Length of the common normal [m]."""
+    """DH parameter a: length [m] of the common normal of two successive joint axes."""
     alpha: float
-    """Twist [rad]."""
+    """DH parameter alpha: angle [rad] between two successive joint axes."""
     d: float
     """Offset along the joint's axis [m]."""
     theta: float
@@ -81,7 +81,8 @@ class Taxel(Description):
 
 
 class ConeFacts(Description):
-    """The paper's truncated cone (eqs 3-4), fitted to a patch's taxels, and the radial errors of the fit."""
+    """A truncated cone (eqs. 3-4 of the paper), fitted to a patch's taxels, and the radial errors of the
+    fit."""
 
     length: float
     """Length [m]."""

@@ -152,7 +152,7 @@ class OnlineTrajectory:
         self._begin()
 
     def _begin(self) -> None:
-        """Permits motion after a command."""
+        """Permits the servos to move again, because a new command has arrived."""
         self._stopping = self._resting = False
         self._told = self._barred = None
 
@@ -197,7 +197,8 @@ class OnlineTrajectory:
 
     @property
     def _waits(self) -> bool:
-        """True if the way inside was refused, and nothing has to move until the next command."""
+        """True if the motion of servos from outside their limits back inside was refused, so that nothing has
+        to move until the next command."""
         if self.drives or (self._stopping and not self._returns):
             return False
         return not (self.whole_state[1].any() or self._sags)
@@ -246,7 +247,8 @@ class OnlineTrajectory:
 
     @property
     def _creeping(self) -> Array:
-        """Speed (n,) [rad/s] of the servos while one of them is outside its limits."""
+        """Reduced speed limit (n,) [rad/s] of the servos, which applies while one of them is outside its
+        limits."""
         return creeping(self._most, straight=self._straight)
 
     def _back(self) -> Array:

@@ -48,7 +48,7 @@ class JointTouchSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Touch:
-    """Contact that is detected on one part."""
+    """Contact that is detected on one part through joint torques."""
 
     identity: int
     onset: float
@@ -83,8 +83,8 @@ class JointTouch:
     def step(
         self, joints: JointReading, posture: Mapping[str, Array], on_skin: Contacts, skin: Skin
     ) -> Contacts:
-        """Returns the contacts on the skin with improved forces, and the contacts that are detected through
-        joint torques."""
+        """Returns the contacts on the skin, with forces improved by the joint torques, and the contacts that
+        are detected through joint torques alone."""
         fresh = self._reading is None or joints.stamp != self._reading.stamp
         if not fresh and on_skin is self._on_skin:
             return self.contacts

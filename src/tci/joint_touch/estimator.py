@@ -25,7 +25,8 @@ REACH = 0.05
 """Largest distance [m] between the true and the estimated contact point at which the estimate counts as
 right. Assumed: half the width of a hand."""
 _LIGHT = 1e-4
-"""Likelihood, relative to the most likely candidate, below which a candidate is ignored."""
+"""Likelihood of a candidate contact point, relative to the most likely point, below which the candidate is
+ignored."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +83,9 @@ class PartEstimator:
     def weigh(
         self, residual: Residual, others: Sequence[Array], forces: Array, share: float
     ) -> tuple[Array, Array]:
-        """Returns the improved forces (m,) [N] of contacts at known points, and the residual (k,) without the
-        torques of these forces.
+        """Improves the forces that a skin measures by means of the joint torques. Returns the improved forces
+        (m,) [N] of contacts at known points, and the part (k,) of the external joint torques that these
+        forces do not explain (the residual).
 
         `others` (m) are the torques (n_servos,) of a force of 1 N at each point. `forces` (m,) [N] are the
         forces that the skin measures there, with the relative error `share`. The skin's forces and the joint

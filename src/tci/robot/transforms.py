@@ -132,7 +132,7 @@ class Coupled(Transform):
         return self._matrix
 
     def _moved(self, joints: list[GenericServo]) -> list[int]:
-        """Returns the servos in the order of the columns of the matrix M."""
+        """Returns the servos in the order of the columns of `_matrix`, whose rows belong to the joints."""
         return [joint.servo for joint in joints if joint.servo is not None]
 
     def _invert(self) -> Array:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 FINEST = 1e-6
 """Upper edge [s] of the first bin of a histogram. Assumed: every step of the loop needs more time."""
 PER_DOUBLING = 16
-"""Number of bins between a time and the double of this time."""
+"""Number of histogram bins between a time and the double of this time."""
 BINS = 512
 
 

@@ -20,8 +20,8 @@ MOVED = float(np.deg2rad(1.0))
 """Least change of angle [rad] for which a servo counts as moved. Assumed: gravity turns a servo at rest by
 less than this angle."""
 SHOWN = 6
-"""Largest number of servos that a summary lists, and of notices of each kind. Assumed: users do not read
-longer lists."""
+"""Largest number of servos that the summary of a run lists, and largest number of refusals, clamps and holds.
+Assumed: users do not read longer lists."""
 
 Memory = TypeVar("Memory")
 _log = logging.getLogger("tci")

@@ -59,7 +59,7 @@ class ContactSettings:
 
     @property
     def limits(self) -> Limits:
-        """Returns the three forces [N] in the form that the compiled loops read."""
+        """Returns the forces [N] `touch`, `light` and `floor` in the form that the compiled loops read."""
         return Limits(float(self.floor), float(self.light), float(self.touch))
 
 

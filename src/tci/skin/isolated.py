@@ -34,7 +34,7 @@ class IsolatedSettings:
     """
 
     reach: float = 0.015
-    """Largest distance [m] between two taxels that are pressed by one touch."""
+    """Largest distance [m] between two pressed taxels at which they may belong to one touch."""
     wait: float = 0.2
     """Time [s] after which a single active taxel is accepted as a touch."""
     frames: int = 10

@@ -73,7 +73,7 @@ DRIVER = b"tci\0"
 
 @dataclass(slots=True, eq=False)
 class _Client:
-    """One connection."""
+    """Connection of one client to the server."""
 
     socket: socket.socket
     counted: AcceptedConnection

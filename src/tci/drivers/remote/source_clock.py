@@ -10,9 +10,9 @@ the sender's clock. The clock jumps if a person sets the clock or restarts the s
 other causes: a message out of order, or a shorter delay of the network. Assumed: the delays of a local
 network are far shorter."""
 WINDOW = 5.0
-"""Time window [s] for the minimum of the delay. If all delays in two windows are above the minimum, the
-shortest of these delays becomes the new minimum. Assumed: clocks drift by less than a millisecond in this
-time."""
+"""Length [s] of the time windows in which the shortest delay of a message is determined. If all delays in two
+windows are above the previous shortest delay, the shortest of them replaces it. Assumed: clocks drift by less
+than a millisecond in this time."""
 FIRST = 20
 """Number of messages after which the offset may change only slowly. Assumed: the shortest delay occurs in
 these first messages."""

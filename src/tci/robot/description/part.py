@@ -33,9 +33,9 @@ class GenericServo(Description):
     servo: int | None
     """Index into `Robot.servos`; None if the robot lacks this joint."""
     scale: float = 1.0
-    """Transform factor gamma."""
+    """Factor gamma of eq. 1: change of the generic angle per change of the servo's angle."""
     offset: float = 0.0
-    """Transform displacement sigma [rad]."""
+    """Displacement sigma [rad] of eq. 1: generic angle while the servo is at 0."""
     transform: Literal["linear", "table", "coupled", "synergy", "retarget"] = "linear"
     """Kind of transform between generic angles and the robot's angles: see `tci.robot.transforms`."""
     table: tuple[tuple[float, float], ...] = ()

@@ -72,6 +72,6 @@ class Coupling(Description):
     """Indices into `Robot.servos`."""
     coefficients: tuple[float, ...]
     lower: float
-    """Lower bound [rad] of the sum."""
+    """Lower bound [rad] of the weighted sum of the angles."""
     upper: float
-    """Upper bound [rad] of the sum."""
+    """Upper bound [rad] of the weighted sum of the angles."""

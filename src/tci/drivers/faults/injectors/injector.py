@@ -11,7 +11,7 @@ from tci.messages import JointReading, Reading, SkinFrame
 
 
 class Injector(ABC):
-    """One active fault."""
+    """A fault that is being injected."""
 
     number: ClassVar[int]
     """Number of the fault in the catalogue."""

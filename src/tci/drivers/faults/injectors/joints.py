@@ -58,7 +58,7 @@ class Stall(Injector):
 
 
 class EncoderStep(_Angles):
-    """A sudden change of the reported angle of the first servo."""
+    """A sudden change of the angle that the first servo reports, although the servo does not move."""
 
     number = 25
     description = "the first encoder jumps by 10 degrees"

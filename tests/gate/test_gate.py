@@ -20,7 +20,7 @@ from gate.gate_checks import (
     reading,
 )
 from tci.errors import CommandError, DriverError, TciError
-from tci.gate.acceptance import SLOWEST
+from tci.gate.acceptance import SLOWEST, is_likely_degrees
 from tci.gate.gate import Gate, GateSettings, GateState, SafeCommand
 from tci.messages import GenericCommand, Mode, PlatformCommand, PlatformSwitch
 from tci.reasons import Code
@@ -618,6 +618,23 @@ def test_one_wrong_angle_of_three_is_refused_and_not_called_degrees() -> None:
     (refusal,) = safe.refusals
     assert (refusal.code, safe.servos.size) == (Code.LIMITS_EXCEEDED, 0)
     assert "joint4 at 7 rad is more than a full turn; valid: -1.00 .. 2.00 rad" in refusal.text
+
+
+@pytest.mark.parametrize(
+    ("values", "likely"),
+    [
+        ([7.0, 0.1, 0.1, 0.1], False),
+        ([7.0, -7.0, 0.1, 0.1, 0.1], True),
+        ([7.0, 0.1], True),
+        ([6.2, 6.2], False),
+        ([0.0, 0.0], False),
+    ],
+)
+def test_two_angles_beyond_a_turn_or_half_of_them_are_likely_degrees(
+    values: list[float], likely: bool
+) -> None:
+    assert is_likely_degrees(np.array(values)) is likely
+    assert not is_likely_degrees(np.array(values), np.zeros(len(values), np.bool_))
 
 
 def with_wide_limits(*wide: int) -> Robot:

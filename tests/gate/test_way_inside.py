@@ -99,13 +99,17 @@ def test_a_servo_that_may_not_come_in_lets_the_others_keep_their_velocities() ->
     assert told == [NEAR]
 
 
-def test_a_way_inside_that_a_coupling_refuses_lets_the_others_keep_their_velocities() -> None:
-    """The first servo is 0.1 rad below its lower limit. A motion inside would violate its coupling with the
-    second servo."""
+def beside_a_coupling() -> OnlineTrajectory:
+    """Returns a trajectory of three servos, the first one 0.1 rad below its lower limit. A motion inside
+    would violate its coupling with the second servo."""
     robot = make_robot()
     tight = robot.couplings[0].model_copy(update={"upper": -0.5})
     bounds, _ = bounds_of(robot.model_copy(update={"couplings": (tight,)}), [0, 1, 2], speed_share=1.0)
-    trajectory = OnlineTrajectory(bounds, np.array([-1.0 - OUT, -0.6, 0.0]), PERIOD)
+    return OnlineTrajectory(bounds, np.array([-1.0 - OUT, -0.6, 0.0]), PERIOD)
+
+
+def test_a_way_inside_that_a_coupling_refuses_lets_the_others_keep_their_velocities() -> None:
+    trajectory = beside_a_coupling()
     trajectory.drive_at([0, 2], np.array([0.0, 0.2]))
     path, told = go(trajectory, 1.0)
     assert told[:1] == [OUTSIDE]
@@ -156,6 +160,23 @@ def count_plans(trajectory: OnlineTrajectory, monkeypatch: pytest.MonkeyPatch) -
     return plans
 
 
+def fail_once(trajectory: OnlineTrajectory, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets the calculation with this number, counted from 1, fail."""
+    otg, calls = trajectory._planner._otg, [0]
+
+    class FailsOnce:
+        def update(self, *args: object) -> object:
+            calls[0] += 1
+            if calls[0] == number:
+                raise RuckigError("no way")
+            return otg.update(*args)
+
+        def reset(self) -> None:
+            otg.reset()
+
+    monkeypatch.setattr(trajectory._planner, "_otg", FailsOnce())
+
+
 @pytest.mark.parametrize("mode", [Mode.POSITION, Mode.VELOCITY])
 @pytest.mark.parametrize("blocked", [{0}, {0, 1}])
 def test_a_refused_way_inside_is_tried_again_only_with_a_command(
@@ -176,6 +197,7 @@ def test_a_refused_way_inside_is_tried_again_only_with_a_command(
     _, told = go(trajectory, 4.0)
     assert told == [NEAR]
     plans = count_plans(trajectory, monkeypatch)
+    trajectory.measured = trajectory.state[0]  # servos inside their limits do not sag
     go(trajectory, 0.1)
     assert len(plans) <= (50 if mode is Mode.VELOCITY else 0)
     refused.clear()
@@ -186,6 +208,30 @@ def test_a_refused_way_inside_is_tried_again_only_with_a_command(
     path, told = go(trajectory, 4.0)
     assert path[-1, 0] <= LIMIT
     assert not told
+
+
+def test_a_way_inside_that_a_coupling_refuses_is_tried_again_only_with_a_command(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    trajectory = beside_a_coupling()
+    trajectory.drive_at([0, 2], np.array([0.0, 0.0]))
+    _, told = go(trajectory, 1.0)
+    assert told == [OUTSIDE]
+    plans = count_plans(trajectory, monkeypatch)
+    go(trajectory, 0.1)
+    assert len(plans) <= 50
+
+
+def test_a_calculation_that_fails_at_rest_does_not_end_the_way_inside(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The third calculation is the first one for the servo outside its limits alone."""
+    trajectory = limiter({1})
+    trajectory.aim(np.array([1.5, 0.2, 0.0]), np.full(3, 1.0))
+    fail_once(trajectory, 3, monkeypatch)
+    path, told = go(trajectory, 4.0)
+    assert told == [NEAR]
+    assert LIMIT - 1e-4 < path[-1, 0] <= LIMIT
 
 
 def test_a_refused_way_inside_is_tried_again_while_other_servos_of_the_group_move() -> None:
@@ -204,19 +250,7 @@ def test_a_calculation_that_fails_is_not_called_a_limit(monkeypatch: pytest.Monk
     trajectory = limiter(set())
     trajectory.drive_at([0, 1], np.array([0.0, 0.2]))
     go(trajectory, 0.1)
-    otg, calls = trajectory._planner._otg, [0]
-
-    class FailsOnce:
-        def update(self, *args: object) -> object:
-            calls[0] += 1
-            if calls[0] == 1:
-                raise RuckigError("no way")
-            return otg.update(*args)
-
-        def reset(self) -> None:
-            otg.reset()
-
-    monkeypatch.setattr(trajectory._planner, "_otg", FailsOnce())
+    fail_once(trajectory, 1, monkeypatch)
     path, told = go(trajectory, 2.0)
     assert told == [UNPLANNED]
     assert path[-1, 0] <= LIMIT
@@ -228,19 +262,7 @@ def test_another_reason_is_reported_after_a_calculation_that_failed(monkeypatch:
     trajectory = limiter(refused)
     trajectory.drive_at([0, 1], np.array([0.0, 0.2]))
     go(trajectory, 0.1)
-    otg, calls = trajectory._planner._otg, [0]
-
-    class FailsOnce:
-        def update(self, *args: object) -> object:
-            calls[0] += 1
-            if calls[0] == 1:
-                raise RuckigError("no way")
-            return otg.update(*args)
-
-        def reset(self) -> None:
-            otg.reset()
-
-    monkeypatch.setattr(trajectory._planner, "_otg", FailsOnce())
+    fail_once(trajectory, 1, monkeypatch)
     _, told = go(trajectory, PERIOD)
     assert told == [UNPLANNED]
     refused.add(0)

@@ -189,8 +189,8 @@ class _Vector(_Number):
 @quick
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """A cluster of active taxels (eq. 7): a view of one row of `Contacts`. The fields of `Contacts` describe
-    the numbers."""
+    """A cluster of active taxels (eq. 7): a view of one row of `Contacts`. The fields of `Contacts` explain
+    the numbers and their units."""
 
     table: Contacts
     row: int

@@ -37,7 +37,8 @@ exceed all other results by this value, or else no finger counts as the thumb. A
 change the cosine by less than this value."""
 BESIDE = 0.3
 """Least distance of a thumb from the middle of the palm, as a fraction of half the palm's width, at which the
-thumb counts as on one side. Assumed: the thumb of a Dex3 hand is in the middle of the palm."""
+thumb counts as attached to one side of the palm. At a smaller distance it counts as in the middle. Assumed:
+the thumb of a Dex3 hand is in the middle of the palm."""
 FLEXED = np.deg2rad(30.0)
 """Angle [rad] by which each bending joint is bent to test which joint spreads the finger. With a straight
 finger this test can fail, because a joint may rotate the finger about the finger's own axis."""

@@ -13,8 +13,9 @@ from tci.robot.description import Robot
 from tci.robot.kinematics import bare_model
 
 STEEPEST = 0.26
-"""Least cosine between the axis of hip pitch and the y axis at which joints still count as a leg that was
-left out. Assumed: 75 degrees; a joint with a steeper axis is no hip pitch."""
+"""Least cosine between the axis of hip pitch and the y axis at which joints that fit no generic leg are still
+reported as a leg that was left out. Assumed: a joint whose axis is more than 75 degrees from the y axis is no
+hip pitch."""
 
 SLIDES = int(mujoco.mjtJoint.mjJNT_SLIDE)
 

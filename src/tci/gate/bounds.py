@@ -24,9 +24,9 @@ class Bounds:
     """Limits of n servos and the couplings between them."""
 
     lower: Array
-    """Smallest angles (n,) [rad]."""
+    """Smallest angles (n,) [rad] that the servos may have."""
     upper: Array
-    """Largest angles (n,) [rad]."""
+    """Largest angles (n,) [rad] that the servos may have."""
     velocity: Array
     """Speed limits (n,) [rad/s]."""
     acceleration: Array

@@ -46,7 +46,8 @@ class MotionPlanner:
         self._input.max_velocity, self._input.target_position = speed.tolist(), target.tolist()
 
     def set_driven(self, driven: NDArray[np.bool_]) -> None:
-        """Sets which servos (n,) are driven at a velocity, at first 0. The other servos move to a target."""
+        """Sets which servos (n,) are driven at a velocity, which is 0 until `set_velocity` is called. The
+        other servos move to a target."""
         self._input.target_velocity = [0.0] * len(driven)
         self._input.per_dof_control_interface = [
             ControlInterface.Velocity if one else ControlInterface.Position for one in driven

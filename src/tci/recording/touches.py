@@ -48,12 +48,14 @@ class Touch:
 
     @property
     def commanded(self) -> float | None:
-        """Time [s] of the first command. The value is None if there was no command."""
+        """Time [s] of the first command to the responding part since the touch began. The value is None if
+        there was no command."""
         return self.commands.get(self.responding, self.commands.get(""))
 
     @property
     def moved(self) -> float | None:
-        """Time [s] of the first motion. The value is None if there was no motion."""
+        """Time [s] at which the responding part first moved after the touch began. The value is None if it
+        did not move."""
         return self.motions.get(self.responding)
 
     def to_json(self) -> dict[str, object]:

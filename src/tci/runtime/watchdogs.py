@@ -218,8 +218,8 @@ def interruptions() -> Iterator[Interruption]:
 
 _threads = threading.Lock()
 _watching: list[Interruption] = []
-"""Interruptions of all `interruptions` blocks that are open. Several blocks are open if loops of several
-robots run in threads of one process."""
+"""Objects `Interruption` of all `interruptions` blocks that are being executed. There are several such blocks
+if loops of several robots run in threads of one process."""
 _hook = threading.excepthook
 
 

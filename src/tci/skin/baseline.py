@@ -40,7 +40,8 @@ class BaselineSettings:
     """Upper bound on common drift [fraction of the sensor's range per second]. A faster change counts as a
     touch."""
     own: float = 30.0
-    """Time constant [s] with which the rest value of a single quiet taxel is tracked."""
+    """Time constant [s] with which the rest value of a single quiet taxel is tracked, in addition to the
+    drift of all taxels of its patch."""
     release: float = 1.0
     """Time constant [s] with which the rest value is tracked if the taxel reads less than this rest value.
     The time is short, since a reading below rest can't be a touch: pressure is never negative."""

@@ -54,7 +54,7 @@ RESTART = 1.0
 time [s], the sender counts as restarted. Assumed: with a shorter time, a frame out of order could look like a
 restart. With a longer time, the frames of a restarted sender would be ignored for longer."""
 _CONDITION = {np.dtype(kind): entry(condition, k) for k, kind in enumerate((np.uint8, np.float32))}
-"""The kernel for each dtype of raw values."""
+"""Compiled loop `condition` for each dtype of raw values."""
 
 
 @dataclass(frozen=True, slots=True)

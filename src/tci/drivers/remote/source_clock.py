@@ -14,8 +14,8 @@ WINDOW = 5.0
 windows are above the previous shortest delay, the shortest of them replaces it. Assumed: clocks drift by less
 than a millisecond in this time."""
 FIRST = 20
-"""Number of messages after which the offset may change only slowly. Assumed: the shortest delay occurs in
-these first messages."""
+"""Number of messages after which the offset between the sender's clock and this process's clock may change
+only slowly. Assumed: the shortest delay occurs in these first messages."""
 SLEW = 0.1
 """Largest change of the offset, as a fraction of the time between two messages. Assumed: this makes measured
 speeds wrong by at most a tenth."""

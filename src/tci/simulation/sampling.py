@@ -148,7 +148,8 @@ def _add(
     push: tuple[float, float, float, float], count: int, axes: int, taxels: Array, lists: Array, active: int,
     load: Array, work: Array,
 ) -> int:  # fmt: skip
-    """Adds the shares of a contact force to the loads of the taxels in the row `NEAR` of `lists`.
+    """Distributes a contact force over `count` taxels: adds to the load of each of them its share, which
+    `_share` has computed. The row `NEAR` of the table `lists` contains the taxels near the contact.
 
     `push` is the contact force [N]: its part along the normal, then its tangential part along x, y and z. The
     tangential part is used only if taxels have three `axes`. Returns the number of active taxels of the

@@ -41,8 +41,8 @@ SPARE, WIDER = 0.002, 0.5
 angle [rad], plus this fraction of the width. Assumed: above the noise of encoders; a moving joint stays in
 the reserve for about ten periods."""
 PAUSE = 16
-"""Number of checks without such a reserve after a check that failed because of it. Assumed: then the second
-check takes little time on average."""
+"""If a check fails only because of this reserve, the next checks, this many, are made without a reserve.
+Assumed: then the second check takes little time on average."""
 
 
 @inlined
@@ -189,7 +189,8 @@ def come_near(
     box. Writes the joint angles at both ends of the box into `ends` (2, j), as `to_joints` does.
 
     Between the joint angles `safe` (2, j) [rad] no pair comes near; a box inside needs no check. After a
-    check, `safe` is larger than the box. `pause` (1,) is the number of checks until this is tried again.
+    check, `safe` is larger than the box. `pause` (1,) is the number of checks until such a larger box is
+    tried again.
     """
     to_joints(servos, zero, box, ends)
     inside = True

@@ -28,8 +28,8 @@ BESIDE = 2.0
 """Value that marks a quiet taxel beside a touched taxel. Other quiet taxels are marked by 1, and all other
 taxels by 0."""
 NOISE_GAIN = float(np.sqrt(6.0) * np.sqrt(2.0 / np.pi))
-"""Mean absolute second difference of Gaussian noise with a standard deviation of 1. Divided by this number,
-the second differences of a signal give the standard deviation of its noise."""
+"""Mean absolute second difference of Gaussian noise with a standard deviation of 1. To estimate the standard
+deviation of a signal's noise, divide the mean absolute second difference of the signal by this number."""
 
 
 class BaselineArrays(NamedTuple):

@@ -49,7 +49,7 @@ REPEATS, REPEATED, LIVE, SATURATED = range(4)
 """Columns of `SkinMemory.blocks`:
 
 - `REPEATS`: number of repeated frames that are not yet added to the statistics.
-- `REPEATED`: 1 if the next frame need only be counted when it is equal to this one.
+- `REPEATED`: 1 if the next frame is only counted when it is equal to this one, else 0.
 - `LIVE`: 1 if any taxel is active.
 - `SATURATED`: number of saturated taxels."""
 STAMP, ELAPSED, FRAMES, IN_WINDOW, DIFFERENCES, DROPPED, CONSTANT, DUE, LEAST = range(9)
@@ -59,7 +59,9 @@ STAMP, ELAPSED, FRAMES, IN_WINDOW, DIFFERENCES, DROPPED, CONSTANT, DUE, LEAST = 
 - `FRAMES`: number of frames seen, counted up to 2.
 - `IN_WINDOW`, `DIFFERENCES`: numbers of frames and of second differences in the window.
 - `DROPPED`: number of values dropped so far.
-- `CONSTANT`: number of repeated whole frames that are not yet added. -1: the next frame must be processed.
+- `CONSTANT`: number of successive frames, each equal to the frame before in all values, that are only counted
+  so far and not yet added to the statistics; or the mark -1, which means that the next frame must be
+  processed even if it is equal.
 - `DUE`, `LEAST`: length [s] of the window, and its least number of frames."""
 ROWS, BLOCK_COLUMNS, PATCH_COLUMNS = 6, 4, 9
 GAP = 1.0

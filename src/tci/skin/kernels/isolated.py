@@ -128,12 +128,12 @@ def reject_isolated(
 
     The first row of `rules` (2, p) is the time [s] for which an isolated taxel of each patch must be pressed.
     A time of 0 means that no time is required. The second row is the pressure at the end of the sensor's
-    range, before `gain`. A taxel with at least this pressure must also have changed its value. `reach` [m] is
-    the value of `IsolatedSettings.reach`. A taxel belongs to a contact only if the force on it is at least
-    `floor` [N]. `before` (k,) are the taxels of all contacts in the previous frame, as indices within the
-    whole skin. `waiting` (w, WAITING) are the isolated taxels in the previous frame. Returns the number of
-    remaining clusters, the number of their taxels, and the number of rows written to `fresh` (m, WAITING).
-    Pass these rows as `waiting` for the next frame.
+    range, without the taxels' gains. A taxel with at least this pressure must also have changed its value.
+    `reach` [m] is the value of `IsolatedSettings.reach`. A taxel belongs to a contact only if the force on it
+    is at least `floor` [N]. `before` (k,) are the taxels of all contacts in the previous frame, as indices
+    within the whole skin. `waiting` (w, WAITING) are the isolated taxels in the previous frame. Returns the
+    number of remaining clusters, the number of their taxels, and the number of rows written to `fresh` (m,
+    WAITING). Pass these rows as `waiting` for the next frame.
     """
     waits, kept, filled, c, begin = 0, 0, 0, 0, 0
     bound, member, forces = clusters.bound, clusters.member, clusters.member_force

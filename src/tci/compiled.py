@@ -63,8 +63,13 @@ class _OnlyMachineCode(CompileResultCacheImpl):
 
     def reduce(self, result: Any) -> tuple[Any, ...]:
         reduced = super().reduce(result)  # type: ignore[no-untyped-call]  # Numba has no types
-        library, *facts, _, loads, environments = reduced
-        name, kind, (machine_code, _) = library
+        try:
+            library, *facts, _, loads, environments = reduced
+            name, kind, (machine_code, _) = library
+        except (TypeError, ValueError):  # another version of Numba stores more or fewer things
+            return tuple(reduced)
+        if kind != "object":
+            return tuple(reduced)
         # Numba looks up in the bitcode which functions the machine code has. Variables with the functions'
         # names are enough, and an attempt to link them as functions would fail.
         functions = result.fndesc.llvm_func_name, result.fndesc.llvm_cpython_wrapper_name
@@ -180,7 +185,8 @@ def entry(loop: Any, signature: int = 0) -> Callable[..., Any]:
     types.
 
     A call of this machine code skips Numba's type check of each array within the arguments. For 30 arrays the
-    check takes 6 us, longer than most loops.
+    check takes 6 us, longer than most loops. The caller must ensure types and numbers of dimensions: with an
+    array of another kind, the loop reads and writes memory that is not its own.
     """
     made = [*loop.overloads.values()]
     return made[signature].entry_point if made else loop  # type: ignore[no-any-return]  # Numba has no types

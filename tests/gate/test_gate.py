@@ -559,6 +559,8 @@ def test_what_lies_ahead_is_where_the_robot_then_is() -> None:
         safe = driven.step()
     ahead = driven.gate.ahead(0.1)
     assert driven.gate.ahead(1e3) == pytest.approx(driven.gate.targets)
+    with pytest.raises(TypeError):
+        driven.gate.ahead(np.zeros((2, 2)))
     for _ in range(50):
         driven.step()
     assert driven.angles[safe.servos] == pytest.approx(ahead, abs=1e-9)

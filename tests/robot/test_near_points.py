@@ -33,6 +33,12 @@ def test_no_queries_and_no_points_find_nothing() -> None:
     assert len(pairs_within(none, REACH)) == 0
 
 
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_coordinates_must_be_finite(wrong: float) -> None:
+    with pytest.raises(ValueError, match="finite"):
+        nearest(POINTS, np.array([[wrong, 0.0, 0.0]]))
+
+
 def test_each_pair_is_found_once() -> None:
     pairs = pairs_within(POINTS, REACH)
     assert {tuple(pair) for pair in pairs.tolist()} == TREE.query_pairs(REACH)

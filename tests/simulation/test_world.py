@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+from collections.abc import Callable
 from pathlib import Path
 
 import mujoco
@@ -411,6 +414,33 @@ def test_modes_are_switched_although_the_caller_reuses_its_array(nao: World) -> 
     nao.set_modes([other], [Mode.POSITION])
     nao.set_modes(servos, modes)
     assert nao.joints().modes[other] is Mode.TORQUE
+
+
+def test_modes_are_switched_although_the_caller_shows_a_read_only_view(nao: World) -> None:
+    one, other = arm_servos(nao)[:2]
+    base, modes = np.array([one]), (Mode.TORQUE,)
+    view = base.view()
+    view.setflags(write=False)
+    nao.set_modes(view, modes)
+    base[0] = other
+    nao.set_modes(view, modes)
+    assert nao.joints().modes[other] is Mode.TORQUE
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, pickle.dumps])
+def test_a_world_can_not_be_copied(nao: World, duplicate: Callable[[World], object]) -> None:
+    """A copy moved the original, and crashed once the original was gone."""
+    with pytest.raises(TypeError, match="valid: a new World"):
+        duplicate(nao)
+
+
+def test_a_poke_that_has_not_begun_changes_no_torque() -> None:
+    """Readings between the order of a poke and the next step contained the torques of a touch."""
+    world = World(load_robot("g1-bare"), skin=True)
+    world.advance(0.1)
+    before = world.joints().torque
+    world.finger.poke("left_forearm", 0, gap=0.004)
+    assert world.joints().torque == pytest.approx(before, abs=1e-9)
 
 
 @pytest.mark.parametrize("angle", [float("nan"), float("inf")])

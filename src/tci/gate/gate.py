@@ -125,7 +125,7 @@ class Gate:
         The order is that of `SafeCommand.servos`. Some robots need their path in advance: their drivers call
         this method.
         """
-        return self._motion.ahead(time)
+        return self._motion.ahead(float(time))
 
     @property
     def modes(self) -> tuple[Mode, ...]:

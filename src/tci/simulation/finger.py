@@ -267,6 +267,7 @@ class Finger:
         others = [name for name in self._unfelt() if name != patch]
         data.qpos[self._qpos] = 0.0
         self._physics.touch()
+        self._physics.refresh()  # or a reading before the next step would contain the torques of this touch
         if others:
             self.retire()
             raise TciError(

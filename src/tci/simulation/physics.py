@@ -42,6 +42,12 @@ class Physics:
         self._kept = data.qacc_warmstart, here, self.whole
         self._engine = model._address, data._address
 
+    def __reduce__(self) -> Any:
+        """Raises TypeError, because a copy would have the addresses of the original's memory."""
+        raise TypeError(
+            "a simulated world can't be copied or pickled; valid: a new World with equal arguments"
+        )
+
     @property
     def time(self) -> float:
         """Time since the start [s]."""

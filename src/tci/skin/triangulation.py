@@ -25,6 +25,10 @@ TIE = 1e-6
 Without these shifts, the triangles of a regular lattice would differ between the copies of an unrolled
 limb."""
 
+FLAT = 1e-9
+"""Twice the area of a triangle, as a share of the square of its longer edge, below which its corners are on
+one line. Assumed: rounding errors are smaller."""
+
 _NONE = np.zeros((0, 3), np.intp)
 
 
@@ -120,7 +124,9 @@ def _delaunay(flat: Array) -> NDArray[np.intp]:
     The result is empty for points on one line.
     """
     if len(flat) == 3:
-        return np.arange(3)[None]
+        one, other = flat[1:] - flat[0]
+        area = abs(one[0] * other[1] - one[1] * other[0])
+        return np.arange(3)[None] if area > FLAT * max(one @ one, other @ other) else _NONE
     # SciPy's import takes a fifth of the start of a program, and sleeves and single buttons do without.
     from scipy.spatial import Delaunay, QhullError
 

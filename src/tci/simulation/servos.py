@@ -168,8 +168,8 @@ class Servos:
         Raises CommandError for an invalid servo.
         """
         now = self.modes
-        fixed = isinstance(servos, np.ndarray) and servos.base is None and isinstance(modes, tuple)
-        fixed = fixed and not servos.flags.writeable
+        fixed = isinstance(servos, np.ndarray) and not servos.flags.writeable and servos.base is None
+        fixed = fixed and isinstance(modes, tuple)
         if fixed and servos is self._switched[1] and modes is self._switched[2] and now is self._switched[0]:
             return  # commands that are sent in every period repeat their modes
         index, _ = _checked(servos, np.zeros(len(modes)), len(self._home))

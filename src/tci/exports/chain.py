@@ -1,9 +1,9 @@
-"""Chains of segments in the form of OROCOS KDL. A segment is a joint, followed by a fixed transform to a tip.
+"""Chains of segments in the form of OROCOS KDL. A segment is a joint and the link that the joint moves. The
+frame of this link is the segment's tip.
 
-The joint turns the segment about `axis` through `origin`. `tip` is the pose of the segment's tip with the
-servo at zero. All three are in the frame of the previous segment's tip. So a segment corresponds to KDL's
-Segment(name, Joint(name, origin, axis, RotAxis), tip). For a prismatic joint, RotAxis is replaced by
-TransAxis.
+`axis`, `origin` and `tip` of a segment are given in the frame of the previous segment's tip. A segment
+corresponds to KDL's Segment(name, Joint(name, origin, axis, RotAxis), tip). For a prismatic joint, RotAxis is
+replaced by TransAxis.
 """
 
 from __future__ import annotations
@@ -26,18 +26,19 @@ class ChainSegment(Description):
     slides: bool = False
     """True for a prismatic joint, which moves the link along the axis [m], and False for a revolute joint."""
     axis: Vector
-    """Unit vector of the joint's axis, in the previous tip's frame, or zero for a fixed segment."""
+    """Unit vector of the joint's axis, in the frame of the previous segment's tip. Zero for a fixed
+    segment."""
     origin: Vector
-    """A point (3,) [m] on the joint's axis, in the previous tip's frame."""
+    """A point (3,) [m] on the joint's axis, in the frame of the previous segment's tip."""
     tip: Matrix
-    """Pose (4, 4) of the link's frame in the previous tip's frame, with the servo at zero."""
+    """Pose (4, 4) of the link's frame, in the frame of the previous segment's tip, with the servo at zero."""
     inertia: Inertia | None
     """Inertia of the link, in the link's frame, or None if the model has no inertia for the link."""
 
 
 def chain_to(robot: Robot, link: str) -> tuple[ChainSegment, ...]:
-    """Returns the segments to a link. If the torso carries the link, the chain begins at the torso frame,
-    else at the root.
+    """Returns the chain of segments that ends at a link. If the torso carries the link, the chain begins at
+    the torso frame. Otherwise, it begins at the root of the model.
 
     The first segment is fixed. In a chain from the torso, the tip of the first segment is the pose of the
     torso's link in the torso frame. In a chain from the root, the tip of the first segment is the identity.

@@ -1,8 +1,8 @@
 """Approximates a limb's skin by a truncated cone (eqs. 3-4 of the paper), fitted to the skin's taxels.
 
 The approximation keeps a taxel's position x along the cone's axis and its angle theta around the axis. The
-taxel's distance from the axis is replaced by the cone's radius r(x). The radial error is the distance minus
-r(x).
+taxel's distance from the axis is replaced by the cone's radius r(x). The radial error of a taxel is its true
+distance from the axis, minus r(x).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class ConeFit:
     rms: float
     """Root mean square [m] of the radial errors of all taxels."""
     largest: float
-    """Largest magnitude [m] of the radial error of a taxel."""
+    """Largest absolute value [m] of the radial errors of all taxels."""
 
     def radius(self, x: Array) -> Array:
         """Returns the cone's radius r(x) [m] at the positions `x` (...) [m] along the axis (eq. 3)."""
@@ -70,8 +70,8 @@ def fit_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom = "n
     start = np.asarray(origin, dtype=np.float64)
 
     def line(shift: Array) -> tuple[Array, Array]:
-        """Returns a point and the direction of the axis, changed by `shift`: two shifts sideways [m], then
-        two tilts [rad]."""
+        """Returns a point on the cone's axis, and the axis's direction, after a change of the axis. `shift`
+        contains the change: two shifts sideways [m], then two tilts [rad]."""
         tilted = direction + (shift[2:] @ side if len(shift) == 4 else 0.0)
         return start + shift[:2] @ side, tilted / np.linalg.norm(tilted)
 
@@ -115,7 +115,7 @@ def cone_of(robot: Robot, surface: Surface, kinematics: KinematicChain) -> ConeF
 def limb_axis(robot: Robot, surface: Surface, kinematics: KinematicChain) -> tuple[Array, Array]:
     """Returns a point (3,) [m] on the axis of a patch's limb segment, and the axis's distal direction (3,).
 
-    Both are in the frame of the patch's link. Raises TciError if the patch is on no limb.
+    Point and direction are in the frame of the patch's link. Raises TciError if the patch is on no limb.
     """
     patch = robot.patch(surface.patch)
     part = robot.part(patch.part)

@@ -19,10 +19,10 @@ from tci.frames import Array, invert, read_only, rotation_x, rotation_z, transfo
 from tci.robot.kinematics import KinematicChain
 
 _PARALLEL = 1e-9
-"""Sine of the angle between two axes below which the axes count as parallel. Assumed: this is far above the
-rounding error (1e-16) and far below every angle in a robot's design."""
+"""Two axes count as parallel if the sine of the angle between them is below this number. Assumed: it is far
+above the rounding error (1e-16) and far below every angle in a robot's design."""
 _COINCIDENT = 1e-12
-"""Distance [m] between parallel axes below which the axes count as coincident. Assumed: this is above the
+"""Parallel axes count as coincident if their distance [m] is below this number. Assumed: it is above the
 rounding error for robots of a few metres, and below every distance in a robot's design."""
 
 Convention = Literal["classic", "modified"]
@@ -42,14 +42,14 @@ class DenavitHartenberg:
     alpha: Array
     """DH parameter alpha (n,) [rad] of each row: angle between two successive joint axes."""
     d: Array
-    """Offset (n,) [m] along the joint's axis of each row."""
+    """DH parameter d (n,) [m] of each row: offset along the joint's axis."""
     theta: Array
-    """Joint angle (n,) [rad] of each row with the servo at zero. With the servo at q, the joint angle is
-    theta + q."""
+    """DH parameter theta (n,) [rad] of each row: joint angle with the servo at zero. With the servo at q, the
+    joint angle is theta + q."""
     base: Array
-    """Pose (4, 4) of the first frame in the torso frame."""
+    """Pose (4, 4) of the table's first frame, in the torso frame."""
     tool: Array
-    """Pose (4, 4) of the link in the last frame of the table."""
+    """Pose (4, 4) of the link, in the table's last frame."""
 
     def pose(self, position: Array) -> Array:
         """Returns the pose `T_TL` (4, 4) of the link in the torso frame, with the servos at `position`
@@ -68,7 +68,7 @@ def denavit_hartenberg(
 ) -> DenavitHartenberg:
     """Computes the DH parameters of the chain of servos from the torso to `link`.
 
-    Parallel axes have many common normals. The common normal with offset d = 0 is used.
+    Two parallel axes have many common normals. In this case, the common normal with d = 0 is used.
 
     Raises UnknownNameError if the link does not exist. Raises CommandError if no servo moves the link, if the
     chain has a prismatic joint, or if the convention is unknown.
@@ -124,8 +124,8 @@ def _axes(kinematics: KinematicChain, link: str, servos: tuple[int, ...]) -> tup
 def _common_normal(
     p: Array, u: Array, q: Array, v: Array, origin: Array, x: Array
 ) -> tuple[Array, Array, Array]:
-    """Returns the feet (3,) of the common normal on the lines p + s u and q + t v, and the normal's direction
-    (3,).
+    """Returns the two end points (3,) of the common normal, and the normal's direction (3,). The end points
+    are on the lines p + s u and q + t v.
 
     If the lines are parallel, the normal passes through `origin`, a point on the first line. If the lines
     coincide, the normal's direction is `x`.

@@ -36,7 +36,7 @@ class GenericLimits(Description):
     """Lower limit [rad], or None if a servo's limit is unknown, if no servo moves the joint, or if the limit
     depends on the angles of other joints."""
     upper: float | None
-    """Upper limit [rad], or None in the cases in which `lower` can be None."""
+    """Upper limit [rad], or None for one of the reasons that are given for `lower`."""
 
 
 class DHRow(Description):
@@ -49,9 +49,9 @@ class DHRow(Description):
     alpha: float
     """DH parameter alpha: angle [rad] between two successive joint axes."""
     d: float
-    """Offset along the joint's axis [m]."""
+    """DH parameter d: offset [m] along the joint's axis."""
     theta: float
-    """Joint angle [rad] with the servo at zero."""
+    """DH parameter theta: joint angle [rad] with the servo at zero."""
 
 
 class DHTable(Description):
@@ -60,10 +60,10 @@ class DHTable(Description):
     part: str
     convention: Literal["classic", "modified"]
     base: Matrix
-    """Pose (4, 4) of the first frame in the torso frame."""
+    """Pose (4, 4) of the table's first frame, in the torso frame."""
     rows: tuple[DHRow, ...]
     tool: Matrix
-    """Pose (4, 4) of the link in the last frame of the table."""
+    """Pose (4, 4) of the link, in the table's last frame."""
     link: str
 
 
@@ -93,7 +93,7 @@ class ConeFacts(Description):
     rms: float
     """Root mean square [m] of the radial errors of all taxels."""
     largest: float
-    """Largest magnitude [m] of the radial error of a taxel."""
+    """Largest absolute value [m] of the radial errors of all taxels."""
 
 
 class PatchFacts(Description):
@@ -110,8 +110,8 @@ class PatchFacts(Description):
     channels: int
     """Number of values in a raw skin frame."""
     through_joints: bool = False
-    """True if the patch sends no frames, and touches are detected by joint torques. The patch's taxels then
-    only describe the surface."""
+    """True if the patch has no sensors and sends no frames. Touches on such a patch are detected from joint
+    torques, and its taxels only describe its surface."""
     area: float
     """Total area [m2] of the patch's taxels."""
     cone: ConeFacts | None
@@ -129,7 +129,7 @@ class RobotFacts(Description):
     digest: str
     """SHA-256 of the robot's description."""
     servos: tuple[Servo, ...]
-    """All servos with limits [rad] and modes, in the order of the values in joint readings."""
+    """All servos with their limits [rad] and control modes. Joint readings list the servos in this order."""
     couplings: tuple[Coupling, ...]
     parts: tuple[GenericPart, ...]
     generic_limits: dict[str, tuple[GenericLimits, ...]]
@@ -139,10 +139,10 @@ class RobotFacts(Description):
     all following fields that need a model."""
     torso_link: str
     torso_pose: Matrix
-    """Pose (4, 4) of the torso frame in `torso_link`."""
+    """Pose (4, 4) of the torso frame, in the frame of the link `torso_link`."""
     denavit_hartenberg: tuple[DHTable, ...]
     chains: dict[str, tuple[ChainSegment, ...]]
-    """Segments of each part for OROCOS KDL, by the part's name."""
+    """Chain of segments to each part, for OROCOS KDL, by the part's name."""
     patches: tuple[PatchFacts, ...]
     fields: tuple[ReceptiveField, ...]
     """Receptive fields of the withdrawal reflex on the generic limb. The values of these fields are assumed,
@@ -172,7 +172,7 @@ def query(robot: Robot) -> RobotFacts:
 
 
 def read_facts(text: str | bytes, *, source: str = "facts of a robot") -> RobotFacts:
-    """Returns the facts in a text of JSON. `source` names this text in error messages.
+    """Returns the facts that the JSON `text` contains. Error messages call this text `source`.
 
     Raises DescriptionError with all faults at once. Examples of faults: the text is not JSON, the format or
     version is not supported, a field is missing or unknown, or a value has the wrong type.
@@ -210,8 +210,8 @@ def generic_limits(robot: Robot, part: str) -> tuple[GenericLimits, ...]:
 
 
 def _reach(robot: Robot, joint: GenericServo) -> tuple[float, float]:
-    """Returns the lowest and highest angle [rad] of a joint that several servos move, or NaN if a limit is
-    unknown."""
+    """Returns the lowest and highest angle [rad] of a joint that several servos move. NaN stands for an angle
+    that is unknown because a limit of a servo is unknown."""
     low = high = joint.offset
     for term in joint.terms:
         limits = robot.servos[term.servo].limits
@@ -221,8 +221,8 @@ def _reach(robot: Robot, joint: GenericServo) -> tuple[float, float]:
 
 
 def dh_tables(robot: Robot) -> tuple[DHTable, ...]:
-    """Returns the classic and the modified table of every part that only revolute joints connect to the
-    torso.
+    """Returns the DH tables of all parts, a classic and a modified table for each part. Leaves out parts with
+    a prismatic joint between the torso and the last link of the part.
 
     Raises DescriptionError if the kinematic model can't be read.
     """

@@ -41,8 +41,8 @@ class KinematicLink(Description):
     """Index in `Robot.servos` of the servo that moves the link relative to its parent, or None if the link is
     fixed."""
     slides: bool = False
-    """True if the joint between parent and link is prismatic (along `axis`, [m]), and False if the joint is
-    revolute."""
+    """True if the joint between parent and link is prismatic: it moves the link along `axis` [m]. False if
+    the joint is revolute."""
     axis: Vector = (0.0, 0.0, 0.0)
     """Unit vector of the joint's axis, in the frame of the link."""
     anchor: Vector = (0.0, 0.0, 0.0)
@@ -54,9 +54,9 @@ class KinematicLink(Description):
 def links_of(robot: Robot) -> tuple[KinematicLink, ...]:
     """Returns all links, each after its parent. Joints without a servo are fixed at zero.
 
-    If a link has several joints, extra links without inertia are added, so that each link has one joint. The
-    name of an extra link is made of the names of the link and the joint. Raises DescriptionError if the robot
-    has no model, or the model lacks a joint.
+    If a link has several joints, this function adds links without inertia, so that each link has one joint.
+    The name of an added link consists of the names of the link and the joint. Raises DescriptionError if the
+    robot has no model, or the model lacks a joint.
     """
     if robot.model is None:
         raise DescriptionError(robot.source, [Fault(0, "no <model>: links need a URDF or MJCF file")])

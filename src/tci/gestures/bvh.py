@@ -1,9 +1,9 @@
 """Gestures from motion capture: BVH files (Biovision hierarchy) with any convention of axes.
 
-The arms are found by the usual names of arm joints. Angles of shoulder, elbow and pronation are computed from
-positions and directions in space, so these angles are independent of the file's convention for rotations.
-Assumed: the thumbs point forward in the file's rest pose, because this is natural for arms that hang or are
-stretched out sideways.
+The reader finds the arms in a skeleton by the usual names of arm joints. Angles of shoulder, elbow and
+pronation are computed from positions and directions in space, so these angles are independent of the file's
+convention for rotations. Assumed: the thumbs point forward in the file's rest pose, because this is natural
+for arms that hang or are stretched out sideways.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ BLOCK = 4096
 """Number of frames that are processed at once. Assumed: this number bounds the memory for the rotations of
 all bones."""
 STRAIGHT = 0.1
-"""Sine of the elbow angle below which the elbow counts as straight. For a straight elbow, the rotation of the
-upper arm about its axis is not computed from the forearm. Assumed: at about 6 degrees, errors of position are
-amplified ten times."""
+"""The elbow counts as straight if the sine of its angle is below this number. The direction of the forearm
+then does not determine the rotation of the upper arm about its own axis. Assumed: about 6 degrees. There, an
+error of position changes this rotation ten times as much as at a right angle."""
 NONE = 1e-6
 """Norm below which a cross product counts as zero, since such a small norm is only rounding error."""
 FASTEST = 25.0
-"""Largest angular speed [rad/s] of a limb between two frames that counts as real motion. Assumed: of all
-human limbs, only a pitcher's forearm reaches this speed."""
+"""Angular speed [rad/s] of a limb between two frames, above which the change is not a real motion. Assumed:
+of all human limbs, only a pitcher's forearm reaches this speed."""
 ROLES = {
     "upper_arm": r"(upper_?arm|up_?arm|arm|shldr|shoulder)",
     "forearm": r"(fore_?arm|low_?arm|lower_?arm|elbow)",
     "hand": r"(hand|wrist)",
 }
-"""Patterns for the names of an arm's joints. In the file, the side (left or right) comes before this part of
-the name."""
+"""Patterns for the names of an arm's joints. In the file, each name begins with the side (left or right). The
+patterns do not contain the side."""
 CHANNELS = tuple(f"{axis}{what}" for what in ("position", "rotation") for axis in "XYZ")
 
 
@@ -189,7 +189,7 @@ def _begins_with_rest(
 
 
 def _find(bones: list[Bone], side: Side, role: str) -> int:
-    """Returns the bone of a side and role.
+    """Returns the index of the bone that has a `role` in the arm on one `side`.
 
     A bone named `shoulder` counts as the upper arm if the forearm is attached to this bone, else as the
     collar bone.

@@ -30,7 +30,8 @@ FORCE = 0.2
 """Fraction of the acceleration limits that a fitted gesture uses. Assumed: the robot needs the rest of the
 acceleration to follow the gesture closely."""
 LONGEST = 3600.0
-"""Longest duration [s] of a gesture. Assumed: an hour, for which `rows.MOST` also has enough rows."""
+"""Longest duration [s] of a gesture. Assumed: one hour. A file with `rows.MOST` rows is long enough for
+it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,8 +88,8 @@ class Fitted:
     """Duration of the fitted gesture divided by the duration of the original gesture. The value is above 1 if
     the original gesture is too fast for the robot."""
     missed: Mapping[str, float]
-    """Largest error [rad] of each joint that is due to the robot's limits, by `part.joint`. The entry
-    `part.upper_arm` is the error of the upper arm's direction."""
+    """Largest error [rad] of each joint, by `part.joint`. The cause of these errors is the robot's limits.
+    The entry `part.upper_arm` is the error of the upper arm's direction."""
     left_out: tuple[str, ...]
     """Names of the gesture's parts that the robot does not have."""
 
@@ -97,8 +98,8 @@ class TorsoView:
     """Computes a robot's posture in generic angles, with arm angles relative to the torso frame."""
 
     def __init__(self, robot: Robot) -> None:
-        """Prepares the conversion. Raises DescriptionError if an arm's mount is rotated in the torso frame,
-        and the arm's shoulder is missing in the kinematic model."""
+        """Prepares the conversion. Raises DescriptionError for an arm whose mount is rotated in the torso
+        frame, if the kinematic model lacks the shoulder of this arm."""
         self._maps: dict[str, JointMap] = {}
         for part in robot.parts:
             exact = with_retargeting(robot, part.name) if any(part.mount) else robot
@@ -216,8 +217,8 @@ def _fit_part(
 
 
 def _slower(robot: Robot, parts: list[str], times: Array, positions: Array, share: float) -> float:
-    """Returns the factor by which the motion must last longer to meet the limits of speed and
-    acceleration."""
+    """Returns a factor for the duration of a motion. The duration must be multiplied by this factor, so that
+    the motion meets the limits of speed and acceleration."""
     speed = np.abs(np.gradient(positions, times, axis=0))
     acceleration = np.abs(np.gradient(np.gradient(positions, times, axis=0), times, axis=0))
     slower = 1.0

@@ -12,7 +12,8 @@ from tci.robot.xml.document import refuse, shown
 from tci.robot.xml.values import NUMBER
 
 LARGEST = 64 << 20
-"""Largest file [bytes] that is read. Assumed: this number bounds the memory for a damaged or hostile file."""
+"""Size [bytes] of the largest file that is read. Assumed: this number bounds the memory for a damaged or
+hostile file."""
 MOST = 500_000
 """Largest number of rows. Assumed: an hour of motion capture at 120 Hz has 432 000 rows."""
 COLUMNS = 1000

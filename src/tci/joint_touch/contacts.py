@@ -30,10 +30,11 @@ class JointTouchSettings:
     observer: ObserverSettings = field(default_factory=ObserverSettings)
     """Settings of the momentum observer: the speed of the observer, and the errors of the robot's model."""
     begin: float = 4.5
-    """Least distance [standard deviations] of the residual from zero at which a contact begins. Assumed: with
-    a smaller value lighter touches are detected, but errors of the model also count as touches."""
+    """A contact begins if the residual (the external joint torques) is at least this far from zero [standard
+    deviations]. Assumed: with a smaller value lighter touches are detected, but errors of the model also
+    count as touches."""
     end: float = 3.0
-    """Distance [standard deviations] of the residual from zero below which a contact ends."""
+    """A contact ends if the residual is less than this far from zero [standard deviations]."""
     skin: float = 1.0
     """Relative error of the forces that the skin measures. Assumed: skin that covers half of a surface
     measures half of a force."""
@@ -54,7 +55,7 @@ class _Touch:
     onset: float
     patch: int
     point: Array
-    """Point (3,) [m] of the first detection of this contact on this patch."""
+    """Point (3,) [m] at which this contact was first detected on this patch."""
 
 
 class JointTouch:
@@ -161,7 +162,7 @@ class JointTouch:
 def _with_forces(contacts: Contacts, forces: Array) -> Contacts:
     """Returns the contacts with the total forces (c,) [N].
 
-    Each force is distributed over the contact's taxels in the previous ratio.
+    Each taxel keeps its fraction of the force of its contact.
     """
     if not len(contacts) or np.array_equal(forces, contacts.force):
         return contacts

@@ -22,11 +22,11 @@ from tci.robot.kinematics import KinematicChain
 from tci.skin.surfaces import Surface
 
 REACH = 0.05
-"""Largest distance [m] between the true and the estimated contact point at which the estimate counts as
-right. Assumed: half the width of a hand."""
+"""An estimate counts as right if the estimated contact point is within this distance [m] of the true contact
+point. Assumed: half the width of a hand."""
 _LIGHT = 1e-4
-"""Likelihood of a candidate contact point, relative to the most likely point, below which the candidate is
-ignored."""
+"""A candidate contact point is ignored if its likelihood is below this fraction of the likelihood of the most
+likely point."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,9 +87,10 @@ class PartEstimator:
         (m,) [N] of contacts at known points, and the part (k,) of the external joint torques that these
         forces do not explain (the residual).
 
-        `others` (m) are the torques (n_servos,) of a force of 1 N at each point. `forces` (m,) [N] are the
-        forces that the skin measures there, with the relative error `share`. The skin's forces and the joint
-        torques are weighted by their precision. The residual is in standard deviations.
+        `others` contains, for each of the m points, the joint torques (n_servos,) that a force of 1 N at this
+        point causes. `forces` (m,) [N] are the forces that the skin measures at these points, with the
+        relative error `share`. The skin's forces and the joint torques are weighted by their precision. The
+        residual is in standard deviations.
         """
         weight = 1.0 / residual.deviation[self._servos]
         left = residual.torque[self._servos] * weight

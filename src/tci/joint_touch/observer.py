@@ -2,7 +2,8 @@
 
 External torques are all torques that motion, weight and known friction do not cause. The discrete form is
 that of Orocos KDL's `ChainExternalWrenchEstimator`, after Haddadin, De Luca and Albu-Schaeffer (IEEE T-RO
-33:1292, 2017). The residual follows the external torque like a first-order filter.
+33:1292, 2017). The computed torque is called the residual. It follows the true external torque like the
+output of a first-order filter.
 """
 
 from __future__ import annotations
@@ -34,18 +35,18 @@ class ObserverSettings:
     """Settings of the observer: the speed of the observer, and the errors of the robot's model."""
 
     gain: float = 50.0
-    """Gain [1/s]. After the time 1 / gain the residual is 63 % of a constant torque. Assumed: a time of 20
-    ms."""
+    """Gain [1/s]. If a constant external torque begins, the residual is 63 % of this torque after the time 1
+    / gain. Assumed: 1 / gain is 20 ms."""
     noise: float = 0.008
     """Standard deviation of the reported torques, as a fraction of the servo's torque limit. Assumed: 0.2 N m
     at a limit of 25 N m, which is typical for torques from measured currents."""
     masses: float = 0.1
     """Relative error of the model's masses."""
     friction: float = 1.0
-    """Relative error of an identified friction. Assumed: the error is as large as the friction, since
+    """Relative error of a joint's measured friction. Assumed: the error is as large as the friction, since
     friction changes with load and temperature."""
     unknown: float = 0.012
-    """Dry friction of a servo whose friction was never identified, as a fraction of the servo's torque limit.
+    """Dry friction of a servo whose friction was never measured, as a fraction of the servo's torque limit.
     Assumed: 0.3 N m at a limit of 25 N m."""
 
     def __post_init__(self) -> None:

@@ -27,18 +27,18 @@ class BaselineSettings:
     """Settings of the baseline. Times are in seconds, so results do not depend on the frame rate.
 
     All figures are assumed, since drift and noise differ from sensor to sensor. With shorter time constants
-    the rest values follow drift faster, but a slow touch is also taken for drift sooner.
+    the rest values follow drift faster, but a slow touch is also mistaken for drift sooner.
     """
 
     window: float = 1.0
-    """Least length [s] of an estimation window. A longer window follows drift later. A shorter window
-    estimates noise less exactly."""
+    """Least length [s] of an estimation window. With a longer window, the rest values follow drift later.
+    With a shorter window, the estimate of noise is less exact."""
     frames: int = 50
     """Least number of frames in an estimation window. With fewer frames, single readings of a touch would
     look like noise."""
     drift_rate: float = 5e-4
-    """Upper bound on common drift [fraction of the sensor's range per second]. A faster change counts as a
-    touch."""
+    """Upper bound on the drift that all taxels of a patch have in common [fraction of the sensor's range per
+    second]. A faster change counts as a touch."""
     own: float = 30.0
     """Time constant [s] with which the rest value of a single quiet taxel is tracked, in addition to the
     drift of all taxels of its patch."""
@@ -52,11 +52,12 @@ class BaselineSettings:
     threshold: float = 7.0
     """A taxel is active if its deviation exceeds this many standard deviations of its noise."""
     fluctuating: float = 0.2
-    """A taxel counts as noisy if at least this fraction of its frames differs from the frame before."""
+    """A taxel counts as noisy if its value differs from its previous value in at least this fraction of
+    frames."""
     lively: float = 0.4
-    """Noise [counts] from which a taxel counts as frozen if its value stays constant for a window. At this
-    noise, a third of the frames differ from the frame before. So 50 equal frames in a healthy taxel occur
-    by chance once in 1e5 windows."""
+    """A taxel with at least this noise [counts] counts as frozen if its value stays constant for a window.
+    With this noise, the value of a healthy taxel differs from its previous value in a third of the frames. So
+    50 equal values of a healthy taxel occur by chance in one of 1e5 windows."""
     share: float = 0.25
     """Least fraction of the healthy taxels that must be quiet before their median counts as drift."""
 
@@ -123,7 +124,8 @@ class Baseline:
         self._afresh = False
 
     def start(self, offset: Array, noise: ArrayLike) -> None:
-        """Sets rest values (n,) and standard deviations (n,) [counts] that were measured before."""
+        """Sets the rest values (n,) and standard deviations (n,) [counts] to those of an earlier
+        measurement."""
         self.offset[:] = offset
         self.noise[:] = noise
         self.threshold[:] = self.settings.threshold * self.noise

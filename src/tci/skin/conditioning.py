@@ -204,12 +204,12 @@ class Conditioner:
         return True
 
     def update(self) -> bool:
-        """Updates the estimates by half of an ended estimation window.
+        """Does half of the update of the estimates that follows the end of an estimation window.
 
         Returns False if no window has ended.
 
-        Without this call, the next frame does the update, with an equal result. So a caller with spare time
-        can call `update`, to shorten the next `step`.
+        If this method is not called, `step` does the update when the next frame arrives. The result is equal.
+        So a caller with spare time can call `update`, to shorten the next `step`.
         """
         if not self._ended:
             return False
@@ -223,7 +223,7 @@ class Conditioner:
         return True
 
     def catch_up(self) -> None:
-        """Updates the estimates by all estimation windows that have ended."""
+        """Updates the estimates completely, for all estimation windows that have ended."""
         while self.update():
             pass
 

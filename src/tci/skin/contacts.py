@@ -95,9 +95,9 @@ class ContactFinder:
 
         On each patch the strongest contact is first.
 
-        `estimates` are the estimates with which the state was computed, and `poses` returns the poses that
-        `SkinLayout.links` describes. `posture` contains the generic angles (n,) [rad] of each part with
-        skin. Raises UnknownNameError if `posture` does not contain a touched part.
+        `estimates` are the estimates with which the state was computed, and `poses` returns the poses of the
+        links in `SkinLayout.links`. `posture` contains the generic angles (n,) [rad] of each part with skin.
+        Raises UnknownNameError if `posture` does not contain a touched part.
         """
         layout, clusters, settings = self.layout, self._clusters, self.settings
         active = ActiveTaxels(state.stamp, state.begin, state.active, state.pressure)
@@ -126,8 +126,8 @@ class ContactFinder:
     ) -> tuple[int, int, Array]:
         """Removes clusters of a single taxel that are not a touch.
 
-        Returns the number of remaining clusters, the number of their taxels, and the taxels that do not yet
-        count as touched (w, WAITING).
+        Returns the number of remaining clusters, the number of their taxels, and the taxels (w, WAITING) that
+        must be pressed for longer before they count as touched.
         """
         arrays, before = self.layout.arrays, self.contacts
         starts = arrays.begin[before.site, 0]
@@ -213,7 +213,7 @@ def single_contact(
     site: Site, taxels: ArrayLike, forces: ArrayLike, *, u: float, theta: float, taxel_u: ArrayLike,
     taxel_theta: ArrayLike, stamp: float = 0.0, sequence: int = 0, area: float = 0.0, **vectors: ArrayLike,
 ) -> Contact:  # fmt: skip
-    """Returns a contact that needs no skin, made of `taxels` (k,) with `forces` (k,) [N].
+    """Makes a contact without a skin, from given `taxels` (k,) and `forces` (k,) [N].
 
     `vectors` are the contact's p_L, n_L, p_T, n_T and f_T (3,), see `Contacts`.
     """
@@ -254,9 +254,9 @@ def weighted_force(contact: Contact, radius: float, *, measure: Measure = "weigh
     The weight of a taxel is 2 r minus the distance of P_t and P. `radius` r [limb lengths] is the radius of
     the receptive field. Eq. 7 gives negative weights to taxels farther than 2 r from the centre. These taxels
     are left out. If no taxel has a positive weight, the result is 0. The weighted mean decreases when weak
-    taxels are added to a strong one, and it is proportional to the area of one taxel. With `measure` "total"
-    the force has neither property. With "peak" the force is proportional to the area of one taxel. Raises
-    UnknownNameError for another measure.
+    taxels are added to a strong one, and it is proportional to the area of one taxel. The total force
+    (`measure` "total") has neither property. The peak force ("peak") is proportional to the area of one
+    taxel. Raises UnknownNameError for another measure.
     """
     if measure == "total":
         return contact.force

@@ -25,9 +25,9 @@ from tci.skin.kernels.condition import (
 from tci.skin.layout import SkinPatch
 
 SATURATED = 0.9
-"""Fraction of the range above which a taxel counts as saturated: it is then pressed, and its rest value has
-not shifted. Assumed: with 1, a saturated taxel with noise would be missed in frames where the noise lowers
-its value."""
+"""A taxel counts as saturated if its signal exceeds this fraction of its range. The cause of such a signal is
+pressure, not a shift of the rest value. Assumed: with 1, a saturated taxel with noise would be missed in
+frames where the noise lowers its value."""
 TWO_COUNTS = 1.5
 """Deviation [counts] from the rest value from which a raw value counts as two counts away from rest. The
 number is less than 2 because the rest value may be between two counts."""
@@ -90,10 +90,12 @@ class PatchEstimator:
         self.write_health(taxels, estimates)
 
     def write_health(self, taxels: slice, estimates: Estimates) -> None:
-        """Writes which taxels are muted, and two pressures for the others.
+        """Writes the fields `muted`, `least`, `onset` and `hidden` of `Estimates` for the taxels of this
+        patch.
 
-        A taxel is active above the first pressure (at least one count). Below the second pressure (at least
-        half a count) the taxel measures nothing.
+        The pressure `least`, above which a taxel is active, corresponds to at least one count. The pressure
+        `hidden`, below which a taxel does not measure the edge of a touch, corresponds to at least half a
+        count.
         """
         threshold = self.baseline.threshold
         least = self._pressure(np.maximum(threshold, 1.0))

@@ -29,7 +29,8 @@ _CHUNK = 8192
 
 
 def is_surface(surface: Surface) -> NDArray[np.bool_]:
-    """Returns True for each taxel (n,) where the pressure of a touch decreases gradually towards its edge.
+    """Returns True for each taxel (n,) where the pressure of a touch decreases gradually towards the edge of
+    the touch.
 
     On a sheet, and for sparse taxels, the result is False.
     """

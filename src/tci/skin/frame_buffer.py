@@ -30,7 +30,7 @@ class FrameBuffer:
         self.names: tuple[str, ...] = ()
         """Names (k,) of the patches in the latest call of `arrange`."""
         self.which: Places = np.zeros(0, np.int64)
-        """Indices (k,) in the layout of the patches in `names`."""
+        """Index (k,) of each patch of `names` in the layout's list of patches."""
         self.whole = False
         """True if the latest call of `arrange` contained all patches, in the order of the layout."""
         self._sizes = list[tuple[int]]()

@@ -3,8 +3,8 @@
 The cover over the taxels spreads a touch, so several taxels respond if the taxels are close together. A
 single active taxel is therefore pressed lightly, pressed by a sharp object, or broken. The values of the
 taxel's inactive neighbours do not distinguish these cases, because a sensor without noise sends no values
-below a threshold. So the duration of the touch decides. This holds for every force, since a stronger touch
-must not be detected later than a lighter one.
+below a threshold. So the duration of the touch decides. The duration decides for strong touches too, since a
+stronger touch must not be detected later than a lighter one.
 """
 
 from __future__ import annotations

@@ -110,7 +110,7 @@ class SkinLayout:
     parts: tuple[str, ...]
     """Generic parts that have skin on their limbs."""
     segments: Places
-    """Index (p,) in SEGMENTS of each patch's segment. -1 if the segment is not in SEGMENTS."""
+    """Index (p,) of each patch's segment in SEGMENTS; -1 if the segment is not in SEGMENTS."""
     taxels: tuple[slice, ...]
     """Taxels of each patch (p,) within the whole skin."""
     channels: tuple[slice, ...]
@@ -142,7 +142,7 @@ class SkinLayout:
     def of(patches: Iterable[SkinPatch]) -> SkinLayout:
         """Builds the layout of `patches`.
 
-        Raises TciError if the calibration has another number of taxels than the patch.
+        Raises TciError if the calibration of a patch has another number of taxels than the patch.
         """
         patches = tuple(patches)
         for one in patches:
@@ -250,7 +250,7 @@ def _arrays(patches: Sequence[SkinPatch], on: Places) -> LayoutArrays:
 def _fill(one: SkinPatch) -> Array:
     """Returns the rows of `LayoutArrays.fill` for one patch.
 
-    The fill factors are 1 for a patch that measures touches through joints.
+    The fill factors are 1 for a patch on which touches are detected through joint torques.
     """
     if one.description.through_joints:
         return np.ones((len(one.surface.areas), len(WIDTHS)))

@@ -150,7 +150,8 @@ def surfaces_of(robot: Robot) -> tuple[Surface, ...]:
 
 
 def mount_of(patch: Patch) -> Array:
-    """Returns the pose (4, 4) in the patch's link by which all taxels of the patch are moved."""
+    """Returns the transform (4, 4) that moves the taxels of a patch by its `xyz` and `rpy`, in the frame of
+    the patch's link."""
     return transform(rotation_rpy(*patch.rpy), np.array(patch.xyz))
 
 
@@ -276,9 +277,9 @@ def find_neighbours(positions: Array, normals: Array, distance: float | None = N
     """Returns pairs (m, 2) of neighbouring taxels, which are near each other and have similar normals.
 
     In a pair, the lower index is first. Taxels are near each other if their distance is at most `distance`
-    [m]. With None, this is `neighbour_distance`. With None, taxels on two sides of a wider gap are also
-    neighbours if the ball between them contains no other taxel (Gabriel and Sokal 1969). The reason: one
-    finger on the gap presses both taxels.
+    [m]. If `distance` is None, the result of `neighbour_distance` is used instead. In this case, two taxels
+    on opposite sides of a wider gap are also neighbours if the ball between them contains no other taxel
+    (Gabriel and Sokal 1969). The reason: one finger on the gap presses both taxels.
     """
     near = neighbour_distance(positions) if distance is None else distance
     widest = GAP if distance is None else distance

@@ -1,8 +1,8 @@
 """Triangles between the taxels of a skin.
 
-For a sheet they are computed on a plane, for a limb on the unrolled surface. All taxels are corners. A convex
-hull would leave out taxels in hollows. Then touches in the hollows of an iCub's forearm would be up to 9 mm
-outside its skin.
+The triangles of a sheet are computed on a plane, and the triangles of a limb on its unrolled surface. All
+taxels are corners. A convex hull would leave out taxels in hollows. With a convex hull, the computed place of
+a touch in a hollow of an iCub's forearm would be up to 9 mm outside the skin.
 """
 
 from __future__ import annotations
@@ -93,8 +93,8 @@ def unroll(places: Array, normals: Array) -> tuple[Array, float, Array]:
     vector points along the axis. The second and third are perpendicular to the axis: the angle around the
     axis increases from the second to the third.
 
-    The axis is in the direction in which the normals vary least. The axis has the least distance from the
-    lines along the normals.
+    The axis is in the direction in which the normals vary least. Of all lines in this direction, the axis is
+    the line nearest to the lines along the normals.
     """
     axes = np.linalg.eigh(np.cov(normals.T))[1].T
     along, flat, out = places @ axes[0], places @ axes[1:].T, normals @ axes[1:].T

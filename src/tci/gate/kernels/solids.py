@@ -41,8 +41,8 @@ class Solids:
     points: Array
     """Points (v, 3) [m] of all shapes."""
     poses: Array
-    """For each shape (g, 12): position [m] and rotation matrix of its MuJoCo geom, in the frame of the joint
-    that carries the shape."""
+    """Poses (g, 12) of the MuJoCo geoms of all collision shapes. Each row contains the position (3 numbers)
+    [m] and the rotation matrix (9 numbers) of one geom, in the frame of the joint that carries the shape."""
     geoms: Indices
     """Index (g,) of each shape's geom in the MuJoCo model."""
     pairs: Indices

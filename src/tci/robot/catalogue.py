@@ -2,7 +2,7 @@
 `tci.robots`).
 
 Each robot has a folder `robots/<name>/` with a `robot.xml`. No other file of TCI contains the name of the
-robot. Every other description in this folder is a variant of the robot: `nao/whole.xml` is the robot
+robot. Every other description in the robot's folder is a variant of this robot: `nao/whole.xml` is the robot
 `nao-whole`. The value of an entry point is the path of a description, or a function that returns the path.
 """
 
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from tci.robot.description import Robot
 
 Files = tuple[tuple[str, int, int], ...]
-"""Path, size [bytes] and time [ns] of the last change of each file that a description names."""
+"""The files that a description names. For each file: its path, its size [bytes], and the time [ns] of its
+last change."""
 GROUP = "tci.robots"
 """Entry-point group in which other packages name their robots."""
 FILE = "robot.xml"

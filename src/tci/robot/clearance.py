@@ -44,7 +44,7 @@ class Clearance:
         missing in the model.
 
         Links that overlap in the initial posture are assumed to overlap by construction. Such pairs of links
-        are never checked.
+        are never checked for collision.
         """
         robot = without_skin(robot)
         self._model = _solid_model(robot)
@@ -59,7 +59,8 @@ class Clearance:
         first, second = self._pairs.T
         self._reach = self._model.geom_rbound[first] + self._model.geom_rbound[second]
         self.levers = _levers(robot)
-        """Upper bound (n_servos,) [m/rad] on the change of any distance when one servo turns."""
+        """For each servo (n_servos,): upper bound [m/rad] on the change of the distance between any two
+        links, per radian by which this servo turns."""
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -101,7 +102,7 @@ class Clearance:
         return result
 
     def names(self, pair: int) -> tuple[str, str]:
-        """Returns the names of the two links of a pair."""
+        """Returns the names of two links: the links of the row `pair` of `pairs`."""
         first, second = (self._model.body(self._model.geom_bodyid[geom]) for geom in self._pairs[pair])
         return str(first.name), str(second.name)
 

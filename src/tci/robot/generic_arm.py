@@ -24,8 +24,8 @@ SEGMENTS = ("upper_arm", "forearm")
 """Segments of an arm, on which receptive fields are defined."""
 
 SIDEWAYS = 1e-9
-"""Limit of the cosine of the abduction angle. Below this value the upper arm counts as pointing straight to
-the side."""
+"""The upper arm counts as pointing straight to the side if the cosine of its abduction angle is below this
+number."""
 
 
 def side_sign(side: Side) -> float:
@@ -38,7 +38,7 @@ def upper_arm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:
     `posture` (5,) [rad].
 
     -z points along the segment, x to its flexor side. If `axial` is False, internal rotation (joint 2) is
-    left out: theta of a taxel is measured in this frame.
+    left out. The angle theta of a taxel is measured in the frame without internal rotation.
     """
     s = side_sign(side)
     c0, c1, c2 = np.cos(posture[:3]).tolist()

@@ -83,7 +83,7 @@ def weighted_model(robot: Robot) -> tuple[mujoco.MjModel, int]:
     """Returns a model of the robot with bodies, joints, masses and gravity, and the index of its torso body.
 
     - Raises DescriptionError if the robot has no model, or if a link without `<inertial>` moves or gets its
-      weight from its shapes (MJCF).
+      weight from its collision shapes (MJCF).
     - Raises UnknownNameError if the torso is missing in the model.
     """
     if robot.model is None:
@@ -94,7 +94,8 @@ def weighted_model(robot: Robot) -> tuple[mujoco.MjModel, int]:
 
 @lru_cache(maxsize=16)
 def _weighted_model(description: Model, _: int) -> tuple[mujoco.MjModel, int]:
-    """Returns the model of a file that was written at a time [ns]. The model is cached, because reading an
+    """Returns the model that `description` names. The second argument is the time [ns] at which the model's
+    file was last written, so that a changed file is read again. The model is cached, because reading an
     iCub's model takes 60 ms: callers must not modify it."""
     model = bare_model(description)
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)

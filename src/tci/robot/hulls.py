@@ -58,8 +58,8 @@ def _corners(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> NDArray[np.float32] |
 
 @lru_cache(maxsize=1024)
 def _hull_of(file: str, written: int, place: tuple[float, ...], inertia: int) -> NDArray[np.float32] | None:
-    """Returns the corners (n, 3) [m] of the convex hull that MuJoCo computes for a mesh file `written` at a
-    time [ns].
+    """Returns the corners (n, 3) [m] of the convex hull that MuJoCo computes for a mesh file. `written` is
+    the time [ns] at which the file was last changed.
 
     The result is cached, because the gate and a simulation need equal hulls.
     """

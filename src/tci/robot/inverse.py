@@ -62,7 +62,8 @@ class InverseAnswer:
     error: float
     """Distance [m] between the point and its target."""
     angle_error: float
-    """Angle [rad] between the link and its target; 0 if only a position was requested."""
+    """Angle [rad] between the link's orientation and the target's orientation; 0 if only a position was
+    requested."""
     iterations: int
     """Number of steps taken from all starting postures together."""
 
@@ -70,7 +71,8 @@ class InverseAnswer:
 class InverseKinematics:
     """Brings one point of one link to a target by moving chosen servos.
 
-    The solution keeps limits and couplings. Servos that are not chosen do not move.
+    The solution is within the limits of the servos and satisfies the couplings. Servos that are not chosen do
+    not move.
     """
 
     def __init__(

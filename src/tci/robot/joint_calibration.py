@@ -58,8 +58,8 @@ class JointCalibration(Description):
     """Tools in the hands, by the name of the link that carries the tool."""
 
     def check(self, robot: Robot) -> None:
-        """Raises TciError if the calibration is of another robot, and UnknownNameError if the calibration
-        names a servo that the robot lacks."""
+        """Raises TciError if the calibration was made for another robot, and UnknownNameError if the
+        calibration names a servo that the robot lacks."""
         if self.robot != robot.name:
             raise TciError(f"calibration of the joints of {self.robot!r}; valid: {robot.name!r}")
         names = [servo.name for servo in robot.servos]

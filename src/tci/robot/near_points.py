@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from tci.frames import Array
 
 MOST = 1_000_000
-"""Largest number of distances between all points that are computed without a k-d tree. Assumed: this number
-takes 10 ms, a small part of SciPy's import."""
+"""The distances between all points are computed without a k-d tree if their number is at most this. Assumed:
+the computation then takes at most 10 ms, which is short compared with the import of SciPy."""
 
 
 def nearest(points: Array, queries: Array, count: int = 1) -> tuple[Array, NDArray[np.intp]]:
-    """Returns the `count` nearest of the `points` (n, 3) [m] of each query (k, 3) [m].
+    """Finds, for each of `queries` (k, 3) [m], the `count` nearest of `points` (n, 3) [m].
 
-    Returns their distances (k, count) [m] and their indices (k, count), the nearest first. `count` must be at
-    most n.
+    Returns the distances (k, count) [m] and the indices (k, count) of these points, the nearest point first.
+    `count` must be at most n.
     """
     if _few(points, queries):
         apart = _distances(queries, points)
@@ -44,8 +44,8 @@ def pairs_within(points: Array, reach: float) -> NDArray[np.intp]:
 
 
 def number_within(points: Array, reach: float) -> NDArray[np.intp]:
-    """Returns the number (n,) of `points` (n, 3) [m] that are at most `reach` [m] from each point. Each point
-    counts itself."""
+    """Counts, for each of `points` (n, 3) [m], the points that are at most `reach` [m] away. Returns these
+    numbers (n,). The point itself is counted too."""
     if _few(points, points):
         return np.asarray((_distances(points, points) <= reach).sum(axis=1))
     return np.asarray(_tree(points).query_ball_point(points, reach, return_length=True))
@@ -56,7 +56,7 @@ def distances_within(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
     """Finds the pairs of `points` (n, 3) [m] and `others` (k, 3) [m] that are at most `reach` [m] apart.
 
-    Returns the indices (m,) of the first, those (m,) of the second, and the distances (m,) [m].
+    Returns for each pair the index (m,) in `points`, the index (m,) in `others`, and the distance (m,) [m].
     """
     if _few(points, others):
         apart = _distances(points, others)

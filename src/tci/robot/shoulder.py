@@ -21,17 +21,19 @@ from tci.robot.generic_arm import shoulder_angles, side_sign, upper_arm_rotation
 from tci.robot.kinematics import KinematicChain
 
 SLANT = 0.05
-"""Largest cosine of the angle between the axes of elbow and upper arm that the generic arm can represent.
-Assumed: 3 degrees away from a right angle."""
+"""Largest cosine of the angle between the elbow's axis and the upper arm's axis. In the generic arm this
+angle is a right angle. Assumed: an angle that differs by 3 degrees can still be represented."""
 PARALLEL = 1.0 - 1e-6
-"""Cosine of the angle between two successive shoulder axes above which the axes count as parallel, so that
-the shoulder is no ball joint. Assumed: the axes differ by less than 0.1 degrees."""
+"""Two successive shoulder axes count as parallel if the cosine of the angle between them is above this
+number. A shoulder with parallel axes is no ball joint. Assumed: parallel axes differ by less than 0.1
+degrees."""
 SHORT = 1e-3
 """Least length [m] of an upper arm for which its direction is defined. Assumed: far below the length of a
 real upper arm."""
 SINGULAR = 1e-6
-"""Determinant of the generic axes below which the velocities of the generic joints are not defined. Assumed:
-just above rounding errors. The determinant is 0 at 90 degrees of abduction."""
+"""The velocities of the generic shoulder joints are not defined if the determinant of the axes of these
+joints is below this number. Assumed: just above rounding errors. The determinant is 0 at 90 degrees of
+abduction."""
 
 ONE = read_only(np.eye(3))
 """Identity rotation (3, 3)."""

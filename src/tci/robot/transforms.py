@@ -51,7 +51,8 @@ class Transform(ABC):
 
     def speeds(self, angles: Array, most: Array) -> Array:
         """Returns the speed (k,) [rad/s] at which each servo may move to a target, with all servos at
-        `angles` (k,) [rad]. `most` (k,) [rad/s] are the largest speeds of the joints by the description."""
+        `angles` (k,) [rad]. `most` (k,) [rad/s] are the largest speeds of the generic joints, as given in the
+        description."""
         return servo_speeds(self.slope(angles), most)
 
     constant = False

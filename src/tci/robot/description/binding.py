@@ -19,8 +19,8 @@ class Address(Description):
     """Number of values in the middleware's message for a patch, if the message has more values than the patch
     has channels (YARP)."""
     modules: tuple[int, ...] = ()
-    """Numbers of the modules of the message that contain the patch's channels, in order. A module has twelve
-    values; ten of them are taxels."""
+    """Modules of the message that contain the patch's channels, each by its number, in the order of the
+    channels. A module has twelve values; ten of them are taxels."""
 
 
 class Binding(Description):

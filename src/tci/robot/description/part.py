@@ -84,7 +84,7 @@ class Segment(Description):
     """Proximal end (3,) [m] of the segment's axis, in the frame of `link`. The limb coordinate u is 0 at this
     end."""
     length: float
-    """Length [m] of the segment. At its distal end, the limb coordinate u is 1."""
+    """Length [m] of the segment. The limb coordinate u is 1 at the segment's distal end."""
 
 
 class CartesianActuator(Description):
@@ -99,7 +99,7 @@ class CartesianActuator(Description):
     xyz: Vector = (0.0, 0.0, 0.0)
     """Position (3,) [m] of the point in the frame of `link`."""
     segment: str | None = None
-    """Segment of the arm that has the point on its axis."""
+    """Segment of the arm. The point is on the axis of this segment."""
     u: float = 1.0
     """Place of the point on the segment's axis: 0 at the proximal end, 1 at the distal end."""
     frame: Literal["shoulder", "torso"] = "shoulder"

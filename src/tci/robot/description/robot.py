@@ -38,10 +38,10 @@ class Model(Description):
     path: str
     """Path of the file. After loading, the path is absolute."""
     package: str | None = None
-    """Installed Python package that contains the file. TCI has an extra with the robot's name that installs
-    this package."""
+    """Installed Python package that contains the file. The attribute `extra` names the extra of TCI that
+    installs this package."""
     meshes: str | None = None
-    """Folder of meshes, for meshes that are not at the path in the model. After loading, the path is
+    """Folder of the meshes that are not at the paths given in the model file. After loading, the path is
     absolute. "none": the model is read without its meshes."""
     torso_link: str
     """Link to which the torso frame is fixed."""
@@ -70,7 +70,7 @@ class Robot(Description):
     """SHA-256 of the description's files, recorded in every log."""
     model: Model | None = None
     servos: tuple[Servo, ...]
-    """All servos of the robot, in the order of every JointReading."""
+    """All servos of the robot, in the order in which every JointReading lists them."""
     couplings: tuple[Coupling, ...] = ()
     parts: tuple[GenericPart, ...]
     patches: tuple[Patch, ...] = ()

@@ -45,7 +45,8 @@ class Servo(Description):
     """The robot's own part that contains the servo, such as a control board of YARP or a chain of NAOqi:
     `LArm`, `left_arm`."""
     id: int
-    """The robot's own number of the servo in its robot part (`destination_servo_id`)."""
+    """Number of the servo within its robot part, as the robot itself numbers its servos
+    (`destination_servo_id`)."""
     name: str
     """The robot's own name of the servo."""
     joint: str | None = None

@@ -54,9 +54,9 @@ def read_skin_csv(path: str | Path) -> SkinLayout:
     """Reads a table of taxels.
 
     The column `channel` gives the channel number of each row. Without this column, rows are numbered in
-    order. Numbers that do not occur are absent channels. If a row has no normal, the normal is estimated. If
-    it has no area, the area is that of a hexagon computed from the distance to the nearest taxel. Raises
-    DescriptionError with all faults, each with its line.
+    order. A channel is absent if no row has its number in this column. If a row has no normal, the normal is
+    estimated. If a row has no area, its area is that of a hexagon computed from the distance to the nearest
+    taxel. Raises DescriptionError with all faults, each with its line.
     """
     source = str(path)
     faults = Faults(source)

@@ -59,7 +59,8 @@ class SkinLayout:
     """Meaning of a position. `taxel`: the position of one taxel. `triangle`: one position for all taxels with
     one representative."""
     note: str = ""
-    """Contradiction in the file, and the solution that the reader chose; empty if there is none."""
+    """Contradiction in the file, and the solution that the reader chose; empty if the file has no
+    contradiction."""
 
     @property
     def channels(self) -> int:

@@ -21,12 +21,12 @@ FLAT = 1e-3
 positions to a millimetre."""
 
 DISAGREE = np.radians(30.0)
-"""Median angle [rad] between the normals in the file and the normals of the planes through neighbouring
-taxels. Above this angle, the normals in the file are wrong. Assumed: correct files have below 15 degrees,
-wrong files 50 degrees and more."""
+"""The normals in a file count as wrong if the result of `disagreement` is above this angle [rad]. Assumed:
+this result is below 15 degrees for correct files, and at least 50 degrees for wrong files."""
 THIN = 0.35
 """Largest ratio of thickness to width of a group of neighbouring taxels for which a plane through them is
-used. Assumed: if taxels are far apart on a limb, their neighbours are all around the limb."""
+used. Assumed: if taxels are far apart on a limb, their neighbours are all around the limb, so that a plane
+does not fit them."""
 
 
 def disagreement(positions: Array, normals: Array) -> float:
@@ -55,8 +55,8 @@ def estimate_normals(positions: Array) -> Array:
 
     Taxels at equal positions get equal normals. Fewer than three points, or points on one line, define no
     plane: their normals are zero. On a curved skin, normals point away from the centroid of the skin. For a
-    flat skin, positions do not show which side is outside. The normals point away from the origin of the
-    frame, because the origin of a link is inside the link.
+    flat skin, positions do not show which side is outside. The normals of a flat skin therefore point away
+    from the origin of the frame, because the origin of a link's frame is usually inside the link.
     """
     places, index = np.unique(positions, axis=0, return_inverse=True)
     from_middle = places - places.mean(axis=0)

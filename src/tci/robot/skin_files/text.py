@@ -14,14 +14,14 @@ from tci.robot.xml.values import InvalidValueError, decimal
 MAX_BYTES = 1 << 21
 """Size [bytes] of the largest file that is read. The largest known file has 90 kB."""
 MAX_ROWS = 16384
-"""Largest number of rows that are read. The largest known file has 1344."""
+"""Largest number of rows that are read. The largest known file has 1344 rows."""
 MAX_DISTANCE = 2.0
 """Largest distance [m] of a taxel from the origin of its link. Assumed: no link of a humanoid is longer than
 this, so larger values are not in metres."""
 PER_MODULE = 12
-"""Number of rows in a file for one triangular module."""
+"""Number of rows that a file contains for each triangular module."""
 PER_PATCH = 192
-"""Number of rows in a file for a full patch: 16 modules."""
+"""Number of rows that a file contains for each patch that has all its 16 modules."""
 _BINARY = re.compile(rb"[^\t\n\r\x20-\x7e]")
 _SAMPLINGS = ("taxel", "triangle")
 _COLUMNS = ("x", "y", "z", "nx", "ny", "nz")

@@ -35,8 +35,8 @@ class Element:
     describes: type[Description] | None = None
     """Type in `tci.robot.description` to which the element is converted."""
     fields: Mapping[str, str | None] = field(default_factory=dict)
-    """Fields of the described type whose name differs from the name of their attribute or child, by the
-    latter name. None: the type has no field for this attribute or child."""
+    """Name of the field in the described type, by the name of the attribute or child, for all fields with a
+    different name. None: the type has no field for this attribute or child."""
 
     @property
     def children(self) -> dict[str, Element]:

@@ -373,5 +373,5 @@ GENERIC_ROBOT = Element(
 )  # fmt: skip
 
 MAX_MOUNT = math.radians(20.0)
-"""Largest rotation [rad] of a mount. Assumed: a mount is only a small correction; if a shoulder differs by
-more, it is retargeted."""
+"""Largest rotation [rad] of a mount. Assumed: a mount is only a small correction. A shoulder that differs
+more from the generic shoulder must be retargeted."""

@@ -43,8 +43,8 @@ class ModelNames:
 
 
 def read_model(root: Node, source: Path, faults: Faults) -> tuple[Model | None, str | None]:
-    """Returns the model that the description `source` names. The second result is the package that contains
-    the model if this package is not installed, or else None."""
+    """Returns the model that the description `source` names. If the model is in a package that is not
+    installed, the second result is the name of this package; otherwise, it is None."""
     node = root.first("model")
     if node is None or not node.ok:
         return None, None

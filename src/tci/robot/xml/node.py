@@ -37,8 +37,8 @@ class Node:
     field."""
     children: dict[str, list[Node]] = field(default_factory=dict)
     misspelt: bool = False
-    """True if the element has an unknown attribute or child. If an attribute or child is missing, its name
-    may then be misspelt."""
+    """True if the element has an unknown attribute or child. In this case, an attribute or child that seems
+    to be missing may be present under a misspelt name."""
     ok: bool = True
     """True if this element and all its descendants satisfy the grammar."""
 

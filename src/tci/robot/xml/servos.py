@@ -48,10 +48,10 @@ class Servos:
         return tuple(dict.fromkeys(part for part, _ in self._index))
 
     def find(self, robot_part: str, id: int, line: int, faults: Faults) -> Servo | None:
-        """Returns the servo with the number `id` in the robot part. If there is no such servo, returns None
-        and records a fault on `line`.
+        """Returns the servo that has the number `id` in the robot part named `robot_part`. If this robot part
+        has no such servo, returns None and records a fault on `line`.
 
-        If the robot part has a servo with an unreadable id, this servo may be the requested servo. In this
+        If this robot part has a servo with an unreadable id, that servo may be the requested one. In this
         case, no fault is recorded.
         """
         if (robot_part, id) in self._index:
@@ -168,8 +168,8 @@ def _limits(node: Node, faults: Faults) -> Limits:
 
 
 def check_range(node: Node, what: str, faults: Faults) -> bool:
-    """Returns True if the angle `min` of the node is below the angle `max`. The two angles are never
-    swapped."""
+    """Returns True if the angle `min` of the node is below the angle `max`. Otherwise, records a fault and
+    does not swap the two angles."""
     lower, upper = node.get("min"), node.get("max")
     if lower < upper:
         return True

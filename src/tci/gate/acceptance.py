@@ -24,15 +24,15 @@ from tci.robot.description import Limits, Robot, Servo
 NEEDED = ("lower", "upper", "velocity", "acceleration", "jerk")
 """Limits that are required to move a servo."""
 OUTSIDE = float(np.deg2rad(20.0))
-"""Largest angle [rad] by which a servo may be measured outside its limits when it comes under command.
-Assumed: a larger angle is more likely a fault of the encoder."""
+"""When a servo comes under command, its measured angle may be outside its limits by at most this angle [rad].
+Assumed: a larger value is more likely a fault of the encoder."""
 FAR_OFF = 1.0
 """If a command contains two angles or more, and each is outside its limits by more than this angle [rad], the
-angles may be in degrees. Assumed: a behaviour that overshoots exceeds the limits by a smaller angle, and not
-in all joints."""
+angles may be in degrees. Assumed: a behaviour that uses radians and moves too far exceeds the limits by less
+than this angle, and not in all joints."""
 SLOWEST = 1e-3
-"""Least speed [rad/s] that a command may request. Assumed: at a lower speed, a motion over the full range of
-a joint takes longer than two hours, which is the longest motion that ruckig plans."""
+"""Least speed [rad/s] that a command may request. The library ruckig plans motions of at most two hours.
+Assumed: at a speed below this value, a motion over the full range of a joint would take longer."""
 _all_finite, _is_acceptable = entry(all_finite), entry(is_acceptable)
 INDICES, DOUBLES = np.dtype(np.intp), np.dtype(np.float64)
 
@@ -40,9 +40,9 @@ INDICES, DOUBLES = np.dtype(np.intp), np.dtype(np.float64)
 def fault_of_reading(robot: Robot, joints: JointReading, now: float, stale_after: float) -> Reason | None:
     """Returns the reason why joint data can't be used at time `now` [s]; None if the data can be used.
 
-    The age of usable data is between -`stale_after` and `stale_after` [s]. The age may be negative, because
-    `now` is the beginning of a control period and the data may be read a little later. Velocities may be NaN,
-    because not every robot sends them. Raises TypeError for arrays of another type than double.
+    The age of usable data is between -`stale_after` and `stale_after` [s]. The age is negative if the data
+    was measured after `now`, which is the beginning of a control period. Velocities may be NaN, because not
+    every robot sends them. Raises TypeError for arrays of another type than double.
     """
     expected = (len(robot.servos),)
     if joints.position.shape != expected:
@@ -89,7 +89,7 @@ def check_command(robot: Robot, command: PlatformCommand) -> tuple[NDArray[np.in
 
 
 def _refuse_wrong(robot: Robot, command: PlatformCommand) -> None:
-    """Raises CommandError with a description of the fault if the shape or a value of a command is invalid."""
+    """Raises CommandError if the shape or a value of a command is invalid. The message names the fault."""
     mode, servos, values = command.mode.value, command.servos, command.values
     if servos.ndim != 1 or not servos.size or values.shape != servos.shape:
         raise CommandError(
@@ -111,9 +111,10 @@ def _refuse_wrong(robot: Robot, command: PlatformCommand) -> None:
 
 
 def is_likely_degrees(values: Array, wrong: NDArray[np.bool_] | None = None) -> bool:
-    """Returns True if so many of the angles `values` (k,) [rad] exceed a full turn that they may be in
-    degrees: two angles, or half of those that are not 0. A single such angle among many is a wrong angle, not
-    a wrong unit. Only the angles that are `wrong` (k,) count; by default all angles."""
+    """Returns True if the angles `values` (k,) [rad] may be in degrees, because many of them exceed a full
+    turn. "Many" means at least two angles, or half of the angles that are not 0. A single angle above a full
+    turn among many angles is a wrong angle, not a wrong unit. If `wrong` (k,) is given, only the angles for
+    which `wrong` is True count."""
     beyond = np.abs(values) > 2.0 * np.pi
     large = int(np.count_nonzero(beyond if wrong is None else beyond & wrong))
     return large >= 2 or 0 < int(np.count_nonzero(values)) <= 2 * large

@@ -26,8 +26,9 @@ class BodyGuard:
     """Checks the stops of all joint groups together. A state is sent to the robot only if the stop from this
     state causes no self-collision.
 
-    Joints lag behind their references and sag under their weight. So each path is checked twice: as planned,
-    and shifted by the present deviation of the measured angles from the references.
+    Joints lag behind their references and sag under their weight. So each path is checked twice: once as
+    planned, and once with all angles shifted by the present difference between measured angles and
+    references.
     """
 
     def __init__(self, body: SelfCollision, *, period: float) -> None:

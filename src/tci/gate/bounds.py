@@ -1,4 +1,5 @@
-"""Limits and couplings of servos that move together, and the search for the nearest point inside them."""
+"""Limits and couplings of servos that move together. Finds the posture inside the limits and couplings that
+is nearest to a target."""
 
 from __future__ import annotations
 
@@ -77,12 +78,12 @@ class Bounds:
         return inward
 
     def allowed_velocity(self, position: Array, velocity: Array) -> Array:
-        """Returns `velocity` (n,) [rad/s], reduced for servos at `position` (n,) [rad] that could not stop
-        before a limit.
+        """Returns `velocity` (n,) [rad/s], with a reduced value for each servo that could not stop before its
+        limit. The servos are at `position` (n,) [rad].
 
-        The reduction only smooths the approach to a limit: the stop of each step is checked in any case. If
-        the servos would leave the bounds of a coupling, all servos of this coupling are slowed down by one
-        factor.
+        The reduction only makes the approach to a limit smooth. It is not needed for safety, since the gate
+        also checks, before each step, that the servos can still stop. If the servos would leave the bounds of
+        a coupling, all servos of this coupling are slowed down by one factor.
         """
         margin = np.minimum(MARGIN, (self.upper - self.lower) / 2)
         room = np.where(velocity > 0.0, self.upper - margin - position, position - self.lower - margin)
@@ -114,7 +115,8 @@ def _stopping_speed(room: Array, acceleration: Array, jerk: Array) -> Array:
 
 
 def bounds_of(robot: Robot, servos: Sequence[int], *, speed_share: float) -> tuple[Bounds, Array]:
-    """Returns the bounds of `servos` (n,), with all couplings that contain any of these servos.
+    """Returns the bounds of `servos` (n,). The bounds contain each coupling in which one of these servos
+    occurs.
 
     All limits of the servos must be known. The second result contains the coefficients (m, n_servos) of all
     other servos in the couplings: the angles of these servos shift the bounds of the couplings.

@@ -36,7 +36,8 @@ class CommandedGroups:
         self._group_of = groups_of(robot)
         self._chains: dict[int, JointGroup] = {}
         self.chains: list[JointGroup] = []
-        """All groups, in the order of their servos in `reference`. A change makes a new list."""
+        """All groups, in the order in which `reference` lists their servos. When a group changes, a new list
+        replaces this list."""
         self.count = 0
         """Number of servos that the groups move."""
         self._leaning: list[JointGroup] = []
@@ -67,7 +68,7 @@ class CommandedGroups:
         self._note_change()
 
     def _note_change(self) -> None:
-        """Deletes what was derived from the groups and the modes before a change."""
+        """Deletes all cached results, because a group or a mode has changed."""
         self.chains = list(self._chains.values())
         self._leaning = [chain for chain in self.chains if chain.leans]
         self.count = sum(len(chain.servos) for chain in self.chains)
@@ -151,8 +152,8 @@ class CommandedGroups:
         self._note_change()
 
     def _chain(self, group: int, servos: set[int], fresh: Sequence[int] = ()) -> JointGroup:
-        """Returns a new motion of the `servos` of a group. Raises CommandError if some servos can't join the
-        motion now."""
+        """Returns a new `JointGroup` that moves the `servos` of the group with the number `group`. Raises
+        CommandError if some servos can't join the motion now."""
         old = self._chains.get(group)
         check_start(self._robot, {*servos} - ({*old.servos} - {*fresh} if old else set()), self.measured)
         chain = make_chain(

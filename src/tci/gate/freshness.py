@@ -11,21 +11,22 @@ LONGEST = 0.02
 """Largest age [s] at which joint data is fully trusted. Assumed: a constant braking torque needs about 50 ms
 to reverse a joint, and robots send joint data at least every 10 ms."""
 FADE = 0.01
-"""Time [s] in which the trust falls from 1 to 0 when data is too old to be fully trusted. Assumed: in this
-time, a light joint under its full torque gains a third of its speed limit."""
+"""Time [s] in which the trust falls from 1 to 0. The fall begins when the data is too old to be fully
+trusted. Assumed: in this time, a light joint under its full torque gains a third of its speed limit."""
 USUAL = 1.5
-"""Factor for the usual age at which data is replaced by newer data. Data is fully trusted up to the product
-of factor and usual age, plus a control period. Assumed: the factor covers the jitter of this age."""
+"""Factor from which the limit of full trust is computed. The limit is USUAL times the mean age at which newer
+data arrives, plus one control period. Assumed: the factor covers the jitter of this age."""
 SHARE = 0.1
-"""Weight of the newest value in the running mean of the age at which data is replaced by newer data. Assumed:
-a larger weight adapts faster to a slower network; a smaller weight is less affected by single delays."""
+"""Weight of the newest value in a running mean. The mean is that of the age [s] that data has when newer data
+arrives. Assumed: a larger weight adapts faster to a slower network; a smaller weight is less affected by
+single delays."""
 
 
 class Freshness:
     """Age of the latest valid joint data, measured on the gate's own clock.
 
     Data is new if both its sequence number and its stamp are new. Repeated data, and data in the wrong order,
-    is not new. This also applies if the first copy was rejected.
+    is not new. Repeated data is not new even if its first copy was rejected.
     """
 
     def __init__(self, period: float) -> None:
@@ -64,7 +65,7 @@ class Freshness:
         return max(age, 0.0) if -self._period <= age < math.inf else math.inf
 
     def trust(self, age: float) -> float:
-        """Returns the trust (0..1) in data of an `age` [s]. Beyond the age LONGEST + FADE the trust is always
-        0; usually the trust is 0 at a smaller age already."""
+        """Returns the trust (0..1) in data of an `age` [s]. The trust is 0 at ages above LONGEST + FADE. If
+        data usually arrives more often, the trust is 0 at a smaller age already."""
         counts = min(self._period + USUAL * self._usual, LONGEST)
         return min(max(1.0 - (age - counts) / FADE, 0.0), 1.0)

@@ -6,7 +6,7 @@ The gate checks in this order:
 - The robot follows its references (`joint_monitor`).
 - Each command has a valid shape, finite values, servos with known limits, and their mode (`acceptance`,
   `motion`).
-- Positions keep limits and couplings: other values are clamped and reported (`bounds`).
+- Commanded positions keep limits and couplings: the gate clamps and reports positions that do not (`bounds`).
 - Over time, the motion keeps the limits of velocity, acceleration and jerk (`trajectory`) or torque
   (`torque`).
 - The robot does not collide with itself (`self_collision`).
@@ -37,13 +37,14 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 EARLY = 0.05
-"""Fraction of a period by which a step may be early. Assumed: this is larger than the jitter of timers."""
+"""Fraction of a period by which a call of `step` may come before the planned time of the step. Assumed:
+larger than the jitter of timers."""
 CATCH_UP = 0.5
-"""Fraction of a period by which the steps after a late call may be early. Assumed: larger than the jitter of
-timers, and small enough to prevent several steps at once."""
+"""Fraction of a period by which calls of `step` may come too early after a late call. Assumed: larger than
+the jitter of timers, and small enough to prevent several steps at once."""
 STEADY = 0.1
-"""Largest relative difference between the delays of two late calls for which the loop is assumed to run at
-another rate. Assumed: the delays of a busy machine differ by more."""
+"""If the delays of two late calls of `step` differ by less than this fraction, the gate reports that the loop
+runs at another rate. Assumed: on a busy machine, two delays differ by a larger fraction."""
 SHARES = (Mode.STIFFNESS, Mode.DAMPING)
 _log = logging.getLogger("tci")
 _NONE: MappingProxyType[int, float] = MappingProxyType({})
@@ -53,9 +54,9 @@ class Gate:
     """Converts requested commands to commands that a driver may write, one step per control period.
 
     A servo is under command after its first accepted command or mode switch. The motion of such a servo
-    starts at the measured position of the servo. The commanded servos of a robot part, and of all parts that
-    couplings link to this part, reach their targets simultaneously. Each servo is in one control mode; only a
-    PlatformSwitch changes the mode.
+    starts at the measured position of the servo. All commanded servos of one robot part reach their targets
+    at the same time. If a coupling contains servos of two parts, this is also true for the servos of both
+    parts together. Each servo is in one control mode; only a PlatformSwitch changes the mode.
     """
 
     def __init__(
@@ -170,7 +171,7 @@ class Gate:
         """Ends the command of all servos, for a driver that has lost the connection to its robot.
 
         Each servo waits at its position for a new command. The control modes do not change. The state STOP
-        does not end. Joint data that the gate has rejected is still not used.
+        does not end. If the gate has found the joint data untrustworthy, it still does not use this data.
         """
         if self._monitor is not None:
             self._monitor.forget()
@@ -190,8 +191,8 @@ class Gate:
 
         `commands` are the new commands, or one new command; `joints` is the latest joint reading. Call this
         method once per period, also without commands, because motions continue. A late call takes only one
-        step, and an early call takes no step, so that the written motion never exceeds the limits. If the
-        loop is always late, one warning is logged.
+        step, and an early call takes no step. Several steps at once would make the robot move faster than its
+        limits. If all calls come late, the gate logs one warning.
 
         A command that can't be accepted raises no exception, because the robot needs a next position in any
         case. The command is refused as a whole, counted, and listed in `SafeCommand.refusals`; present

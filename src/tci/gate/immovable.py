@@ -18,7 +18,7 @@ from tci.robot.description import Robot, Servo
 
 
 class Immovable:
-    """The servos of a robot that lack a limit which is required to move them."""
+    """The servos of a robot that can't be moved, because the description lacks one of their limits."""
 
     def __init__(self, robot: Robot) -> None:
         names = dict.fromkeys(servo.robot_part for servo in robot.servos)

@@ -32,7 +32,7 @@ class JointGroup:
     """The commanded servos of one group, and the trajectory that moves them."""
 
     servos: list[int]
-    """Indices (n,) into `Robot.servos`, rising."""
+    """Indices (n,) into `Robot.servos`, in increasing order."""
     index: NDArray[np.intp]
     """`servos` as an array, for indexing."""
     limiter: OnlineTrajectory
@@ -96,8 +96,8 @@ def make_chain(
 ) -> JointGroup:
     """Returns a group of `servos`. Each servo starts at rest at its position in `measured` (n_servos,) [rad].
 
-    Servos that the group `old` already moves continue their motion, except for the servos in `fresh`. Raises
-    CommandError if some servos can't join the motion now; in this case `old` is unchanged.
+    Exception: a servo that the group `old` already moves continues its motion, unless the servo is in
+    `fresh`. Raises CommandError if some servos can't join the motion now; in this case `old` is unchanged.
     """
     union = sorted(servos)
     bounds, outside = bounds_of(robot, union, speed_share=speed_share)

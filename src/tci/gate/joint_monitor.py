@@ -33,8 +33,8 @@ from tci.robot.description import Robot
 
 _judge_reading = entry(judge_reading)
 JUDGED = (Mode.POSITION, Mode.VELOCITY)
-"""Modes in which the measured motion must follow the reference. In other modes a joint may yield, so its
-angle is compared with its velocity and its torque instead."""
+"""Modes in which the measured motion must follow the reference. In other modes a joint may yield to forces,
+so the monitor compares the joint's angle with its velocity and torque instead."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,21 +54,21 @@ class MonitorSettings:
     least_speed: float = np.deg2rad(3.0)
     """Speed [rad/s] below which a servo counts as not moving."""
     encoder_step: float = np.deg2rad(2.0)
-    """Change of an angle [rad] between two readings that is allowed in addition to the motion at the speed
-    limit."""
+    """An angle may change between two readings by the motion at the speed limit, plus this angle [rad]."""
     frozen: float = 0.1
     """Time [s] for which an angle may stay exactly constant while its reference moves, or for which a reading
     may be repeated with new stamps."""
     frozen_travel: float = np.deg2rad(3.0)
-    """Motion [rad] of the reference. If the measured angle stays constant during this motion, the encoder is
-    frozen."""
+    """Angle [rad] by which the reference must move for this check. If the measured angle stays exactly
+    constant meanwhile, the encoder counts as frozen."""
     drift: float = 2.0
     """Time constant [s] with which the difference between an angle and its integrated velocity decays. The
     decay is necessary because velocity sensors have offsets, which would add up."""
     push: float = 0.3
-    """Fraction of the torque limit. If the torque changes by more than this fraction and the angle stays
-    constant, the encoder is frozen: joints and links are elastic, so a blocked joint would also move by at
-    least the resolution of its encoder. Under a constant torque, an angle may stay constant."""
+    """If the torque changes by more than this fraction of the torque limit while the angle stays constant,
+    the encoder counts as frozen. The reason is that joints and links are elastic: even a blocked joint would
+    move by at least the resolution of its encoder. While the torque is constant, the angle may stay constant
+    too."""
     mode_change: float = 0.5
     """Time [s] after a mode switch within which the robot must report the new mode."""
 

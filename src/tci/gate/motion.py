@@ -34,7 +34,8 @@ DEGREE = float(np.rad2deg(1.0))
 TARGETS = (Mode.POSITION, Mode.IMPEDANCE)
 """Modes whose commands are angles."""
 FASTEST = 1e6
-"""Upper bound on requested speeds [rad/s]. Larger numbers could overflow when they are divided."""
+"""Upper bound on requested speeds [rad/s]. Without this bound, calculations with a very large speed could
+overflow."""
 
 
 class Motion:
@@ -51,7 +52,7 @@ class Motion:
         ends = [[limit.lower for limit in limits], [limit.upper for limit in limits]]
         self._box = np.array(ends, dtype=float)
         self.groups = CommandedGroups(robot, period=period, settings=settings)
-        """Servos that are under command in any mode other than torque mode."""
+        """Servos under command, without those in torque mode."""
         self._torque = TorqueLimiter(robot, period, speed_share=settings.speed_share)
         self._fed = np.full(len(robot.servos), -np.inf)
         self._velocity = self._speed = np.zeros(len(robot.servos))
@@ -82,8 +83,8 @@ class Motion:
         return np.concatenate([*targets, self.groups.measured[self._torque.servos]])
 
     def ahead(self, time: float) -> Array:
-        """Returns the positions (k,) [rad] of the servos under command in `time` [s], in the order of
-        `reference`."""
+        """Returns the positions (k,) [rad] that the servos under command will have after `time` [s]. The
+        order is that of `reference`."""
         planned = [chain.limiter.ahead(time) for chain in self.groups.chains]
         return np.concatenate([*planned, self.groups.measured[self._torque.servos]])
 
@@ -129,8 +130,8 @@ class Motion:
         self._torque.relax()
 
     def accept(self, command: PlatformOrder, now: float) -> list[Reason]:
-        """Accepts an order. Returns the reasons for values that were clamped. If the order can't be accepted,
-        raises CommandError and changes nothing."""
+        """Accepts an order. Returns one reason for each value that was clamped. If the order can't be
+        accepted, raises CommandError and changes nothing."""
         command = self._immovable.left_out(command)
         if isinstance(command, PlatformSwitch):
             self._switch(command)
@@ -245,8 +246,8 @@ class Motion:
         return self.clamps(command, sent.tolist(), "rad/s")
 
     def check_stiffness(self, command: PlatformCommand) -> None:
-        """Raises CommandError if a joint has yielded and, with the higher stiffness, would jump back to its
-        equilibrium."""
+        """Raises CommandError if the command raises the stiffness of a joint that has yielded to an outside
+        force. A stiffer joint would jump back to its equilibrium."""
         reference = self.reference
         place = {servo: index for index, servo in enumerate(reference.servos.tolist())}
         for servo, share in zip(command.servos.tolist(), command.values.tolist(), strict=True):

@@ -29,7 +29,7 @@ class MotionPlanner:
         self._otg = Ruckig(count, period)
         self._input, self._output = InputParameter(count), OutputParameter(count)
         self.ended = False
-        """True if the latest step leads to the end of the motion."""
+        """True if the motion ends with the step that was computed last."""
 
     def set_state(self, state: Array) -> None:
         """Sets the positions [rad], velocities [rad/s] and accelerations [rad/s2] (3, n) from which the next
@@ -76,7 +76,7 @@ class MotionPlanner:
         return np.array(numbers).reshape(3, -1)
 
     def take(self) -> None:
-        """Takes the latest step: the next step begins at its end."""
+        """Takes the step that was computed last. The next step begins where this step ends."""
         self._output.pass_to_input(self._input)
 
     def ahead(self, time: float) -> Array:

@@ -1,7 +1,7 @@
 """Prevention of self-collisions: between an arm and the body, the head or the other arm.
 
-For most pairs of links, compiled loops show without a measurement that the distance is sufficient: they
-compute lower bounds on the distance (`kernels.clearance_bounds`). For the other pairs, MuJoCo measures the
+Compiled loops compute a lower bound on the distance of each pair of links (`kernels.clearance_bounds`). For
+most pairs, this bound shows that the distance is sufficient. For the other pairs, MuJoCo computes the
 distance.
 """
 
@@ -27,17 +27,18 @@ MARGIN = 0.005
 """Smallest allowed distance [m] between two links. Assumed: covers the lag of servos and the errors of
 simplified meshes."""
 WIDEST = 0.1
-"""Upper bound [m] on the distance that links must keep from each other. Assumed: with a larger margin, hands
-could hardly be used near the body."""
+"""Upper bound [m] on the argument `margin`, the distance that links must keep from each other. Assumed: with
+a larger margin, hands could hardly be used near the body."""
 SIGHT = 1.0
-"""Largest distance [m] between two links that is measured; larger distances are set to this value. Assumed:
-no link moves this far in one period."""
+"""Distance [m] between two links above which a larger distance is not measured: the result is then this
+value. Assumed: no link moves this far in one period."""
 STRIDE = 0.002
 """Largest motion [m] of a link between two checked points of a path. Assumed: less than half of the
 margin."""
 PATIENCE = 16
-"""Number of successive checks in which the stored distances did not suffice to exclude a collision, after
-which the distances are measured anew. Assumed: one measurement takes as long as a few checks."""
+"""Distances are measured once and stored. If the stored distances have not sufficed to exclude a collision in
+this number of successive checks, the distances are measured again. Assumed: one measurement takes as long as
+a few checks."""
 SPECK = 1e-6
 """Distance [m] between two links below which the direction from one link to the other is only a rounding
 error."""

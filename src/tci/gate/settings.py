@@ -28,8 +28,8 @@ class GateSettings:
     """Distance [m] that the arms keep from the body and from each other. None disables the check for
     self-collision."""
     monitor: MonitorSettings | None = field(default_factory=MonitorSettings)
-    """Thresholds of the check that the robot follows its reference. None disables the check; this setting is
-    only right if another gate checks that the robot follows its reference."""
+    """Thresholds of the check that the robot follows its reference. None disables the check. Use None only if
+    another gate makes this check."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.speed_share <= 1.0:

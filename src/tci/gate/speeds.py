@@ -43,7 +43,8 @@ class Slope:
 
     @property
     def speed(self) -> Array:
-        """Returns speeds (n,) [rad/s]; all are NaN if the latest two readings are too far apart."""
+        """Returns mean speeds (n,) [rad/s]. All speeds are NaN if the time between the latest two readings is
+        longer than SPAN."""
         if not self.span > 0.0:
             return self._none
         speed: Array = (self._past[-1].position - self._past[0].position) / self.span

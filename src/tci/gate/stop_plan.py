@@ -1,9 +1,9 @@
 """Jerk-limited stops of servos that move together. Before a state is sent, the stop from this state is
 planned.
 
-Each servo stops as soon as it can, independently of the others. In every period a stop is planned and
-checked, so a compiled loop computes its three phases (`kernels.stops`). The velocity control of ruckig would
-plan equal stops.
+Each servo stops as soon as it can, independently of the others. A compiled loop computes the three phases of
+the stop (`kernels.stops`), to save time: a stop is planned and checked in every period. The library ruckig
+would plan equal stops, but more slowly.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ backlash of joints."""
 
 
 class StopTrajectory:
-    """A planned stop of n servos, and the one step before the stop that leads to its beginning."""
+    """A planned stop of n servos, and the step that leads to the beginning of this stop."""
 
     __slots__ = ("duration", "here", "span", "way")
 
@@ -94,7 +94,7 @@ class StopPlanner:
         return inside and (keeps or self._keeps_couplings(stop))
 
     def _keeps_couplings(self, stop: StopTrajectory) -> bool:
-        """Returns True if a planned stop keeps the couplings, which is checked period by period."""
+        """Checks a planned stop period by period. Returns True if the stop keeps the couplings."""
         bounds, period = self._bounds, self._period
         if stop.duration > LONGEST_STOP * period:
             return False

@@ -23,8 +23,8 @@ from tci.gate.way_inside import CREEP, QUICK
 from tci.robot.description import Robot
 
 EARLY = 0.01
-"""Fraction of a period that is neglected when the age of data is converted to a number of periods. Assumed:
-above rounding errors."""
+"""When the age of data is converted to a number of periods, a rest below this fraction of a period is
+neglected. Assumed: larger than rounding errors."""
 REMEMBERED = 0.05
 """Time [s] for which past torques are stored. Assumed: the age of the readings from which torques are
 computed is less than this time."""
@@ -99,17 +99,17 @@ class TorqueLimiter:
 
         - At rest and far from limits, the result is the commanded torque, which rises gradually (time
           `kernels.torques.RISE`).
-        - A servo that moves too fast to stop before its limit with its acceleration limit is braked
-          immediately, with up to its full torque. If the servo is nearly at rest, the braking torque is
-          proportional to the speed.
+        - If a servo moves so fast that a stop within its acceleration limit would end beyond its position
+          limit, it is braked immediately, with up to its full torque. If the servo is nearly at rest, the
+          braking torque is proportional to the speed.
         - Near a limit, a torque towards the limit decreases to zero. Beyond the limit only a slow return is
           allowed.
         - Late data does not yet show the speed that recent torques have caused. This speed is estimated, so
           that a light servo does not exceed its speed limit either.
         - A velocity that is not finite sets the commanded torque to zero. A velocity that lags behind `slope`
           is ignored.
-        - Torques are limited to the fraction `trust` (0..1) of the values above. When `trust` rises again,
-          the torques rise gradually too.
+        - Each torque is limited to the fraction `trust` (0..1) of the torque that follows from the rules
+          above. When `trust` rises again, the torques rise gradually too.
         """
         self._trust = np.broadcast_to(trust, self.servos.shape)
         measured = np.array([position, velocity, slope, self._since(age), self._since(age + 0.5 * span)])

@@ -16,8 +16,8 @@ from tci.gate.way_inside import OUTSIDE, STILL, UNPLANNED, creeping, sags, was_t
 from tci.reasons import Code, Reason
 
 LEAST_SHARE = 1e-6
-"""Least distance of a servo in a straight motion, as a fraction of the longest distance. Shorter distances
-are increased to this value, because ruckig needs limits above 0."""
+"""In a straight motion, the limits of each servo are proportional to its distance. Distances below this
+fraction of the longest distance are replaced by this fraction, because ruckig needs limits above 0."""
 
 
 Guard = Callable[[StopTrajectory], Reason | None]
@@ -48,9 +48,9 @@ class OnlineTrajectory:
         self.ended: Reason | None = None
         """Reason why the guard ended the motion in the latest step; None if the guard did not end it."""
         self.aims: Array = np.array([bounds.inside(position), bounds.velocity, np.zeros(count)])
-        """Targets [rad], which are always inside the limits, and speed limits [rad/s] of the present motion,
-        and work space of the function that changes them, in one array (3, n). After a change, call
-        `begin`."""
+        """Array (3, n) for the present motion. Row 0: targets [rad], which are always inside the limits. Row
+        1: speed limits [rad/s]. Row 2: memory that the function which changes the targets needs. After a
+        change, call `begin`."""
         self.target: Array = self.aims[TARGET]
         self.speed: Array = self.aims[SPEED]
         """The first two rows of `aims`."""
@@ -72,7 +72,8 @@ class OnlineTrajectory:
         self._planner.set_limits(bounds.acceleration, bounds.jerk)
         self._stopper = StopPlanner(bounds, position, period)
         self.whole_state: Array
-        """Latest state as one array (3, n). While nothing moves, the identical array object."""
+        """Latest state as one array (3, n). While nothing moves, this attribute remains the identical array
+        object."""
         self.position: Array
         """Latest position (n,) [rad], the first row of the state."""
         self.outside: bool
@@ -142,7 +143,8 @@ class OnlineTrajectory:
         """Drives servos at `velocity` (k,) [rad/s], within the speed limit, until the next call.
 
         If the velocity of a servo is NaN, the servo is no longer driven and keeps its position. Such a servo
-        must be at rest before the call. A servo outside its limits moves inward, at any requested velocity.
+        must be at rest before the call. A servo outside its limits moves inward, whatever velocity is
+        requested.
         """
         self.drive[places] = velocity
         self.target[places] = self.bounds.inside(self.position)[places]
@@ -152,7 +154,7 @@ class OnlineTrajectory:
         self._begin()
 
     def _begin(self) -> None:
-        """Permits the servos to move again, because a new command has arrived."""
+        """Called for each new command: permits motions that were refused before."""
         self._stopping = self._resting = False
         self._told = self._barred = None
 
@@ -205,7 +207,7 @@ class OnlineTrajectory:
 
     @property
     def _sags(self) -> bool:
-        """True if a servo outside its limits has sagged, so that it must be led back."""
+        """True if a servo outside its limits has sagged, so that the trajectory must lead it back."""
         return sags(self.position, self.bounds, self.found, self.measured)
 
     def _advance(self) -> bool:
@@ -317,18 +319,19 @@ class OnlineTrajectory:
             self._set_straight(True)
 
     def _set_interfaces(self) -> None:
-        """Sets for each servo if it moves to a target or at a velocity."""
+        """Tells the planner for each servo whether the servo moves to a target or at a velocity."""
         self._driven = np.isfinite(self.drive)
         self.drives, self._driving = bool(self._driven.any()), False
         self._planner.set_driven(self._driven)
         self._set_straight(False)
 
     def _set_straight(self, straight: bool) -> None:
-        """Sets if the motion from the present state, and the stops of this motion, follow a straight line.
-        The servos must be at rest.
+        """Selects whether the motion from the present state, and its stops, follow a straight line. The
+        servos must be at rest.
 
-        The motion is straight if all limits are proportional to the distances of the servos. (ruckig's phase
-        synchronisation is not suitable: it fails if, because of rounding, states are not exactly on a line.)
+        The motion is straight if all limits are proportional to the distances of the servos. (The library
+        ruckig has an option for straight motions, phase synchronisation. This option is not suitable: because
+        of rounding, states are not exactly on a line, and then the option fails.)
         """
         was, self._straight = self._straight, straight and not self.drives
         self._asked = True

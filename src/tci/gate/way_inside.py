@@ -1,5 +1,5 @@
-"""The motion by which servos that were found outside their limits move back inside ("way inside"): its speed,
-and the part of it that needs no check for self-collision."""
+"""The "way inside": the motion by which servos that were found outside their limits move back inside. This
+module computes its speed, and tells which part of it needs no check for self-collision."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ QUICK = float(np.deg2rad(180.0))
 """Upper bound [rad/s] on the speed limit from which the fraction CREEP is taken. Assumed: without this bound,
 a G1's motors would move inward with half a turn per second."""
 SAGS = float(np.deg2rad(0.5))
-"""Largest angle [rad] by which a reference may lie inside the angle at which its servo was found, to lead a
-servo that has sagged back to this angle. Assumed: a usual deviation of servos. At the length of an arm, this
-angle is a distance below the margin of the check for self-collision, which covers such deviations."""
+"""A servo outside its limits may sag below the angle at which it was found. To lead the servo back to this
+angle, its reference may lie inside the angle by at most SAGS [rad]. Assumed: a usual deviation of servos. At
+the end of an arm, SAGS corresponds to a distance below the margin of the check for self-collision, which
+covers such deviations."""
 LAGS = 5e-5
 """Angle [rad] by which a servo outside its limits must sag before it is led back. Assumed: about the
 resolution of joint encoders."""
@@ -29,15 +30,14 @@ coupling."""
 UNPLANNED = Reason(Code.OTHER, "no motion inward was found for a joint outside its limits; it is tried again")
 """Reason that is reported if ruckig finds no motion, which is rare and usually ends in the next period."""
 STILL = 1e-9
-"""Angle [rad] below which a motion counts as a rounding error, so as no motion."""
+"""Angle [rad] below which a motion counts as a rounding error, so that the servo counts as at rest."""
 
 
 def creeping(speed: Array, *, straight: bool) -> Array:
     """Returns the speed (n,) [rad/s] at which servos with the speed limits `speed` (n,) [rad/s] move while
     one of them is outside its limits. If `straight` is True, all speeds are reduced by one factor.
 
-    A speed is not reduced below SLOWEST: such a slow motion would take too long for
-    ruckig, which would refuse the motion.
+    A speed is not reduced below SLOWEST, because the library ruckig refuses motions that take too long.
     """
     most = speed.max() if straight else speed
     reduced: Array = np.maximum(CREEP * np.minimum(most, QUICK), np.minimum(most, SLOWEST))
@@ -45,8 +45,8 @@ def creeping(speed: Array, *, straight: bool) -> Array:
 
 
 def sags(here: Array, bounds: Bounds, found: Array, measured: Array) -> bool:
-    """Returns True if a servo whose reference is outside its limits was measured farther outside than it was
-    found. All arguments are (n,) [rad], those of `was_there`."""
+    """Returns True if a servo has sagged: its reference is outside its limits, and its measured angle is now
+    farther outside than when the servo was found. All arguments are (n,) [rad], those of `was_there`."""
     sagged = np.where(here < bounds.lower, found - measured, measured - found)
     outside = (here < bounds.lower) | (here > bounds.upper)
     return bool(sagged.max(initial=0.0, where=outside) > LAGS)

@@ -1,7 +1,7 @@
 """TCI, the Tactile Capabilities Interface: write a touch behaviour once, run it on any humanoid.
 
 Programs need only the names below. Each name is loaded when a program first uses it. So `import tci` takes no
-longer than importing NumPy.
+longer than `import numpy`.
 """
 
 from __future__ import annotations
@@ -228,7 +228,7 @@ _NAMES = {
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
 _EXTRAS = {"tci.capabilities.behaviour_tree": "py_trees"}
-"""Package that a module of `_NAMES` needs, if an extra of TCI installs this package."""
+"""For each module of `_NAMES` that needs a package from an extra of TCI: the name of this package."""
 
 
 def __getattr__(name: str) -> Any:

@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from typing import Protocol
 
 ROUNDING = 1e-6
-"""Tolerance, as a fraction of a period: a time that is earlier than the next period by at most this fraction
-counts as this period. Without this tolerance, rounding (1e-11 s on a clock that has run for days) could make
-a period occur twice."""
+"""Tolerance, as a fraction of a period. A time that comes before the next period by at most this fraction
+counts as part of the next period. Without this tolerance, rounding (1e-11 s on a clock that has run for days)
+could make a period occur twice."""
 TAIL = 150e-6
 """Length [s] of the last part of a sleep, in which the thread waits busily to wake up on time. Assumed:
 longer than the usual delay of a wake-up (about 120 us)."""
@@ -72,7 +72,8 @@ def _least_slack() -> None:
 
 
 class ManualClock:
-    """A clock that advances only by `advance`, or when a caller sleeps on it."""
+    """A clock for tests and simulations. Its time advances only when a caller calls `advance` or
+    `sleep_until`."""
 
     def __init__(self, start: float = 0.0) -> None:
         self._now = start
@@ -91,7 +92,8 @@ class ManualClock:
 def ticks(
     clock: Clock, period: float, *, duration: float | None = None, start: float | None = None
 ) -> Iterator[float]:
-    """Yields the current time [s] once per `period` [s] from `start` [s] on, by default from now.
+    """Yields the current time [s] once per `period` [s]. The first period begins at the time `start` [s], by
+    default now.
 
     Ends after `duration` [s], if given. Ticks that were missed are skipped.
     """

@@ -3,8 +3,8 @@ and processor.
 
 Numba compiles one loop after another, each for a second or more, without any output. Here one worker process
 per processor compiles loops into Numba's cache on disk. Each loop is compiled by one worker, and a line on
-stderr shows the progress. The process that waits then loads the machine code from the cache, as every later
-process does.
+stderr shows the progress. The process that started the workers waits for them, and then loads the machine
+code from the cache. Every later process does so too.
 """
 
 from __future__ import annotations
@@ -47,10 +47,12 @@ def is_worker() -> bool:
 
 
 def compile_ahead(is_missing: Callable[[], bool]) -> None:
-    """Compiles all loops into the cache, unless this process has tried before or `is_missing()` is False.
+    """Compiles all loops into the cache. Does nothing if this process has tried before, or if `is_missing()`
+    returns False.
 
-    Other processes that start meanwhile wait until the lock on this folder is released, instead of compiling
-    the same loops. The caller must compile loops for which the workers failed.
+    This function holds a lock on the folder of the cache. Other processes that start meanwhile wait until the
+    lock is released, instead of compiling the same loops. If the workers failed to compile a loop, the caller
+    must compile it.
     """
     global _tried
     if _tried or not is_missing():
@@ -65,7 +67,7 @@ def compile_ahead(is_missing: Callable[[], bool]) -> None:
 def _alone() -> Iterator[None]:
     """Waits until no other process compiles loops. Prints a line on stderr if it has to wait.
 
-    On a system without file locks, two processes may do the same work; this is harmless.
+    On a system without file locks, two processes may compile the same loops; this only costs time.
     """
     if fcntl is None:
         yield

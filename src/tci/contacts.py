@@ -1,4 +1,5 @@
-"""Contacts of a skin as arrays, and single contacts as row views of these."""
+"""Contacts of a skin as arrays, and single contacts. A single contact is a view of one row of these
+arrays."""
 
 from __future__ import annotations
 
@@ -35,7 +36,8 @@ class Frozen:
 
 
 _GETTERS: dict[type, Callable[[object], tuple[Any, ...]]] = {}
-"""Functions that return all fields of a kind of data at once: one call is faster than one for each field."""
+"""For each class of data: a function that returns all its fields. One such call is faster than one call per
+field."""
 
 
 def _values(data: Frozen) -> tuple[Any, ...]:
@@ -61,8 +63,8 @@ class Site(NamedTuple):
 @quick
 @dataclass(frozen=True, slots=True, eq=False)
 class Contacts(Frozen, Sequence["Contact"]):
-    """Contacts of one frame as arrays; indexing returns row views. Contacts are in the order of patches, and
-    on each patch the strongest is first."""
+    """Contacts in the latest frames of all patches, as arrays with one row per contact. `contacts[i]` is a
+    view of row i. Contacts are in the order of patches; the strongest contact of each patch comes first."""
 
     sites: tuple[Site, ...]
     """Names (p,) of patch, part and segment; contacts on one patch share them."""
@@ -77,34 +79,35 @@ class Contacts(Frozen, Sequence["Contact"]):
     onset: Array
     """Time (c,) [s] of the first frame with the contact, on the driver's clock."""
     displacement: Array
-    """Distance (c,) [m] between the centre of the contact now and at its onset, in the patch's link."""
+    """Distance (c,) [m] by which the centre of each contact has moved since its onset, measured in the frame
+    of the patch's link."""
     force: Array
-    """Force (c,) [N] of each touch: the sum over its taxels, divided by two fractions. These are the fill
-    factor of the skin at the contact, and the fraction of the touch that exceeds the threshold of the
-    taxels."""
+    """Force (c,) [N] of each touch: the sum of the forces on its taxels, corrected for two losses. The sum is
+    divided by the fill factor of the skin, and by the estimated fraction of the touch that is above the
+    taxels' threshold."""
     peak: Array
     """Force (c,) [N] on the strongest taxel of each contact."""
     area: Array
     """Total area (c,) [m2] of each contact's taxels."""
     p_L: Array
-    """Centre of pressure (c, 3) [m] on the surface, in the patch's link."""
+    """Centre of pressure (c, 3) [m] on the surface, in the frame of the patch's link."""
     n_L: Array
-    """Outward unit normal (c, 3) at the centre of pressure, in the patch's link."""
+    """Outward unit normal (c, 3) at the centre of pressure, in the frame of the patch's link."""
     p_T: Array
     """Centre of pressure (c, 3) [m] in the torso frame."""
     n_T: Array
     """Outward unit normal (c, 3) in the torso frame."""
     f_T: Array
-    """Force (c, 3) [N] on the skin in the torso frame: along the inward normal, unless the sensor measures
-    its direction."""
+    """Force (c, 3) [N] on the skin, in the torso frame. If the sensor does not measure the direction of the
+    force, the direction is the inward normal."""
     u: Array
-    """Position (c,) along the segment: 0 at the proximal joint, 1 at the distal joint; NaN for skin that is
+    """Position (c,) along the segment: 0 at the proximal joint, 1 at the distal joint; NaN if the patch is
     not on a limb."""
     theta: Array
-    """Angle (c,) [rad] around the segment: 0 flexor, +pi/2 lateral, pi extensor, -pi/2 medial; NaN without a
-    limb."""
+    """Angle (c,) [rad] around the segment: 0 flexor, +pi/2 lateral, pi extensor, -pi/2 medial; NaN if the
+    patch is not on a limb."""
     limb_point: Array
-    """Position (c, 3) [limb lengths] on the generic limb (eq. 6); NaN without a limb."""
+    """Position (c, 3) [limb lengths] on the generic limb (eq. 6); NaN if the patch is not on a limb."""
     begin: NDArray[np.int64]
     """Index (c + 1,) of each contact's first taxel in the arrays below; the last element is their length."""
     taxel: NDArray[np.int64]
@@ -112,10 +115,11 @@ class Contacts(Frozen, Sequence["Contact"]):
     taxel_force: Array
     """Force (k,) [N] on each taxel."""
     taxel_point: Array
-    """Position (k, 3) [limb lengths] of each taxel on the generic limb; NaN without a limb."""
+    """Position (k, 3) [limb lengths] of each taxel on the generic limb; NaN if the patch is not on a limb."""
     certainty: Array | None = None
-    """Probability (c,) that the error of a contact's place is below 5 cm: 1 on skin, less for touches that
-    are felt through joints. The value is None if all contacts are on skin."""
+    """Probability (c,) that the estimated place of a contact is wrong by less than 5 cm. The value is 1 for
+    contacts that skin measured, and lower for touches that were estimated from joint torques. None means that
+    skin measured all contacts."""
 
     def __len__(self) -> int:
         return len(self.site)
@@ -133,7 +137,7 @@ class Contacts(Frozen, Sequence["Contact"]):
 
     @staticmethod
     def of(rows: Iterable[Contact]) -> Contacts:
-        """Returns a table with rows of other tables. Each row gets a separate site."""
+        """Returns the contacts `rows` as one `Contacts`. Each contact gets its own element in `sites`."""
         if isinstance(rows, Contacts):
             return rows
         rows = tuple(rows)
@@ -167,8 +171,8 @@ _NUMBERS = ("onset", "displacement", "force", "peak", "area", "u", "theta", "tax
 
 
 class _Number:
-    """Attribute of a `Contact` whose value is a number. It reads the element of the contact in the array of
-    `Contacts` that has the name of the attribute."""
+    """Attribute of a `Contact` whose value is a number. The value is the contact's element in the array of
+    `Contacts` with the name of the attribute."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
@@ -178,8 +182,8 @@ class _Number:
 
 
 class _Vector(_Number):
-    """Attribute of a `Contact` whose value is a vector (3,). It reads the row of the contact in the array of
-    `Contacts` that has the name of the attribute."""
+    """Attribute of a `Contact` whose value is a vector (3,). The value is the contact's row in the array of
+    `Contacts` with the name of the attribute."""
 
     def __get__(self, contact: Contact, owner: type) -> Array:  # type: ignore[override]  # no number
         vector: Array = getattr(contact.table, self.name)[contact.row]
@@ -232,8 +236,8 @@ class Contact:
 
     @property
     def certainty(self) -> float:
-        """Probability (0..1) that the error of its place is below 5 cm: 1 on skin, less if felt through
-        joints."""
+        """Probability (0..1) that the contact's estimated place is wrong by less than 5 cm: 1 if skin
+        measured the contact, lower if it was estimated from joint torques."""
         return 1.0 if self.table.certainty is None else float(self.table.certainty[self.row])
 
     @property
@@ -248,12 +252,13 @@ class Contact:
 
     @property
     def taxel_u(self) -> Array:
-        """Position (k,) of each taxel along the segment; NaN without a limb."""
+        """Position (k,) of each taxel along the segment, from 0 (proximal) to 1 (distal); NaN if the patch is
+        not on a limb."""
         return self.table.taxel_point[self._own, 0]
 
     @property
     def taxel_theta(self) -> Array:
-        """Angle (k,) [rad] of each taxel around the segment; NaN without a limb."""
+        """Angle (k,) [rad] of each taxel around the segment; NaN if the patch is not on a limb."""
         points = self.table.taxel_point[self._own]
         return frozen(np.arctan2(points[:, 1], points[:, 2]))
 

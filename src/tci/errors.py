@@ -19,7 +19,7 @@ class TciError(Exception):
     """Cause of the error, for programs."""
 
     def __init__(self, *words: object, code: Code | None = None) -> None:
-        """Stores the `code` of this error, if given; otherwise the code of the class is used."""
+        """Stores the `code` of this error. Without `code`, the error has the code of its class."""
         super().__init__(*words)
         if code is not None:
             self.code = code
@@ -72,7 +72,7 @@ def meant(name: str, valid: Iterable[str]) -> str:
 
 
 class UnknownNameError(TciError):
-    """Unknown name. The message lists the valid names and the most similar one."""
+    """Unknown name. The message lists the valid names, and suggests the valid name that is most similar."""
 
     code = Code.UNKNOWN_NAME
 

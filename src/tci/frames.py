@@ -69,12 +69,14 @@ def apply(transform_AB: Array, points_B: Array) -> Array:
 
 
 def angle_between(a: Array, b: Array) -> float:
-    """Returns the angle [rad] between two vectors (3,), exact also for nearly parallel ones."""
+    """Returns the angle [rad] between two vectors (3,). The result is also exact if the vectors are nearly
+    parallel."""
     return float(np.arctan2(np.linalg.norm(np.cross(a, b)), np.dot(a, b)))
 
 
 def frozen(values: NDArray[Any]) -> NDArray[Any]:
-    """Makes an array read-only and returns it, without a copy. No other code may refer to the array."""
+    """Makes an array read-only and returns it, without a copy. The caller must not keep another reference to
+    the array."""
     values.setflags(write=False)
     return values
 

@@ -1,7 +1,7 @@
 """The distribution (the installed package) that contains TCI, and installation advice for missing packages.
 
-The advice uses the metadata of installed distributions, so this file contains no distribution name: on PyPI,
-`tci` is another package.
+The advice uses the metadata of installed distributions, so this file contains no distribution name. The name
+`tci` would be wrong: on PyPI it belongs to another package.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ def own_distribution() -> Distribution | None:
 
 
 def advice(extra: str, *, of: Distribution | None = None) -> str:
-    """Returns advice to install an extra `of` a distribution, by default of TCI's distribution.
+    """Returns advice on how to install the extra `extra` of the distribution `of`. The default of `of` is
+    TCI's distribution.
 
     If the distribution has no such extra, the advice is to install the distribution itself.
     """
@@ -54,7 +55,8 @@ def advice(extra: str, *, of: Distribution | None = None) -> str:
 
 
 def installed_by(extra: str) -> dict[str, str]:
-    """Returns the releases of the distributions that an extra of TCI requires and that are installed."""
+    """Returns, by name, the installed releases of the distributions that an extra of TCI requires.
+    Distributions that are not installed are left out."""
     from packaging.requirements import Requirement
 
     found = own_distribution()
@@ -68,7 +70,8 @@ def installed_by(extra: str) -> dict[str, str]:
 
 
 def _names(need: Requirement, extra: str) -> bool:
-    """Returns True if a requirement belongs to an extra, on any machine."""
+    """Returns True if a requirement belongs to an extra, whatever the machine for which the requirement
+    applies."""
     return f'extra == "{extra}"' in str(need.marker)
 
 
@@ -95,8 +98,8 @@ def clashes() -> tuple[Clash, ...]:
 
 
 def clash(module: str) -> Clash | None:
-    """Returns the clash of distributions that contain `module`; None if there are not two different
-    releases."""
+    """Returns the clash of the distributions that contain `module`. Returns None if all of them are of one
+    release."""
     releases = {name: distribution(name).version for name in sorted(packages_distributions().get(module, ()))}
     if len(set(releases.values())) < 2:
         return None

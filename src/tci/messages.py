@@ -82,15 +82,15 @@ class JointReading:
     powered: NDArray[np.bool_] | None = None
     """True (n,) for each servo that is switched on; None if the robot does not report this."""
     gravity: Array | None = None
-    """Gravity minus acceleration (3,) [m/s2] of the root link of the robot's model, in the frame of that
-    link. This is the negative reading of an accelerometer on that link. The value is None if the robot does
-    not report it."""
+    """Gravity minus the acceleration of the root link of the robot's model: a vector (3,) [m/s2] in the frame
+    of that link. An accelerometer on that link measures the negative of this vector. The value is None if the
+    robot does not report it."""
 
 
 @quick
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinFrame:
-    """One frame of one patch, as the robot sent it."""
+    """One frame of one patch, with the raw values that the robot sent."""
 
     patch: str
     """Name of the patch in the robot's description."""
@@ -133,20 +133,23 @@ class SkinState(Frozen):
     pressure: Array
     """Pressure (k,) [Pa] on each active taxel, positive."""
     vector: Array | None = None
-    """Force (k, 3) [N] on each active taxel, in the patch's link; None without three-axis sensors."""
+    """Force (k, 3) [N] on each active taxel, in the frame of the patch's link; None if the taxels do not
+    measure three axes."""
     masked: NDArray[np.bool_] | None = None
     """True (n,) for each taxel of the whole skin that is masked, so that its values are ignored; None if no
     taxel is masked."""
 
     def on(self, patch: int) -> Array:
-        """Returns the pressure (taxels,) [Pa] on all taxels of one patch, inactive ones included."""
+        """Returns the pressure (taxels,) [Pa] on all taxels of one patch; 0 for taxels that are not
+        active."""
         own = slice(*self.begin[patch : patch + 2].tolist())
         pressure = np.zeros(self.taxels[patch + 1] - self.taxels[patch])
         pressure[self.active[own]] = self.pressure[own]
         return read_only(pressure)
 
     def by_patch(self, names: Iterable[str]) -> dict[str, Array]:
-        """Returns the pressure (taxels,) [Pa] on each patch that has sent a frame, by its name.
+        """Returns a dictionary from the name of each patch that has sent a frame to the pressures (taxels,)
+        [Pa] on its taxels.
 
         `names` (p,) contains the names of all patches, in the robot's order.
         """
@@ -155,8 +158,8 @@ class SkinState(Frozen):
 
 @dataclass(frozen=True, slots=True)
 class Landmark:
-    """A point on the skin of a part, defined for any robot: the point at which a ray from the middle of the
-    part's skin, in a given direction, reaches the skin."""
+    """A point on the skin of a part, defined for any robot. A ray begins in the middle of the part's skin and
+    goes in a given direction; the landmark is the point at which the ray reaches the skin."""
 
     segment: str
     """Segment of the part that carries the skin; empty for skin without a segment."""
@@ -184,9 +187,9 @@ class Support:
     forces: Mapping[str, float]
     """Present force [N] on the soles of each leg, by the name of the leg's part."""
     margin: float
-    """Distance [m] of the centre of mass from the edge of the support polygon, projected along its normal:
-    positive inside, negative outside. The polygon is that of the other legs' loaded soles; -inf without
-    loaded soles, or without masses in the model."""
+    """Distance [m] of the centre of mass, projected along the normal of the support polygon, from the edge of
+    the polygon. The distance is positive inside and negative outside. The corners of the polygon are on the
+    loaded soles of the other legs. If no sole is loaded, or the model has no masses, the value is -inf."""
 
 
 @quick
@@ -214,7 +217,7 @@ class Perception:
 
 
 def _take_mode(command: GenericCommand | SwitchMode | PlatformSwitch | PlatformCommand) -> None:
-    """Converts the mode of a command from its name, such as "position". Raises UnknownNameError."""
+    """Replaces the mode's name in a command, such as "position", by the `Mode`. Raises UnknownNameError."""
     if not isinstance(command.mode, Mode):
         object.__setattr__(command, "mode", Mode.of(command.mode))
 
@@ -242,14 +245,14 @@ class GenericCommand:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CartesianCommand:
-    """Target position of a Cartesian actuator, in position mode (§3.1: a transformation in Cartesian
-    space)."""
+    """Target position of a point of the robot, the Cartesian actuator, for example the hand. The joints move
+    in position mode (§3.1 of the paper: a transformation in Cartesian space)."""
 
     part: str
     """Name of the generic part."""
     target: Array
-    """Position (3,) in the actuator's frame: [arm lengths] relative to the shoulder in the arm's mount frame,
-    or [m] in the torso frame."""
+    """Target position (3,). For an actuator with the frame `shoulder`, such as `hand` and `elbow`: [arm
+    lengths] from the shoulder, in the arm's mount frame. For other actuators: [m], in the torso frame."""
     point: str = "hand"
     """Name of the actuator: `hand` or `elbow` of an arm, or the name of an actuator in the description."""
     nearest: bool = False
@@ -297,8 +300,8 @@ class PlatformCommand:
     values: Array
     """One value per servo (k,), in the unit of the mode."""
     speed: Array
-    """Speed limit (k,) [rad/s] of the generic joints in the description; the gate applies the speed limits of
-    the servos in addition."""
+    """Speed limit (k,) [rad/s] of each servo's generic joint, from the description. The gate also applies the
+    speed limit of the servo itself."""
 
     def __post_init__(self) -> None:
         _take_mode(self)

@@ -9,19 +9,19 @@ from enum import IntEnum, unique
 from typing import Any
 
 MOST = 100
-"""Largest number of kinds of reasons that are counted separately. Assumed: a longer list is not read."""
+"""Largest number of kinds of reasons that are counted separately. Assumed: nobody reads a longer list."""
 FIGURES = re.compile(r"\b\d[\d.]*")
-"""Figures in a text, without digits in names."""
+"""Pattern that finds the numbers in a text, but not the digits in names."""
 OTHERS = "other reasons"
-"""Text under which all further kinds of reasons are counted."""
+"""Name of the one kind that contains all reasons after the first MOST kinds."""
 
 
 @unique
 class Code(IntEnum):
     """Cause of a refusal, a hold, a stop or a fault.
 
-    Messages on networks and recordings contain the numbers, so a new cause gets a new number, and no number
-    is reused.
+    Recordings, and messages on networks, contain these numbers. So each new cause gets a new number, and the
+    number of a removed cause is never used again.
     """
 
     OTHER = 0
@@ -74,7 +74,7 @@ class Code(IntEnum):
     UNKNOWN_NAME = 501
     """A command names a part, joint or servo that the robot does not have."""
     GATE_CLOSED = 502
-    """The gate holds or has stopped for another reason."""
+    """The gate refuses a command because the gate holds or has stopped."""
     WRONG_MODE = 503
     """The mode of a command differs from the control mode of the servo, or the servo does not support the
     requested mode."""
@@ -162,23 +162,24 @@ class Reason:
 
 
 def number_of(reason: Reason | None) -> int:
-    """Returns the number of a reason's code; NO_REASON for none."""
+    """Returns the number of a reason's code; NO_REASON if `reason` is None."""
     return NO_REASON if reason is None else int(reason.code)
 
 
 def text_of(reason: Reason | None) -> str:
-    """Returns the text of a reason; an empty one for none."""
+    """Returns the text of a reason; an empty text if `reason` is None."""
     return "" if reason is None else reason.text
 
 
 def reason_of(number: int, text: str) -> Reason | None:
-    """Returns the reason for a received or recorded number and text; None for NO_REASON."""
+    """Returns the reason with the code number and the text from a message or recording; None for the number
+    NO_REASON."""
     return None if number == NO_REASON else Reason(Code.of(number), text)
 
 
 def kind_of(reason: str) -> str:
-    """Returns the text without its figures, so that equal reasons with different figures count as one kind.
-    Digits in names are kept."""
+    """Returns the text of a reason without its numbers. So two texts that differ only in a number count as
+    one kind. Digits in names are kept."""
     return FIGURES.sub("", reason)
 
 
@@ -217,7 +218,8 @@ class ReasonCounter:
         self._begun: dict[str, tuple[float, Code]] = {}
 
     def add(self, reason: Reason, now: float) -> bool:
-        """Counts a reason that occurs at `now` [s]. Returns True if it is the first of its kind."""
+        """Counts a reason that occurs at `now` [s]. Returns True if no reason of this kind occurred
+        before."""
         kind = kind_of(reason.text)
         is_new = kind not in self._first
         if is_new and len(self._first) >= MOST:

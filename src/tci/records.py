@@ -15,9 +15,10 @@ T = TypeVar("T")
 def quick(kind: type[T]) -> type[T]:
     """Makes a frozen data class with slots two to four times as fast to create, and final.
 
-    A new object first gets a helper class: it has the same slots, and permits assignments. After the last
-    assignment, the object gets its own class. This is not possible for a subclass, so subclasses are refused
-    with a TypeError. Raises TypeError if `kind` has a field that is computed or can be set only by keyword.
+    A new object first belongs to a helper class, which has the same slots and permits assignments. After the
+    last assignment, the class of the object is changed to `kind`. This is not possible for a subclass, so a
+    subclass of `kind` raises TypeError. Raises TypeError if `kind` has a field that is computed or can be set
+    only by keyword.
     """
     cls: Any = kind
     names, parameters, defaults = [], ["cls"], {}

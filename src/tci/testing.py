@@ -24,8 +24,9 @@ from tci.skin.surfaces import Surface
 PERIOD = 0.02
 """Time [s] between perceptions. Assumed: skin at 50 Hz, the lowest rate among the described robots."""
 WIDTH = 0.6
-"""Standard deviation of a touch's pressure, relative to the distance of neighbouring taxels. Assumed: under a
-fingertip the pressure on neighbouring taxels is a quarter of the largest."""
+"""Standard deviation of a touch's pressure, relative to the distance of neighbouring taxels. Assumed: when a
+fingertip presses on one taxel, the pressure on the taxels beside it is a quarter of the pressure on that
+taxel."""
 
 
 def perception(
@@ -75,8 +76,8 @@ class TouchedRobot:
     def perceive(
         self, touch: str | None = None, *, taxel: int | None = None, force: float = 2.0
     ) -> Perception:
-        """Returns the perception one `PERIOD` later, touched on the patch `touch`; with None, the robot is
-        not touched.
+        """Advances the time by one `PERIOD` and returns the perception. The robot is touched on the patch
+        `touch`; with None, it is not touched.
 
         The touch is centred on `taxel`, or on the taxel nearest to the middle of the patch. The touch presses
         that taxel, its neighbours and the gaps between them with `force` [N], rounded in the same way as by
@@ -113,8 +114,8 @@ class TouchedRobot:
 
 
 def _around(patch: Patch, surface: Surface, taxel: int | None) -> tuple[NDArray[np.intp], Array]:
-    """Returns the indices (k,) of a taxel and its neighbours, and the pressures (k,) of a round touch on it,
-    relative to the largest."""
+    """Returns the indices (k,) of a taxel and its neighbours, and the pressures (k,) on them if a round
+    object presses on the taxel. The largest pressure is 1."""
     count = len(surface.positions)
     if taxel is None:
         middle = surface.positions.mean(axis=0)

@@ -39,13 +39,13 @@ class Stream(Enum):
 
 
 MOST_AXES = 256
-"""Largest number of axes of a board. Assumed: robots have far fewer axes. Each axis is asked for its name, so
-the bound limits the number of calls."""
+"""Largest number of axes of a board. Assumed: robots have far fewer axes. The client calls the board once per
+axis to get its name, so the bound limits the number of calls."""
 
 
 @dataclass(frozen=True, slots=True)
 class AxisLimits:
-    """Range of angles that a board permits for a joint."""
+    """Smallest and largest angle that a board permits for a joint."""
 
     lower: float
     """Smallest angle [deg]."""
@@ -54,8 +54,8 @@ class AxisLimits:
 
 
 def find_board(network: Network, prefix: str, sender: str, dialect: Dialect | None = None) -> Board:
-    """Returns the board with port names that begin with `prefix`. The name of its call port determines its
-    dialect.
+    """Returns the board with port names that begin with `prefix`. If `dialect` is None, the name of the
+    board's call port determines the dialect.
 
     Raises UnknownNameError if no board has this prefix, and PortError if the name server does not answer.
     """
@@ -84,7 +84,7 @@ class Board(ABC):
 
     dialect: Dialect
     port: str
-    """End of the call port's name, after the prefix."""
+    """Last part of the name of the call port, after the prefix."""
 
     def __init__(self, prefix: str, network: Network, contact: Contact, sender: str) -> None:
         self.prefix = prefix

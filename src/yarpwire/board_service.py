@@ -33,7 +33,7 @@ class BoardService(ABC):
     accelerations: Array
     """Acceleration (n,) [deg/s2] of position moves."""
     counter = 0
-    """Number of answers with a time that were sent so far."""
+    """Number of answers sent so far that contain a time."""
 
     @property
     @abstractmethod
@@ -93,15 +93,16 @@ class BoardService(ABC):
 
     @abstractmethod
     def set_speeds(self, joints: Joints, speeds: Sequence[float]) -> None:
-        """Sets the speeds (k,) [deg/s] of joints for moves from now on."""
+        """Sets the speeds (k,) [deg/s] of joints for all later moves."""
 
     @abstractmethod
     def set_accelerations(self, joints: Joints, values: Sequence[float]) -> None:
-        """Sets the accelerations (k,) [deg/s2] of joints for moves from now on."""
+        """Sets the accelerations (k,) [deg/s2] of joints for all later moves."""
 
     @abstractmethod
     def move(self, joints: Joints, angles: Sequence[float], *, relative: bool = False) -> None:
-        """Begins a move of joints to angles (k,) [deg], at the speed of `set_speeds`."""
+        """Begins a move of joints to angles (k,) [deg], at the speed that `set_speeds` has set. If `relative`
+        is True, the angles are relative to the present ones."""
 
     @abstractmethod
     def is_done(self, joints: Joints) -> bool:

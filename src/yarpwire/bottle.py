@@ -83,8 +83,8 @@ def decode_bottle(data: bytes, dialect: Dialect) -> list[Any]:
 
 
 def read_bottle(source: Source, dialect: Dialect) -> list[Any]:
-    """Reads a Bottle up to its last byte and no further. So this function can also read replies, which have
-    no length field."""
+    """Reads a Bottle up to its last byte and no further. So this function can also read a reply, which does
+    not contain its own length."""
     code = _word(source)
     if code & LIST == 0 or code < 0:
         raise WireError(f"a Bottle begins with {code}; valid: {LIST} + the tag of its items")

@@ -62,7 +62,7 @@ class ConnectionLimit:
         return len(self._open)
 
     def add(self, end: Callable[[], None], host: str = "") -> AcceptedConnection:
-        """Adds a connection. If there are too many then, other connections are closed."""
+        """Adds a connection. If there are then more connections than the limit, closes other connections."""
         self.trim(room=1)
         connection = AcceptedConnection(end, self._clock(), host=host)
         with self._lock:
@@ -70,7 +70,7 @@ class ConnectionLimit:
         return connection
 
     def trim(self, *, room: int = 0) -> None:
-        """Closes surplus connections, so that `room` new connections can be added."""
+        """Closes so many connections that `room` new connections can be added."""
         with self._lock:
             going = surplus(self._open, self._clock(), self._most - room)
             self._open.difference_update(going)

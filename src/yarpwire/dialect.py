@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """Type numbers (tags) of one dialect, as far as YARP 3.x and 4.x differ."""
+    """Type numbers (tags) of one dialect. Only the tags that differ between YARP 3.x and 4.x are listed."""
 
     name: str
     """Major version: `3` or `4`."""

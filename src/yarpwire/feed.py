@@ -17,13 +17,14 @@ KEPT = 4
 """Number of the latest messages that are kept. Assumed: enough to choose messages of several ports that were
 measured at nearly the same time."""
 RESTARTED = 100
-"""If the message count decreases by more than this number, the sender counts as restarted. Assumed: never so
-many messages arrive out of order."""
+"""If the number in a message is smaller than the previous number by more than this value, the sender counts
+as restarted. Assumed: a message in the wrong order is never so late."""
 LATE = 0.003
-"""Longest time [s] to wait for a message after it was due. Assumed: a fraction of a control period."""
+"""If a message does not arrive at the expected time, the feed waits for at most this time [s] longer.
+Assumed: a fraction of a control period."""
 MIXED = 0.1
-"""Weight of a new interval in the running mean of the intervals between messages. Assumed: the mean covers
-about ten messages."""
+"""Weight of a new interval in the running mean of the intervals between messages. Assumed: with this weight,
+the mean depends mainly on the latest ten messages."""
 Value = TypeVar("Value")
 
 
@@ -39,7 +40,7 @@ class Sample(Generic[Value]):
 
 
 class Clock(Protocol):
-    """Maps the clock of a sender to this machine's monotonic clock."""
+    """Converts times on a sender's clock to times on this machine's monotonic clock."""
 
     difference: float | None
     """Time on this machine's clock minus time on the sender's clock [s]. The value is None before the first
@@ -103,8 +104,8 @@ class Feed(Generic[Value]):
         return self.recent[-1] if self.recent else None
 
     def at(self, stamp: float) -> Sample[Value] | None:
-        """Returns the kept message that was measured nearest to the time `stamp` [s]; None if none has
-        arrived."""
+        """Returns the kept message whose time of measurement is nearest to `stamp` [s]; None if no message
+        has arrived."""
         return min(self.recent, key=lambda sample: abs(sample.stamp - stamp), default=None)
 
     def wait(self, seconds: float) -> bool:

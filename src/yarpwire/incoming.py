@@ -27,7 +27,7 @@ from yarpwire.values import Array
 
 BURST, SLICE = 200, 0.01
 """At most BURST messages are read from one connection in SLICE [s]. A faster sender must wait or drop
-messages. Assumed: 20 000 messages per second are more than any real sender needs."""
+messages. This allows 20 000 messages per second. Assumed: no real sender needs more."""
 UDP_LARGEST = 65_507
 
 

@@ -14,8 +14,8 @@ from yarpwire.connection_limit import MOST, AcceptedConnection, ConnectionLimit
 from yarpwire.errors import PortError, YarpError
 
 LEAVING = 0.1
-"""Longest time [s] that `close` waits for the threads of its connections. Assumed: after a shutdown, the
-threads end within a millisecond. `close` waits because a thread that does not end keeps its objects in
+"""Longest time [s] that `close` waits for the threads of its connections. Assumed: after its socket is shut
+down, a thread ends within a millisecond. `close` waits because a running thread keeps its objects in
 memory."""
 
 

@@ -22,7 +22,7 @@ from yarpwire.source import LONGEST, Source
 INDEX = struct.Struct("<2si2sBB8x")
 MAGIC = 7777
 LONGEST_NAME = 1000
-"""Length [bytes] of the longest name in a header, with NUL. YARP has an equal limit."""
+"""Largest length [bytes] of a name in a header, including the final NUL. YARP has an equal limit."""
 MOST_BLOCKS = 255
 DATA, CALL, ADMIN, QUIT = "D", "d", "a", "q"
 """Kinds of commands: data, a call (data that needs a reply), an order to the port itself, and the end."""

@@ -16,7 +16,8 @@ from yarpwire.names import END, PATIENCE, ROOT, Contact
 from yarpwire.source import SocketSource
 
 FIRST_PORT = 2
-"""First port number that the server assigns, minus the server's own port number. YARP has an equal offset."""
+"""Difference between the first port number that the server assigns and the server's own port number. YARP's
+name server has the same difference."""
 MOST_NAMES = 10_000
 """Largest number of registered names. Assumed: this bounds the memory."""
 MOST_PROPERTIES = 16

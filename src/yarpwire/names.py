@@ -89,8 +89,8 @@ def parse_address(text: str, *, port: int = 10000) -> tuple[str, int]:
 
 
 def read_key() -> bytes | None:
-    """Returns the key in group AUTH of the file `auth.conf`. Returns None if there is no file: authentication
-    is off. Raises PortError if the file has no key."""
+    """Returns the key in the group AUTH of the file `auth.conf`. Returns None if the file does not exist;
+    authentication is then off. Raises PortError if the file has no key."""
     path = config_folder() / "auth.conf"
     if not path.is_file():
         return None

@@ -25,10 +25,10 @@ from yarpwire.text import to_text
 from yarpwire.values import Array
 
 MOST_UNANSWERED = 16
-"""Largest number of messages without acknowledgement. When this number is reached, new messages are dropped.
-Assumed: the reader is then slower than the sender."""
+"""Largest number of messages that the reader has not acknowledged. When this number is reached, new messages
+are dropped. Assumed: a reader with so many open messages is slower than the sender."""
 STUCK = 1.0
-"""Longest time [s] to wait until a reader accepts the rest of a message. Then the connection counts as lost.
+"""If a reader does not accept the rest of a message within this time [s], the connection counts as lost.
 Assumed: a running reader reads within a few periods."""
 GOODBYE = 0.5
 """Longest time [s] to wait for each step of ending a udp connection. Assumed: closing must not wait long for

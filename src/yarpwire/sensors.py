@@ -67,8 +67,8 @@ class Renewal:
         self._last: tuple[float, ...] = ()
 
     def check(self, measures: Sequence[Measure]) -> None:
-        """Raises RepetitionError if the time of a measure equals the time of the last accepted measure of its
-        sensor. Times of 0 and NaN are not compared, since they are no valid times."""
+        """Raises RepetitionError if a measure has the same time as the last accepted measure of the same
+        sensor. Times of 0 and NaN are not compared, since they mean that the sensor has no valid time."""
         times = tuple(one.time for one in measures)
         if len(times) == len(self._last) and any(
             time == last != 0.0 for time, last in zip(times, self._last, strict=True)

@@ -1,4 +1,4 @@
-"""Sources of bytes. Every length is checked here, before memory is allocated."""
+"""Sources of bytes. They check the length of all data before they allocate memory."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ class Memory:
 
 
 class SocketSource:
-    """A socket as a source. It reads at most a budget of bytes, which `allow` sets again for each message.
-    The socket's own timeout limits each wait."""
+    """A socket as a source. For each message, it reads at most the number of bytes that `allow` has set (the
+    budget). The socket's own timeout limits each wait."""
 
     def __init__(self, sock: socket.socket) -> None:
         self._socket = sock

@@ -18,8 +18,8 @@ Array = NDArray[np.float64]
 
 
 class Vocab(int):
-    """A vocabulary: up to four letters that are packed into an int32, such as `Vocab("set")`. Equal to this
-    integer."""
+    """A vocabulary: up to four letters that are packed into an int32, such as `Vocab("set")`. A Vocab
+    compares as equal to this integer."""
 
     def __new__(cls, word: str | int) -> Vocab:
         """Packs the letters. Raises WireError if the text does not fit."""

@@ -1,6 +1,6 @@
 """Checks of arguments that the user gives.
 
-TCI accepts each argument with a clear meaning. TCI refuses any other argument with a message that lists the
+TCI accepts an argument only if its meaning is clear. Otherwise TCI raises an error, whose message lists the
 valid values.
 """
 

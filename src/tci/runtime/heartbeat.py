@@ -19,15 +19,15 @@ from tci.errors import DriverError, TciError
 from tci.reasons import Code, Reason
 
 TIMEOUT = 0.08
-"""Time [s] without a beat after which a process counts as dead. `TIMEOUT` plus one control period is below
-100 ms."""
+"""Time [s] without a beat after which a process counts as dead. The value is chosen so that the robot holds
+within 100 ms: `TIMEOUT` plus one control period is shorter."""
 INTERVAL = 0.02
 """Time [s] between two beats. Assumed: four beats are sent within `TIMEOUT`."""
 _FORM = struct.Struct("<4sQ16sI")
 _MAGIC = b"TCIb"
 _PER_CALL = 64
-"""Largest number of datagrams that one call of `Listener.fault` reads. This number limits the duration of a
-call if very many datagrams arrive."""
+"""Largest number of datagrams that one call of `Listener.fault` reads. Without this limit, a call would last
+too long if very many datagrams arrive."""
 
 
 def encode(name: str, sequence: int) -> bytes:

@@ -2,10 +2,10 @@
 
 A second process that requests the lease gets an error. The lease is a lock on a file. The operating system
 releases the lock when the process ends, also after a crash. The lease is valid between the processes of one
-user on one machine, and between threads. The file is in /tmp/tci-UID. TMPDIR and XDG_RUNTIME_DIR do not
-change this folder. The lease does not protect against other users, other machines, or containers with a
-separate /tmp. For a served robot (`tci serve`), the serving process holds the lease. The server can't
-distinguish several clients over YARP or NAOqi, so all these clients can send commands.
+user on one machine, and between threads. The file is in /tmp/tci-UID. The environment variables TMPDIR and
+XDG_RUNTIME_DIR do not change this folder. The lease does not protect against other users, other machines, or
+containers with a separate /tmp. For a served robot (`tci serve`), the serving process holds the lease. The
+server can't distinguish several clients over YARP or NAOqi, so all these clients can send commands.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ except ModuleNotFoundError:  # pragma: no cover - on Windows
     fcntl = None  # type: ignore[assignment]  # the module is missing
 
 FOLDER = "TCI_LEASES"
-"""Name of the environment variable with another folder for leases, for example a folder that several
+"""Name of the environment variable that replaces the folder for leases, for example by a folder that several
 containers share."""
 VALID = (
     f"valid: a folder of your own; {FOLDER} names another, the same in every program that commands the robot"

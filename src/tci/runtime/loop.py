@@ -38,14 +38,15 @@ MISSED = 3
 """Least number of successive missed periods at which the gate holds the robot. Assumed: without real-time
 priority, a few missed periods are normal."""
 PERSISTS = 0.1
-"""Longest time [s] for which skin frames may not fit the robot's description. After this time the gate stops
-the robot. Assumed: single damaged frames do no harm."""
+"""If skin frames do not fit the robot's description for longer than this time [s], the gate stops the robot.
+Assumed: single damaged frames do no harm."""
 REST = 0.5
 """Longest time [s] that the loop waits at the end of a run until the robot is at rest. Assumed: with the
 accelerations in the descriptions, robots come to rest in less time."""
 LET_GO = 0.1
-"""Length [s] of the last part of `REST`. In this part the loop reads no sensor data, so that the gate sets
-all torques to zero. Otherwise a joint in torque mode would keep its last torque."""
+"""Length [s] of the last part of the time `REST`. In this part the loop reads no sensor data. The gate then
+sets all torques to zero, because its data is too old. Otherwise a joint in torque mode would keep its last
+torque."""
 STILL = 1e-6
 """Commanded speed [rad/s] below which a joint counts as at rest. Assumed: larger than rounding errors, and
 far smaller than the speed of any motion."""
@@ -267,8 +268,8 @@ class _Loop(Generic[Memory]):
         return self._perception
 
     def finish(self) -> None:
-        """Brings moving joints to rest, and then ends the hold that stopped them. This is needed at the end
-        of a run because no later tick ends the joints' motion.
+        """Brings moving joints to rest with a hold, and then ends the hold. This is needed at the end of a
+        run, because no later tick would end the motion of the joints.
         """
         if self._sent is None or not _moves(self._sent):
             return

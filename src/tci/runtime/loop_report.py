@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 FINEST = 1e-6
 """Upper edge [s] of the first bin of a histogram. Assumed: every step of the loop needs more time."""
 PER_DOUBLING = 16
-"""Number of histogram bins between a time and the double of this time."""
+"""Number of bins of a histogram between any time and twice this time."""
 BINS = 512
 
 
@@ -35,8 +35,8 @@ class Histogram:
         self.counts[min(place, BINS - 1)] += 1
 
     def quantile(self, share: float) -> float:
-        """Returns the time [s] that a fraction `share` (0..1) of all recorded times do not exceed. The result
-        is rounded up to the upper edge of a bin.
+        """Returns a quantile [s]: a fraction `share` (0..1) of all recorded times is at most as long as the
+        result. The result is rounded up to the upper edge of a bin.
         """
         total = int(self.counts.sum())
         if not total:
@@ -66,7 +66,7 @@ class LoopReport:
     """Number of readings that the loop rejected because the skin frames in the reading did not fit the
     robot's description."""
     lateness: Histogram = field(default_factory=Histogram)
-    """Delay [s] of each tick after the planned start of its period."""
+    """Delay [s] of each tick: time from the planned start of the tick's period to the real start."""
     work: Histogram = field(default_factory=Histogram)
     """Computing time [s] of each tick, measured on the machine's own clock."""
     ended: str = ""

@@ -17,8 +17,8 @@ from tci.reasons import Notice, Reason, ReasonCounter, text_of
 from tci.runtime.loop_report import LoopReport
 
 MOVED = float(np.deg2rad(1.0))
-"""Least change of angle [rad] for which a servo counts as moved. Assumed: gravity turns a servo at rest by
-less than this angle."""
+"""A servo counts as moved if its angle changed by at least this value [rad] during the run. Assumed: gravity
+turns a servo at rest by a smaller angle."""
 SHOWN = 6
 """Largest number of servos that the summary of a run lists, and largest number of refusals, clamps and holds.
 Assumed: users do not read longer lists."""
@@ -58,12 +58,13 @@ class RunResult(Generic[Memory]):
     """Number of commands that the gate accepted. The first orders of the capability (`begin`) do not
     count."""
     refusals: tuple[Notice, ...]
-    """Reasons for which the gate refused commands, by kind of refusal."""
+    """Reasons for which the gate refused commands, one notice per kind of reason."""
     clamps: tuple[Notice, ...]
-    """Reasons for which the gate clamped or shortened commands, by kind of clamp."""
+    """Reasons for which the gate clamped commands or ended their motions early, one notice per kind of
+    reason."""
     holds: tuple[Notice, ...]
-    """Reasons for which the gate held the robot, by kind of reason. Each reason has the number of periods in
-    which the gate held the robot for this reason."""
+    """Reasons for which the gate held the robot, one notice per kind of reason. The `count` of a notice is
+    the number of periods in which the gate held the robot for this reason."""
 
     @property
     def ended(self) -> str:

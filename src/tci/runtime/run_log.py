@@ -26,7 +26,8 @@ LULL = 0.5
 """Time [s] without contact after which a new contact on a patch is a new event. Assumed: when a hand slides
 over a patch, the contact is lost for shorter times."""
 STILL = 1e-6
-"""Commanded speed [rad/s] below which a joint counts as at rest. Assumed: larger than rounding errors."""
+"""A joint counts as at rest if its commanded speed [rad/s] is below this value. Assumed: larger than rounding
+errors."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +48,8 @@ class Event:
 
 
 class RunLog:
-    """Finds the events of a run in the run's ticks. Passes each event to `listen` immediately."""
+    """Finds the events of a run in the data of each tick. Passes each event to the function `listen`
+    immediately."""
 
     def __init__(self, driver: Driver, listen: Callable[[Event], None]) -> None:
         self.events: list[Event] = []

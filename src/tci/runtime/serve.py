@@ -1,5 +1,6 @@
-"""Serves a robot to other programs. Runs the control loop with orders of a server instead of orders of a
-capability. The gate, the lease and the watchdogs of this process apply to all orders from the other programs.
+"""Serves a robot to other programs. Runs the control loop with the orders that a server receives, instead of
+the orders of a capability. The gate, the lease and the watchdogs of this process apply to all orders from the
+other programs.
 """
 
 from __future__ import annotations

@@ -32,11 +32,11 @@ from tci.skin.skin import Skin
 REHEARSAL = 1.5
 """Shortest duration [s] of a run with an injected fault. One poke and the robot's response need less time."""
 FLICKER = 0.4
-"""Noise [counts] of the simulated skin in a run with injected faults. Assumed: with this noise, most rounded
-values stay constant, and some values change by one count."""
+"""Noise [counts] of the simulated skin in a run with injected faults. Assumed: values are rounded to whole
+counts, so with this noise most values stay constant, and some change by one count."""
 POKE_DELAY = 0.3
-"""Time [s] from the start of a run to the touch by the simulated finger. The robot is at rest until the
-touch.
+"""The simulated finger touches the robot this time [s] after the start of the run. Until the touch, the robot
+is at rest.
 """
 
 
@@ -172,10 +172,9 @@ def recorder_for(path: Path, driver: Driver, via: str, about: Mapping[str, str])
     """Opens a recorder for the readings of a driver. Raises the errors of `Recorder`.
 
     Args:
-        path: File to write.
-        driver: Driver with the robot, period and facts that are recorded.
-        via: NAME or NAME:ADDRESS that was used to open the driver.
-        about: Further facts about the recording, by key.
+        path: File to write. driver: Driver whose robot, period and facts the recorder writes into the file.
+        via: NAME or NAME:ADDRESS that was used to open the driver. about: Further facts about the recording,
+        by key.
     """
     return Recorder(
         path,

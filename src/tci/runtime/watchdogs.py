@@ -34,11 +34,11 @@ STOOD = 0.3
 """Delay [s] of a period above which the process counts as stalled. Assumed: delays that other programs cause
 are shorter."""
 PILED_UP = 0.3
-"""Time [s] after a stall in which the loop reads all queued data. Assumed: equal to the shortest detected
-stall."""
+"""Time [s] for which the robot holds after a stall, while the loop reads all queued data. Assumed: as long as
+the shortest stall that is detected."""
 FROZEN_BY_PYTHON = 1000
-"""Number of frozen objects (`gc.freeze`) above which a program has frozen objects of its own. Python 3.12
-itself freezes 375 objects. A program that freezes its own objects has thousands."""
+"""If more objects than this number are frozen (`gc.freeze`), the user's program has frozen objects of its
+own. Python 3.12 itself freezes 375 objects. A program that calls `gc.freeze` freezes thousands."""
 
 
 @contextmanager
@@ -96,7 +96,7 @@ class SkinWatchdog:
 
 
 class TorqueWatchdog:
-    """Detects that joints have stopped reporting torques.
+    """Detects joints that no longer report torques.
 
     Robots that detect touches by joint torques need this watchdog. Torques that stay exactly constant while
     the joints move do not count as new.
@@ -249,8 +249,8 @@ def _leave_threads(found: Interruption) -> None:
 
 @contextmanager
 def frozen_garbage() -> Iterator[None]:
-    """Excludes all existing objects from garbage collection inside the block. Otherwise each garbage
-    collection would stop the loop for a longer time if the program has more objects.
+    """Excludes all existing objects from garbage collection inside the block. Otherwise, in a program with
+    many objects, each garbage collection would stop the loop for a long time.
     """
     if gc.get_freeze_count() > FROZEN_BY_PYTHON:
         yield

@@ -24,8 +24,8 @@ ADDERS: dict[type, str] = {
     Int8: "addInt8", Int16: "addInt16", Int64: "addInt64", Float32: "addFloat32",
 }  # fmt: skip
 RESTED = 1.0
-"""Idle time [s] after which a connection is opened again, because the other end may close it. Assumed: half
-of the 2 s after which YARP closes an idle connection."""
+"""If a connection was idle for longer than this time [s], it is opened again, because the other end may have
+closed it. Assumed: half of the 2 s after which YARP closes an idle connection."""
 _open: dict[int, Any] = {}
 
 

@@ -23,8 +23,8 @@ from tci.gate.way_inside import CREEP, QUICK
 from tci.robot.description import Robot
 
 EARLY = 0.01
-"""When the age of data is converted to a number of periods, a rest below this fraction of a period is
-neglected. Assumed: larger than rounding errors."""
+"""Fraction of a period below which a remainder is neglected, when the age of data is converted to a number of
+periods. Assumed: larger than rounding errors."""
 REMEMBERED = 0.05
 """Time [s] for which past torques are stored. Assumed: the age of the readings from which torques are
 computed is less than this time."""

@@ -1,9 +1,9 @@
 """Calibrates a patch from a recording in which a force sensor measures the load on the patch.
 
 The bias of the force sensor and the rest values of the skin need not be known. The force is modelled as an
-offset plus the sum, over all taxels, of force times gain. Only a few places are pressed in a recording;
-therefore a penalty keeps the gain of each taxel near the gain of the patch. Cross-validation chooses the
-penalty.
+offset plus the sum, over all taxels, of force times gain. In a recording only a few places are pressed.
+Therefore a penalty keeps the gain of each taxel near the gain of the whole patch. Cross-validation chooses
+the penalty.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ REST = 0.05
 """Fraction of the frames from which rest values are computed: the frames with the least sum of raw values.
 Assumed: on a robot that sways, each part of the skin is unloaded in this fraction of the frames."""
 PENALTIES = (np.inf, 100.0, 10.0, 1.0, 0.1, 0.01, 0.001)
-"""Candidates for the penalty on differences between the gains of taxels, relative to the mean square of the
-taxels' forces. Assumed: with the largest penalty all taxels have the same gain, and with the smallest penalty
-the gains fit noise."""
+"""Penalties that are tried, relative to the mean square of the taxels' forces. A penalty acts on differences
+between the taxels' gains. Assumed: with the largest penalty all taxels have the same gain, and with the
+smallest penalty the gains fit noise."""
 LEAST, MOST = 0.2, 5.0
 """Range of a taxel's gain, relative to the gain of the patch. Assumed: a taxel that is hardly pressed in the
 recording must not get a gain near 0."""
@@ -56,8 +56,8 @@ class ForceFit:
     held_out_one_gain: float
     """Error [N], computed in the same way as `held_out`, for a fit with one gain for all taxels."""
     held_out_raw_sum: float
-    """Error [N], computed in the same way as `held_out`, for a load that is modelled as the sum of all raw
-    values with gain and offset."""
+    """Error [N] of a simpler model, computed in the same way as `held_out`: the load is one gain times the
+    sum of all raw values, plus an offset."""
 
 
 def calibrate_to_force(
@@ -115,7 +115,8 @@ def fit_recording(
 
 
 def fit_force(parts: Array, load: Array, blocks: NDArray[np.intp], *, raw: Array) -> ForceFit:
-    """Fits gains to a `load` (m,) [N], from the forces `parts` (m, n) [N] of the taxels without gains.
+    """Fits gains to a measured `load` (m,) [N]. `parts` (m, n) [N] are the taxels' forces before the gains
+    are applied.
 
     `blocks` (m,) is the block number of each frame; the frames of a block are held out together. `raw` (m,)
     is the sum of all raw values of each frame, for the error `held_out_raw_sum`.

@@ -25,12 +25,13 @@ def check_skins(
     *,
     progress: Callable[[str, int, int], None] = lambda skin, done, count: None,
 ) -> list[dict[str, Any]]:
-    """Returns the distances of a skin file from `link`, or of every patch of a robot from its own link.
+    """Compares a skin file with the mesh of `link`, or every patch of a robot with the mesh of the patch's
+    link. Returns one row of distances for each skin.
 
-    Each row consists of JSON values. For a patch, the row contains `mount`: the pose that the description
-    must contain so that the patch is moved by the correction. `progress` is called before each skin with its
-    name, the number of skins that are done, and the number of all skins. Raises CommandError for `file`
-    without `link`, `link` without `file`, or a robot without skin.
+    Each row consists of JSON values. For a patch, the row contains `mount`, a corrected pose. With this pose
+    in the description, the patch lies on the mesh. `progress` is called before each skin with its name, the
+    number of skins that are done, and the number of all skins. Raises CommandError for `file` without `link`,
+    `link` without `file`, or a robot without skin.
     """
     if (file is None) != (link is None):
         raise CommandError("--file and --link need each other; valid: --file FILE --link LINK")

@@ -41,8 +41,8 @@ def with_dense_skin(robot: Robot, taxels: int, *, patches: int | None = None, pi
 
 
 def _piece(patch: Patch, fit: ConeFit, number: int, of: int, taxels: int, pitch: float) -> Patch:
-    """Returns one patch with about `taxels` taxels on a section of a limb's cone: section `number` (from 0)
-    of `of` sections."""
+    """Returns one patch with about `taxels` taxels on a section of a limb's cone. The cone is divided into
+    `of` sections; `number` (from 0) is the index of the section."""
     gap = 0.05 if number + 1 < of else 0.0
     begin, end = fit.length * number / of, fit.length * (number + 1 - gap) / of
     r1, r2 = float(fit.radius(np.array(begin))), float(fit.radius(np.array(end)))

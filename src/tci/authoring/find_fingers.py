@@ -1,9 +1,9 @@
 """Finds the fingers of a hand: chains of joints that lie side by side on a palm, identified by place and
 name.
 
-A finger bends in the direction in which its joints can move farther. The bending axis of the thumb differs
-from those of the other fingers, or the thumb bends against the other fingers. The index finger is next to the
-thumb.
+Each finger is assumed to bend in the direction in which its joints have the larger range. The bending axis of
+the thumb differs from those of the other fingers, or the thumb bends against the other fingers. The index
+finger is next to the thumb.
 """
 
 from __future__ import annotations
@@ -28,17 +28,18 @@ degrees, because the joints of thumbs are twisted."""
 FEWEST = 3
 """Least number of finger-like chains of a hand. An end effector with fewer chains counts as a gripper."""
 CLEAR = np.deg2rad(25.0)
-"""Least difference [rad] between the ranges of a finger in its two directions. If the difference is larger,
-the finger bends in the direction with the larger range; if not, its bending direction is in doubt."""
+"""Least difference [rad] between the ranges of a finger in its two directions. If the ranges differ by more
+than this value, the finger bends in the direction with the larger range. Otherwise the bending direction is
+in doubt."""
 APART = 0.1
 """The thumb is the finger without which the bending axes of the others are most parallel. So each finger is
-left out in turn, and the least cosine between the axes of the others is computed. The largest result must
-exceed all other results by this value, or else no finger counts as the thumb. Assumed: fingers that fan out
-change the cosine by less than this value."""
+left out in turn, and the least cosine between the axes of the other fingers is computed. The largest of these
+cosines must exceed each other one by this value. Otherwise no finger counts as the thumb. Assumed: fingers
+that fan out change the cosine by less than this value."""
 BESIDE = 0.3
 """Least distance of a thumb from the middle of the palm, as a fraction of half the palm's width, at which the
-thumb counts as attached to one side of the palm. At a smaller distance it counts as in the middle. Assumed:
-the thumb of a Dex3 hand is in the middle of the palm."""
+thumb counts as attached to one side of the palm. At a smaller distance the thumb counts as attached in the
+middle. Assumed: the thumb of a Dex3 hand is in the middle of the palm."""
 FLEXED = np.deg2rad(30.0)
 """Angle [rad] by which each bending joint is bent to test which joint spreads the finger. With a straight
 finger this test can fail, because a joint may rotate the finger about the finger's own axis."""
@@ -47,7 +48,7 @@ SIDEWAYS = 0.3
 smaller cosine does not spread the finger."""
 ROUNDED = float(np.deg2rad(15.0))
 """Step [rad] to which the thumb's opposition at the model's zero is rounded. Assumed: an angle derived from
-shapes is not more accurate than this step."""
+the geometry of links is not more accurate than this step."""
 _NAMES = {
     "thumb": re.compile(r"(?i)thumb|(?<![a-z])th(?=j|\d|_|-|$)"),
     "index": re.compile(r"(?i)index|forefinger|(?<![a-z])ff(?=j|\d|_|-|$)"),
@@ -180,8 +181,8 @@ def _base(joints: Sequence[Joint], finger: Finger) -> Array:
 
 
 def _named(joints: Sequence[Joint], finger: Finger) -> str | None:
-    """Returns the finger name that most names of the finger's joints and links contain; None if these names
-    contain no finger name."""
+    """Returns the name of the finger, for example "thumb": the word that occurs in most names of the finger's
+    joints and links. Returns None if no such word occurs."""
     words = [word for one in finger.chain for word in (joints[one].name, joints[one].link)]
     counts = {name: sum(bool(words_of.search(word)) for word in words) for name, words_of in _NAMES.items()}
     most = max(counts, key=counts.__getitem__)

@@ -15,8 +15,8 @@ SLANTED = 0.8
 """Least cosine between the axis of hip pitch and the y axis. Assumed: the two axes differ by at most 37
 degrees, because the hips of some humanoids are slanted by 30 degrees."""
 TALL = 0.1
-"""Least height of a hip above its ankle, as a fraction of the extent of all joints. Assumed: the legs of
-every humanoid are a larger fraction."""
+"""Least height of a hip above its ankle, as a fraction of the extent of all joints. Assumed: in every
+humanoid the hip is higher than that."""
 SEGMENT = 0.25
 """Least height between hip and knee, and between knee and ankle, as a fraction of the hip's height above the
 lowest joint. Assumed: this value excludes toes and parallel linkages, whose joints are closer together."""
@@ -38,7 +38,7 @@ class Leg:
 def find_legs(
     joints: Sequence[Joint], taken: set[int], extent: float, *, slanted: float = SLANTED
 ) -> dict[Side, Leg]:
-    """Finds both legs, by side, among the joints that are not `taken`.
+    """Finds both legs, by side. Joints in `taken` belong to other limbs and are not considered.
 
     The result is empty for a robot that does not have exactly two legs. `extent` [m] is the extent of all
     joints. `slanted` is the least cosine between the axis of hip pitch and the y axis.

@@ -136,8 +136,8 @@ def _arms_of(
     model: Model, joints: Sequence[Joint], pairs: Sequence[Pair], points: LinkPoints, R_RH: Array, *,
     chosen: tuple[str, str] | None, lone: Sequence[Limb],
 ) -> dict[str, Limb]:  # fmt: skip
-    """Returns the two arms by side, each with the end of its forearm. `lone` are the limbs without a mirror
-    image.
+    """Returns the two arms by side, each with the end of its forearm. `lone` are the limbs for which no
+    mirror image was found.
 
     Raises DescriptionError if no pair of limbs is a pair of arms, if several are, or if the place and the
     names of a pair contradict each other.
@@ -210,10 +210,8 @@ def _ended(
 
 
 def _medians(joints: Sequence[Joint]) -> list[float]:
-    """Returns the coordinates y [m] at which the median plane may lie, for a model whose root is beside this
-    plane.
-
-    In each of these planes, a limb is the mirror image of another limb.
+    """Returns possible coordinates y [m] of the median plane, for a model whose root is beside this plane.
+    For each returned plane, one limb is the mirror image of another limb.
     """
     tolerance = MIRRORED * extent_of(joints)
     limbs = [limb for bend in range(len(joints)) if (limb := limb_at(joints, bend)) is not None]
@@ -288,8 +286,8 @@ def _mirrored(joints: Sequence[Joint], limbs: list[Limb]) -> list[Mapping[str, L
 
 
 def _own_line(joints: Sequence[Joint], limb: Limb, trunk: tuple[int, ...]) -> list[int]:
-    """Returns the joints of a limb: all joints from its first joint outwards, and the joints between the limb
-    and the trunk."""
+    """Returns all joints that belong to a limb: the limb's own joints, joints farther out, and joints between
+    the limb and the trunk."""
     return [*carried(joints, limb.ball[0]), *set(ancestors(joints, limb.ball[0])).difference(trunk)]
 
 

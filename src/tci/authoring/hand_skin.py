@@ -20,8 +20,8 @@ from tci.robot.generic_fingers import PALM
 
 # All values below are assumed: published fingers are 14 to 24 mm thick.
 TIP, PAD = (0.3, 0.95), (0.45, 0.9)
-"""Part of a finger's last link that skin covers, and part of the palm that the pad covers: begin and end, as
-fractions of the length."""
+"""TIP: section of a finger's last link that skin covers. PAD: section of the palm that the pad covers. Each
+section is given by its begin and end, as fractions of the length."""
 THIN, THICK, USUAL = 0.006, 0.014, 0.009
 """Least and largest radius [m] of a finger tip, and its radius if the model has no shapes."""
 ROUND = 0.012

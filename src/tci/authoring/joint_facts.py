@@ -22,17 +22,18 @@ SPEED = float(np.deg2rad(120.0))
 FASTEST = 50.0
 """A speed limit [rad/s] in the file that is at least this value counts as a placeholder."""
 ACCELERATION = np.deg2rad((400.0, 2400.0))
-"""Least and largest acceleration limit [rad/s2] that is proposed. Between these values, the proposed limit is
-the acceleration that a quarter of the joint's torque gives to the largest inertia that the joint can move."""
+"""Range [rad/s2] of proposed acceleration limits. Within this range, the proposed limit is an acceleration
+that the joint reaches with a quarter of its torque, when it moves its largest inertia."""
 MOST_TORQUE = 0.35
-"""Largest fraction of the joint's torque that is used for acceleration, if a quarter is not enough for the
-least value of ACCELERATION."""
+"""Largest fraction of a joint's torque that is used for acceleration. More than a quarter is used only if a
+quarter does not give the least acceleration in ACCELERATION."""
 SLOWEST = float(np.deg2rad(30.0))
 """Least acceleration [rad/s2] of an arm's joint with its largest inertia under its full torque. Real arms
-reach more than 10 rad/s2; a file from which a lower acceleration follows has wrong units or a placeholder."""
+reach more than 10 rad/s2; if a file gives a lower acceleration, its units are wrong, or a value in it is a
+placeholder."""
 LOST = 1.0 / 3.0
-"""Largest fraction of the torque that may be spent on damping at full speed; the remaining torque is for
-motion and weight."""
+"""Largest fraction of a joint's torque that damping may use at full speed. The remaining torque moves the
+limb and carries its weight."""
 JERK = 100.0
 """Ratio of the proposed jerk limit to the proposed acceleration limit [1/s]."""
 TORQUE, FINGER_TORQUE, STRONGEST = 40.0, 1.0, 1e4
@@ -82,10 +83,10 @@ def read_facts(model: Model, compiled: mujoco.MjModel) -> dict[str, JointFacts]:
 def driven(joints: Sequence[Joint], facts: Mapping[str, JointFacts], needed: set[int]) -> set[int]:
     """Returns the indices of the joints that count as servos.
 
-    A joint at the end of a chain with `stuck` set is left out, unless `needed` contains the joint. If a joint
-    follows another joint by a fixed ratio, only the leading joint is a servo. There is one exception: if
-    `needed` contains the follower and the leading joint (a gear at the motor) carries no joint, the follower
-    is the servo instead.
+    A joint at the end of a chain is left out if its range is a single angle (`stuck`), unless `needed`
+    contains the joint. If a joint follows another joint by a fixed ratio, only the leading joint is a servo.
+    There is one exception: if `needed` contains the follower and the leading joint (a gear at the motor)
+    carries no joint, the follower is the servo instead.
     """
     index = {joint.name: place for place, joint in enumerate(joints)}
     parents = {joint.parent for joint in joints}

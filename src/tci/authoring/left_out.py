@@ -1,4 +1,5 @@
-"""Notes on heads, torsos and legs that a model has but a proposed description lacks, with reasons."""
+"""Notes on parts (head, torso, legs) that are in a model but not in its proposed description, with
+reasons."""
 
 from __future__ import annotations
 
@@ -14,8 +15,7 @@ from tci.robot.kinematics import bare_model
 
 STEEPEST = 0.26
 """Least cosine between the axis of hip pitch and the y axis at which joints that fit no generic leg are still
-reported as a leg that was left out. Assumed: a joint whose axis is more than 75 degrees from the y axis is no
-hip pitch."""
+reported as a leg that was left out. Assumed: the axis of hip pitch is at most 75 degrees from the y axis."""
 
 SLIDES = int(mujoco.mjtJoint.mjJNT_SLIDE)
 

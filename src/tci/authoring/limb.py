@@ -1,4 +1,5 @@
-"""Finds limbs by geometry: three joints form a ball joint, and a fourth joint, at a distance, bends the limb.
+"""Finds limbs by geometry. In a limb, three joints form a ball joint, and a fourth joint, farther out, bends
+the limb.
 
 The third axis lies along the limb. The fourth axis is perpendicular to the third one. Generic arms and human
 legs have this arrangement of joints. Limits on lengths are fractions of the limb's length, so that the size
@@ -17,8 +18,8 @@ from tci.frames import Array
 from tci.robot.shoulder import SLANT, nearest_point
 
 PARALLEL = 0.9
-"""Cosine of the angle between two successive joint axes above which the joints form no ball joint, because
-their axes are too close to parallel. Assumed: in a ball joint the axes differ by at least 26 degrees."""
+"""Largest cosine of the angle between successive joint axes of a ball joint. Above it, the axes are too close
+to parallel. Assumed: in a ball joint the axes differ by at least 26 degrees."""
 ASIDE = 0.6
 """Largest offset of the limb's axis from the centre of its ball joint, and from the bending axis, as a
 fraction of the limb's length. Assumed: with a larger value other chains of joints are taken for limbs; with a
@@ -27,8 +28,9 @@ SHORT = 0.18
 """Least length of an upper arm or thigh, as a fraction of the reach of its chain. Assumed: with a larger
 value short limbs are missed; with a smaller value links of a wrist or an ankle are taken for limbs."""
 BESIDE = 0.3
-"""Largest distance of the axis of pronation from the elbow, as a fraction of the upper arm's length. Assumed:
-larger than the fraction of Baxter's elbow (0.22), smaller than that of a wrist's joint."""
+"""Largest distance of the axis of pronation from the elbow, as a fraction of the upper arm's length. The
+robot Baxter has an elbow with a fraction of 0.22. Assumed: joints of a wrist have a larger fraction than this
+value."""
 STUB = 0.2
 """Least length of a forearm or shank, as a fraction of the length of the upper arm or thigh. Assumed: real
 forearms are longer."""

@@ -15,8 +15,8 @@ Vote = Literal["arm", "leg"] | None
 """Kind of a pair of limbs; None if the kind can't be determined."""
 
 CLEAR = 0.05
-"""Least height of the limbs' roots above or below the robot's centre of mass at which the height decides
-between arms and legs, as a fraction of the length of upper arm or thigh.
+"""Least vertical distance between the limbs' roots and the robot's centre of mass, as a fraction of the
+length of upper arm or thigh. At a smaller distance, height does not decide between arms and legs.
 
 Assumed: larger than the asymmetry of a torso that ends at its shoulders, smaller than the distance between
 real shoulders and hips.
@@ -41,9 +41,8 @@ def named_side(name: str) -> str | None:
 
 
 def is_named_so(joints: Sequence[Joint], pair: Pair) -> bool:
-    """Returns True if the names of a pair's first joints do not contradict its sides.
-
-    If the names of both limbs contain one and the same side, such as `_r0` and `_r1`, they are ignored.
+    """Returns True if the names of a pair's first joints do not contradict its sides. Names are ignored if
+    both contain one side, such as `_r0` and `_r1`.
     """
     named = {side: named_side(joints[limb.ball[0]].name) for side, limb in pair.items()}
     return len(set(named.values())) == 1 or all(told in (None, side) for side, told in named.items())

@@ -54,8 +54,8 @@ class PatchMeasurement:
     """File to which the calibration was written."""
     found: PatchCalibration
     loads: list[dict[str, float]]
-    """Three forces [N] for each load: the known force, and the force that the skin measures before and after
-    the calibration."""
+    """Three forces [N] for each load: the known force, the force that the skin measured before the
+    calibration, and the force that it measures with the calibration."""
     force: ForceFit | None = None
     """Fit to the log of a force sensor; None without a log."""
 
@@ -226,8 +226,8 @@ def _pressed(session: _LoadSession, surface: Surface, weights: Sequence[float]) 
 
 
 def _compare(sensor: Any, areas: Array, found: PatchCalibration, load: Load) -> dict[str, float]:
-    """Returns the known force of a load, and the force by the described and by the calibrated response
-    [N]."""
+    """Returns three forces [N] of a load: the known force, the force computed with the response in the
+    description, and the force computed with the calibrated response."""
     counts = np.sign(sensor.pascal_per_count) * (load.values - np.array(found.rest))
     counts = measured_counts(counts, np.array(found.noise))
     after = sensor.model_copy(update={"response": found.response})

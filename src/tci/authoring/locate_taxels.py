@@ -23,9 +23,9 @@ from tci.frames import Array, read_only
 START_WIDTH = 0.005
 """Initial width [m] of a taxel's response; the estimation improves the width too."""
 FAINT = 0.04
-"""A response below this fraction of the touch's strongest response counts as noise."""
+"""A taxel's response counts as noise below this fraction of the strongest response to the same touch."""
 PRIOR = 0.010
-"""Standard deviation [m] of the error that the initial positions of the taxels are expected to have."""
+"""Expected standard deviation [m] of the errors in the taxels' initial positions."""
 CENTRE, SHIFT, SURFACE = 0.0005, 0.002, 0.0015
 """Three standard deviations [m].
 
@@ -34,8 +34,8 @@ CENTRE, SHIFT, SURFACE = 0.0005, 0.002, 0.0015
 - SURFACE: distance of taxels from the tangent plane of a touch.
 """
 LOGARITHM = 0.15
-"""Standard deviation of the error of the logarithm of a touch's strongest response. Weaker responses of the
-touch get a larger error."""
+"""Standard deviation of the errors in log(response), for the taxel that responds most strongly to a touch.
+Taxels with weaker responses to that touch get a larger error."""
 ROUNDS = 40
 LONGEST_STEP = 0.004
 """Largest displacement [m] of a taxel in one iteration."""

@@ -33,13 +33,14 @@ SPREAD = 0.005
 """Least standard deviation [m] of the touches along their second principal axis. Assumed: from touches on one
 line, the rotation about this line can't be determined."""
 OUTLIER, ROUNDS = 3.0, 10
-"""Residual, as a multiple of the median residual, beyond which a touch is left out; and the largest number of
-rounds in which touches are left out. Assumed: a touch by another object has a far larger residual."""
+"""OUTLIER: a touch is left out if its residual exceeds this multiple of the median residual. ROUNDS: largest
+number of rounds in which touches are left out. Assumed: a touch by another object has a far larger
+residual."""
 
 
 TURNS, SETTLED = 200, 1e-7
-"""Pose and depth are fitted alternately: largest number of alternations, and change [m] of the depth below
-which they end."""
+"""Pose and depth are fitted alternately. TURNS: largest number of alternations. SETTLED: the alternation ends
+when the depth changes by less than this distance [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +74,7 @@ class Mount:
     """Number of touches that were left out because their residual was too large."""
 
     moved: float
-    """Mean distance [m] by which the correction moves the places that were touched."""
+    """Mean distance [m] by which the correction moves the touched places of the skin."""
 
     def facts(self) -> dict[str, Any]:
         """Returns all values as JSON values: lengths in mm, angles in degrees."""
@@ -88,8 +89,8 @@ class Mount:
 
 
 def find_mount(touches: Iterable[SelfTouch]) -> Mount:
-    """Finds the rigid correction, by least squares, that moves the reported places to those of the other
-    skin.
+    """Finds a rigid correction by least squares. The correction moves the places that the located skin
+    reported to the places that the other skin reported.
 
     Raises TciError for fewer than FEWEST touches, or for touches that lie on a line.
     """
@@ -159,7 +160,7 @@ def self_touches(body: GenericBody, patch: str, perceptions: Iterable[Perception
     """Yields one touch for each interval in which `patch` and a skin on another link are pressed together.
 
     A perception counts only if `patch` has one contact, and all skins on other links together have one
-    contact. Of each interval, the perception with the most pressed taxels is used.
+    contact. In each such interval, the perception with the most pressed taxels is used.
     """
     surfaces, chain = body.skin.surfaces, body.skin.kinematics
     link = surfaces[patch].link

@@ -29,8 +29,8 @@ FARTHER = np.deg2rad(25.0)
 """An elbow bends in the direction with the larger range of flexion, if the ranges of the two directions
 differ by more than this angle [rad]."""
 TWISTED = np.deg2rad(45.0)
-"""If the ranges of flexion do not decide, the rotations of the shoulder decide. The rotations for the two
-directions must differ by more than this angle [rad]. The direction with the smaller rotation is used."""
+"""If the ranges of flexion do not decide an elbow's direction, the shoulder decides: the elbow bends in the
+direction for which the shoulder rotates less. The two rotations must differ by more than this angle [rad]."""
 
 
 def elbow_senses(
@@ -86,8 +86,8 @@ def _bent_at_zero(body: FoundLimbs, limb: Limb, sense: float) -> float:
 
 
 def _mirrored(body: FoundLimbs, left: Sign) -> dict[str, Sign]:
-    """Returns the directions of both elbows by side. The motion of the right elbow mirrors that of the
-    left."""
+    """Returns the directions of both elbows by side. The right elbow moves as the mirror image of the left
+    elbow."""
     axes = {side: body.joints[limb.bend].axis for side, limb in body.arms.items()}
     # axes are axial vectors, so a mirror image reverses x and z
     image = left * axes["left"] * [-1.0, 1.0, -1.0]
@@ -95,8 +95,8 @@ def _mirrored(body: FoundLimbs, left: Sign) -> dict[str, Sign]:
 
 
 def _shoulder_turn(draft: Robot, part: GenericPart) -> float:
-    """Returns the largest rotation [rad] of a shoulder joint from the model's zero, in the posture of
-    POSTURES for which it is smallest."""
+    """Finds the posture in POSTURES that the shoulder reaches with the smallest rotations from the model's
+    zero. Returns the largest rotation [rad] of a shoulder joint in that posture."""
     digest = f"{part.name} bent {part.servos[3].scale}"
     joints = joint_map(draft.model_copy(update={"parts": (part,), "digest": digest}), part.name)
     start, shoulder = np.zeros(len(draft.servos)), joints.ids < 3

@@ -26,8 +26,8 @@ Trust = Literal["names", "places", "none"]
 """Rule for fingers in doubt. "names": the names of the fingers decide. "places": the places of the fingers
 decide. "none": the hand is described without fingers."""
 SHORTEST = 0.005
-"""Least plausible length [m] of a finger's last link. A shorter length, computed from the link's shape, is
-not used. Assumed: shorter than any finger tip."""
+"""Least plausible length [m] of a finger's last link. If the geometry of the link gives a shorter length,
+this length is not used. Assumed: shorter than any finger tip."""
 Hands = Mapping[Side, tuple[Finger, ...]]
 """Fingers by side. Hands without fingers are left out."""
 
@@ -66,8 +66,8 @@ def find_hands(
 def _alike(hands: Hands) -> Hands:
     """Returns the hands with equal opposition of both thumbs at the model's zero.
 
-    Oppositions that differ by more than one step of rounding are left unchanged. If the difference is
-    smaller, the value of the first hand is used for both hands.
+    If the two oppositions differ by at most one step of rounding, both hands get the value of the first hand.
+    Otherwise both values stay unchanged.
     """
     thumbs = [found[0].offset for found in hands.values() if found[0].name == "thumb"]
     if len(thumbs) < 2 or abs(thumbs[0] - thumbs[1]) > 1.01 * ROUNDED:

@@ -52,9 +52,9 @@ def middle(
     """Returns the generic head or torso, as named by `kind`.
 
     Pitch nods forward, roll leans right, yaw turns left. A generic joint without a matching joint in `joints`
-    is fixed. `joints` are in order from the torso; of parallel joints, the joint nearest to the torso is
-    used. `sense` is 1 for joints that carry the part. `sense` is -1 for joints below the torso that the torso
-    carries: a positive angle then moves the torso and not the legs.
+    is fixed. `joints` are in order from the torso; if several joints are parallel, the joint nearest to the
+    torso is used. `sense` is 1 for joints that carry the part. `sense` is -1 for joints below the torso that
+    the torso carries: a positive angle then moves the torso and not the legs.
     """
     servos = []
     for id, (name, axis) in enumerate(zip(("pitch", "roll", "yaw"), np.eye(3)[[1, 0, 2]], strict=True)):
@@ -158,10 +158,9 @@ def segment(body: FoundLimbs, points: LinkPoints, name: str, link: str, begin: A
 
 
 def find_mount(shoulder: Shoulder) -> tuple[float, float, float] | None:
-    """Finds the mount (roll, pitch, yaw) [rad] on which a shoulder's first axis is the axis of flexion.
-
-    The mount is the smallest rotation that turns the y axis to the first axis of the shoulder. Returns None
-    if this rotation exceeds the limit for mounts.
+    """Finds the mount (roll, pitch, yaw) [rad] of a shoulder whose first joint is flexion. The mount is the
+    smallest rotation that turns the y axis to the axis of this joint. Returns None if this rotation exceeds
+    the limit for mounts.
     """
     axis = shoulder.axes[0] * (1.0 if shoulder.axes[0][1] >= 0.0 else -1.0)
     across = np.cross([0.0, 1.0, 0.0], axis)
@@ -196,7 +195,7 @@ def _matched(
 def wrist(body: FoundLimbs, limb: Limb) -> list[int]:
     """Returns the wrist: the first two joints, or fewer, after the pronation of an arm.
 
-    The chain ends where a joint carries several joints, as a palm carries fingers.
+    Joints after a branch, such as the fingers on a palm, do not belong to the wrist.
     """
     start = limb.bend if limb.turn is None else limb.turn
     chain: list[int] = []

@@ -53,8 +53,8 @@ def unroll(positions: Array, fit: ConeFit) -> tuple[Array, Array]:
     """Returns x (n,) [m], the place along a cone's axis from its proximal end, and the angle theta (n,) [rad]
     around the axis.
 
-    Both values depend only on the axis of the cone, not on its radii (eqs 3-4). Theta is from -pi to pi.
-    Theta is zero in the direction of the frame axis that is closest to perpendicular to the cone's axis.
+    Both coordinates depend on the cone's axis (eqs 3-4), but not on the cone's radii. Theta is from -pi to
+    pi. Theta is zero in the direction of the frame axis that is closest to perpendicular to the cone's axis.
     """
     relative = positions - fit.origin
     across = np.eye(3)[np.argmin(np.abs(fit.axis))]

@@ -18,8 +18,9 @@ COVER = {"upper_arm": (0.2, 0.8), "forearm": (0.12, 0.9)}
 """Range of u that skin covers on each segment; u is 0 at the proximal joint, 1 at the distal joint. Assumed:
 the skin does not reach the joints at both ends."""
 SLENDER = 0.18
-"""Radius of skin on a segment without shapes, or if the model is read without its meshes, as a fraction of
-the segment's length. Assumed: between the values of iCub's arms and G1's arms."""
+"""Radius of the skin on a segment, as a fraction of the segment's length. It is used if the model contains no
+geometry for the segment, or is read without meshes. Assumed: between the values of iCub's arms and G1's
+arms."""
 PITCH = 0.009
 """Distance [m] between taxels. Assumed; on the modules of an iCub the distance is 6.5 mm."""
 
@@ -44,7 +45,8 @@ def ends_of(body: FoundLimbs, limb: Limb) -> dict[str, tuple[Array, Array]]:
 
 
 def sleeves(body: FoundLimbs, limb: Limb, part: GenericPart, points: LinkPoints) -> list[Patch]:
-    """Returns a cone of skin around each segment of an arm; without shapes, its radius follows from SLENDER.
+    """Returns a cone of skin around each segment of an arm. If the model has no geometry for a segment, the
+    cone's radius follows from SLENDER.
 
     Raises DescriptionError if the shapes of a segment lie beside the axis of the segment.
     """
@@ -111,9 +113,8 @@ def slender(length: float) -> float:
 
 
 def assumed_skins(robot: Robot) -> list[str]:
-    """Returns a note that lists the patches with a radius estimated from the length of their segment.
-
-    The model has no shapes for these segments. If there are no such patches, the result is empty.
+    """Returns a note on patches whose radius was estimated from the length of their segment, because the
+    model has no geometry for this segment. The text is empty if there are no such patches.
     """
     found = []
     for patch in robot.patches:

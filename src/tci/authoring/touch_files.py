@@ -41,7 +41,7 @@ def read_touches(path: Path, robot: Robot, surface: Surface) -> list[ProbeTouch]
 
 
 def write_taxels(path: Path, surface: Surface, located: LocatedTaxels) -> None:
-    """Writes the taxels as a skin table. A taxel that was never touched has its previous normal."""
+    """Writes the taxels as a skin table. A taxel that was never touched keeps its present normal."""
     lines = ["channel, x [mm], y [mm], z [mm], nx, ny, nz"]
     normals: Array = np.where(located.touches[:, None] > 0, located.normals, surface.normals)
     for channel, place, normal in zip(surface.channels, located.positions, normals, strict=True):

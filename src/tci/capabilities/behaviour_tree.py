@@ -11,8 +11,8 @@ py-trees. TCI adds leaves that run capabilities, and the capability `BehaviourTr
 
     tci.run(driver, BehaviourTree(tree))
 
-In this example the reflex is ticked first. While the reflex is busy, the task is interrupted. Afterwards the
-task continues.
+In this example the reflex is ticked first. While the reflex is busy, the task is interrupted. When the reflex
+has finished, the task continues.
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ class StopMemory(Generic[Memory]):
 
 @dataclass(frozen=True)
 class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
-    """Runs another behaviour, but stops each part while that part is touched.
+    """Runs another behaviour, but stops each touched part until the touch ends.
 
     During a stop, `step` of the behaviour is still called, but commands to the stopped part are not executed.
     After the touch, the behaviour's last command to this part is executed. Raises TciError for a setting out

@@ -2,8 +2,8 @@
 
 The hand opens when a finger is pulled. This imitates the palmar grasp of an infant. The flexion of each
 finger controls the force on this finger (integral force control, Raibert & Craig 1981). The robot needs
-generic fingers with skin on palm and finger tips. Fingers that share a motor close until one of these fingers
-presses with enough force.
+generic fingers with skin on palm and finger tips. If several fingers share a motor, they close until one of
+them presses with enough force.
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ OPPOSES = 2.0
 """Speed of the thumb's opposition as a multiple of the speed of flexions. Assumed: then the thumb lies across
 the palm before the fingers close."""
 LONGEST = 0.1
-"""Longest time [s] between two perceptions in which the targets of the fingers move. If more time passes, the
-targets move only as far as in this time, so the hand does not jump. Assumed: several periods of any skin."""
+"""Longest time [s] between two perceptions in which the targets of the fingers move. After a longer pause,
+the targets move only as far as in LONGEST, so that the hand does not jump. Assumed: several periods of any
+skin."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,8 +73,8 @@ class LightGrasp(Capability[Grips]):
     before its skin measures the contact."""
     gain: float = 0.05
     """Speed of a pressing finger, divided by the missing force [rad/s per N]. The missing force is `force`
-    minus the measured force. Assumed: stiff fingers do not oscillate, although their skin reports a change
-    about 20 ms later."""
+    minus the measured force. Assumed: with this gain, stiff fingers do not oscillate, although their skin
+    reports a change of force about 20 ms late."""
     opposition: float = 1.2
     """Angle [rad] of the thumb across the palm while the hand is closed."""
     patience: float = 0.15

@@ -42,8 +42,9 @@ def why_not(
     The text is empty if the part may move. The motion must not press a contact on any part into its object,
     anywhere on its path. `answers` are the contacts to which the motion responds, as indices in
     `perception.contacts`. At least one of these contacts must move away from its object, by `least` [m] or
-    more. `mode` is the control mode of the motion. Set `driven` for a velocity that the capability commands
-    anew in each period; `target` is then where this velocity leads in the time AHEAD of `tci.body.retreat`.
+    more. `mode` is the control mode of the motion. Set `driven` if the capability commands a velocity anew in
+    each period. `target` is then the posture that this velocity reaches after the time
+    `tci.body.retreat.AHEAD`.
     """
     inwards, across = body.retreat(perception, part, target, mode, driven=driven)
     if not inwards.size:
@@ -70,7 +71,8 @@ def are_hopeless(
     targets: Array,
     answers: Sequence[Sequence[int]],
 ) -> list[bool]:
-    """Returns m values: True for each motion that `why_not` would refuse because of the motion's end.
+    """Returns m values. A value is True if `why_not` would refuse the motion because of the posture at its
+    end.
 
     This check is fast, but does not examine the path. So motions with the result False must also be checked
     by `why_not`. `targets` (m, n) [rad] are the ends of the motions, and `answers` the contacts to which each

@@ -59,8 +59,8 @@ class SoftReaction(Capability[Postures]):
     mobility: float = 3.0
     """In velocity mode: commanded velocity divided by the torque of the touch [rad/s per N m]."""
     gain: float = 1.0
-    """In torque mode: commanded torque divided by the torque of the touch. The commanded torque is added to
-    the torque of the touch, so the part yields to a smaller force."""
+    """In torque mode: commanded torque divided by the torque of the touch. The motor then adds to the torque
+    of the touch, so that the part yields to a smaller force."""
     stiffness: float = 8.0
     """In torque mode: stiffness [N m/rad] of a part that is not touched."""
     damping: float = 0.4

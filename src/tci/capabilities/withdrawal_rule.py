@@ -77,7 +77,8 @@ class Withdrawal(Generic[F]):
     quiet: bool = False
     """True if no field of this part was touched in the latest step."""
     met: frozenset[int] = frozenset()
-    """Identities of the contacts for which the motion has been checked: it presses none of them."""
+    """Identities of the contacts that have been compared with the motion. The motion presses into none of
+    them."""
     ended: Array | None = None
     """Generic posture (n,) [rad] at which the motion was ended because of an object on the path. The value is
     None if the motion was not ended."""
@@ -90,8 +91,8 @@ class Withdrawal(Generic[F]):
         return frozen(self.origin + self.gain * np.array(self.field.motion))
 
     def touched_again(self, now: float) -> Withdrawal[F]:
-        """Returns the withdrawal after a touch at `now` [s]. A call of `dataclasses.replace` would take many
-        times as long as this constructor."""
+        """Returns the withdrawal after a touch at `now` [s]. The code calls the constructor, because
+        `dataclasses.replace` would take many times as long."""
         return Withdrawal(self.field, self.origin, self.gain, self.started, now, False, self.met, self.ended)
 
     def goes_as(self, before: Withdrawal[F] | None) -> bool:

@@ -23,8 +23,8 @@ from tci.robot.shoulder import shoulder_of
 from tci.skin.skin import segment_pose
 
 SETTINGS = InverseSettings(starts=6)
-"""Settings of the inverse kinematics. This search uses fewer start postures than motion planning does, so
-that an unreachable target is recognised sooner."""
+"""Settings of the inverse kinematics. The search starts from fewer postures than in motion planning. Thus a
+target that can't be reached is recognised sooner."""
 WAYPOINTS = 9
 """Number of postures on the path at which the speed of the point is computed and limited. Assumed: between
 two postures a joint turns by a few degrees, which changes its lever arm by a few percent."""

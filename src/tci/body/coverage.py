@@ -81,7 +81,8 @@ class Coverage:
         places: Sequence[LimbPlace],
         radius: Array,
     ) -> Array:
-        """Returns the numbers of all taxels and of masked taxels (2, m) around places of a limb."""
+        """Returns two counts for each of m places of a limb (2, m): all taxels around the place, and the
+        masked taxels."""
         limb, counts = self._limbs[part], np.zeros((2, len(places)))
         if limb is not None:
             u, theta = np.array([(place.u, place.theta) for place in places]).T
@@ -97,7 +98,8 @@ class Coverage:
     def _around(
         self, masked: NDArray[np.bool_], part: str, landmarks: tuple[Landmark, ...], radius: Array
     ) -> Array:
-        """Returns the numbers of all taxels and of masked taxels (2, m) around landmarks."""
+        """Returns two counts for each of m landmarks (2, m): all taxels around the landmark, and the masked
+        taxels."""
         key = part, landmarks, radius.tobytes()
         found = self._near.get(key)
         if found is None:

@@ -33,7 +33,7 @@ STEPS = 3
 too long, with 3 edges a few percent."""
 FACING = 0.2
 """Least cosine between the skin's normal at a landmark and the direction of the landmark. Assumed: with this
-value, a direction towards the back of the hand never leads to a landmark on the palm."""
+value, a landmark in the direction of the back of the hand is never found on the palm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -28,13 +28,14 @@ from tci.skin.skin import Skin
 
 _retreats = entry(retreats)
 EARLY = (0.01, 0.02)
-"""First times [s] after the beginning of a motion at which its path is predicted. Assumed: early enough to
-notice a path that begins in another direction than it ends, because the joints accelerate differently."""
+"""The path of a motion is predicted first at these times [s] after its beginning. A path may begin in a
+direction in which it does not end, because the joints accelerate differently. Assumed: these times are early
+enough to notice this."""
 SHARES = (0.25, 0.5, 0.75, 1.0)
 """Later times at which the path is predicted, as fractions of the motion's duration."""
 AHEAD = 0.1
-"""Time [s] for which a target in velocity mode is ahead of the present angles. Assumed: the next skin frame
-comes much sooner."""
+"""In velocity mode, the target of a prediction is the posture that the velocity reaches after this time [s].
+Assumed: the next skin frame comes much sooner."""
 TIMES = len(EARLY) + len(SHARES)
 UNKNOWN = 100.0
 """Value for a limit [rad/s, rad/s2, rad/s3] that is missing in the description. The size of this value does
@@ -52,7 +53,8 @@ class _Motion:
     outside: Array
     """Coefficients (m, n_servos) of the servos of other parts in the couplings of this part."""
     free: NDArray[np.bool_]
-    """Mask (k,) of servos that may deviate from a target that couplings forbid: all True."""
+    """Mask (k,) of servos that may deviate from their target if a coupling forbids the target. All values are
+    True."""
     limits: list[tuple[float, float]]
     """Lower and upper limit (k,) [rad] of each servo, from `bounds`."""
     velocity: list[float] | None

@@ -45,8 +45,7 @@ class Panel:
     detail: str = ""
     """Second line of text, for example `180 ms: withdrawn 34 mm`."""
     close_up: NDArray[np.uint8] | None = None
-    """Smaller picture (h, w, 3) that is drawn over the emptiest corner of the panel. The value is None if the
-    panel has no smaller picture."""
+    """Close-up (h, w, 3) that is drawn over the emptiest corner of the panel. None means no close-up."""
     spot: tuple[float, float] | None = None
     """Pixel (x, y) of a circle that marks the point shown in the close-up."""
     arrow: tuple[tuple[float, float], tuple[float, float]] | None = None

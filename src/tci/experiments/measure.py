@@ -11,8 +11,8 @@ from tci.experiments.poke import Trace
 from tci.robot.description import Robot
 
 MOTION = float(np.deg2rad(0.05))
-"""Smallest difference [rad] between a joint angle with the reflex and the joint angle without the reflex that
-counts as motion. Assumed: larger than the compliance of the servos, smaller than the motion in one control
+"""Least difference [rad] that counts as motion: the difference of a joint angle between the trials with and
+without the reflex. Assumed: larger than the compliance of the servos, smaller than the motion in one control
 period."""
 
 AWAY = 1.0
@@ -41,8 +41,8 @@ class Trial:
     """Time [ms] of the end of the last contact. The value is None if the finger touched the skin until the
     end of the trial."""
     contact_lost_without_reflex_ms: float | None
-    """Time [ms] of the end of the last contact in the trial without reflex. Normally None, because the finger
-    then touches the skin until the end."""
+    """Time [ms] of the end of the last contact in the trial without reflex. The value is None if the finger
+    touched the skin until the end of that trial, as it normally does."""
     peak_force_n: float
     """Largest contact force [N] in the physics simulation."""
     cop_error_mm: float | None

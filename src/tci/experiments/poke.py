@@ -28,8 +28,8 @@ class Stimulus:
     speed: float = 0.25
     """Speed of the finger's base [m/s]."""
     depth: float = 0.010
-    """Distance [m] between the skin's surface at the start and the final position of the finger's base, which
-    never moves back."""
+    """Final depth [m] of the finger's base below the place where the skin's surface was at the start. The
+    base never moves back."""
     gap: float = 0.004
     """Distance [m] between finger and skin at the start."""
     duration: float = 1.0

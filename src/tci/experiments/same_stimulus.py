@@ -22,8 +22,8 @@ from tci.skin.contacts import single_contact
 
 FORCES = np.linspace(0.0, 2.0, 5)
 """Force [N] of the stimulus in successive frames (frames,). Assumed: a touch whose force rises within 50 ms,
-up to the force of a full response. Below 0.5 N the response would depend on the arm's length: a short arm
-would move less than the required 1 mm, and a long arm more."""
+up to the force of a full response. With a force below 0.5 N the response would depend on the arm's length. A
+short arm would move less than the 1 mm that the reflex requires, and a long arm more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +119,8 @@ def displacements(body: GenericBody, part: str, target: Array) -> Array:
     """Returns the displacements (2, 3) [m] of the forearm's distal end from the initial posture to `target`.
 
     The first row is relative to the proximal end of the upper arm, and the second row to the torso. Both rows
-    have the axes of the arm's mount frame. The generic arm predicts the first row. The rows differ for a
-    shoulder whose axes do not intersect, since rotations about these axes also move the shoulder.
+    have the axes of the arm's mount frame. The generic arm predicts the first row. The rows differ if the
+    shoulder's axes do not intersect, because the upper arm's proximal end then moves too.
     """
     start = initial_joints(body.robot)
     command = to_platform(body.robot, GenericCommand(part, Mode.POSITION, target))

@@ -153,8 +153,8 @@ class Arm:
     def has_skin(self, place: Place) -> bool:
         """Returns True if there is skin at a point.
 
-        The distance to the nearest taxel is compared with the largest distance of a point between
-        neighbouring taxels.
+        There is skin if the nearest taxel is not farther away than it can be at a point between neighbouring
+        taxels.
         """
         if place[0] not in self._sleeves:
             return False

@@ -46,8 +46,9 @@ the limits."""
 
 
 FACING, OBLIQUE = 0.003, 0.8
-"""Weight [m] of the difference between one normal and the reversed other normal, and largest such difference
-for which a posture is accepted. Assumed: a difference of 0.8 is an angle of 47 degrees."""
+"""In an ideal touch, one normal is the reverse of the other normal. FACING: weight [m] of the deviation from
+this. OBLIQUE: largest deviation for which a posture is accepted. Assumed; a deviation of 0.8 is an angle of
+47 degrees."""
 
 
 class _Places(NamedTuple):

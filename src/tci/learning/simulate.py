@@ -30,7 +30,7 @@ class WorldRun:
     """Result of one world, in which the finger poked one point."""
 
     world: int
-    """Number of the world. The world's seed is the sum of the run's seed and this number."""
+    """Number of the world. This number plus the seed of the whole run is the seed of the world."""
     part: str
     """Arm that the finger poked."""
     site: str

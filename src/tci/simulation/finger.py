@@ -39,7 +39,8 @@ _OVERLAP = 5e-4
 """Largest depth [m] inside the skin at which the finger may start. Assumed: this is larger than the solver's
 tolerance and smaller than a visible overlap."""
 _PRESSED = 2e-4
-"""Depth [m] in the skin at which no surface without taxels may be in the way. The tip is this deep at 8 N."""
+"""Depth [m] of the tip in the skin at a force of 8 N. At this depth, the tip must not touch a surface without
+taxels."""
 
 
 def add_finger(spec: mujoco.MjSpec, *, step: float, radius: float = RADIUS) -> None:
@@ -90,14 +91,14 @@ def add_finger(spec: mujoco.MjSpec, *, step: float, radius: float = RADIUS) -> N
 class Finger:
     """The simulated finger of a world: a sphere, usually of 10 mm diameter, on a spring of 800 N/m.
 
-    A poke moves the spring's base along the skin's inward normal at a constant speed. The base stops after a
-    motion of `depth` [m] after the tip's first contact. Then the base does not move again, even if the skin
-    moves.
+    A poke moves the spring's base along the skin's inward normal at a constant speed. From the tip's first
+    contact on, the base moves farther by `depth` [m], and then stops. The stopped base does not move again,
+    even if the skin moves.
     """
 
     def __init__(self, physics: Physics, skin: PosedSkin, unfelt: Callable[[], Sequence[str]]) -> None:
-        """Creates a finger, which is removed. `unfelt` returns the names of the patches that are touched now
-        only where they have no taxels."""
+        """Creates a finger that is not in the scene until a poke. `unfelt` returns the names of the patches
+        that are touched now only where they have no taxels."""
         model = physics.model
         self._physics = physics
         self._skin = skin

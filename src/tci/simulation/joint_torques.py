@@ -16,7 +16,8 @@ class JointTorques:
     """Computes the torques between motors and links, which move the links and resist weight and touches.
 
     A robot on a fixed base is simulated without weight, since the simulated servos have no integral action.
-    So the torques that would carry the robot's weight are added to the simulated torques.
+    The torques that would carry the robot's weight are therefore computed separately, and added to the
+    simulated torques.
     """
 
     def __init__(self, physics: Physics, robot: Robot, *, stands: bool) -> None:

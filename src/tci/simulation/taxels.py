@@ -21,7 +21,7 @@ from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface, tangents
 
 _NEVER = int(np.iinfo(np.int64).max)
-"""Number of a step that a world does not reach."""
+"""Number of a step that no world ever reaches."""
 
 
 class Taxels:

@@ -97,8 +97,8 @@ class Finger:
     """
 
     def __init__(self, physics: Physics, skin: PosedSkin, unfelt: Callable[[], Sequence[str]]) -> None:
-        """Creates a finger that is not in the scene until a poke. `unfelt` returns the names of the patches
-        that are touched now only where they have no taxels."""
+        """Creates a finger, which stays far away from the robot until a poke. `unfelt` returns the names of
+        the patches that are touched now only where they have no taxels."""
         model = physics.model
         self._physics = physics
         self._skin = skin

@@ -30,8 +30,8 @@ TIMEOUT = 3.0
 """Time [s] within which a server must answer. Assumed: on a local network, servers answer within a second."""
 CHUNK = 1 << 16
 PER_POLL = 64
-"""Largest number of chunks of CHUNK bytes that one call of `poll` reads. Assumed: this number bounds the time
-of a call if very much data arrives."""
+"""Largest number of chunks that one call of `poll` reads; a chunk has CHUNK bytes. Without a limit, a call
+would not end while very much data arrives. Assumed: usually fewer chunks wait."""
 ADDRESS = re.compile(r"(?P<host>[A-Za-z0-9_.-]*|\[[0-9a-fA-F:]+\])(:(?P<port>[0-9]{1,5}))?")
 
 

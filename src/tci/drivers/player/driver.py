@@ -1,8 +1,8 @@
 """`player:[HOST][:PORT]`: driver for a robot on a Player server, which may be another TCI process.
 
 The device actarray:N has the joints of the robot's N-th part; opaque:N has the skin of its N-th patch. N
-counts from 0. The robot's binding `player` may set other numbers. The devices with indices from opaque:99 on
-transport the messages between TCI processes (`remote`).
+counts from 0. The robot's binding `player` may set other numbers. TCI processes exchange their own messages
+(`remote`) through the device opaque:99 and the opaque devices after it.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ from tci.messages import JointReading, Reading, SkinFrame
 from tci.robot.description import Robot
 
 STATES, FRAMES = 99, 100
-"""Indices of two opaque devices for TCI processes: the robot's states, and the frames of the first patch."""
+"""Indices of opaque devices for TCI processes. Device STATES has the robot's states, and device FRAMES has
+the skin frames of the first patch. Each next patch has the next index."""
 WAIT = 5.0
 """Time [s] that a new driver waits for joints and skin. Assumed: a server sends joints and skin in every
 period."""

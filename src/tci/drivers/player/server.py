@@ -59,14 +59,17 @@ from tci.robot.joint_map import initial_position
 from yarpwire.connection_limit import AcceptedConnection, ConnectionLimit
 
 BACKLOG = 128
-"""Largest number of connections that wait to be accepted, and of connections that the server accepts in one
-period. Assumed: this number bounds the time of a period if very many clients connect."""
+"""Two limits of connections: how many may wait until the server accepts them, and how many the server accepts
+in one period. The limits keep a period short if very many clients connect. Assumed: fewer clients connect at
+once."""
 MOST_WAITING = 1 << 16
-"""Largest number of bytes that may wait for a slow client. While more bytes wait, the server drops further
-data for the client. Assumed: this number bounds the memory, and the age of the data that a client gets."""
+"""Largest number of bytes that may wait until a slow client reads them. While more bytes wait, the server
+drops further data for this client. Assumed: the limit keeps the memory small, and the data that the client
+gets recent."""
 MOST_OWED = 1 << 20
-"""Largest number of bytes, including replies, that may wait for a client. If more bytes wait, the server
-disconnects the client, since the server never drops replies. Assumed: this number bounds the used memory."""
+"""Largest number of bytes, including replies, that may wait until a client reads them. If more bytes wait,
+the server disconnects the client, since the server never drops replies. Assumed: a client that works reads
+earlier."""
 DRIVER = b"tci\0"
 """Name of the driver that every device reports to clients."""
 
@@ -82,7 +85,8 @@ class _Client:
     devices: set[tuple[int, int]] = field(default_factory=set)
     sequence: int = 0
     asked: bool = False
-    """True if the client has requested data (pull mode) and waits for the message that ends the batch."""
+    """True if the client has requested data (pull mode), and the server has not yet sent the message that
+    ends the requested data."""
 
     def send(self, message: Message) -> None:
         """Queues a message for the client. Drops a message with data if the client reads too slowly.

@@ -18,15 +18,15 @@ from tci.robot.description import Robot
 from tci.robot.kinematics import KinematicChain
 
 MOST_ORDERS = 32
-"""Largest number of different lists of joint names that are cached. Assumed: each publisher uses only one
-list, so a larger number is an error."""
+"""Largest number of different lists of joint names that TCI stores for one robot. Assumed: a robot has fewer
+publishers, and each publisher always sends the same list."""
 FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """NumPy's type code for each datatype of the ROS message PointField."""
 
 SILENT = 0.1
-"""Age [s] of an acceleration, relative to the joint data, above which torques are not used to detect touches.
-Assumed: the base leans by at most 6 degrees in this time, which changes the torques by less than a touch
-does."""
+"""Largest age [s] of the latest acceleration. If the acceleration is older than the joint data by more, TCI
+does not use torques to detect touches. Assumed: in this time the robot's base leans by at most 6 degrees,
+which changes the torques by less than a touch does."""
 
 
 def stamp_of(fields: Mapping[str, Any]) -> float:
@@ -35,8 +35,8 @@ def stamp_of(fields: Mapping[str, Any]) -> float:
 
 
 class JointArrivals:
-    """Collects the JointState messages of one robot. The robot may have several publishers that each publish
-    some joints."""
+    """Collects the JointState messages of one robot. The robot may have several publishers, each of which
+    publishes some of the joints."""
 
     def __init__(self, robot: Robot, indices: Mapping[str, int]) -> None:
         """Stores the robot and `indices`, the indices of the robot's servos by joint name in ROS."""
@@ -94,8 +94,8 @@ class JointArrivals:
             )
 
     def _order(self, names: tuple[str, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Returns the indices of the servos in a message, and the places of these servos in the message's
-        list `names`."""
+        """Returns two arrays for the servos in a message: their indices in the robot, and their places in the
+        message's list `names`."""
         if names not in self._orders:
             if len(self._orders) >= MOST_ORDERS:
                 raise FrameError(f"JointState: more than {MOST_ORDERS} different lists of names")
@@ -108,8 +108,8 @@ class JointArrivals:
         return self._orders[names]
 
     def _speed(self, servos: NDArray[np.intp], position: Array, stamp: float) -> Array:
-        """Computes speeds [rad/s] from the previous positions. This is needed for a robot that sends no
-        speeds."""
+        """Computes speeds [rad/s] from the change of the positions since the previous message, for a robot
+        that sends no speeds."""
         passed = stamp - self._stamps[servos]
         moved = position - self._position[servos]
         known = np.isfinite(passed) & (passed > 0.0) & np.isfinite(moved)
@@ -145,10 +145,11 @@ class ImuArrivals:
             self._stamp, self._links, self._gravity = stamp, (root, link), gravity
 
     def complete(self, joints: JointReading) -> JointReading:
-        """Returns the joints with the direction of gravity in the root link added, if an Imu message has
-        arrived.
+        """Returns the joint reading and, if an Imu message has arrived, adds the direction of gravity in the
+        root link.
 
-        If Imu messages no longer arrive, removes the torques, since the effect of weight on them is unknown.
+        If Imu messages no longer arrive, the result has no torques, since TCI then can't compute which
+        torques the weight of the links causes.
         """
         if self._gravity is None or self._kinematics is None:
             return joints

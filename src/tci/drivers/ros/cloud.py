@@ -21,8 +21,8 @@ class PatchCloud:
     """Points of one patch: x, y, z [m], pressure [Pa] and the raw value of each channel.
 
     The pressure is computed with the calibration in the robot's description. A channel that is no taxel also
-    has a point, with NaN as position. So the field `raw` contains all values of the skin frame in their
-    order.
+    has a point, with NaN as position. Therefore the message's field `raw` contains all values of the skin
+    frame, in the order of the channels.
     """
 
     def __init__(self, patch: Patch, surface: Surface) -> None:

@@ -1,7 +1,7 @@
 """A driver over any kind of ROS, for robots that a TCI process serves and for robots with their own ROS
-topics. A new driver detects the kind of the robot. A TCI process sends states and accepts orders (`remote`),
-and the gate in that process plans the motion. For a robot with its own ROS topics, the gate in this process
-plans the motion, and the robot receives the set-points.
+topics. A new driver detects which of these two kinds the robot is. If a TCI process serves the robot, that
+process sends states and accepts orders (`remote`), and its gate plans the motion. If the robot has its own
+ROS topics, the gate in the driver's process plans the motion, and the driver sends set-points to the robot.
 """
 
 from __future__ import annotations
@@ -30,15 +30,16 @@ WAIT = 5.0
 """Time [s] that a new driver waits for the robot's joint data. Assumed: discovery of nodes takes a few
 seconds."""
 STATE_WAIT = 0.5
-"""Time [s] after which a robot counts as one with its own ROS topics, if joints but no states are published.
-Assumed: a TCI process offers its topic of states before its topic of joints, so states appear much sooner."""
+"""Time [s] to wait for the topic of states that a TCI process offers, after the topic of joints has appeared.
+If no such topic appears, the robot counts as one with its own ROS topics. Assumed: a TCI process offers the
+topic of states first, so it appears much sooner."""
 SKIN_WAIT = 2.0
-"""Longest time [s] to wait for the first frame of every patch when a robot with its own ROS topics is opened.
-Assumed: every patch has a shorter period than this."""
+"""Longest time [s] that a new driver waits for the first frame of every patch, if the robot has its own ROS
+topics. Assumed: every patch has a shorter period than this."""
 
 
 class RosDriver(RemoteDriver):
-    """A driver over a node of any kind of ROS. Closing the driver also closes the node."""
+    """A driver that uses a node of ROS 1, ROS 2 or rosbridge. `close` also closes the node."""
 
     def __init__(
         self, robot: Robot, node: RosNode, *, middleware: str, namespace: str, arm: bool, wait: float = WAIT
@@ -136,7 +137,7 @@ class RosDriver(RemoteDriver):
         return keep
 
     def _where_else(self) -> str:
-        """Returns advice for the user, for the case that no node publishes the robot's joints."""
+        """Returns advice for a user who tried to connect while no node published the robot's joints."""
         return ""
 
     def _is_tci(self, wait: float) -> bool:
@@ -168,8 +169,8 @@ class RosDriver(RemoteDriver):
             time.sleep(0.01)
 
     def _wait_for_discovery(self, seconds: float) -> None:
-        """Waits until the robot's process receives orders of this process, since ROS takes time to connect
-        topics."""
+        """Waits until the robot's process can receive orders from this process, since ROS takes time to
+        connect publishers and subscribers."""
         end = time.monotonic() + seconds
         while True:
             self._take()

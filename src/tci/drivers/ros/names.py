@@ -15,12 +15,12 @@ def token(name: str) -> str:
 class Names:
     """The names of a robot's topics and joints in ROS.
 
-    If the robot's binding has an address for a joint or topic, this address is used. Otherwise the name
-    follows the conventions of ROS.
+    The name of a joint or topic is its address in the robot's binding. If the binding has no address for the
+    joint or topic, the name follows the conventions of ROS.
     """
 
     def __init__(self, robot: Robot, middleware: str, namespace: str) -> None:
-        """Takes the robot, the middleware of its binding, and a `namespace` that `namespace_of` returned.
+        """Finds the names in the robot's binding to `middleware`; `namespace` is a result of `namespace_of`.
 
         Raises DriverError if two servos, two parts or two patches would have equal names in ROS.
         """
@@ -52,8 +52,9 @@ class Names:
     def imu(self) -> str | None:
         """Topic of sensor_msgs/Imu: the address of `imu` in the robot's binding.
 
-        Without that address, a robot that detects touches by joint torques has the topic `imu/data` of REP
-        145. For other robots, which need no accelerations, the result is None.
+        If the binding lacks this address, the topic depends on the robot. A robot whose touches are detected
+        by joint torques has the topic `imu/data` (REP 145). Other robots need no accelerations, and the value
+        is None.
         """
         feels = any(patch.through_joints for patch in self._robot.patches)
         name = self._binding.address("imu", "imu/data" if feels else "")
@@ -61,16 +62,17 @@ class Names:
 
     @property
     def state(self) -> str:
-        """Topic of std_msgs/UInt8MultiArray with the states of `remote`."""
+        """Topic of std_msgs/UInt8MultiArray with states for other TCI processes (`tci.drivers.remote`)."""
         return self.topic("tci/state")
 
     @property
     def orders(self) -> str:
-        """Topic of std_msgs/UInt8MultiArray with the orders of `remote`."""
+        """Topic of std_msgs/UInt8MultiArray with orders of other TCI processes (`tci.drivers.remote`)."""
         return self.topic("tci/orders")
 
     def frames(self, patch: str) -> str:
-        """Returns the topic of std_msgs/UInt8MultiArray with a patch's skin frames of `remote`."""
+        """Returns the topic of std_msgs/UInt8MultiArray with a patch's skin frames for other TCI processes
+        (`tci.drivers.remote`)."""
         return self.topic(f"tci/frames/{token(patch)}")
 
     def topic(self, name: str) -> str:
@@ -108,5 +110,5 @@ class Names:
         return f"{self.skin(patch)}/points"
 
     def parts(self) -> tuple[str, ...]:
-        """Returns the names of the robot parts that the description gives to servos."""
+        """Returns the names of all robot parts. The description names the robot part of each servo."""
         return tuple(dict.fromkeys(servo.robot_part for servo in self._robot.servos))

@@ -1,5 +1,5 @@
-"""Reads and commands a robot with the topics of ros2_control. TCI receives JointState, and sends
-JointTrajectory or Float64MultiArray.
+"""Reads and commands a robot with the topics of ros2_control. TCI receives JointState messages, and sends
+JointTrajectory or Float64MultiArray messages.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from tci.recording.schemas import CLOUD, IMU, JOINTS, SKIN, to_frame
 from tci.robot.description import Robot
 
 QUEUE = 16
-"""Largest number of JointStates that are kept between two periods. Assumed: a few publishers may each send
-some of the joints."""
+"""Largest number of JointState messages that are kept between two periods. Assumed: a robot has a few
+publishers, each of which sends some of the joints."""
 
 
 class NativeRobot:
-    """The part of a driver that uses a robot's own topics."""
+    """Reads and commands one robot through the robot's own topics, for a `RosDriver`."""
 
     def __init__(
         self, robot: Robot, node: RosNode, names: Names, *, arm: bool, period: float, now: Callable[[], float]
     ) -> None:
-        """Subscribes to joints, accelerations and skin. With `arm`, also offers the topics of commands. The
-        robot has to reach a commanded position after one `period` [s].
+        """Subscribes to joints, accelerations and skin. With `arm`, also offers the topics of commands. Each
+        command asks the robot to reach its positions after one `period` [s].
         """
         self.robot = robot
         self._names = names
@@ -74,7 +74,8 @@ class NativeRobot:
     def forget(self) -> None:
         """Deletes the stored positions of joints without a command.
 
-        This is needed after the robot was disconnected or halted, since the robot's posture may have changed.
+        The driver calls this after the robot was disconnected or halted, since the robot's posture may have
+        changed.
         """
         self._parts.forget()
 

@@ -21,8 +21,8 @@ LIFESPAN = 0.1
 """Time [s] after which a message that the middleware has stored is no longer delivered. Assumed: older joint
 data or commands are useless."""
 MOST_REASONS = 100
-"""Largest number of reasons that are counted separately. Assumed: this number bounds the used memory, since a
-reason contains text from the received message and may be new for each message."""
+"""Largest number of reasons of rejected messages that are counted separately. Without a limit, a sender could
+fill the memory, since a reason contains text from the message. Assumed: a person reads fewer reasons."""
 NAMESPACE = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)*")
 
 
@@ -33,12 +33,13 @@ class RosNode(ABC):
         self.rejected: Counter[str] = Counter()
         """Number of rejected messages, by the reason."""
         self.silent: set[str] = set()
-        """Nodes that ROS lists as publishers of a requested topic, but that do not answer."""
+        """Names of nodes that do not answer, although ROS lists them as publishers of a topic to which this
+        node subscribes."""
 
     @abstractmethod
     def advertise(self, topic: str, kind: MessageType, *, latched: bool = False) -> Publish:
-        """Offers a topic and returns the function that sends a message on this topic. With `latched`, nodes
-        that subscribe later also receive the last message.
+        """Offers a topic and returns the function that sends a message on this topic. With `latched`, a node
+        that subscribes later also receives the last message that was sent.
         """
 
     @abstractmethod

@@ -45,19 +45,19 @@ MASTER_TIMEOUT = 3.0
 """Time [s] within which the ROS master or a node must answer. Assumed: on a local network, both answer within
 a second."""
 BUFFER = 1 << 20
-"""Largest number of bytes that a subscriber reads in one step, so that only the newest of many waiting
-messages is used. Assumed: hundreds of messages have fewer bytes."""
+"""Largest number of bytes that a subscriber reads in one step. If many messages wait, the subscriber reads
+them all in one step and uses only the newest. Assumed: hundreds of messages have fewer bytes."""
 MASTER = "http://localhost:11311"
 """Address of the ROS master if ROS_MASTER_URI is not set."""
 NEEDED = ("rospy", "sensor_msgs.msg", "trajectory_msgs.msg")
-"""Python modules of ROS 1 that are needed. All other modules with messages are installed together with
+"""Python modules of ROS 1 that are needed. The other modules that TCI imports are installed together with
 rospy."""
 NAMES = ("ROS_IP", "ROS_HOSTNAME")
 """Environment variables with the name under which other machines reach this machine."""
 FLUSH, SENT = 0.2, 0.005
-"""Two times [s] that closing waits: at most FLUSH until the last messages have left their queues, and then
-SENT until they are sent. Assumed: shorter times may lose the last message, longer times delay the end of a
-program."""
+"""Waiting times [s] when a node closes. The node waits at most FLUSH until its message queues are empty, then
+SENT until the network has the messages. Assumed: shorter times may lose the last message, longer times delay
+the end of a program."""
 
 
 def _rospy() -> Any:
@@ -183,10 +183,11 @@ class Ros1Node(RosNode):
 
 
 def _stay_here() -> None:
-    """Makes rospy listen on the loopback interface only, unless a setting requires the network.
+    """Makes rospy listen on the loopback interface only, unless the user has chosen a network.
 
-    Such settings are a remote master in ROS_MASTER_URI, ROS_IP and ROS_HOSTNAME. ROS_IP is set, because with
-    `ROS_HOSTNAME=localhost` rospy imports `netifaces`, which Debian has only for its own Python.
+    A user chooses a network by ROS_IP, by ROS_HOSTNAME, or by a remote master in ROS_MASTER_URI. Otherwise
+    this function sets ROS_IP to 127.0.0.1. It does not set ROS_HOSTNAME, because rospy then needs the package
+    `netifaces`, which Debian installs only for its own Python.
     """
     if _is_here() and not any(map(os.environ.get, NAMES)):
         os.environ["ROS_IP"] = "127.0.0.1"
@@ -199,7 +200,7 @@ def _is_here() -> bool:
 
 
 class _Brief(Transport):
-    """HTTP transport whose calls time out."""
+    """HTTP transport whose calls end with an error after MASTER_TIMEOUT."""
 
     def make_connection(self, host: Any) -> HTTPConnection:
         connection = super().make_connection(host)
@@ -242,8 +243,8 @@ class Ros1Server(RosServer):
 def _type(kind: MessageType) -> Any:
     """Returns the Python class of a message.
 
-    The installed class is used if possible, so that the checksums of publisher and subscriber are equal.
-    Messages of the package tci_msgs need no installation: their classes are generated.
+    Uses the class that is installed with ROS, if there is one, so that the checksums of publisher and
+    subscriber are equal. Messages of the package tci_msgs need no installation: their classes are generated.
     """
     package, _, name = kind.name.split("/")
     if package != "tci_msgs":

@@ -37,8 +37,8 @@ from tci.rosmsg.cdr import HEADER, MessageType, decode, encode, item_of
 RELIABLE = Policy.Reliability.Reliable(duration(milliseconds=0))
 """Policy that repeats lost messages, but never waits for a slow reader."""
 FRESH = Policy.Lifespan(duration(seconds=LIFESPAN))
-"""Policy that deletes old messages. Without this policy, messages that a dead reader did not acknowledge
-would be stored and sent to later readers."""
+"""Policy that deletes messages older than LIFESPAN. Without this policy, Cyclone would store messages that a
+dead reader did not acknowledge, and would send them to later readers."""
 GRAPH = MessageType(
     "rmw_dds_common/msg/ParticipantEntitiesInfo",
     (("rmw_dds_common/Gid", "gid"), ("rmw_dds_common/NodeEntitiesInfo[]", "nodes")),
@@ -56,7 +56,8 @@ GRAPH = MessageType(
     ),
     headed=False,
 )
-"""Message that assigns the topics of a DDS participant to ROS nodes. `ros2 node list` needs this message."""
+"""Message that says to which ROS node each topic of a DDS participant belongs. `ros2 node list` needs this
+message."""
 # `uint8` is declared as byte, because cyclonedds 11 announces `uint8` as TK_UINT8, and programs on Cyclone
 # 0.10 (the version in ROS 2) then crash.
 SIMPLE = {
@@ -256,8 +257,8 @@ def _static_peers() -> list[str]:
 def _settings(reach: str) -> str:
     """Returns the settings with which Cyclone discovers nodes in the range `reach`, as ROS 2 does.
 
-    Type information from Fast DDS (vendor 1.15) is ignored because Cyclone interprets it in another way.
-    Types are identified by their hash instead.
+    With these settings, Cyclone ignores type information from Fast DDS (vendor 1.15), because the two
+    implementations interpret this information differently. ROS 2 identifies types by their hash instead.
     """
     peers = _static_peers()
     text = "<Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>"

@@ -27,10 +27,11 @@ PORT = 9090
 TIMEOUT = 5.0
 """Time [s] within which a server must answer. Assumed: on a local network, servers answer within a second."""
 RETRY = 5.0
-"""Longest time [s] between two attempts to reconnect. Assumed: roslibpy's default of an hour is too long."""
+"""Longest time [s] between two attempts to reconnect. roslibpy's default is an hour, which is too long for a
+robot. Assumed: an attempt every few seconds costs little."""
 MOST_WAITING = 1 << 20
-"""Largest number of bytes that may wait for a slow server. While more bytes wait, new messages are dropped.
-Assumed: this number bounds the memory, and the delay of messages."""
+"""Largest number of bytes that may wait until a slow server reads them. While more bytes wait, this node
+drops new messages. Assumed: the limit keeps the memory and the delay of messages small."""
 ADDRESS = re.compile(
     r"(?P<host>[A-Za-z0-9_.-]*|\[[0-9a-fA-F:]+\])(:(?P<port>[0-9]{1,5}))?(?P<namespace>/.*)?"
 )

@@ -150,7 +150,7 @@ class PatchTopics:
         patch = robot.skin[number]
         self._robot, self._number = robot, number
         self.every = Every(period)
-        """Limiter of the number of published frames per second, with the rate in the robot's binding."""
+        """Limits the frames per second to the rate that the robot's binding gives."""
         self._cloud = PatchCloud(patch, build_surface(robot, patch, kinematics))
         self._points = node.advertise(names.points(patch.name), CLOUD)
         self._frames = node.advertise(names.frames(patch.name), BYTES)

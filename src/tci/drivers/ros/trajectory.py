@@ -59,7 +59,8 @@ class Trajectory:
         self._done = False
 
     def order(self, now: float) -> PlatformCommand | None:
-        """Returns the set-points of the trajectory's joints at `now` [s], or None after its end."""
+        """Returns the set-points of the trajectory's joints at `now` [s], or None after the end of the
+        trajectory."""
         if self._done:
             return None
         passed = now - self._start

@@ -16,7 +16,7 @@ Fields = Sequence[tuple[str, str]]
 
 
 class Trees:
-    """Conversion of messages between a flat list of values and nested objects of one library.
+    """Converts messages between a flat list of values and the nested objects of one library.
 
     - `new(type, fields)` makes an object from its fields; `type` is `package/Name`, or "" for the message
       itself.

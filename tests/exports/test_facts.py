@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tci.errors import DescriptionError
-from tci.exports.facts import RobotFacts, generic_limits, query, read_facts
+from tci.exports.facts import RobotFacts, _reach, generic_limits, query, read_facts
 from tci.robot.catalogue import load_robot
 from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.kinematics import KinematicChain
@@ -106,3 +106,14 @@ def test_skin_that_no_cone_fits_is_told_without_one() -> None:
     assert {patch.name for patch in facts.patches if patch.cone is None} == {
         "left_forearm", "left_upper_arm", "head", "left_hand", "right_hand",
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("end", ["lower", "upper"])
+def test_a_joint_of_several_servos_with_an_unknown_limit_has_no_known_reach(end: str) -> None:
+    robot = load_robot("icub")
+    joint = next(one for one in robot.part("left_fingers").servos if len(one.terms) > 1)
+    servos = list(robot.servos)
+    first = servos[joint.terms[0].servo]
+    unknown = first.limits.model_copy(update={end: None})
+    servos[first.index] = first.model_copy(update={"limits": unknown})
+    assert np.isnan(_reach(robot.model_copy(update={"servos": tuple(servos)}), joint)).all()

@@ -216,7 +216,7 @@ def _reach(robot: Robot, joint: GenericServo) -> tuple[float, float]:
     for term in joint.terms:
         limits = robot.servos[term.servo].limits
         ends = [np.nan if end is None else term.factor * end for end in (limits.lower, limits.upper)]
-        low, high = low + min(ends), high + max(ends)
+        low, high = low + float(np.min(ends)), high + float(np.max(ends))  # NaN if an end is NaN
     return low, high
 
 

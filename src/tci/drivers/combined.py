@@ -1,5 +1,5 @@
-"""Combines separate drivers for joints and skin into one driver, for example for a NAO with joints on NAOqi
-and skin on YARP."""
+"""Combines separate drivers for joints and skin into one driver, for example for a NAO whose joints are
+reached over NAOqi and whose skin is reached over YARP."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Combines several servers of one robot, for example for a G1 with joints on Unitree's topics and skin on
-YARP."""
+"""Combines several servers of one robot. For example, one server serves the joints of a G1 on Unitree's
+topics, and another server serves the skin over YARP."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""DDS domains that are open in this process. The DDS library Cyclone accepts only one configuration per
-domain and process."""
+"""DDS domains that are open in this process. Within one process, the DDS library Cyclone accepts only one
+configuration for each domain."""
 
 from __future__ import annotations
 
@@ -9,18 +9,17 @@ from cyclonedds.domain import Domain
 from tci.errors import DriverError
 
 MOST_PARTICIPANTS = 32
-"""Largest number of processes on this machine that can discover each other in one domain without multicast,
-equal to the limit in ROS."""
+"""Largest number of processes on this machine that can discover each other in one domain without multicast.
+ROS has an equal limit."""
 _open: dict[int, tuple[Domain, str, int]] = {}
 """Open domains by domain number. Each entry has the domain, its user (the part of TCI that opened it, such as
-`ROS 2`), and the number of calls of `open_domain` that are not yet reverted."""
+`ROS 2`), and the number of calls of `open_domain` minus the number of calls of `close_domain`."""
 
 
 def open_domain(number: int, settings: str, user: str) -> None:
-    """Opens the domain `number` for the user `user` (for example `ROS 2`) with `settings` for Cyclone. If the
-    domain is open for `user` already, only counts the call. Raises DriverError if Cyclone refuses the
-    settings, or if another user has the domain open.
-    """
+    """Opens the DDS domain `number`. `settings` is the configuration of Cyclone. `user` is the part of TCI
+    that uses the domain, for example `ROS 2`. If the domain is open for `user` already, only counts the call.
+    Raises DriverError if Cyclone refuses the settings, or if another user has the domain open."""
     if number in _open:
         domain, other, count = _open[number]
         if other != user:
@@ -37,7 +36,8 @@ def open_domain(number: int, settings: str, user: str) -> None:
 
 
 def close_domain(number: int) -> None:
-    """Reverts one call of `open_domain`. Closes the domain when all calls are reverted."""
+    """Ends the use of a domain, once for each call of `open_domain`. The last of these calls closes the
+    domain."""
     domain, user, count = _open.pop(number)
     if count > 1:
         _open[number] = domain, user, count - 1

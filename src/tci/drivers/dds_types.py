@@ -1,4 +1,4 @@
-"""DDS types whose samples TCI encodes itself."""
+"""Message types of DDS that TCI encodes and decodes without the library cyclonedds."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from cyclonedds.idl import IdlStruct
 
 
 def carry_raw(kind: type[IdlStruct]) -> type[IdlStruct]:
-    """Changes a DDS type so that cyclonedds sends and receives the attribute `raw` (bytes) of a sample,
-    instead of encoding and decoding each member."""
+    """Changes the message type `kind`, and returns it. After this, cyclonedds sends the bytes in the
+    attribute `raw` of a message, and stores received bytes in `raw`. It does not encode or decode the
+    message's members."""
 
     def serialize(self: Any, *args: Any, **options: Any) -> bytes:
         return bytes(self.raw)

@@ -22,9 +22,8 @@ class Driver(ABC):
     """A connection to one robot. `read` returns sensor data, and `write` sends the commands that the driver's
     gate created. A subclass implements `_receive`, `_send` and `_close`, which communicate with the robot.
     These methods also convert between the robot's units and SI units, and between the robot's joint order and
-    the description's joint order. `read` is always allowed. `write` requires an armed driver and a command
-    that `gate` created.
-    """
+    the description's joint order. `read` does not require an armed driver. `write` requires an armed driver
+    and a command that `gate` created."""
 
     before_write: Callable[[], None] | None = None
     """Function that `write` calls before sending a command. The function raises DriverError if this process
@@ -34,8 +33,7 @@ class Driver(ABC):
         """Stores `info`, the facts about the connection. The constructor of every subclass must call this
         constructor first. Most subclasses create `info` with `DriverInfo.of`."""
         self.info = info
-        """Facts about the connection. The constructor of a driver may replace these facts; later the facts do
-        not change."""
+        """Facts about the connection. Only the constructor of a driver may replace them."""
         self._open = True
 
     @property
@@ -86,17 +84,15 @@ class Driver(ABC):
 
     @classmethod
     def probe(cls, robot: Robot, address: str) -> tuple[Finding, ...]:
-        """Checks each step of a connection to `address`, to find the reason why connecting fails. Creates no
-        driver, and moves no joint. If a step fails, adds a finding with advice to the result and raises no
-        exception.
-        """
+        """Tries each step of connecting to `address`, to find out which step fails and why. Creates no
+        driver, and moves no joint. A failed step gives a finding with advice, not an exception."""
         return ()
 
     def diagnose(self) -> tuple[Finding, ...]:
         """Returns findings that are specific to this kind of driver. Moves no joint.
 
-        Examples are the protocol version in use, lost frames, the offset of the robot's clock, and
-        differences between the robot's own limits and its description.
+        Examples of findings are the protocol version in use, lost frames, the offset of the robot's clock,
+        and joint limits that are stored in the robot and differ from those in the description.
 
         Raises DriverError if the robot does not answer.
         """
@@ -114,7 +110,7 @@ class Driver(ABC):
         return self._receive()
 
     def write(self, safe: SafeCommand) -> SafeCommand:
-        """Sends the latest command of this driver's gate, and returns the command that was sent.
+        """Sends `safe`, which must be the latest command of this driver's gate. Returns `safe`.
 
         Raises DriverError in these cases: the driver is closed or not armed; the command is not the latest
         command of the gate, or was sent before; another process commands the robot.
@@ -184,17 +180,18 @@ class NativePart:
         self._by_name = {servo.name: servo for servo in servos}
 
     def positions(self, joints: JointReading) -> dict[str, float]:
-        """Returns the angle [rad] of each servo, by the robot's own name of the servo."""
+        """Returns the angle [rad] of each servo. The keys are the robot's own names of the servos."""
         return {servo.name: float(joints.position[servo.index]) for servo in self.servos}
 
     def command(
         self, values: Mapping[str, float], *, mode: Mode = Mode.POSITION, speed: float = np.inf
     ) -> PlatformCommand:
-        """Returns a command for the gate. `values` are the commanded values ([rad] in position mode) by the
-        robot's own joint names.
+        """Returns a command for the gate. `values` maps the robot's own joint names to the commanded values
+        ([rad] in position mode).
 
-        `speed` [rad/s] is an upper bound of the speed, in addition to the servos' limits. Raises CommandError
-        if `values` is empty, and UnknownNameError if the part lacks a joint.
+        `speed` [rad/s] is an upper bound of the speed, in addition to the servos' limits. By default, only
+        the servos' limits apply. Raises CommandError if `values` is empty, and UnknownNameError if the part
+        lacks a joint.
         """
         if not values:
             raise CommandError(f"no values for {self.name}; valid names: {', '.join(self._by_name)}")

@@ -28,19 +28,19 @@ class DriverInfo:
     """True if the driver may send commands."""
     lease_name: str
     """Name of the lease, which is the right to command the robot. Drivers with equal lease names connect to
-    one robot, and only one of these drivers may command the robot at a time."""
+    the same robot, and only one of these drivers may command the robot at a time."""
     keep_alive: float | None = None
     """Longest time [s] between two frames of a patch, if the robot sends a frame only when values change
     (send-on-delta). The value is None if the robot sends every frame."""
     about: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
-    """Facts for a recording that are required to repeat the run, such as the random seed and the time step of
-    a simulation."""
+    """Facts that a recording stores because they are needed to repeat the run. Examples are the random seed
+    and the time step of a simulation."""
     recorded: bool = False
     """True if the driver replays a recording. In this case `write` moves no robot, and `read` returns each
     reading only once."""
     unreached: Mapping[int, str] = field(default_factory=lambda: MappingProxyType({}))
-    """Reasons why the driver can't move some servos, by servo index. Servos that the driver can move are
-    missing."""
+    """Reasons why the driver can't move some servos, by servo index. A servo that the driver can move has no
+    entry."""
 
     @classmethod
     def of(

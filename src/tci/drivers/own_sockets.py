@@ -1,7 +1,6 @@
-"""Sets options of sockets that a library opens in this process, if the library lacks settings for these
-options. Works only on Linux, which lists the sockets of a process. On other systems, this module finds no
-sockets and has no effect.
-"""
+"""Sets options of the sockets that a library opens in this process. This is needed for libraries that have no
+settings for these options. Works only on Linux, which lists the sockets of a process. On other systems, this
+module finds no sockets and has no effect."""
 
 from __future__ import annotations
 
@@ -32,7 +31,8 @@ hundred connections between two checks."""
 SO_DOMAIN = 39
 """Linux's socket option SO_DOMAIN, the address family of a socket. Python does not define the option."""
 INFO = 256
-"""Bytes that are requested of Linux's `struct tcp_info`. Newer versions of Linux have a longer struct."""
+"""Number of bytes that are read of Linux's `struct tcp_info`. In newer versions of Linux, the struct is
+longer."""
 SILENT_AT, RECEIVED_AT = 52, 128
 """Offsets [bytes] of two values in `struct tcp_info`: the time [ms] since data last arrived (u32), and the
 number of bytes received (u64)."""
@@ -62,8 +62,8 @@ class OwnSocket:
         return int.from_bytes(self.get(socket.SOL_SOCKET, option), sys.byteorder)
 
     def bind_to(self, device: bytes) -> None:
-        """Limits the socket to data from one network interface. Raises OSError if the system refuses the
-        option."""
+        """Makes the socket receive data only from the network interface `device`. Raises OSError if the
+        system refuses the option."""
         option = (socket.SOL_SOCKET, socket.SO_BINDTODEVICE, device, len(device))
         _checked(_C.setsockopt(self._descriptor, *option))
 
@@ -105,10 +105,8 @@ def listening() -> set[int]:
 
 @contextmanager
 def on_interface(name: str) -> Iterator[None]:
-    """Limits UDP sockets that are opened inside the block to data from one network interface. This is needed
-    because DDS listens on every network interface, although DDS is configured for only one interface. Without
-    this function, DDS would also read data that arrives on the other interfaces.
-    """
+    """Makes UDP sockets that are opened inside the `with` block receive data only from the network interface
+    `name`. DDS needs this: it listens on every interface, even if it is configured for only one."""
     before = {found.name for found in own_sockets(socket.SOCK_DGRAM)}
     yield
     for found in own_sockets(socket.SOCK_DGRAM):
@@ -117,7 +115,7 @@ def on_interface(name: str) -> Iterator[None]:
 
 
 def on_loopback() -> AbstractContextManager[None]:
-    """Limits UDP sockets that are opened inside the block to data from this machine."""
+    """Makes UDP sockets that are opened inside the `with` block receive data only from this machine."""
     return on_interface("lo")
 
 
@@ -135,8 +133,8 @@ class ConnectionMonitor:
         threading.Thread(target=self._keep_checking, name=f"connections to {port}", daemon=True).start()
 
     def check(self) -> None:
-        """Closes connections in excess of the largest number, and connections on which no byte has arrived
-        for too long."""
+        """Closes connections if there are too many, unverified connections first. Also closes each connection
+        that has been unverified for too long."""
         now, going = time.monotonic(), set[str]()
         found = [_connection(partial(going.add, one.name), one, now) for one in self._connections()]
         for connection in surplus(found, now, self._most):
@@ -147,7 +145,7 @@ class ConnectionMonitor:
                 one.end()
 
     def close(self) -> None:
-        """Ends the checks of the connections."""
+        """Stops checking the connections."""
         self._closed.set()
 
     def _connections(self) -> Iterator[OwnSocket]:
@@ -164,8 +162,7 @@ class ConnectionMonitor:
 def _open_more_files() -> None:
     """Raises the process's limit on open files to the system's maximum.
 
-    This is needed because NAOqi's server accepts no further connections after a connection for which the
-    process could open no file.
+    Reason: if NAOqi's server reaches the limit when a connection arrives, it accepts no connections any more.
     """
     if resource is not None:
         most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]

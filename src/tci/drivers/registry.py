@@ -25,8 +25,8 @@ HARMLESS = ("sim", "replay")
 
 
 def driver_names() -> tuple[str, ...]:
-    """Returns the names of the installed drivers, without addresses. These names are valid arguments of
-    `connect`."""
+    """Returns the names of the installed drivers, without addresses. These names are valid for the argument
+    `via` of `connect`."""
     return tuple(sorted({point.name for point in entry_points(group=DRIVERS)}))
 
 
@@ -103,7 +103,7 @@ def connect(
 
 
 def _open_half(robot: Robot, via: str, *, without: str, **options: Any) -> Driver:
-    """Opens a driver without its skin or without its joints; `without` is "skin" or "joints"."""
+    """Opens a driver for only the joints (`without` is "skin") or only the skin (`without` is "joints")."""
     if without not in inspect.signature(load_driver(via.partition(":")[0])).parameters:
         raise DriverError(f"{via} can't leave out its {without}; valid in a combined driver: naoqi, yarp")
     return _open(robot, via, **{without: False}, **options)

@@ -1,8 +1,7 @@
 """`replay:FILE`: driver that returns the readings of a recording, without hardware. Loop, behaviour and gate
 work as with a robot. If behaviour and settings are those of the recording, every decision of the gate equals
-the recorded decision bit for bit. With other settings, the replay shows the decisions with these settings for
-the recorded sensor data.
-"""
+the recorded decision bit for bit. With other settings, the replay shows what the gate decides with these
+settings on the recorded sensor data."""
 
 from __future__ import annotations
 
@@ -22,9 +21,9 @@ from tci.robot.description import Robot
 
 
 def changed_versions(then: str) -> list[str]:
-    """Returns as text the software versions of a recording that differ from the installed versions.
+    """Returns one text for each software whose version in a recording differs from the installed version.
 
-    `then` contains the recording's versions as JSON. If `then` is not valid JSON, returns an empty list.
+    `then` contains the recording's versions as JSON. If `then` is not valid JSON, the list is empty.
     """
     try:
         known = json.loads(then)
@@ -88,13 +87,14 @@ class ReplayDriver(Driver):
         self.compared = 0
         """Number of decisions that were compared with the recorded decisions."""
         self.different: list[float] = []
-        """Times [s] of decisions that differ from the recorded decision in state, modes, codes, or a
-        number."""
+        """Times [s] of decisions that differ from the recorded decision in the gate's state, in a control
+        mode, in the code of a reason, or in a number."""
         self.changed = changed_versions(about.get("versions", ""))
-        """Installed versions of software that differ from the recorded versions, e.g. `numpy 2.4.6, here
+        """Software whose installed version differs from the version in the recording, e.g. `numpy 2.4.6, here
         2.5.0`.
 
-        With other versions, decisions may differ from the recorded decisions in some bits.
+        Because of these differences, numbers in decisions may differ from the recorded numbers in the last
+        bits.
         """
         self._ticks = self.recording.ticks()
         self._tick: RecordedTick | None = None

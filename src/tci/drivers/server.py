@@ -29,10 +29,10 @@ class Server(ABC):
 
     @abstractmethod
     def where(self) -> str:
-        """Returns the server's address for texts that people read, such as the names of its ports."""
+        """Returns the server's address for messages to the user, for example the names of its ports."""
 
     def reach(self) -> str:
-        """Returns the text for `via` with which `connect` on this machine reaches the server."""
+        """Returns the value of `via` with which `connect`, called on this machine, reaches the server."""
         return self.where().partition(",")[0]
 
     @abstractmethod
@@ -56,13 +56,13 @@ class Server(ABC):
 
     @abstractmethod
     def refuse(self, order: Order, reason: Reason) -> None:
-        """Reports a refusal to the sender of an order, if the order was refused before the order reached the
-        gate. Refusals by the gate are in the argument `sent` of `publish`.
+        """Tells the sender of `order` that `order` was refused, and why. The loop calls this only if `order`
+        was refused before it reached the gate. Refusals by the gate are in the argument `sent` of `publish`.
         """
 
     def fault(self) -> Reason | None:
-        """Returns a reason for which the robot must hold, such as a commander that sends no messages, or
-        None."""
+        """Returns a reason if the robot must hold, for example because a commander sends no messages.
+        Otherwise returns None."""
         return None
 
     def __enter__(self) -> Self:

@@ -22,8 +22,8 @@ FASTEST = 10_000.0
 """Highest rate [Hz] of commands that can be set. Assumed: ten times the rate of the fastest robots'
 controllers."""
 LATE = 0.1
-"""Delay [s] above which a simulation with `paced` no longer makes up for the delay. Assumed: if the
-simulation made up for a longer delay, the robot would seem to jump."""
+"""Longest delay [s] that a simulation with `paced` makes up for by running faster than real time. Assumed: if
+it made up for a longer delay, the robot would seem to jump."""
 
 
 class WorldClock:
@@ -81,8 +81,8 @@ class SimulatedDriver(Driver):
         - `keep_alive` [s]: a skin frame is sent when its values change (send-on-delta), and at least once in
           this time. By default a skin frame is sent in every period.
 
-        Raises DriverError if `address` is not empty, if the rate is invalid, or if there are options for a
-        `world` that exists already. Raises UnknownNameError for an unknown option.
+        Raises DriverError if `address` is not empty, if the rate is invalid, or if both `world` and `options`
+        are given. Raises UnknownNameError for an unknown option.
         """
         if address:
             raise DriverError(f"the simulation has no address; got {address!r}, valid: sim")

@@ -19,8 +19,8 @@ from tci.frames import read_only
 from tci.messages import Reading, SkinFrame
 
 SWITCH = 16
-"""Range [counts] below which a sensor counts as a switch and gets no noise. Assumed: every pressure sensor
-has a larger range."""
+"""Smallest range [counts] of the raw values of a pressure sensor. A sensor with a smaller range counts as a
+switch, and the fault injector adds no noise to it. Assumed: every pressure sensor has a larger range."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,8 @@ class KnownFault:
     test: str
     """Test that checks the reaction, as `path::test`. The text is empty if the fault has no test."""
     missing: str
-    """Missing part of TCI for which this fault has no test. The text is empty if the fault has a test."""
+    """Part of TCI that is missing, so that no test of this fault is possible. The text is empty if the fault
+    has a test."""
 
 
 def _load() -> dict[int, KnownFault]:

@@ -42,8 +42,8 @@ PER_POLL = 64
 """Largest number of messages that one call of `poll` returns. If more messages have arrived, `poll` drops the
 older messages. Assumed: this number bounds the time for decoding if very many messages arrive."""
 FACTS = 1.0
-"""Time [s] between two messages with the robot's facts. Assumed: a client that waits for this time after
-connecting is acceptable, since LCM has no requests."""
+"""Time [s] between two messages with the robot's facts. LCM has no requests, so a client waits up to this
+time for the facts. Assumed: this wait is acceptable."""
 
 
 class _Bus:

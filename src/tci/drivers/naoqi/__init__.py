@@ -3,8 +3,8 @@
 Modules:
 
 - `driver` connects to a NAO.
-- `server` offers any NAO, for example the simulated one, to NAOqi clients. `services` has the offered
-  methods.
+- `server` lets NAOqi clients read and command any NAO, for example the simulated one. `services` has the
+  methods that clients can call.
 - `session` opens sessions, `poller` requests joints and skin, and `stream` sends angles.
 - `words` defines the names that driver and server both use.
 - `autonomy` handles the robot's autonomous motions.

@@ -31,7 +31,8 @@ REFLEXES = {
     "getSmartStiffnessEnabled": "smart stiffness (lowers stiffness at rest)",
     "getFallManagerEnabled": "the fall manager (lets go when it believes to fall)",
 }
-"""Methods of ALMotion that return True if a reflex is on. Each method has a description of its reflex."""
+"""Methods of ALMotion that return True if a reflex of the robot is on, each with a description of this
+reflex."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +41,7 @@ class Mover:
     session."""
 
     name: str
-    """Description of the motion for texts that people read."""
+    """Description of the motion, for messages to the user."""
     service: str
     """Service with the method that switches the motion."""
     method: str

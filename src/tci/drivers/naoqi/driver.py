@@ -33,8 +33,8 @@ SWITCH_ON = 0.3
 """For this time [s] after a stiffness command, a servo counts as powered, although it may still report zero
 stiffness. Assumed: several times `poller.SLOW`, the time between two stiffness requests."""
 LAST = 10.0
-"""Longest time [s] for which `close` waits for a reconnection in progress. A reconnection may be switching
-autonomous motions off, and `close` can switch them on again only afterwards. Assumed: twice
+"""Longest time [s] for which `close` waits for a reconnection in progress. The reconnection may switch
+autonomous motions off, and `close` can switch them on again only after this. Assumed: twice
 `autonomy.PATIENCE`."""
 
 

@@ -35,9 +35,10 @@ EARLY, LATE = 0.0005, 0.0025
 """A skin frame is requested from EARLY [s] before its expected time until LATE [s] after it. Assumed: a
 longer window causes more requests, a shorter window misses late frames."""
 STEP = 0.001
-"""Largest assumed age [s] of a skin frame that a request returns for the first time."""
+"""Assumed upper bound [s] of the age of a skin frame when a request returns it for the first time. The poller
+uses the bound to estimate when the next frame is due."""
 FIRST = 0.003
-"""If a skin frame is expected within this time [s], it is requested first, and the joints afterwards.
+"""If a skin frame is expected within this time [s], the poller requests the skin first and the joints second.
 Assumed: `EARLY` + `LATE`."""
 SLOW = 0.05
 """Time [s] between two requests for stiffness. Assumed: stiffness changes slowly."""
@@ -109,10 +110,8 @@ class Poller:
         self._thread.start()
 
     def read(self, patience: float) -> Sensed:
-        """Requests new data and returns the new data, or returns the previous data if no answer arrives in
-        time. Waits at most `patience` [s] for the answer, plus `LATE` [s] if a skin frame is due in this
-        time.
-        """
+        """Requests data and returns the answer. If no answer arrives in time, returns the previous data.
+        Waits at most `patience` [s] for the answer, plus `LATE` [s] if a skin frame is due in this time."""
         self._fresh.clear()
         self._until = self.clock.now() + patience
         self._wanted.set()

@@ -1,9 +1,7 @@
-"""`tci serve nao --via naoqi`: serves any NAO, for example the simulated NAO, with NAOqi's services. Clients
-are programs that use NAOqi with the library `qi`. These programs connect over a socket. Joints move to the
-latest target at a fraction of the top speed, as ALMotion on a real NAO moves the joints. In addition, the
-safety gate of this process checks every motion. The server has no login, so by default only programs on this
-machine can connect.
-"""
+"""`tci serve nao --via naoqi`: serves any NAO, for example the simulated NAO. Other programs connect over a
+socket with NAOqi's library `qi`, as to a real NAO. Joints move to the latest target at a fraction of the top
+speed, as with ALMotion on a real NAO. In addition, the safety gate of this process checks every motion. The
+server has no login, so by default only programs on this machine can connect."""
 
 from __future__ import annotations
 
@@ -27,7 +25,7 @@ LOCAL = "127.0.0.1"
 
 
 class NaoqiServer(Server):
-    """Serves the robot of a driver with NAOqi's services."""
+    """Lets other programs read and command a driver's robot through the same services that NAOqi offers."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
         """Listens at `address` (HOST:PORT). Raises DriverError if the server can't listen at this address."""

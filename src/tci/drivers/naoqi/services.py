@@ -1,8 +1,6 @@
-"""NAOqi services of a served robot. Threads of `qi` call the methods of these services. Of the
-methods of a real NAO, the services offer only those for joints, touch and memory. Each method has the name,
-the arguments and the
-meaning that Aldebaran's documentation gives.
-"""
+"""NAOqi services of a served robot, with the methods of a real NAO for joints, touch and memory. Each method
+has the name, the arguments and the meaning that Aldebaran's documentation gives. Threads of `qi` call the
+methods."""
 
 from __future__ import annotations
 
@@ -19,7 +17,7 @@ from tci.robot.description import Servo
 
 SETTLED = 0.01
 """Largest distance [rad] from the target at which a joint counts as arrived in a blocking motion. Assumed:
-0.6 degrees; because of backlash, a joint may never reach a smaller distance."""
+0.6 degrees; because of backlash, a joint may never come closer to its target."""
 LONGEST = 1000
 """Largest number of joints or keys in one call."""
 

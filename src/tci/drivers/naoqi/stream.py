@@ -21,9 +21,9 @@ AHEAD = 2.0 * CYCLE
 """Lead time [s] of targets: each target is the position that the gate has planned for this time after now.
 Assumed: two periods of ALMotion."""
 CATCH_UP = 0.05
-"""Time [s] in which a servo reaches its target at the sent speed. The distance is counted from the measured
-position or from the previous target, whichever is farther. Assumed: a little more than AHEAD, so that the
-servo neither arrives before the next target nor lags far behind."""
+"""Time [s] in which a servo reaches its target at the sent speed. The distance to the target is counted from
+the measured position or from the previous target, whichever is farther from the new target. Assumed: a little
+more than AHEAD, so that the servo neither arrives before the next target nor lags far behind."""
 LEAST = 0.02
 """Smallest fraction of the top speed that is sent. At speed zero, a servo would never arrive. Assumed: a
 larger fraction makes slow motions jerky."""

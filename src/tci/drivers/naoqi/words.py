@@ -4,9 +4,9 @@ A patch of skin is one vector of numbers in ALMemory. The vector's key is `TCI/S
 description's binding to NAOqi. Each switch has a key of its own; the binding lists these keys, separated by
 spaces.
 
-`qi` needs about 6 ms to transfer a vector of 720 numbers, but only 0.3 ms to transfer it as text. Therefore a
-program that publishes the patch may also write the frame as text, under the key `KEY/Packed`. The text is
-`SEQUENCE TYPE BASE64`, with little-endian numbers.
+The library `qi` needs about 6 ms to transfer a vector of 720 numbers, but only 0.3 ms to transfer these
+numbers as text. Therefore a program that publishes the patch may also write the frame as text, under the key
+`KEY/Packed`. The text is `SEQUENCE TYPE BASE64`, with little-endian numbers.
 """
 
 from __future__ import annotations

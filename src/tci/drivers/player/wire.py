@@ -219,9 +219,10 @@ def to_skin(data: bytes, channels: int) -> NDArray[np.generic]:
 
 
 def _count(body: bytes, size: int, rest: int = 0) -> int:
-    """Returns the number of items of `size` bytes in a variable array.
+    """Returns the number of items of `size` bytes in a variable array. The array begins with this number,
+    written twice.
 
-    Raises FrameError if the two counts differ or the body is too short.
+    Raises FrameError if the two numbers differ or the body is too short.
     """
     if len(body) < 8:
         raise FrameError(f"Player: an array in {len(body)} bytes; valid: 8 and its items")

@@ -18,7 +18,7 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 LEASE = 1.0
-"""Time [s] after the last message of a commander for which other processes may not command the commander's
+"""Time [s] after a commander's last message. For this time, no other process may command the commander's
 joints. Assumed: the robot comes to rest within this time."""
 
 
@@ -46,9 +46,9 @@ class CommandArbiter:
     - the state belongs to this session and was sent at most `silence` [s] ago, and
     - the state is more recent than the commander's last disconnection.
 
-    Delayed or recorded messages are therefore dropped and move nothing. The robot holds while a commander
-    that has joints under command sends nothing for more than `silence` [s], or while the commander's own gate
-    holds.
+    Delayed or recorded messages are therefore dropped and move nothing. The robot holds in two cases: a
+    commander that has joints under command has sent nothing for more than `silence` [s], or the gate in the
+    commander's process holds.
     """
 
     def __init__(
@@ -66,8 +66,9 @@ class CommandArbiter:
         self.rejected = 0
         """Number of rejected messages.
 
-        Reasons are: the message is late, is repeated, belongs to another session, is from a process that has
-        disconnected, or is from one more process than MOST_COMMANDERS.
+        Reasons are: the message is late, is repeated, belongs to another session, or is from a process that
+        has disconnected. A message of a new process is also rejected if the robot already has MOST_COMMANDERS
+        commanders.
         """
 
     def receive(self, message: Orders) -> None:
@@ -93,9 +94,9 @@ class CommandArbiter:
             self._forget(message.client, Reason(Code.COMMANDER_LEFT, f"{member.name} has disconnected"))
 
     def fault(self) -> Reason | None:
-        """Returns a reason for which the robot must hold, or None.
+        """Returns a reason if the robot must hold, otherwise None.
 
-        Reasons are: a commander is silent, a commander's own gate holds, or a commander has just
+        Reasons are: a commander is silent, the gate in a commander's process holds, or a commander has just
         disconnected.
         """
         now = self._clock()
@@ -131,7 +132,7 @@ class CommandArbiter:
         return [order for _, _, order in self._taken]
 
     def refuse(self, order: Order, reason: Reason) -> None:
-        """Records that an order, which `take` had returned, was refused before it reached the gate."""
+        """Records that `order`, which `take` had returned, was refused before it reached the gate."""
         for place, (client, number, taken) in enumerate(self._taken):
             if taken is order:
                 self._refuse(client, number, reason)
@@ -147,7 +148,7 @@ class CommandArbiter:
         self._taken = []
 
     def states(self) -> tuple[Commander, ...]:
-        """Returns the entries of all commanders for the next state that the server sends."""
+        """Returns one entry for each commander. The server sends these entries in its next state message."""
         return tuple(
             Commander(client, member.name, member.acknowledged, member.refused, member.reason)
             for client, member in self._members.items()

@@ -35,14 +35,13 @@ class Source(Protocol):
     """The set-points that a controller follows."""
 
     def order(self, now: float) -> PlatformCommand | None:
-        """Returns the set-points of the controller's joints at `now` [s], or None after the last
-        set-point."""
+        """Returns the controller's set-points at the time `now` [s], or None after the last set-point."""
         ...
 
 
 Make = Callable[[Array, float], Source]
-"""Function that makes a source of set-points from the robot's position (n_servos,) [rad] and the time [s].
-Raises CommandError."""
+"""Function that makes a source of set-points. Its arguments are the robot's position (n_servos,) [rad] and
+the time [s]. The function raises CommandError if it refuses the order."""
 
 
 class Once:
@@ -61,8 +60,8 @@ class PartControllers:
     """The controllers of one robot, one controller per robot part."""
 
     def __init__(self, robot: Robot, session: int, *, of: str) -> None:
-        """Creates the controllers. `session` is the session number of the server. `of` is the name of the
-        clients in texts for people."""
+        """Creates the controllers. `session` is the session number of the server. `of` names the clients in
+        messages to the user, for example "a ROS node"."""
         parts = dict.fromkeys(servo.robot_part for servo in robot.servos)
         self._parts = {part: _Part(robot, f"{of}, for {part}", session) for part in parts}
         self._arrived: deque[tuple[str, Make]] = deque(maxlen=MOST)
@@ -148,7 +147,7 @@ def values_order(robot_part: str, servos: tuple[Servo, ...], data: Any) -> Platf
 def movable(order: PlatformCommand, robot: Robot) -> PlatformCommand:
     """Returns the command without the joints that the gate can't move.
 
-    This is needed because a message for a whole part also contains joints that the gate can't move.
+    Reason: messages for a whole part also contain such joints.
     """
     limits = (robot.servos[servo].limits for servo in order.servos)
     known = [None not in (s.lower, s.upper, s.velocity, s.acceleration, s.jerk) for s in limits]

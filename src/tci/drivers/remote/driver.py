@@ -30,16 +30,17 @@ TIMEOUT = 3.0
 """Time [s] within which a robot must answer when a driver is opened. Assumed: a served robot sends a state in
 every period."""
 STARTING = 30.0
-"""Time [s] within which a robot must answer if the robot's process is known to run. Assumed: after the start
-of a process, compiling code takes less time."""
+"""Time [s] within which a robot must answer if the robot's process is known to run. This time is longer than
+TIMEOUT, because a process that has just started may first compile code. Assumed: compiling takes less time.
+"""
 SKIN = 2.0
 """Time [s] that a driver waits for the first skin frames after the first state. Assumed: every patch has a
-shorter period than this. If frames of a patch are still missing, the driver opens, and the conditioning
-detects the dead patch."""
+shorter period than this. If a patch sends no frame in this time, the driver opens without the frame, and the
+conditioning detects that the patch is dead."""
 WINDOW = 1.0
-"""Time [s] over which the shortest delay of a state is taken as the normal delay of the transport. Times
-without states do not count. A state with a longer delay has arrived late. Assumed: many states arrive in this
-time."""
+"""Length [s] of the time window that determines the normal delay of the transport. The normal delay is the
+shortest delay of all states that arrived in the window. A state with a longer delay has arrived late. Pauses
+between states count only in part. Assumed: many states arrive in this time."""
 
 
 class RemoteDriver(Driver):
@@ -50,13 +51,14 @@ class RemoteDriver(Driver):
     state HOLD, the other gate also changes to HOLD.
 
     A subclass transfers messages in `_poll` and `_put`, and calls `_wait` at the end of its `__init__`.
-    Stamps of readings are on this process's clock. Data that the transport delivers late has an old stamp.
+    Stamps of readings are on this process's clock. If the transport delivers data late, the stamp is the time
+    of measurement, not the time of arrival.
     """
 
     def __init__(
         self, robot: Robot, *, middleware: str, place: str, arm: bool, clock: Clock | None = None
     ) -> None:
-        """Prepares the connection. `place` is the robot's address in texts for people.
+        """Prepares the connection. `place` is the robot's address in messages to the user.
 
         Raises UnknownNameError if the robot's description has no binding to `middleware`.
         """
@@ -112,7 +114,7 @@ class RemoteDriver(Driver):
 
     @abstractmethod
     def _why_silent(self) -> str:
-        """Returns the probable reason why no state has arrived, for the text of the error."""
+        """Returns the probable reason why no state has arrived, for the error message."""
 
     def diagnose(self) -> tuple[Finding, ...]:
         """Returns findings about the gate and the commanders of the robot's process.

@@ -1,12 +1,12 @@
-"""Encodes and decodes the messages of `remote`. A message consists of an envelope with a checksum, then a
-body in ROS 2's CDR.
+"""Encodes and decodes the messages of `remote`. A message consists of an envelope with a checksum and a body
+in CDR, the binary format of messages in ROS 2.
 
 The envelope has these fields:
 
 - `TCI3`
 - the kind of the message (1 byte)
 - the first 8 bytes of the SHA-256 of the robot's description
-- the CRC-32 of the 13 bytes before and of the body
+- the CRC-32 (a checksum) of the 13 bytes above and the body
 
 If a part of the envelope is wrong, the message is rejected and the body is not decoded.
 """

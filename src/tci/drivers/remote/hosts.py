@@ -14,7 +14,7 @@ def numeric(host: str) -> str:
     - A name that can't be resolved is returned unchanged.
     - `localhost` is never looked up, because /etc/hosts lacks this name on some machines.
 
-    The call waits for the network only if `host` is another name.
+    The function waits for the network only if `host` is a name other than `localhost`.
     """
     if host.lower() == "localhost":
         return "127.0.0.1"

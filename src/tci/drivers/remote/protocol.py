@@ -23,8 +23,8 @@ most one order for each robot part in a period."""
 HIGHEST = 1 << 62
 """Upper bound of the sequence numbers of orders."""
 MOST_COMMANDERS = 16
-"""Largest number of processes that may command one robot at a time. Assumed: this number bounds the length of
-a state, which has an entry for each process."""
+"""Largest number of processes that may command one robot at a time. Assumed: no robot has more commanders. A
+state has an entry for each commander, so this number also bounds the length of a state."""
 MOST_WORDS = 2000
 """Largest length [characters] of a reason. Assumed: with this length, the reasons for all commanders fit in
 one state."""
@@ -42,7 +42,7 @@ class Commander:
     client: int
     """Random number of the commander, equal to `Orders.client`."""
     name: str
-    """Name of the commander, for texts that people read."""
+    """Name of the commander, for messages to the user."""
     acknowledged: int
     """Number of the commander's last order that was handled."""
     refused: int
@@ -73,7 +73,7 @@ class State:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionFrame:
-    """A skin frame with the session of the robot's process."""
+    """A skin frame with the session number of the robot's process."""
 
     session: int
     """Number of the robot's process, equal to `State.session`."""
@@ -91,7 +91,7 @@ class Orders:
     client: int
     """Random number of the sender. Each start of the sender has a new number."""
     name: str
-    """Host and process of the sender, for texts that people read."""
+    """Host and process of the sender, for messages to the user."""
     sequence: int
     """Number of the message, which increases by one with each message of the client."""
     halt: Reason | None

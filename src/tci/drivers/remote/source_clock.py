@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 
 JUMP = 1.0
-"""Smallest decrease [s] of the stamps, or of the delay below the previous minimum, that counts as a jump of
-the sender's clock. The clock jumps if a person sets the clock or restarts the sender. A smaller decrease has
-other causes: a message out of order, or a shorter delay of the network. Assumed: the delays of a local
-network are far shorter."""
+"""Threshold [s] for detecting a jump of the sender's clock. The clock has jumped if a stamp is earlier than
+the previous stamp by more than this, or if a delay is shorter than the shortest earlier delay by more than
+this. A clock jumps if a person sets the clock or restarts the sender. Smaller differences have other causes:
+messages out of order, or a changing delay of the network. Assumed: the delays of a local network are far
+shorter."""
 WINDOW = 5.0
-"""Length [s] of the time windows in which the shortest delay of a message is determined. If all delays in two
-windows are above the previous shortest delay, the shortest of them replaces it. Assumed: clocks drift by less
-than a millisecond in this time."""
+"""Length [s] of the time windows in which the shortest delay of a message is determined. The minimum of two
+successive windows is used, so a shortest delay that does not occur again is forgotten. Assumed: clocks drift
+by less than a millisecond in this time."""
 FIRST = 20
 """Number of messages after which the offset between the sender's clock and this process's clock may change
 only slowly. Assumed: the shortest delay occurs in these first messages."""
@@ -24,9 +25,10 @@ speeds wrong by at most a tenth."""
 class SourceClock:
     """Converts a sender's stamps to this process's clock, and detects delayed messages.
 
-    The shortest recent delay of a message counts as zero. If a message has a longer delay, the message counts
-    as older by the difference. Therefore delayed data does not look recent, the times between messages are
-    those on the sender's clock, and a jump of the sender's clock has no effect on later messages.
+    The shortest recent delay of a message counts as zero. A message with a longer delay counts as measured
+    before its arrival, by the difference of the two delays. Therefore delayed data does not look recent, and
+    the times between messages are those on the sender's clock. After a jump of the sender's clock, the
+    conversion starts anew.
     """
 
     def __init__(self) -> None:
@@ -42,7 +44,7 @@ class SourceClock:
 
         `stamp` [s] is on the sender's clock, `arrival` [s] on this process's clock. A message is outdated if
         the message's stamp is not above the stamp of an earlier message. A stamp of 0 means that the message
-        has no stamp. For such a message, returns `arrival`.
+        has no stamp; the function then returns `arrival`.
         """
         if not 0.0 < stamp < 1e12:  # also true if `stamp` is NaN
             return arrival

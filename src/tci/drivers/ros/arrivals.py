@@ -24,9 +24,9 @@ FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8
 """NumPy's type code for each datatype of the ROS message PointField."""
 
 SILENT = 0.1
-"""Largest age [s] of the latest acceleration. If the acceleration is older than the joint data by more, TCI
-does not use torques to detect touches. Assumed: in this time the robot's base leans by at most 6 degrees,
-which changes the torques by less than a touch does."""
+"""Longest time [s] by which the latest acceleration may be older than the joint data. If the acceleration is
+older, TCI does not use torques to detect touches. Assumed: in this time the robot's base leans by at most 6
+degrees, which changes the torques by less than a touch does."""
 
 
 def stamp_of(fields: Mapping[str, Any]) -> float:

@@ -34,8 +34,7 @@ class NativeRobot:
         self, robot: Robot, node: RosNode, names: Names, *, arm: bool, period: float, now: Callable[[], float]
     ) -> None:
         """Subscribes to joints, accelerations and skin. With `arm`, also offers the topics of commands. Each
-        command asks the robot to reach its positions after one `period` [s].
-        """
+        command asks the robot to reach the commanded positions after one `period` [s]."""
         self.robot = robot
         self._names = names
         self._now = now

@@ -171,8 +171,8 @@ class Ros1Node(RosNode):
         self._master = None  # deleting the proxy closes the connection to the master
 
     def _flush(self) -> None:
-        """Waits until rospy's threads have sent all published messages. Without waiting, closing would lose
-        these messages."""
+        """Waits until rospy's threads have sent all published messages. Otherwise, closing the node would
+        lose these messages."""
         publishers = [topic for topic in self._topics if isinstance(topic, self._rospy.Publisher)]
         queued = [connection for publisher in publishers for connection in publisher.impl.connections]
         until = time.monotonic() + FLUSH
@@ -194,7 +194,8 @@ def _stay_here() -> None:
 
 
 def _is_here() -> bool:
-    """Returns True if the addresses of the ROS master and of this machine in ROS are loopback addresses."""
+    """Returns True if other machines can't reach the node: the addresses in ROS_MASTER_URI, ROS_IP and
+    ROS_HOSTNAME, as far as they are set, are loopback addresses."""
     asked = urlsplit(os.environ.get("ROS_MASTER_URI") or MASTER).hostname, *map(os.environ.get, NAMES)
     return all(numeric(host) == "127.0.0.1" for host in asked if host)
 

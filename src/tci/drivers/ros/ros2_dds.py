@@ -194,8 +194,8 @@ def type_hash(kind: MessageType) -> str:
 
 @cache
 def _idl(kind: MessageType) -> type[IdlStruct]:
-    """Returns the DDS type of a message. A sample of this type contains the bytes that `tci.rosmsg.cdr`
-    encodes."""
+    """Returns the DDS type for messages of `kind`. An object of this type contains the bytes that
+    `tci.rosmsg.cdr` encodes."""
     needs = dict(kind.needs)
     if kind.headed:
         needs |= dict((_TIME, _HEADER))

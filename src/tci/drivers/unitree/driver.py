@@ -3,13 +3,13 @@
 DDS topics:
 
 - `rt/lowstate` (from the robot, 500 Hz): angles, speeds and torques of all motors, and the pelvis's IMU.
-- `rt/arm_sdk` (from the driver): targets and gains of waist and arms, and the weight of the targets against
-  those of the robot's own controller.
+- `rt/arm_sdk` (from the driver): targets and gains of waist and arms, and a weight. By this weight, the robot
+  mixes these targets with the targets of its own controller.
 - `rt/lowcmd` (from the driver, with `?control=all`): targets and gains of all motors.
 
-This DDS has no passwords. Therefore the network interface must be named, and an interface that other machines
-may reach is refused. A separate process (`keeper`) sends the commands. If the driver's process is killed, the
-keeper still returns the control of the motors to the robot's own controller.
+This DDS has no passwords. Therefore the user must name the network interface, and the driver refuses an
+interface that other machines may reach. A separate process (`keeper`) sends the commands. If the driver's
+process is killed, the keeper still returns the control of the motors to the robot's own controller.
 """
 
 from __future__ import annotations
@@ -49,8 +49,9 @@ from tci.robot.description import Robot
 WAIT = 5.0
 """Time [s] that a new driver waits for the first state. Assumed: DDS discovery takes a second."""
 LEAST_FORCE = 1.0
-"""Acceleration [m/s2] measured by the pelvis's accelerometer, below which the accelerometer counts as absent.
-Assumed: simulations send zeros, and a real robot is never in free fall."""
+"""Smallest acceleration [m/s2] that the pelvis's accelerometer measures if it exists. If a state has a
+smaller value, the accelerometer counts as absent. Assumed: simulations send zeros, and a real robot is never
+in free fall."""
 
 
 class UnitreeDriver(Driver):
@@ -255,7 +256,8 @@ class UnitreeDriver(Driver):
         self._wait(WAIT)
 
     def _follow(self, status: Status) -> None:
-        """Stops the gate after a lasting fault. Makes the gate hold while TCI does not control the motors."""
+        """Stops the gate if `status` contains a lasting fault. Makes the gate hold while TCI does not control
+        the motors."""
         before, self._phase = self._phase, status.phase
         if status.lasting:
             self.gate.stop(Reason(Code.ROBOT_REFUSES, f"the motors are handed back: {status.reason}"))

@@ -36,9 +36,9 @@ LONGEST = 0.02
 """Largest time [s] by which one step advances the handover. Without this bound, the weight would jump after a
 pause of the process. Assumed: five periods are enough for normal delays."""
 LEFT = 0.1
-"""Least increase [rad] of the distance between a motor's angle and target, after a gap in the states, at
-which the motor no longer follows the target. Assumed: in 0.2 s of the handover, a motor moves by this angle
-if the posture of the robot's own controller is 1 rad away."""
+"""Threshold [rad] for a motor that has left its target during a gap in the states. The motor has left its
+target if its distance from the target has grown by more than this. Assumed: if the posture of the robot's own
+controller is 1 rad away, a motor moves by this angle in 0.2 s of the handover."""
 ROWS = 5
 Q, DQ, TAU, KP, KD = range(ROWS)
 """Rows of targets (5, 29): angle, velocity, torque and gains of each motor."""
@@ -120,9 +120,9 @@ class Handover:
         """Begins to hand back the motors of a robot whose posture changed from `before` to `posture` (29,)
         [rad] while no states arrived.
 
-        A motor that is too far from its old target gets the present angle as new target, because the old
-        target would cause a step. Other targets do not change, since a loaded motor is always at a small
-        distance from the target.
+        If a motor's distance from its target has grown by more than LEFT, the motor's new target is its
+        present angle: the old target would cause a step. Other targets do not change, since a loaded motor is
+        always at a small distance from its target.
         """
         self.give()
         goal = self._goal[Q]

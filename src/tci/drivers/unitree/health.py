@@ -12,8 +12,8 @@ from tci.errors import DriverError
 from tci.frames import Array
 
 STALE = 0.1
-"""Age [s] of the last good state above which no new target is sent. Assumed: shorter and therefore safer than
-the vendor's own limit of 1 s. After this time, fifty states at 500 Hz are missing."""
+"""Largest age [s] of the last good state with which TCI still sends new targets. Assumed: shorter and
+therefore safer than the vendor's own limit of 1 s. After this time, fifty states at 500 Hz are missing."""
 TILT = 1.0
 """Largest tilt [rad] of the pelvis; the vendor's limit."""
 SPEED = 10.0
@@ -73,9 +73,8 @@ class Health:
         return now - self._heard
 
     def passing(self, now: float) -> str:
-        """Returns the reason why no command may be sent at `now` [s] until good states arrive again. The
-        reason is that no good state has arrived recently. The text is empty if commands may be sent.
-        """
+        """Returns a reason if no good state has arrived recently; `now` [s] is the present time. TCI may then
+        send no command until a good state arrives. The text is empty if commands may be sent."""
         if self.state is None:
             wrong = f" ({self.wrong} with a wrong checksum)" if self.wrong else ""
             return f"no usable state from the robot{wrong}"

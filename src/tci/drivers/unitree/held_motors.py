@@ -29,8 +29,8 @@ from tci.errors import DriverError
 from tci.frames import Array
 
 WAIT = 10.0
-"""Time [s] that taking or handing back the motors may last in addition to the change of the weight. Assumed:
-a busy machine starts a process within a few seconds."""
+"""Longest time [s] for taking the motors or handing them back. The time in which the weight changes does not
+count. Assumed: a busy machine starts a process within a few seconds."""
 LONGEST = 1024
 """Largest length [bytes] of a status message."""
 
@@ -49,10 +49,9 @@ class HeldMotors:
     """Starts the keeper and communicates with it. The keeper continues if this process ends."""
 
     def __init__(self, where: UnitreeAddress, period: float, node: UnitreeNode, health: Health) -> None:
-        """Starts the keeper. The keeper takes the motors only after a call of `take`. `node` and `health` are
-        the driver's objects, and are used if the keeper is killed. Raises DriverError if the operating system
-        lacks the required sockets.
-        """
+        """Starts the keeper. The keeper takes the motors only after a call of `take`. `node` and `health`
+        belong to the driver. If the keeper is killed, this class uses them to hand the motors back. Raises
+        DriverError if the operating system lacks the required sockets."""
         if not hasattr(socket, "SOCK_SEQPACKET") or not hasattr(socket, "AF_UNIX"):
             raise DriverError("a Unitree robot can be moved from Linux only; valid: connect with arm=False")
         self.status = Status(Phase.WAITING, False, 0.0, "")
@@ -140,7 +139,7 @@ class HeldMotors:
         self.poll()
 
     def _succeed(self) -> None:
-        """Hands the motors back, in a thread, if the keeper ended while the keeper controlled the motors."""
+        """Hands the motors back, in a thread, if the keeper ended while it controlled the motors."""
         with suppress(subprocess.TimeoutExpired):
             if self._process.wait(1.0) == 0 or self.status.phase is Phase.WAITING:
                 words = self.status.reason or "the process that holds the motors has ended"

@@ -32,13 +32,16 @@ from tci.errors import DriverError, FrameError, TciError
 from tci.frames import Array
 
 TAKE, GIVE, FOLLOW = b"T", b"G", b"F"
-"""First byte of each message from the driver to the keeper."""
+"""Kinds of messages from the driver to the keeper: take the motors, give them back, and follow new targets.
+The kind is the first byte of a message."""
 FOLLOWS = struct.Struct(f"<c{MOTORS}?{ROWS * MOTORS}d")
 STATUS = struct.Struct("<B?d")
-"""A status message: phase, True if a fault lasts, and weight. The reason follows as text."""
+"""First values of a status message: the phase, True if a fault lasts until a person connects again, and the
+weight. The rest of the message is the reason of the fault as text."""
 DISCOVERY = 0.5
-"""Time [s] after the first state in which the keeper searches for other programs that write commands, before
-taking the motors. Assumed: DDS participants answer a new participant immediately."""
+"""Time [s] for which the keeper searches for other programs that write commands. The time starts with the
+first state, and only after this time the keeper takes the motors. Assumed: DDS participants answer a new
+participant immediately."""
 SILENT = 1.0
 """Time [s] without targets after which the behaviour counts as failed, and the motors are handed back.
 Assumed: a pause of a loop is far shorter."""

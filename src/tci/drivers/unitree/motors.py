@@ -70,7 +70,7 @@ def gains(*, whole: bool) -> Array:
 
 
 def commanded(*, whole: bool) -> NDArray[np.intp]:
-    """Returns the slots that receive commands: all slots with `whole`, otherwise the slots of waist and
+    """Returns the slots that receive commands: all slots if `whole` is True, otherwise the slots of waist and
     arms."""
     return np.arange(0 if whole else UPPER.start, MOTORS)
 

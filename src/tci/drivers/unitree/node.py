@@ -64,8 +64,8 @@ class UnitreeNode:
         return Out(self.writer(topic, kind), kind)
 
     def writer(self, topic: str, kind: type[IdlStruct], keep: int = 1) -> DataWriter[Any]:
-        """Returns a writer of samples. The writer repeats a lost sample while the sample is among the last
-        `keep` samples."""
+        """Returns a writer of messages. The writer sends a lost message again while the message is among the
+        last `keep` messages."""
         qos = Qos(RELIABLE, Policy.History.KeepLast(keep))
         return DataWriter(self._there(), Topic(self._there(), topic, kind), qos=qos)
 
@@ -80,8 +80,8 @@ class UnitreeNode:
     ) -> DataReader[Any]:
         """Returns a reader of a topic, which keeps the newest `keep` messages.
 
-        With `reliable`, lost messages are repeated. With `foreign`, messages of this participant are not
-        received.
+        With `reliable`, the sender is asked to send lost messages again. With `foreign`, messages of this
+        participant are not received.
         """
         kept: list[Any] = [Policy.IgnoreLocal.Participant] if foreign else []
         kept += [RELIABLE if reliable else Policy.Reliability.BestEffort, Policy.History.KeepLast(keep)]
@@ -119,7 +119,7 @@ class UnitreeNode:
 
 
 def latest(reader: DataReader[Any], most: int = MOST) -> list[Any]:
-    """Returns the samples that have arrived since the last call, at most `most`, the oldest first."""
+    """Returns the messages that have arrived since the last call, at most `most`, the oldest first."""
     return [sample for sample in reader.take(most) if isinstance(sample, IdlStruct)]
 
 

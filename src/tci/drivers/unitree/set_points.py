@@ -16,9 +16,8 @@ class SetPoints:
     """Converts commands for servos to targets of motors. Stores the last commanded stiffness and damping."""
 
     def __init__(self, slots: NDArray[np.intp], *, whole: bool) -> None:
-        """Stores the slot (n_servos,) of each servo's motor, -1 for fingers. Uses the gains for rt/lowcmd
-        with `whole`, otherwise the gains for rt/arm_sdk.
-        """
+        """Stores the slot (n_servos,) of each servo's motor, -1 for fingers. If `whole` is True, uses the
+        gains for rt/lowcmd, otherwise the gains for rt/arm_sdk."""
         self._slots, self._gains = slots, gains(whole=whole)
         self._share = np.ones((2, MOTORS))
 

@@ -20,8 +20,8 @@ HEAD = b"\0\1\0\0"
 SLOTS = 35
 """Number of slots for motors in a message. A G1 uses at most 29 slots."""
 WEIGHT = 29
-"""Slot with the weight of rt/arm_sdk in its field `q`: 0 for the robot's own controller, 1 for the
-commands."""
+"""Slot without a motor. In a message of rt/arm_sdk, its field `q` contains the weight: with 0, the motors
+follow only the robot's own controller, with 1 only the message's targets."""
 TAXELS = 12
 """Number of values that one press sensor measures."""
 MOST_ITEMS = 64
@@ -157,7 +157,8 @@ def encode_hand_command(motors: NDArray[np.void]) -> bytes:
 
 
 def decode_hand_command(data: bytes) -> NDArray[np.void]:
-    """Returns the records (m,) of MOTOR_COMMAND in a command to a hand. Raises FrameError."""
+    """Returns the records (m,) of MOTOR_COMMAND in a command to a hand. Raises FrameError if the message is
+    invalid."""
     return _items(data, 4, MOTOR_COMMAND, "motors")[0]
 
 

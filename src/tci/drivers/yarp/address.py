@@ -29,7 +29,8 @@ class YarpAddress:
     """Dialect of the protocol: YARP 3 or YARP 4. With None, a driver detects the dialect, and a server uses
     YARP 3."""
     robot: str = ""
-    """First part of the port names, such as `icubSim`. Empty to use the name in the robot's description."""
+    """First part of the port names, such as `icubSim`. If the text is empty, the name in the robot's
+    description is used."""
     carrier: str = FAST_TCP.name
     """Name of YARP's carrier (transport protocol) for skin data and joint states."""
     skin: str = ""

@@ -27,16 +27,16 @@ class Axes:
 
 def names_of(board: Board) -> tuple[str, ...]:
     """Returns the names of a board's axes, as the board reports them, in the order of the axes. Raises
-    YarpError."""
+    YarpError if the board does not answer."""
     return tuple(board.name(axis) for axis in range(board.axes()))
 
 
 @raises_driver_errors
 def find_axes(board: Board, servos: Sequence[Servo]) -> Axes:
     """Reads a board's axes and assigns the axes to `servos`: by name if the board has all names, otherwise by
-    number. A board may lack servos that move no link of the robot's model, such as the fingers and eyes of
-    the iCub in Gazebo. Such a servo is not assigned by number if the board has fewer axes than there are
-    servos and has the names of some servos, since the axis with this number may be a tool.
+    number. A board may lack a servo that moves no link of the robot's model, such as a finger or eye of the
+    iCub in Gazebo. If a board has fewer axes than there are servos, and has the names of some servos, such a
+    servo gets an axis only by name: the axis with the servo's number may be a tool.
 
     Raises DriverError if the board does not answer, if it lacks a servo that moves a link, or if its axis
     numbers differ from those in the description.

@@ -48,12 +48,13 @@ STREAMS = {
 }  # fmt: skip
 
 AHEAD = 0.02
-"""Time [s] by which a sent position is ahead of the servo's reference on the path that the gate has planned.
-This is needed because a board may stop a servo that has reached the set-point. Assumed: four periods of 5
-ms."""
+"""Lead time [s] of set-points: the driver sends the position that the gate has planned for this time after
+now. Without a lead time, a servo could reach its set-point early, and the board would stop it. Assumed: four
+periods of 5 ms."""
 SWITCHING = 0.0005
-"""Longest time [s] to wait for the answer to a change of mode. If the answer arrives in time, set-points are
-sent again, since a board ignores set-points before the change. Assumed: a tenth of a period of 5 ms."""
+"""Longest time [s] to wait for the board's answer to a change of mode. If the answer arrives in time, the
+driver sends the set-points of this period again, since a board ignores set-points that arrive before the
+change. Assumed: a tenth of a period of 5 ms."""
 
 
 class BoardDriver:
@@ -73,8 +74,9 @@ class BoardDriver:
     ) -> None:
         """Connects, and finds the board's axis for each servo in `servos`.
 
-        The board's port names begin with `prefix` (`/icub/left_arm`), and the port names of this driver with
-        `own`. Raises DriverError if the board can't be reached, or if its axes do not fit the servos.
+        The names of the board's ports begin with `prefix` (`/icub/left_arm`). The names of the driver's ports
+        begin with `own`. Raises DriverError if the board can't be reached, or if its axes do not fit the
+        servos.
         """
         self.prefix = prefix
         self._network, self._own = network, own
@@ -111,8 +113,9 @@ class BoardDriver:
             self._output.close()
 
     def state(self, at: float | None = None) -> tuple[BoardState, float]:
-        """Returns the latest state, or the state nearest to the time `at` [s], and the state's time [s].
-        Angles are in degrees, in the order of the board's axes. Raises DriverError before the first state."""
+        """Returns a state of the board, and the time [s] of this state. Returns the latest state or, if `at`
+        is given, the state nearest to the time `at` [s]. Angles are in degrees, in the order of the board's
+        axes. Raises DriverError before the first state."""
         found = None
         if self.feed is not None:
             found = self.feed.latest if at is None else self.feed.at(at)
@@ -153,8 +156,9 @@ class BoardDriver:
     def send(self, safe: SafeCommand, ahead: Array) -> None:
         """Switches the board's servos to the modes in a command, then sends their set-points.
 
-        `ahead` (k,) [rad] are the positions of the command's servos, AHEAD [s] later. If the board refuses a
-        mode, only a later call raises DriverError, since the answer may take a period.
+        `ahead` (k,) [rad] are the positions that the gate has planned for the command's servos at AHEAD [s]
+        after now. The board may take a period to answer a change of mode. Therefore, if the board refuses a
+        mode, a later call of `send` raises DriverError.
         """
         self._settle()
         mine = self._mine
@@ -176,8 +180,8 @@ class BoardDriver:
 
     @raises_driver_errors
     def send_torques_only(self, safe: SafeCommand) -> None:
-        """Sends only the torques of servos in torque mode. This ends the torques if no states arrive from the
-        board: the board itself would keep the last torques."""
+        """Sends only the torques of servos in torque mode. Used while no states arrive from the board: the
+        gate then ends the torques, but a board that gets no message keeps the last torques."""
         mine = self._mine
         loose = [
             (place, servo)
@@ -194,7 +198,8 @@ class BoardDriver:
         self._direct.clear()
 
     def forget(self) -> None:
-        """Deletes the list of joints in direct mode. Closes the call connection. Used after a restart."""
+        """Deletes the list of joints in direct mode, and closes the connection for calls. Used when the
+        driver connects again."""
         self._direct.clear()
         self.board.close()
 
@@ -233,8 +238,9 @@ class BoardDriver:
             self._connect_commands()
 
     def _must_switch(self, servo: int, mode: Mode, reported: Mode | None, on: bool) -> bool:
-        """Returns True if the gate has changed the mode, or if a joint in position mode must be switched to
-        position-direct. If another program has set the mode, returns False."""
+        """Returns True if the driver must request `mode` for a servo. There are two cases: the driver's last
+        request was for another mode, or the servo is in position mode and must be switched to
+        position-direct. If another program has changed the mode, the driver does not change it back."""
         if mode is not self._requested[servo]:
             return True
         return (
@@ -295,8 +301,8 @@ class BoardDriver:
     def _stream_all(
         self, safe: SafeCommand, ahead: Array, chosen: Sequence[tuple[int, int]], mine: dict[int, int]
     ) -> None:
-        """Sends the set-points of the `chosen` servos as the stream command for each servo's mode. `chosen`
-        has for each servo the place in the command and the index."""
+        """Sends the set-points of the `chosen` servos: angles, velocities or torques, as the mode of each
+        servo requires. Each entry of `chosen` has the servo's place in the command and the servo's index."""
         for stream, values in (
             (Stream.POSITION, np.rad2deg(ahead)),
             (Stream.VELOCITY, np.rad2deg(safe.velocity)),

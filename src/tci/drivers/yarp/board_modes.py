@@ -35,8 +35,8 @@ no commands."""
 MOVING = (POSITION, MIXED)
 """Control modes in which a joint accepts moves to a target angle."""
 USUAL = {Mode.VELOCITY: VELOCITY, Mode.TORQUE: TORQUE}
-"""YARP's control mode that clients read for a mode of TCI which no client has set. For modes of TCI that are
-missing in this table, clients read POSITION."""
+"""Control mode of YARP that clients read for each mode of TCI, if no client has set the mode. For a mode of
+TCI that is not in this table, clients read POSITION."""
 STREAMING = {
     Stream.POSITION: (DIRECT,), Stream.VELOCITY: (VELOCITY, VELOCITY_DIRECT), Stream.TORQUE: (TORQUE,),
 }  # fmt: skip
@@ -91,7 +91,7 @@ class BoardModes:
     def with_words(self, joints: Sequence[int], words: Sequence[Vocab]) -> list[JointMode]:
         """Returns the modes that joints (k,) have after a switch to the control modes `words`.
 
-        Raises CallError if a joint does not have the mode.
+        Raises CallError if a joint can't be switched to its mode.
         """
         wanted = [IDLE if word == FORCE_IDLE else word for word in words]
         return self._checked(joints, [(w, self._set[j][1]) for j, w in zip(joints, wanted, strict=True)])

@@ -46,15 +46,15 @@ AWAY = 0.3
 """Time [s] without a message after which the driver connects to a port again. Assumed: gaps in the data on a
 busy network are shorter."""
 LOOK = 0.25
-"""Time [s] between two checks for silent ports. Assumed: close to `AWAY`, so that the driver connects to a
-silent port again after at most about twice `AWAY`."""
+"""Time [s] between two checks for silent ports. Assumed: the driver then connects again at most AWAY + LOOK
+after a port's last message, which is soon enough."""
 REGISTER_AGAIN = 1.0
 """Time [s] between two checks that the driver's ports are still registered. A name server that restarts
 forgets the ports. Assumed: a second is soon enough, since data between ports does not need the name
 server."""
 PATIENCE = 0.9
-"""Largest fraction of a period for which a reading waits for skin frames that are due. Assumed: the rest of
-the period is enough for the computation."""
+"""Largest fraction of a period for which `read` waits for skin frames that are due. Assumed: the rest of the
+period is enough for the computation."""
 REFUSED = 3.0
 """Time [s] for which a board may refuse or not answer a change of mode, before `write` raises an error.
 Assumed: a board that starts or holds accepts modes again within this time."""

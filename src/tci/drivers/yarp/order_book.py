@@ -19,8 +19,8 @@ periods, and YARP's own clients wait longer."""
 
 
 class OrderBook:
-    """Passes orders from the threads of connections to the loop, and the results of the orders to these
-    threads.
+    """Passes orders from the threads of connections to the loop, and passes the results of the orders back to
+    these threads.
 
     Each connection has a thread of its own, which calls `put`. If a client waits for an answer, the thread
     also calls `begin` before and `settle` after. The loop calls `take`, `refuse` and `judge`.
@@ -57,7 +57,7 @@ class OrderBook:
     def refuse(self, order: Order, reason: Reason) -> bool:
         """Records that an order was refused before it reached the gate.
 
-        Returns True if the order was taken from this book.
+        Returns True if `take` of this book had returned the order.
         """
         with self._changed:
             mine = any(order is given for given in self._given)

@@ -41,8 +41,9 @@ ACCELERATION = 50.0
 """Acceleration [deg/s2] that clients read until they set another acceleration. Assumed: the value has no
 effect, since the gate uses the limits in the description."""
 OVERTAKES = 0.005
-"""Longest time [s] that streamed set-points wait for the change to their mode. The change of mode arrives on
-another connection, and possibly later. Assumed: half of a board's period on iCub."""
+"""Longest time [s] for which streamed set-points wait for the call that switches the joint to their mode. The
+call arrives on another connection, possibly after the set-points. Assumed: half of a board's period on iCub.
+"""
 ARRIVED = 1e-4
 """Largest distance [rad] between a joint's target and reference at which the joint counts as arrived.
 Assumed: an encoder does not resolve this distance."""

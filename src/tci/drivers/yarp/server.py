@@ -45,8 +45,9 @@ from yarpwire.streams import obey
 PERIOD = 0.01
 """Time [s] between two published states of a board; equal to iCub's."""
 APART = 0.003
-"""Time [s] after a skin frame in which the server delays states, by at most half a PERIOD. Assumed: in this
-time a client computes its answer to a touch, and reading states would delay the answer."""
+"""Time [s] after a skin frame in which the server publishes no states of boards. A state is delayed by at
+most half a PERIOD. Assumed: in this time a client computes its answer to a touch, and reading states would
+delay the answer."""
 DEFAULT = ("127.0.0.1", 10000)
 """Host and port at which the server's own name server listens if no address is given."""
 REGISTER_AGAIN = 1.0
@@ -168,11 +169,10 @@ class YarpServer(Server):
             self._own.close()
 
     def _name_server(self, options: YarpAddress) -> tuple[NameServer | None, Network]:
-        """Returns the name server if this process has started the name server, otherwise None. Also returns
-        the network. The server uses the name server in the address or in yarp.conf. If no name server
-        answers, the server starts a new name server. The network is not searched for other name servers,
-        since a foreign name server would register every port, and the ports would listen on the network.
-        """
+        """Returns the name server that this process has started, or None. Also returns the network. The
+        server uses the name server in the address or in yarp.conf. If this name server does not answer, the
+        server starts a new one. It does not search the network for other name servers: with a name server on
+        another machine, other machines could reach the server's ports."""
         if options.server is None and not config_file(namespace()).is_file():
             options = replace(options, server=DEFAULT)
         where = options.server or DEFAULT

@@ -1,7 +1,7 @@
 """Encodes and decodes contacts in the format of iCub's skinManager.
 
-Each contact is a list, with vectors in the frame of the contact's link:
-`((id body link skin) (CoP) (F) (M) (centre) (normal) (taxels ..) pressure)`.
+Each contact is a list, with vectors in the frame of the contact's link. CoP is the centre of pressure, F the
+force and M the moment: `((id body link skin) (CoP) (F) (M) (centre) (normal) (taxels ..) pressure)`.
 """
 
 from __future__ import annotations

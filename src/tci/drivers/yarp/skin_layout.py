@@ -68,7 +68,7 @@ class SkinLayout:
 def check_order(layout: SkinLayout, patch: Patch, prefix: str, network: Network) -> None:
     """Raises DriverError if the order of a patch's taxels on the robot at `prefix` is unknown.
 
-    If a binding lists modules of skin, the order of the modules is an assumption, which is certain only on a
+    If a binding lists modules of skin, TCI assumes the order of the modules. The order is certain only on a
     robot that TCI serves. On all other robots, the order counts as unknown.
     """
     if layout.places is not None and not network.lives(facts_port(prefix)):

@@ -43,7 +43,7 @@ def write_files(
 
     Returns the paths of `router.json5` and of one configuration file for each robot and user. To use such a
     file on another machine, copy it with `ca.pem` and the `.pem` files of that robot or user. Raises
-    DriverError.
+    DriverError if an argument is invalid, if `folder` exists, or if openssl fails.
     """
     found = re.fullmatch(r"tls/\[?([^\s/\]]+)\]?:(\d+)", endpoint)
     if found is None:
@@ -123,7 +123,7 @@ def _common(folder: Path, name: str, password: str) -> dict[str, Any]:
 def _access(
     robots: Sequence[str], commanders: Mapping[str, Sequence[str]], watchers: Mapping[str, Sequence[str]]
 ) -> dict[str, Any]:
-    """Returns the router's rules of access. The router denies each access that no rule allows."""
+    """Returns the router's rules, which allow access. The router denies each access that no rule allows."""
     rules: list[dict[str, Any]] = []
 
     def rule(name: str, flow: str, messages: Sequence[str], keys: Sequence[str]) -> None:

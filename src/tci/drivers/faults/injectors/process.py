@@ -50,7 +50,7 @@ class Terminated(Injector):
 
 
 class ThreadFails(Injector):
-    """An exception in a thread."""
+    """An exception that ends a thread of this process."""
 
     number = 45
     description = "a thread beside the loop raises an exception"

@@ -79,7 +79,7 @@ class NaNTaxel(_Taxels):
 
 
 class Saturated(_Taxels):
-    """Twelve channels that report the value at the end of the range."""
+    """Twelve channels that report the value at the upper end of the sensor's range."""
 
     number = 5
     description = "twelve neighbouring channels of the first patch are at the end of their range"

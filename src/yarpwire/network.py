@@ -81,7 +81,7 @@ class Network(ABC):
     """A YARP network. Methods raise PortError if the name server does not answer."""
 
     title: str
-    """Name of the implementation of YARP's network, for texts that people read."""
+    """Name of the implementation of YARP's network, for messages to the user."""
     address: tuple[str, int]
     """Host and port of the name server."""
     dialect: Dialect | None = None

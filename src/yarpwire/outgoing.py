@@ -26,7 +26,7 @@ from yarpwire.values import Array
 
 MOST_UNANSWERED = 16
 """Largest number of messages that the reader has not acknowledged. When this number is reached, new messages
-are dropped. Assumed: a reader with so many open messages is slower than the sender."""
+are dropped. Assumed: a reader with so many unacknowledged messages is slower than the sender."""
 STUCK = 1.0
 """If a reader does not accept the rest of a message within this time [s], the connection counts as lost.
 Assumed: a running reader reads within a few periods."""
@@ -96,8 +96,8 @@ def is_over(sock: socket.socket) -> bool:
 def is_readable(sock: socket.socket, patience: float) -> bool:
     """Returns True if data or the end of a connection arrives within `patience` [s].
 
-    Does not use `select.select`, which refuses file descriptors of 1024 and above. Raises OSError or
-    ValueError if the socket is closed.
+    Does not use `select.select`, because it refuses file descriptors with the number 1024 or a higher number.
+    Raises OSError or ValueError if the socket is closed.
     """
     with selectors.DefaultSelector() as selector:
         selector.register(sock, selectors.EVENT_READ)

@@ -18,11 +18,11 @@ ROUNDED = 0.06
 """An angle on one side of the robot counts as written in radians instead of degrees if its number differs
 from the other side's angle [rad] by at most this value. Assumed: numbers may be rounded to one decimal."""
 NEARLY = 0.1
-"""For small angles, this relative difference is used instead of ROUNDED: the largest one between the number
-of an angle and the other side's angle [rad], at which the angle counts as written in radians. Assumed: more
-than the error of rounding to two digits."""
+"""Largest relative difference between the number of an angle and the other side's angle [rad] at which the
+angle counts as written in radians. This is used instead of ROUNDED if the two angles differ by at most
+UNEVEN. Assumed: more than the error of rounding to two digits."""
 TINY = 0.5 * np.pi
-"""Angles with a smaller number of degrees, on a part that has no other side, count as written in radians.
+"""Number of degrees below which an angle counts as written in radians, if the part has no other side.
 Assumed: nobody turns a head or a torso by less than 1.6 degrees or by more than 90."""
 
 

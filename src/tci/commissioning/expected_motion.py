@@ -12,9 +12,9 @@ from tci.robot.joint_map import joint_map
 from tci.robot.kinematics import KinematicChain
 
 VISIBLE = 5e-4
-"""Least displacement [m] of a link for which the program tells the operator how the link will move. If the
-displacement is smaller, the rotation of the link is described. Assumed: smaller displacements are hardly
-visible."""
+"""Least displacement [m] of a link that the operator can see. If the displacement is at least this, the
+program tells the operator where the link will go, otherwise how the link will turn. Assumed: smaller
+displacements are hardly visible."""
 _WAYS = (("forward", "backward"), ("left", "right"), ("up", "down"))
 _TURNS = (
     ("its top goes to the right", "its top goes to the left"),

@@ -22,7 +22,7 @@ from tci.runtime.lease import FOLDER, lease
 PERIOD = 0.002
 """Period [s] of the wake-ups in the test of the clock, equal to the control period of simulated robots."""
 LATE = 1e-3
-"""Largest delay [s] of wake-ups (99th percentile) without a warning. Assumed: half of PERIOD."""
+"""Largest delay [s] of wake-ups (99th percentile) that gives no warning. Assumed: half of PERIOD."""
 
 
 def examine_machine(*, duration: float = 0.4) -> tuple[Finding, ...]:

@@ -41,8 +41,9 @@ WIDER = 1.25
 """Largest ratio between the sizes of a left patch and the corresponding right patch. Assumed: the sizes of
 real patches differ by a few percent."""
 SHARE, AWAY = 0.25, 0.03
-"""Fraction SHARE of a patch's taxels must be within the distance AWAY [m] of the shapes of its link and of
-adjacent links. Assumed: models lack covers (soles of NAO: 21 mm) and pieces of forearms (alex: 27 mm)."""
+"""At least the fraction SHARE of a patch's taxels must be at most AWAY [m] from the surface of the patch's
+link or of an adjacent link. Assumed: models lack covers (soles of NAO: 21 mm) and pieces of forearms (alex:
+27 mm)."""
 PRESSURE = (3e3, 1e7)
 """Least and largest plausible pressure [Pa] at the end of a sensor's range. Assumed: a light touch is 3 kPa,
 and 10 MPa destroys a skin."""
@@ -246,7 +247,7 @@ def _patches(robot: Robot, chain: KinematicChain, postures: list[Array]) -> Iter
 
 
 def _distances(robot: Robot, chain: KinematicChain, *, without: set[str]) -> Iterator[str]:
-    """Compares the places of taxels with the shapes of the links that carry the taxels. Leaves out the
+    """Compares the places of taxels with the surfaces of the links that carry the taxels. Leaves out the
     patches in `without`."""
     assert robot.model is not None
     if robot.model.meshes == NO_MESHES or not robot.skin:

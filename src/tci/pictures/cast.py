@@ -33,11 +33,12 @@ class Hits:
     points: Array
     """Hit points (n, 3) [m] in the world frame, or NaN if the ray hits nothing."""
     normals: Array
-    """Unit normals (n, 3) at the hit points, on the side of the camera, or 0 if the ray hits nothing."""
+    """Unit normals (n, 3) at the hit points, pointing to the camera's side of the surface, or 0 if the ray
+    hits nothing."""
 
 
 def nearer(first: Hits, second: Hits) -> Hits:
-    """Merges two sets of hits (n,) of equal rays. For each ray the nearer hit is used."""
+    """Merges two sets of hits (n,) of the same rays. For each ray the nearer hit is used."""
     closer = second.distance < first.distance
     return Hits(
         geom=np.where(closer, second.geom, first.geom),

@@ -27,7 +27,7 @@ the colours of pressure are warm."""
 SKIN_COLOUR = (0.30, 0.32, 0.36)
 """Colour of links that carry skin."""
 FULL_SCALE = 40e3
-"""Pressure [Pa] of the last colour."""
+"""Pressure [Pa] that has the last colour of PRESSURE_COLOURS."""
 _SWELL = 1.0
 """Relative increase of a dot's radius from no pressure to full scale, so that a small contact is visible."""
 _LEVEL = 0.010

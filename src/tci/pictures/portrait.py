@@ -53,8 +53,8 @@ class Portrait:
     def __init__(self, world: World, fields: Sequence[FieldLook], *, full_scale: float) -> None:
         """Prepares the drawing of a world.
 
-        `fields` are the receptive fields that are drawn on both arms. `full_scale` [Pa] is the pressure of
-        the last colour.
+        `fields` are the receptive fields that are drawn on both arms. `full_scale` [Pa] is the pressure that
+        has the last colour of `paint.PRESSURE_COLOURS`.
         """
         self.skin = Skin(world.robot)
         """Skin of the robot."""

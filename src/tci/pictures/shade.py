@@ -17,7 +17,7 @@ _KEY = np.array([-0.55, -0.75, -0.55])
 the camera."""
 _AMBIENT, _KEY_STRENGTH, _HEAD_STRENGTH = 0.50, 0.45, 0.32
 _JUMP = 3.0
-"""Least step in depth, in pixel sizes across the surface, at which an outline is drawn."""
+"""Least step in depth at which an outline is drawn, as a multiple of a pixel's size on the surface."""
 _OUTLINE = 0.55
 """Fraction of black in the colour of an outline."""
 
@@ -25,8 +25,8 @@ Offset = tuple[slice, slice]
 
 
 def _neighbours(step: int) -> list[tuple[Offset, Offset]]:
-    """Returns pairs of views of an image. The second view of a pair is shifted by `step` pixels: to the
-    right, down, or diagonally."""
+    """Returns pairs of index ranges. The two ranges of a pair select two equally large regions of an image,
+    one shifted from the other by `step` pixels: sideways, down, or diagonally."""
     here, there, everywhere = slice(None, -step), slice(step, None), slice(None)
     return [
         ((everywhere, here), (everywhere, there)),

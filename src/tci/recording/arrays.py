@@ -55,8 +55,8 @@ class PatchValues(Description):
     axis: int = 0
     """Axis of the frames. The other axes are flattened, and the last axis varies fastest."""
     channels: tuple[int, ...] | None = Field(default=None, strict=False)
-    """Channel of each value. The value is None if the values are those of all channels, in order. A channel
-    without a value gets the rest value of the robot's patch, or 0 if there is no robot."""
+    """Channel of each value. None if `values` has a value for every channel, in order. A channel without a
+    value gets the rest value of the robot's patch, or 0 if there is no robot."""
 
     @model_validator(mode="after")
     def _once(self) -> PatchValues:

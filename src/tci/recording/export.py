@@ -69,9 +69,9 @@ def tables(recording: Recording, robot: Robot | None = None) -> dict[str, Table]
 def export(recording: Recording, out: Path, form: str, robot: Robot | None = None) -> list[Path]:
     """Writes the tables, and returns the paths of the files.
 
-    `out` is a folder for the files. For npz, `out` is the one file. NPZ stores each matrix under one name,
-    for example `skin_left_forearm.force_n` (frames, taxels). In CSV and Parquet the matrix is split into
-    columns `force_n_0`, `force_n_1` and so on.
+    `out` is a folder for the files. For npz, `out` is the file to write. NPZ stores each matrix under one
+    name, for example `skin_left_forearm.force_n` (frames, taxels). In CSV and Parquet the matrix is split
+    into columns `force_n_0`, `force_n_1` and so on.
 
     Raises UnknownNameError for an unknown format, and MissingExtraError if the library for parquet is
     missing. Raises RecordingError if the recording has names that could lead out of the folder.

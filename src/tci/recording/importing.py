@@ -16,9 +16,9 @@ from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 
 FIRST = 100
-"""Number of readings at the start whose median interval is the estimated period of the recording. Assumed:
-with fewer readings the period would depend on single delays. With more readings the import would read farther
-ahead."""
+"""Number of readings at the start of a file from which TCI estimates the recording's period. The period is
+the median of their intervals. Assumed: with fewer readings the period would depend on single delays. With
+more readings the import would read farther ahead."""
 FARTHEST = 2**63 / 1e9
 """Largest time [s] that a recording can contain: 292 years. Times are stored in nanoseconds. A time since
 1970 that is in milliseconds by mistake exceeds this limit."""

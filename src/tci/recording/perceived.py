@@ -62,7 +62,8 @@ def recorded_robot(recording: Recording, robot: str | None = None) -> Robot | No
 
 
 def perceive(recording: Recording, robot: Robot) -> Iterator[Perceived]:
-    """Yields every recorded period with the perception of `robot`. Raises RecordingError on the way."""
+    """Yields every recorded period with the perception of `robot`. Raises RecordingError if the recording
+    can't be read."""
     perceiver = Perceiver(GenericBody(robot), keep_alive=recording.keep_alive)
     perception: Perception | None = None
     for tick in recording.ticks():

@@ -49,7 +49,7 @@ OF_THIS_MACHINE: Any = {"source": True, "model": {"path"}, "patches": {"__all__"
 """Fields of a description that contain local paths. These fields are not recorded, as recordings may be
 published."""
 PACKAGES = ("tci", "numpy", "mujoco", "ruckig", "numba", "mcap")
-"""Packages of which a recording contains the version. The version of Python is also recorded."""
+"""Packages whose versions a recording contains. The version of Python is also recorded."""
 
 
 class Recorder:

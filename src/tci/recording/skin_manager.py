@@ -102,8 +102,8 @@ def partition(
 def read_skin_events(path: Path) -> Iterator[tuple[float, tuple[SkinContact, ...]]]:
     """Yields the contacts of each line in a log of /skinManager/skin_events:o from yarpdatadumper.
 
-    Each item consists of the stamp [s] and the contacts. Raises FrameError with the number of the line if a
-    line has other content.
+    Each item consists of the stamp [s] and the contacts. If a line contains anything else, raises FrameError
+    with the line's number.
     """
     with path.open(encoding="ascii", errors="replace") as file:
         for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE + 1), ""), start=1):

@@ -46,8 +46,8 @@ def is_contact_list(log: Path) -> bool:
 def read_yarp_log(log: Path, *, patch: str) -> Iterator[SkinFrame]:
     """Yields the frames of a log of numbers at the log's own times [s].
 
-    `log` is the file `data.log` or its folder. Raises RecordingError with the number of the line if a line
-    has other content, for example a contact list.
+    `log` is the file `data.log` or its folder. If a line contains anything but numbers, for example a contact
+    list, raises RecordingError with the line's number.
     """
     path = log_file(log)
     with path.open(encoding="utf-8", errors="replace") as file:

@@ -23,8 +23,8 @@ SIZES = {item: struct.calcsize(form) for item, form in NUMBERS.items()}
 DTYPES = {item: np.dtype("<" + form) for item, form in NUMBERS.items()}
 STRUCTS = {item: struct.Struct("<" + form) for item, form in NUMBERS.items()}
 HEADER = (("int32", "sec"), ("uint32", "nanosec"), ("string", "frame_id"))
-"""Fields of `std_msgs/Header` and of the nested time, in one list. The list is sufficient because CDR does
-not mark where a nested message begins or ends."""
+"""Fields of `std_msgs/Header` and of its nested time. One list is enough, because CDR does not mark where a
+nested message begins or ends."""
 HEADER_TEXT = """
 ================================================================================
 MSG: std_msgs/Header

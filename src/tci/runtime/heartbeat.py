@@ -19,8 +19,8 @@ from tci.errors import DriverError, TciError
 from tci.reasons import Code, Reason
 
 TIMEOUT = 0.08
-"""Time [s] without a beat after which a process counts as dead. The value is chosen so that the robot holds
-within 100 ms: `TIMEOUT` plus one control period is shorter."""
+"""Time [s] without a beat after which a process counts as dead. The robot must hold within 100 ms, and
+`TIMEOUT` plus one control period is shorter than this."""
 INTERVAL = 0.02
 """Time [s] between two beats. Assumed: four beats are sent within `TIMEOUT`."""
 _FORM = struct.Struct("<4sQ16sI")

@@ -172,9 +172,10 @@ def recorder_for(path: Path, driver: Driver, via: str, about: Mapping[str, str])
     """Opens a recorder for the readings of a driver. Raises the errors of `Recorder`.
 
     Args:
-        path: File to write. driver: Driver whose robot, period and facts the recorder writes into the file.
-        via: NAME or NAME:ADDRESS that was used to open the driver. about: Further facts about the recording,
-        by key.
+        path: File to write.
+        driver: Driver whose robot, period and facts the recorder writes into the file.
+        via: NAME or NAME:ADDRESS that was used to open the driver.
+        about: Further facts about the recording, by key.
     """
     return Recorder(
         path,

@@ -11,8 +11,9 @@ AROUND = 1.32, 1.2
 """Height and width of the picture at the distance of the robots, as factors of the robots' height and width.
 Assumed: leaves room for moving arms."""
 NARROW = 400
-"""Width of a picture [pixels] below which the panel next to the picture is folded, once. Assumed: the width
-of a telephone, where the panel would cover most of the picture."""
+"""Least width [pixels] of a picture beside which the panel stays open. If a client's picture is narrower, the
+viewer folds the panel once. Assumed: the width of a telephone, where the panel would cover most of the
+picture."""
 
 
 class Framing:

@@ -17,8 +17,8 @@ CELL, COARSER = 0.003, 1.25
 there are few enough triangles. Assumed: a balance of detail and transfer time."""
 ENOUGH, COARSEST = 4000, 0.006
 """Largest number of triangles of one colour on one body, and largest edge [m] of a cube. Merging ends when
-the number of triangles is small enough, or when the edge is large enough. Assumed: a balance of detail and
-transfer time."""
+one colour on one body has at most ENOUGH triangles, or when the edge has reached COARSEST. Assumed: a balance
+of detail and transfer time."""
 
 ROUND = 32
 """Number of sides of a round shape. Assumed: with so many sides the shape looks round on a screen."""
@@ -64,8 +64,8 @@ def body_meshes(model: mujoco.MjModel, covered: set[int]) -> list[BodyMesh]:
 
 
 def _triangles(model: mujoco.MjModel, geom: int) -> tuple[Array, NDArray[np.intp]] | None:
-    """Returns vertices (n, 3) and faces (m, 3) of a geom in its own frame, or None if the geom is not
-    drawn."""
+    """Returns vertices (n, 3) and faces (m, 3) of a geom (a shape in MuJoCo) in the geom's own frame. Returns
+    None if the geom is not drawn."""
     kind, size = int(model.geom_type[geom]), model.geom_size[geom]
     kinds = mujoco.mjtGeom
     if kind == kinds.mjGEOM_MESH:

@@ -24,7 +24,7 @@ class RealTime:
 
     def wait(self, now: float, pace: float) -> None:
         """Waits until real time reaches `now` [s] on the simulation's clock. This clock advances `pace`
-        seconds per second."""
+        seconds per second of real time."""
         wall = time.monotonic()
         if self._zero is None or self._zero[1] != pace:
             self._zero = (wall - now / pace, pace)

@@ -74,8 +74,8 @@ class Session:
         self.ended = ""
         """Reason why the loop ended. The text is empty while the loop runs."""
         self.pace = 1.0
-        """Speed of the simulation [simulated seconds per second]. The value is 0 during a pause. Ignored by a
-        live robot."""
+        """Speed of the simulation [simulated seconds per second]. The value is 0 during a pause. It has no
+        effect on a real robot."""
         self.pokes = 0
         """Number of pokes that began."""
         self.recorder: Recorder | None = None

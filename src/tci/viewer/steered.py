@@ -13,8 +13,8 @@ from tci.reasons import Reason
 
 
 class Steered(Capability[Any]):
-    """Runs another capability and adds a person's orders to its orders. Recordings contain the orders of
-    both.
+    """Runs another capability and adds a person's orders to the orders of this capability. Recordings contain
+    all these orders.
 
     A person's orders are dropped while the loop does not run. So the start of the loop does not move the
     robot.

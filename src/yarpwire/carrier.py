@@ -13,7 +13,7 @@ class Carrier:
 
     name: str
     code: int | None = None
-    """Number of the carrier in a binary header, added to the magic number. The value is None for text
+    """Number of the carrier. A binary header contains 7777 plus this number. The value is None for text
     carriers."""
     acknowledged: bool = False
     """True if the receiver acknowledges each message."""

@@ -1,7 +1,7 @@
 """Identifies the friction of a joint by slow sweeps in both directions, at two speeds.
 
-The torque of friction changes its sign with the direction of motion. The torque error of wrong masses in the
-model keeps its sign in both directions, so these errors cancel.
+The torque of friction changes its sign with the direction of motion. Wrong masses in the model cause a torque
+error that has equal signs in both directions, so this error cancels.
 """
 
 from __future__ import annotations

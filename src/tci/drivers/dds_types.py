@@ -9,7 +9,7 @@ from cyclonedds.idl import IdlStruct
 
 def carry_raw(kind: type[IdlStruct]) -> type[IdlStruct]:
     """Changes the message type `kind`, and returns it. After this, cyclonedds sends the bytes in the
-    attribute `raw` of a message, and stores received bytes in `raw`. It does not encode or decode the
+    attribute `raw` of a message, and stores received bytes in `raw`. cyclonedds does not encode or decode the
     message's members."""
 
     def serialize(self: Any, *args: Any, **options: Any) -> bytes:

@@ -58,9 +58,9 @@ class DriverInfo:
         recorded: bool = False,
     ) -> Self:
         """Returns the facts about a connection over `middleware`, with a new gate. `settings` are the
-        settings of the gate. By default, the `period` [s] of the commands is the value in the robot's binding
-        (the description's settings for this middleware), and the `lease_name` consists of the names of
-        middleware and robot.
+        settings of the gate. `period` [s] is the time between two commands, by default the value in the
+        robot's binding (the description's settings for this middleware). By default, `lease_name` consists of
+        the names of middleware and robot.
 
         Raises UnknownNameError if the robot has no binding to the middleware.
         """

@@ -1,7 +1,7 @@
-"""Finds the table of taxels with which a contact list was recorded, from the recorded geometric centres.
+"""Finds the table of taxel positions that skinManager used when a contact list was recorded.
 
-The log contains, for each contact, the taxels and the mean of the taxels' positions in the table of the
-recorded robot. In another table, the mean of these taxels is different.
+For each contact, the log contains the taxels and the mean of their positions in this table (the geometric
+centre). In another table, the mean of the same taxels is different.
 """
 
 from __future__ import annotations
@@ -99,9 +99,9 @@ def _tables(folder: Path) -> Iterator[tuple[str, Array]]:
 def _own_table(robot: Robot, surface: Surface) -> Array:
     """Returns the positions (n, 3) [m] of a patch's channels.
 
-    If the patch has a file of positions, the result is as in this file. In the file, channels without a taxel
-    are at 0, as in skinManager. For other patches the positions are in the frame of the link, and channels
-    without a taxel are NaN.
+    If the patch has a file of positions, the result contains the positions in this file. In the file,
+    channels without a taxel are at 0, as in skinManager. For other patches the positions are in the frame of
+    the link, and channels without a taxel are NaN.
     """
     description = robot.patch(surface.patch)
     if isinstance(description.surface, Table):

@@ -23,8 +23,8 @@ from tci.robot.description import Robot
 
 SUFFIXES = (".bag", ".db3", ".mcap")
 JUMP = 1.0
-"""Backward step [s] of a stamp above which the clock counts as set back. Assumed: far above network delays.
-"""
+"""Largest time [s] by which a stamp may be earlier than the previous stamp. If the difference is larger, a
+person or program has set the clock back. Assumed: far above network delays."""
 
 
 def is_bag(path: Path) -> bool:
@@ -38,10 +38,11 @@ def import_ros_bag(bag: Path, out: Path, robot: Robot) -> int:
 
     The types of these messages are `sensor_msgs/JointState` and `tci_msgs/SkinFrame`. Returns the number of
     periods. Each joint state that names every servo of the robot (by the servo's or the joint's name) becomes
-    one period. The period contains the latest frame of each patch. Times [s] are those in the headers if all
-    kinds of messages in the bag have stamps. Otherwise the bag's own times are used. A joint state that is
-    not newer than the previous one is dropped. Raises MissingExtraError if the library for bags is missing.
-    Raises RecordingError if the bag can't be read, does not fit the robot, or has a clock that was set back.
+    one period. The period contains the latest frame of each patch. If all kinds of messages in the bag have
+    stamps, the times [s] in the recording are these stamps. Otherwise they are the times at which the
+    messages were written to the bag. A joint state that is not newer than the previous one is dropped. Raises
+    MissingExtraError if the library for bags is missing. Raises RecordingError if the bag can't be read, does
+    not fit the robot, or has a clock that was set back.
     """
     readings = _readings(bag, robot)
     first = list(islice(readings, FIRST))

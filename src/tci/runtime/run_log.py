@@ -37,9 +37,9 @@ class Event:
     now: float
     """Time [s] on the driver's clock."""
     kind: str
-    """Kind of the event. Events of the skin are touch and MASK. Events of commands are command, refused and
-    clamped. Events of the gate are HOLD, STOP, RUN and at rest. Events of injected faults are FAULT and over.
-    Events of the capability are NOTE."""
+    """Kind of the event. Events of the skin are touch, and MASK for masked taxels. Events of commands are
+    command, refused and clamped. Events of the gate are HOLD, STOP, RUN and at rest. Events of injected
+    faults are FAULT and over. Events of the capability are NOTE."""
     words: str
 
     def to_json(self) -> dict[str, Any]:

@@ -47,8 +47,8 @@ GAP = 0.01
 """Distance [m] from which the finger approaches. Assumed: large enough, so that a person can see the
 approach."""
 LEAVE, STAY = 0.3, 1.5
-"""Times [s] after which the finger leaves: from the end of the touch, and from its beginning. Assumed: long
-enough for a person to see the touch."""
+"""Times [s] after which the finger leaves the robot: LEAVE after the finger lost contact, or STAY after it
+began to touch. Assumed: long enough for a person to see the touch."""
 
 
 class _Closed(Exception):

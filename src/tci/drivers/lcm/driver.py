@@ -116,9 +116,9 @@ class LcmDriver(RemoteDriver):
         return self.clock.now() - (self._state.now + self._shift) > self.gate.stale_after
 
     def _poll(self) -> Iterator[State | SessionFrame]:
-        """Yields the received states and frames. A message with the session number of the robot's process is
-        accepted only from the sender of the first state, since every member of the group can read the session
-        number."""
+        """Yields the received states and frames. Every member of the group can read the session number of the
+        robot's process. Therefore messages with this number are accepted only from the sender of the first
+        state."""
         readers: dict[str, Callable[[Robot, bytes], State | SessionFrame]] = {
             "state": to_state, "skin": to_skin
         }  # fmt: skip

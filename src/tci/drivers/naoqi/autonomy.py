@@ -2,8 +2,8 @@
 
 An armed driver refuses to connect while an autonomous motion moves the joints. If the address contains
 `?life=off`, the driver switches these motions off, and switches these motions on again when the driver is
-closed. Without this option, the driver switches no motion. The driver does not change the robot's own
-reflexes.
+closed. Without this option, the driver switches no motion on or off. The driver does not change the robot's
+own reflexes.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Mover:
 
     @property
     def switch(self) -> tuple[str, str, tuple[Any, ...]]:
-        """Key of this motion, independent of the motion's former state."""
+        """Key that identifies this motion. The key does not depend on the motion's former state."""
         return self.service, self.method, self.off
 
     def turn(self, session: Any, arguments: tuple[Any, ...]) -> None:
@@ -130,8 +130,8 @@ class Lookout:
         self._due = -math.inf
 
     def look(self, now: float) -> str:
-        """Returns the state to which autonomous life was switched on, at time `now` [s]. Returns an empty
-        text if autonomous life is off or still ending."""
+        """Returns the present state of autonomous life if a person or program has switched it on. Returns an
+        empty text if autonomous life is off or still ending. `now` [s] is the present time."""
         asked, seen = self._answer, ""
         if asked is not None and asked.isFinished():
             self._answer = None

@@ -70,8 +70,8 @@ def parse_address(text: str) -> Address:
 
 
 class _Login:
-    """Credentials in the form that `qi` requires. This object is both the factory and the authenticator that
-    the factory makes."""
+    """User name and password in the form that `qi` requires: a factory that makes an authenticator. This
+    class is both."""
 
     def __init__(self, user: str, password: str) -> None:
         self._words = {"user": user, "token": password}

@@ -39,8 +39,8 @@ shorter period than this. If a patch sends no frame in this time, the driver ope
 conditioning detects that the patch is dead."""
 WINDOW = 1.0
 """Length [s] of the time window that determines the normal delay of the transport. The normal delay is the
-shortest delay of all states that arrived in the window. A state with a longer delay has arrived late. Pauses
-between states count only in part. Assumed: many states arrive in this time."""
+shortest delay of all states that arrived in the window. A state with a longer delay has arrived late. A pause
+between two states counts as at most the gate's `stale_after`. Assumed: many states arrive in this time."""
 
 
 class RemoteDriver(Driver):

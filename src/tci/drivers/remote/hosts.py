@@ -1,4 +1,4 @@
-"""Unique names of hosts. They are needed to count the connections of each host."""
+"""Unique names of hosts. Servers use these names to count the connections of each host."""
 
 from __future__ import annotations
 

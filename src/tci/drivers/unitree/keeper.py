@@ -49,8 +49,8 @@ LOOK = 0.1
 """Time [s] between two searches for other programs that write commands. Assumed: a person needs more time to
 start a program."""
 GRACE = 0.1
-"""Time [s] after the first state in which commands of other programs are ignored, since the robot's own
-controller may have sent a last command before it was switched off. Assumed: DDS discovery jitters by less
+"""Time [s] after the first state in which the keeper ignores commands of other programs. Reason: the robot's
+own controller may have sent a last command before it was switched off. Assumed: DDS discovery jitters by less
 than this time."""
 LAST = 5
 """Number of times that the keeper sends the last command, which has the weight zero. Assumed: at most four

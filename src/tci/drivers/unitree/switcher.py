@@ -19,8 +19,8 @@ invalid."""
 PATIENCE = 3.0
 """Longest time [s] to wait for an answer. Assumed: a connected service answers within milliseconds."""
 TRIES = 5
-"""Largest number of release calls. If the controller is still on, another program probably keeps it on.
-Assumed: usually one call is enough."""
+"""Largest number of release calls. If the controller is still on after these calls, another program probably
+keeps it on. Assumed: usually one call is enough."""
 NAME = "ai"
 """Name of the robot's own controller, which walks and balances."""
 

@@ -39,8 +39,8 @@ MOVING: Mapping[int, Mode] = {
     POSITION: Mode.POSITION, DIRECT: Mode.POSITION, MIXED: Mode.POSITION,
     VELOCITY: Mode.VELOCITY, VELOCITY_DIRECT: Mode.VELOCITY, TORQUE: Mode.TORQUE,
 }  # fmt: skip
-"""Control modes in which a joint follows commands, with TCI's mode for each. In all other modes (idle, fault,
-calibrating) the servo is off."""
+"""YARP's control modes in which a joint follows commands, with TCI's mode for each. In all other modes of
+YARP (idle, fault, calibrating) the servo is off."""
 WORDS = {Mode.POSITION: DIRECT, Mode.IMPEDANCE: DIRECT, Mode.VELOCITY: VELOCITY, Mode.TORQUE: TORQUE}
 STREAMS = {
     Mode.POSITION: Stream.POSITION, Mode.IMPEDANCE: Stream.POSITION,

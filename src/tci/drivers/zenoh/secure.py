@@ -123,7 +123,7 @@ def _common(folder: Path, name: str, password: str) -> dict[str, Any]:
 def _access(
     robots: Sequence[str], commanders: Mapping[str, Sequence[str]], watchers: Mapping[str, Sequence[str]]
 ) -> dict[str, Any]:
-    """Returns the router's rules, which allow access. The router denies each access that no rule allows."""
+    """Returns the router's access rules. Each rule allows some accesses, and the router denies all others."""
     rules: list[dict[str, Any]] = []
 
     def rule(name: str, flow: str, messages: Sequence[str], keys: Sequence[str]) -> None:

@@ -119,6 +119,28 @@ def test_a_touch_that_lasts_is_judged_anew_when_the_skin_tells_something_new_or_
     assert when == [0, 5, 26, 47]
 
 
+def test_a_refused_touch_is_not_judged_anew_while_neither_touch_nor_joints_change() -> None:
+    room, looks = Room({1: (-0.01,)}), []
+
+    def counted(perception: Perception, part: str, target: Array, mode: Mode, *, driven: bool) -> Array:
+        looks.append(part)
+        return room.retreat(perception, part, target, mode, driven=driven)
+
+    body, memory, when = body_that(retreat=counted), REFLEX.init(BODY), []
+    joints = perception("nao").joints
+    assert joints is not None
+    for tick in range(50):
+        moved = replace(joints, position=joints.position + (1e-9 if tick >= 20 else 0.0))
+        contacts = Contacts.of(touches(1, force=5.0 if tick < 10 else 6.0))
+        view = replace(see(stamp=0.1 * tick, posture={"left_arm": POSTURE}), contacts=contacts, joints=moved)
+        skin = replace(SKIN, sequence=np.array([tick]))
+        before = len(looks)
+        _, memory = REFLEX.step(memory, replace(view, skin=skin), body)
+        when += [tick] * (len(looks) - before)
+        assert "press" in memory.refused["left_arm"].reason
+    assert when == [0, 10, 20]
+
+
 def test_of_several_touches_one_must_get_away() -> None:
     for away, given in ((0.02, True), (0.0, False)):
         hard, light = *touches(1), *touches(2, force=2.0)

@@ -88,12 +88,15 @@ class Withdrawal(Generic[F]):
         """Target posture (n,) [rad]: `origin` + `gain` * base motion, or `ended`."""
         if self.ended is not None:
             return self.ended
-        return frozen(self.origin + self.gain * np.array(self.field.motion))
+        ways = zip(
+            self.origin.tolist(), self.field.motion, strict=True
+        )  # a touch is rare: see `Retreat._goal`
+        return frozen(np.array([angle + self.gain * way for angle, way in ways]))
 
-    def touched_again(self, now: float) -> Withdrawal[F]:
-        """Returns the withdrawal after a touch at `now` [s]. The code calls the constructor, because
-        `dataclasses.replace` would take many times as long."""
-        return Withdrawal(self.field, self.origin, self.gain, self.started, now, False, self.met, self.ended)
+    def touched_again(self, now: float, gain: float) -> Withdrawal[F]:
+        """Returns the withdrawal after a touch at `now` [s], with a new `gain`. The code calls the
+        constructor, because `dataclasses.replace` would take many times as long."""
+        return Withdrawal(self.field, self.origin, gain, self.started, now, False, self.met, self.ended)
 
     def goes_as(self, before: Withdrawal[F] | None) -> bool:
         """Returns True if this withdrawal has the same target as the withdrawal `before`."""
@@ -111,11 +114,15 @@ class Refusal(NamedTuple):
     """Sequence numbers of the skin frames with which the motion was checked."""
     stamp: float
     """Time [s] at which the motion was checked."""
+    inputs: tuple[object, ...] | None = None
+    """All values on which the check depends, see `_inputs`."""
 
-    def stands(self, perception: Perception) -> bool:
+    def stands(self, before: Withdrawal[F] | None, wishes: Sequence[Wish[F]], perception: Perception) -> bool:
         """Returns True if no new check is needed: the check is recent, and no skin frame has arrived after
-        it."""
-        return perception.stamp - self.stamp < ANEW and _frames(perception) == self.frames
+        it; or a new check would give the same result, because touch and posture have not changed."""
+        if perception.stamp - self.stamp < ANEW and _frames(perception) == self.frames:
+            return True
+        return self.inputs is not None and self.inputs == _inputs(before, wishes, perception)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,7 +193,7 @@ def withdraw_all(
             refractory=refractory, refused=refused.get(part), mode=mode,
         )  # fmt: skip
         if own and after is not None and forbids is not None and (why := forbids(part, after.target)):
-            reason = refusal(why, perception)
+            reason = refusal(why, before, own, perception)
             # The part has already responded to this touch. So the withdrawal continues, but its gain must not
             # increase.
             same = before is not None and before.started == after.started
@@ -243,36 +250,42 @@ def withdraw(
     valid while `Refusal.stands` returns True. For the other arguments see `withdraw_all`.
     """
     now = perception.stamp
-    stands = refused if refused is not None and refused.stands(perception) else None
     # Responses in successive steps count as one touch, even if the time between the steps is long.
     if before is not None and (before.quiet or not wishes) and now - before.touched >= refractory:
         before = None
+    stands = refused if refused is not None and refused.stands(before, wishes, perception) else None
     if before is None:
         if not wishes or stands is not None:
             return None, stands if wishes else None
         begun, reason = _begin(wishes, perception, body, part, met, mode)
-        return begun, refusal(reason, perception)
+        return begun, refusal(reason, before, wishes, perception)
     after, reason = before, ""
     if wishes:
-        after = before.touched_again(now)
+        after = before.touched_again(now, before.gain)
         if before.ended is None and stands is None:
             more = [
                 one.gain for one in wishes if one.gain > before.gain and _is_same(one.field, before.field)
             ]
             if more:
-                grown = replace(after, gain=max(more))
+                grown = before.touched_again(now, max(more))
                 if not (reason := why_not(perception, body, part, grown.target, mode=mode)):
                     after = grown
     elif not before.quiet:
         after = replace(before, quiet=True)
     if after.ended is None and not met <= after.met:
         after, reason = _meet(after, perception, body, part, met, mode, reason)
-    return after, refusal(reason, perception) if reason else stands if wishes else None
+    told_now = refusal(reason, before, wishes, perception)
+    return after, told_now or (stands if wishes else None)
 
 
-def refusal(reason: str, perception: Perception) -> Refusal | None:
-    """Returns a refusal with this reason, or None if the reason is empty."""
-    return Refusal(reason, _frames(perception), perception.stamp) if reason else None
+def refusal(
+    reason: str, before: Withdrawal[F] | None, wishes: Sequence[Wish[F]], perception: Perception
+) -> Refusal | None:
+    """Returns a refusal with this reason, or None if the reason is empty. `before` is the withdrawal of the
+    part before this instant."""
+    if not reason:
+        return None
+    return Refusal(reason, _frames(perception), perception.stamp, _inputs(before, wishes, perception))
 
 
 def told(
@@ -350,6 +363,18 @@ def _meet(
 def _frames(perception: Perception) -> bytes:
     """Returns the sequence numbers of the skin frames as bytes, because bytes can be compared fast."""
     return b"" if perception.skin is None else perception.skin.sequence.tobytes()
+
+
+def _inputs(
+    before: Withdrawal[F] | None, wishes: Sequence[Wish[F]], perception: Perception
+) -> tuple[object, ...] | None:
+    """Returns all values on which the check of a motion depends; None if the perception has no joints."""
+    contacts, joints = perception.contacts, perception.joints
+    if joints is None:
+        return None
+    arrays = joints.position, contacts.site, contacts.force, contacts.p_L, contacts.n_L, contacts.f_T
+    begun = None if before is None else (before.started, before.gain)
+    return begun, tuple(wishes), *[one.tobytes() for one in arrays]
 
 
 def _is_same(one: F, other: F) -> bool:

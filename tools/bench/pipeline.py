@@ -88,7 +88,9 @@ class Swinging(tci.Capability[Memory]):
 
     def __init__(self, robot: Robot, every: int) -> None:
         self.reflex, self.every = tci.WithdrawalReflex(), every
-        self._middle = np.array(robot.part("left_arm").initial_posture) + AWAY
+        middle = np.array(robot.part("left_arm").initial_posture) + AWAY
+        # Computed in advance, because this time is no part of TCI's time.
+        self._targets = [middle + SWING * np.cos(np.pi * k / TURN) for k in range(2 * TURN)]
 
     def init(self, body: tci.GenericBody) -> Memory:
         return 0, self.reflex.init(body)
@@ -99,7 +101,7 @@ class Swinging(tci.Capability[Memory]):
         count, own = memory[0] + 1, memory[1]
         commands, own = self.reflex.step(own, perception, body)
         if self.every and count % self.every == 0:
-            target = self._middle + SWING * np.cos(np.pi * count / TURN)
+            target = self._targets[count % (2 * TURN)]
             commands = (*commands, GenericCommand("left_arm", Mode.POSITION, target))
         return commands, (count, own)
 

@@ -26,7 +26,7 @@ class Immovable:
         self._parts = [
             ({servo.index for servo in servos}, fixed)
             for servos in parts.values()
-            if (fixed := {servo.index for servo in servos if not _is_movable(servo)})
+            if (fixed := {servo.index for servo in servos if not is_movable(servo)})
         ]
 
     def left_out(self, order: PlatformOrder) -> PlatformOrder:
@@ -46,7 +46,8 @@ class Immovable:
         return replace(order, servos=order.servos[kept], values=order.values[kept], speed=order.speed[kept])
 
 
-def _is_movable(servo: Servo) -> bool:
+def is_movable(servo: Servo) -> bool:
+    """Returns True if all limits of a servo are known that are required to move it."""
     try:
         check_limits(servo)
     except CommandError:

@@ -18,6 +18,7 @@ from tci.compiled import entry
 from tci.frames import Array
 from tci.gate.acceptance import FAR_OFF, SLOWEST
 from tci.gate.bounds import Bounds, bounds_of
+from tci.gate.immovable import is_movable
 from tci.gate.kernels.couplings import shift
 from tci.gate.kernels.targets import take_targets
 from tci.gate.trajectory import Guard, OnlineTrajectory
@@ -130,3 +131,25 @@ def groups_of(robot: Robot) -> list[int]:
         tied = {groups[parts[servo]] for servo in coupling.servos}
         groups = {part: min(tied) if group in tied else group for part, group in groups.items()}
     return [groups[part] for part in parts]
+
+
+def rehearse(robot: Robot, box: Array, *, period: float, speed_share: float) -> None:
+    """Moves a group of servos by one period without sending anything, and discards this motion.
+
+    The first motion of a process loads code and memory that are not used before, which takes more than a
+    millisecond. After a rehearsal, no tick of the control loop takes this time. `box` (2, n_servos) [rad]
+    contains the limits of all servos.
+    """
+    groups = groups_of(robot)
+    movable = [servo.index for servo in robot.servos if is_movable(servo)]
+    servos = [servo for servo in movable if groups[servo] == groups[movable[0]]]
+    if not servos:
+        return
+    middle = np.nan_to_num(box.mean(axis=0))
+    chain = make_chain(
+        robot, servos, middle, old=None, fresh=(), period=period, speed_share=speed_share,
+        guard=lambda stop: None,
+    )  # fmt: skip
+    speeds = np.ones(len(servos))
+    chain.aim(chain.index, (middle + box[1])[chain.index] / 2.0, speeds, box, np.empty(len(servos)))
+    chain.limiter.step()

@@ -15,6 +15,7 @@ from tci.gate.bounds import MARGIN
 from tci.gate.commanded_groups import CommandedGroups
 from tci.gate.freshness import Freshness
 from tci.gate.immovable import Immovable
+from tci.gate.joint_group import rehearse
 from tci.gate.joint_monitor import Reference
 from tci.gate.kernels.targets import INVALID, is_far_off
 from tci.gate.settings import GateSettings, Tally
@@ -64,6 +65,7 @@ class Motion:
         self._immovable = Immovable(robot)
         self._shares = np.zeros(len(robot.servos))
         self._none = frozen(np.zeros(0))
+        rehearse(robot, self._box, period=period, speed_share=settings.speed_share)
 
     @property
     def modes(self) -> list[Mode]:

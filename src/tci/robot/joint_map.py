@@ -48,6 +48,10 @@ class JointMap:
         self.exact = not of["synergy"]
         """True if each joint has one servo, so that all postures of the joints can be commanded."""
         self._speeds = np.array([np.inf if joint.speed is None else joint.speed for joint in part.servos])
+        # If the map consists of one linear transform: id, offset and scale of each joint.
+        self._lines: list[tuple[int, float, float]] | None = None
+        if len(transforms) == 1 and isinstance(line := transforms[0], Linear):
+            self._lines = [*zip(line.ids.tolist(), line.offset.tolist(), line.scale.tolist(), strict=True)]
         self._slope: Array | None = None
         self._limits: Array | None = None
         if all(t.constant for t in transforms):
@@ -66,6 +70,9 @@ class JointMap:
     def to_robot(self, generic: Array, position: Array) -> Array:
         """Returns the angles (k,) [rad] of `servos` for generic angles (n,) [rad]. If there are several
         solutions, returns the solution nearest to `position` (n_servos,) [rad]."""
+        if self._lines is not None:  # Python's own code is always in the processor's caches
+            angles = generic.tolist()
+            return np.array([(angles[joint] - offset) / scale for joint, offset, scale in self._lines])
         parts = [t.robot(generic.take(t.ids), position.take(t.servos)) for t in self.transforms]
         return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0), *parts])
 

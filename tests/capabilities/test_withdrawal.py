@@ -15,7 +15,7 @@ from capabilities.touches import BODY, BOTH_ARMS, POSTURE, one_field, poke, see,
 from tci.body.posture import to_platform
 from tci.capabilities.fields import ReceptiveField, default_fields
 from tci.capabilities.withdrawal import WithdrawalMemory, WithdrawalReflex
-from tci.capabilities.withdrawal_rule import Withdrawal
+from tci.capabilities.withdrawal_memory import Withdrawal
 from tci.errors import CommandError, TciError
 from tci.frames import Array
 from tci.gate.gate import Gate

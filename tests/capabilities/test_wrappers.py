@@ -17,7 +17,7 @@ from tci.capabilities.capability import Capability
 from tci.capabilities.contact_stop import ContactStop
 from tci.capabilities.play_gesture import PlayGesture
 from tci.capabilities.withdrawal import WithdrawalReflex
-from tci.capabilities.withdrawal_rule import Refusal
+from tci.capabilities.withdrawal_memory import Refusal
 from tci.errors import CommandError
 from tci.gestures.gesture import Gesture, fit
 from tci.messages import GenericCommand, Mode, Order, Perception, SwitchMode

@@ -21,7 +21,8 @@ from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
 from tci.capabilities.discounts import phi, psi
 from tci.capabilities.fields import BodyField, BodyFields, default_body_fields
-from tci.capabilities.withdrawal_rule import Wish, Withdrawals, blind_field, new_targets, withdraw_all
+from tci.capabilities.withdrawal_memory import Wish, Withdrawals
+from tci.capabilities.withdrawal_rule import blind_field, new_targets, withdraw_all
 from tci.errors import TciError
 from tci.frames import Array
 from tci.messages import Contact, Contacts, Order, Perception

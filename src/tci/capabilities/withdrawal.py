@@ -16,7 +16,8 @@ from tci.body.generic_body import GenericBody
 from tci.capabilities.answer import SiteNumbers, field_table, find_answers, site_numbers, touches
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField, default_fields, default_surround
-from tci.capabilities.withdrawal_rule import Wish, Withdrawals, blind_field, new_targets, withdraw_all
+from tci.capabilities.withdrawal_memory import Wish, Withdrawals
+from tci.capabilities.withdrawal_rule import blind_field, new_targets, withdraw_all
 from tci.compiled import entry
 from tci.errors import TciError
 from tci.frames import Array, read_only

@@ -128,7 +128,7 @@ def test_a_refusal_stands_in_a_copied_memory(copied: Callable[[Any], Any]) -> No
 
     def retreat(perception: Perception, part: str, target: Any, mode: Mode, *, driven: bool) -> Any:
         looks.append(part)
-        return -np.ones((2, 1, len(perception.contacts)))
+        return -np.ones((3, 1, len(perception.contacts)))
 
     counting = body_that("nao-whole", retreat=retreat)
     seen = perceptions[4]

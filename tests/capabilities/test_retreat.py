@@ -25,15 +25,17 @@ SKIN = perception("nao").skin
 @dataclass(frozen=True)
 class Room:
     """Displacement [m] of each contact away from the object and along the object's surface, for any motion,
-    by the contact's identity."""
+    by the contact's identity, and depth [m] by which other skin enters the object."""
 
     away: Mapping[int, Sequence[float]]
     across: float = 0.0
+    entered: float = 0.0
 
     def retreat(self, perception: Perception, part: str, target: Array, mode: Mode, *, driven: bool) -> Array:
         """Replaces `GenericBody.retreat`."""
         inwards = np.array([self.away[contact.identity] for contact in perception.contacts]).T
-        return np.stack([inwards, np.full_like(inwards, self.across)])
+        across, entered = np.full_like(inwards, self.across), np.full_like(inwards, self.entered)
+        return np.stack([inwards, across, entered])
 
 
 def touches(*identities: int, force: float = 5.0) -> list[Contact]:
@@ -74,6 +76,15 @@ def test_a_motion_along_the_skin_is_no_withdrawal() -> None:
         commands, memory = REFLEX.step(REFLEX.init(BODY), *seen(room, *touches(1)))
         assert bool(commands) is given
         assert ("drag left_arm_forearm" in "".join(REFLEX.notes(memory))) is not given
+
+
+def test_a_motion_that_brings_other_skin_into_the_object_is_refused_and_told() -> None:
+    for entered, given in ((0.00009, True), (0.00011, False)):
+        room = Room({1: (0.02, 0.02)}, entered=entered)
+        commands, memory = REFLEX.step(REFLEX.init(BODY), *seen(room, *touches(1)))
+        assert bool(commands) is given
+        told = "would press other skin 0.11 mm into the object that touches left_arm_forearm"
+        assert (told in "".join(REFLEX.notes(memory))) is not given
 
 
 def test_of_two_touches_at_opposite_sides_none_is_answered() -> None:

@@ -64,7 +64,7 @@ def test_a_motion_along_the_skin_is_no_yielding(across: float, yields: bool) -> 
     increased by 0.0025 N."""
 
     def retreat(perception: object, part: str, target: Array, mode: Mode, *, driven: bool) -> Array:
-        return np.array([[[0.0001], [0.02]], [[across / 200.0], [across]]])
+        return np.array([[[0.0001], [0.02]], [[across / 200.0], [across]], [[0.0], [0.0]]])
 
     perception = see(touch(0.5, 0.0, [4.0]), posture=BOTH_ARMS)
     body = body_that(retreat=retreat, jacobian=lambda perception, contact: JACOBIAN)

@@ -63,7 +63,7 @@ def body_that(robot: str = "nao", **answers: Callable[..., Any]) -> GenericBody:
 
 def away(perception: Perception, part: str, target: Array, mode: Mode, *, driven: bool) -> Array:
     """Replaces `GenericBody.retreat`: every motion moves away from all contacts."""
-    return np.ones((2, 1, len(perception.contacts)))
+    return np.ones((3, 1, len(perception.contacts))) * np.reshape([1.0, 1.0, 0.0], (3, 1, 1))
 
 
 BODY = body_that(retreat=away)

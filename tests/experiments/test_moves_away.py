@@ -40,6 +40,27 @@ def test_joints_that_would_move_are_judged_not_the_ones_that_are_asked_to() -> N
     assert "press left_forearm" in "".join(touched.notes)
 
 
+def test_other_skin_of_the_part_is_not_moved_into_the_object(tmp_path: Path) -> None:
+    """A pad stands across an iCub's shank, and the finger is in the corner between the two. In an earlier
+    version the pad moved away from the finger, the shank met the finger, and the force rose by 99 N."""
+    place = {
+        "centre": np.array([-0.01852979, -0.01124647, -0.00217569]),
+        "normal": np.array([-0.87063325, -0.43875588, -0.22246576]),
+    }
+    robot = tci.load_robot("icub-whole")
+    robot = with_pad(robot, "right_leg", "r_lower_leg_skin_35", tmp_path, segment="shank", **place)
+    leg = np.array([0.2902, 1.2482, 1.0688, 0.4785, -0.1924, -0.2943])
+    world = World(robot, posture={"right_leg": leg})
+    corner, free = (
+        press(world, patch, taxel, SoftReaction(parts=("right_leg",)), depth=0.0055)
+        for patch, taxel in (("pad", 8), ("right_shank", 0))
+    )
+    assert corner.rise <= RISE
+    assert "other skin" in "".join(corner.notes)
+    assert free.answered
+    assert free.rise <= RISE
+
+
 @pytest.mark.parametrize("name", tci.robot_names())
 def test_no_answer_raises_the_force(name: str, tmp_path: Path) -> None:
     found = tally(name, seed=1, count=6, folder=tmp_path)

@@ -101,15 +101,16 @@ class GenericBody:
         has = {
             part.name: read_only([j.servo is not None for j in part.servos], np.bool_) for part in robot.parts
         }
+        layout = SkinLayout.of_robot(robot, self.settings.calibration)
         self._set(
             skin=skin,
-            layout=SkinLayout.of_robot(robot, self.settings.calibration),
+            layout=layout,
             joint_maps=MappingProxyType({part.name: joint_map(robot, part.name) for part in robot.parts}),
             _parts=kinds,
             _has_joint=has,
             _landmarks=landmarks,
             _stability=StaticStability(skin),
-            _retreat=Retreat(skin),
+            _retreat=Retreat(skin, layout),
             _coverage=Coverage(skin, landmarks),
         )
 
@@ -206,11 +207,12 @@ class GenericBody:
         *,
         driven: bool = False,
     ) -> Array:
-        """Returns the displacement (2, k, c) [m] of c contact points at k times while `part` moves to
-        `target` (n,) [rad].
+        """Returns displacements (3, k, c) [m] for c contacts at k times while `part` moves to `target` (n,)
+        [rad].
 
-        The two components are normal and tangential, see `Retreat.along`, also for `driven`. The motion
-        respects the robot's limits in `mode`.
+        The rows are the normal and the tangential displacement of the contact point, and the depth by which
+        any skin enters the touching object. See `Retreat.along`, also for `driven`. The motion respects the
+        robot's limits in `mode`.
         """
         position = _joints(perception).position
         return self._retreat.along(position, perception.contacts, part, target, mode, driven=driven)
@@ -218,8 +220,8 @@ class GenericBody:
     def retreat_at_ends(self, perception: Perception, part: str, targets: Array) -> Array:
         """Returns the displacement (2, m, c) [m] of c contact points at the ends of m motions of `part`.
 
-        For each row of `targets` (m, n) [rad], the result equals the displacement that `retreat` returns for
-        the last time, but needs much less computing time.
+        For each row of `targets` (m, n) [rad], the result equals the first two rows that `retreat` returns
+        for the last time, but needs much less computing time.
         """
         return self._retreat.at_ends(_joints(perception).position, perception.contacts, part, targets)
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from ruckig import InputParameter, Ruckig, RuckigError, Synchronization, Trajectory
 
+from tci.body.kernels.retreat import Chain, Room, Touched, retreats
 from tci.compiled import entry
 from tci.errors import CommandError, UnknownNameError
 from tci.frames import Array
@@ -23,7 +24,7 @@ from tci.gate.kernels.couplings import shift
 from tci.messages import Contacts, Mode, Site
 from tci.robot.description import Robot
 from tci.robot.joint_map import JointMap, joint_map
-from tci.robot.kernels.links import retreats
+from tci.skin.layout import SkinLayout
 from tci.skin.skin import Skin
 
 _retreats = entry(retreats)
@@ -37,6 +38,9 @@ AHEAD = 0.1
 """In velocity mode, the target of a prediction is the posture that the velocity reaches after this time [s].
 Assumed: the next skin frame comes much sooner."""
 TIMES = len(EARLY) + len(SHARES)
+OBJECT = 0.008
+"""Radius [m] of the sphere that represents a touching object. Assumed: the radius of a fingertip. The size of
+an object is not known."""
 UNKNOWN = 100.0
 """Value for a limit [rad/s, rad/s2, rad/s3] that is missing in the description. The size of this value does
 not matter, since the gate refuses motions of a joint without limits."""
@@ -70,13 +74,19 @@ class Retreat:
     Threads may share this object, since each thread uses its own planners.
     """
 
-    def __init__(self, skin: Skin) -> None:
+    def __init__(self, skin: Skin, layout: SkinLayout) -> None:
         robot = self._robot = skin.robot
         links = tuple(dict.fromkeys(patch.link for patch in robot.patches))
         self._chain = skin.kinematics
         ends = self._chain.ends([self._chain.body(link) for link in links])
-        self._path = self._chain.path(ends.tolist())
         after = dict(zip(links, ends.tolist(), strict=True))
+        self._layout = layout.arrays
+        self._links = Chain(
+            self._chain.path(ends.tolist()),
+            self._chain.steps,
+            self._chain.sums,
+            np.array([after[patch.description.link] for patch in layout.patches], np.int64),
+        )
         ends_of = {patch.name: after[patch.link] for patch in robot.patches}
 
         @lru_cache(maxsize=16)
@@ -97,18 +107,22 @@ class Retreat:
         *,
         driven: bool = False,
     ) -> Array:
-        """Returns the displacement (2, k, c) [m] of each contact point at k times while `part` moves to
-        `target` (n,).
+        """Returns displacements (3, k, c) [m] for each contact at k times while `part` moves to `target`
+        (n,).
 
-        Row 0 of the result is the displacement along the inward normal, negative towards the object. Row 1 is
-        the length of the displacement perpendicular to the normal. The motion starts at `position`
+        Row 0 of the result is the displacement of the contact point along the inward normal, negative towards
+        the object. Row 1 is the length of its displacement perpendicular to the normal. Row 2 is the depth by
+        which any skin enters the object since the previous time, in addition to the depth at the start. The
+        object is assumed to be a sphere of the radius OBJECT that touches the contact point from outside, and
+        that does not move. The motion starts at `position`
         (n_servos,) [rad]. In position and impedance mode, all servos arrive at one time; in other modes, each
         servo moves as fast as it can. If the part is `driven` by a velocity that its capability commands anew
         in each period, the target is the present angles plus AHEAD times this velocity, and the servos move
         no farther than they can in the time AHEAD. Raises UnknownNameError for an unknown part.
         """
         motion = self._motion(part)
-        return self._displacements(self._angles(motion, position, target, mode, driven), motion, contacts)
+        angles = self._angles(motion, position, target, mode, driven)
+        return self._displacements(angles, motion, contacts, OBJECT)
 
     def at_ends(self, position: Array, contacts: Contacts, part: str, targets: Array) -> Array:
         """Returns the displacement (2, m, c) [m] of each contact point at the end of each of m motions.
@@ -121,26 +135,34 @@ class Retreat:
         angles = np.empty((len(targets) + 1, len(position)))
         angles[:] = position
         angles[1:, motion.joints.servos] = self._goals(motion, position, targets)
-        return self._displacements(angles, motion, contacts)
+        return self._displacements(angles, motion, contacts, 0.0)
 
-    def _displacements(self, angles: Array, motion: _Motion, contacts: Contacts) -> Array:
-        """Returns the displacement (2, k, c) [m] of each contact point in k postures.
+    def _displacements(self, angles: Array, motion: _Motion, contacts: Contacts, radius: float) -> Array:
+        """Returns the displacement [m] of each contact point in k postures: (3, k, c) as in `along`, or (2,
+        k, c) if `radius` is 0.
 
         The first row of `angles` (k + 1, n_servos) [rad] is the posture from which displacements count; the
-        other rows are the k postures.
+        other rows are the k postures. `radius` [m] is that of the touching objects.
         """
-        result = np.zeros((2, len(angles) - 1, len(contacts)))
-        if motion.joints.servos.size and len(contacts):
+        count, steps, patches = len(contacts), len(self._chain.steps), len(self._links.ends)
+        result = np.zeros((3 if radius else 2, len(angles) - 1, count))
+        if motion.joints.servos.size and count:
             _retreats(
                 self._chain.extended(angles),
-                self._path,
-                self._chain.steps,
-                self._chain.sums,
-                self._after(contacts.sites)[contacts.site],
-                np.ascontiguousarray(contacts.p_L, np.float64),
-                np.ascontiguousarray(contacts.n_L, np.float64),
-                np.empty((len(self._chain.steps), 3, 4)),
-                np.empty((len(contacts), 3, 2)),
+                self._links,
+                Touched(
+                    self._after(contacts.sites)[contacts.site],
+                    np.ascontiguousarray(contacts.p_L, np.float64),
+                    np.ascontiguousarray(contacts.n_L, np.float64),
+                ),
+                self._layout,
+                radius,
+                Room(
+                    np.empty((steps, 3, 4)),
+                    np.empty((count, 3, 2)),
+                    np.empty((count, patches, 5)),
+                    np.empty((2, 3)),
+                ),
                 result,
             )
         return result

@@ -18,6 +18,8 @@ from tci.messages import Contact, Mode, Perception
 PRESSED = 1e-5
 """Depth [m] up to which a motion into an object counts as tangential to the skin. Assumed: larger than
 rounding errors."""
+ENTERED = 1e-4
+"""Depth [m] up to which skin may enter a touching object. Assumed: about the error of the contact point."""
 LEAST = 1e-3
 """Least distance [m] by which the contact point must move away from the object. Assumed: a smaller distance
 would not end the contact with a soft object."""
@@ -40,13 +42,14 @@ def why_not(
     """Returns the reason why a part must not move to generic angles `target` (n,) [rad].
 
     The text is empty if the part may move. The motion must not press a contact on any part into its object,
-    anywhere on its path. `answers` are the contacts to which the motion responds, as indices in
-    `perception.contacts`. At least one of these contacts must move away from its object, by `least` [m] or
-    more. `mode` is the control mode of the motion. Set `driven` if the capability commands a velocity anew in
-    each period. `target` is then the posture that this velocity reaches after the time
+    anywhere on its path. The motion must not bring any other skin into this object either; `Retreat.along`
+    describes the assumed shape of the object. `answers` are the contacts to which the motion responds, as
+    indices in `perception.contacts`. At least one of these contacts must move away from its object, by
+    `least` [m] or more. `mode` is the control mode of the motion. Set `driven` if the capability commands a
+    velocity anew in each period. `target` is then the posture that this velocity reaches after the time
     `tci.body.retreat.AHEAD`.
     """
-    inwards, across = body.retreat(perception, part, target, mode, driven=driven)
+    inwards, across, entered = body.retreat(perception, part, target, mode, driven=driven)
     if not inwards.size:
         return ""
     if inwards.min() < -PRESSED:
@@ -56,6 +59,13 @@ def why_not(
         return (
             f"its motion would press {patch} {-deepest[worst] * 1e3:.2g} mm into the object that touches it; "
             "valid: a motion away from it"
+        )
+    if entered.max() > ENTERED:
+        deepest = entered.max(axis=0)
+        worst = int(deepest.argmax())
+        return (
+            f"its motion would press other skin {deepest[worst] * 1e3:.2g} mm into the object that touches "
+            f"{perception.contacts[worst].patch}; valid: a motion away from it"
         )
     reasons = [
         _why_kept(perception.contacts[one], inwards[:, one].tolist(), across[:, one].tolist(), least)

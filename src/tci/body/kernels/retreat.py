@@ -1,0 +1,176 @@
+"""Displacement of contact points, and distance of the skin from the touching objects, along a path."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import float64, int64, void
+from numpy.typing import NDArray
+
+from tci.compiled import compiled, inlined, reads, record, writes
+from tci.frames import Array
+from tci.robot.kernels.limb import Vector
+from tci.robot.kernels.links import take_steps
+from tci.skin.kernels.arrays import LAYOUT, LayoutArrays
+from tci.skin.kernels.nearest import nearest
+
+FREE, LIMIT = 3, 4
+"""Columns of `Room.near`, after the position of the sphere's centre: length [m] of the path that is known to
+be free, and least permitted distance [m]."""
+STILL = 1e-9
+"""Length of a path [m] up to which a link counts as not moved."""
+
+
+class Chain(NamedTuple):
+    """Kinematics of the links with skin, see `link_poses`."""
+
+    path: NDArray[np.int64]
+    steps: NDArray[np.int64]
+    sums: Array
+    ends: NDArray[np.int64]
+    """Step (p,) at whose end the link of each patch is."""
+
+
+class Touched(NamedTuple):
+    """Points of the skin that are touched."""
+
+    after: NDArray[np.int64]
+    """Step (c,) at whose end the link of each point is."""
+    points: Array
+    """Points (c, 3) [m] in these links."""
+    normals: Array
+    """Outward normals (c, 3) in these links."""
+
+
+class Room(NamedTuple):
+    """Work space."""
+
+    work: Array
+    """Pose (s, 3, 4) after each step."""
+    first: Array
+    """Initial points and normals (c, 3, 2) in the world frame."""
+    near: Array
+    """State (c, p, 5) of each sphere relative to each patch: centre (3,) [m] in the patch's link, FREE and
+    LIMIT."""
+    found: Array
+    """Nearest point and its normal (2, 3)."""
+
+
+CHAIN = record(Chain, reads(2, int64), reads(2, int64), reads(4), reads(1, int64))
+TOUCHED = record(Touched, reads(1, int64), reads(2), reads(2))
+ROOM = record(Room, writes(3), writes(3), writes(3), writes(2))
+
+
+@compiled(void(reads(2), CHAIN, TOUCHED, LAYOUT, float64, ROOM, writes(3)))
+def retreats(
+    way: Array,
+    chain: Chain,
+    touched: Touched,
+    layout: LayoutArrays,
+    radius: float,
+    room: Room,
+    out: Array,
+) -> None:
+    """Writes displacements [m] of points of links in the world frame into `out`: (0, k, c) along the initial
+    inward normals of the points, (1, k, c) perpendicular to these normals.
+
+    `way` (k + 1, n_servos) [rad] contains the postures, and starts at the initial posture. With a `radius`
+    [m] above 0, `out` (2, k, c) contains the depth [m] by which skin of the patches in `layout` enters a
+    sphere on the way to each posture. The sphere has this radius, touches the skin at the point from outside,
+    and does not move. If skin is inside the sphere already, only the additional depth counts. Between two
+    postures, the sphere's centre is assumed to move along a straight line in each link.
+    """
+    work, first = room.work, room.first
+    for k in range(len(way)):
+        take_steps(way[k], chain.path, chain.steps, chain.sums, work)
+        for c in range(len(touched.after)):
+            T, p, n = work[touched.after[c]], touched.points[c], touched.normals[c]
+            inwards = square = 0.0
+            for i in range(3):
+                x = T[i, 0] * p[0] + T[i, 1] * p[1] + T[i, 2] * p[2] + T[i, 3]
+                if k == 0:
+                    first[c, i, 0] = x
+                    first[c, i, 1] = T[i, 0] * n[0] + T[i, 1] * n[1] + T[i, 2] * n[2]
+                else:
+                    x -= first[c, i, 0]
+                    inwards -= first[c, i, 1] * x
+                    square += x * x
+            if k > 0:
+                out[0, k - 1, c] = inwards
+                out[1, k - 1, c] = np.sqrt(max(square - inwards * inwards, 0.0))
+            if radius > 0.0:
+                x, y, z = (
+                    first[c, 0, 0] + radius * first[c, 0, 1],
+                    first[c, 1, 0] + radius * first[c, 1, 1],
+                    first[c, 2, 0] + radius * first[c, 2, 1],
+                )
+                depth = 0.0
+                for patch in range(len(chain.ends)):
+                    T = work[chain.ends[patch]]
+                    a, b, d = x - T[0, 3], y - T[1, 3], z - T[2, 3]
+                    centre = (
+                        T[0, 0] * a + T[1, 0] * b + T[2, 0] * d,
+                        T[0, 1] * a + T[1, 1] * b + T[2, 1] * d,
+                        T[0, 2] * a + T[1, 2] * b + T[2, 2] * d,
+                    )
+                    near = room.near[c, patch]
+                    if k == 0:
+                        near[0], near[1], near[2] = centre
+                        gap = _gap(centre, patch, layout, radius, room.found)
+                        near[LIMIT] = min(radius, gap)
+                        near[FREE] = gap - near[LIMIT]
+                    else:
+                        depth = max(depth, _depth(centre, patch, layout, radius, near, room.found))
+                if k > 0:
+                    out[2, k - 1, c] = depth
+
+
+@inlined
+def _depth(centre: Vector, p: int, layout: LayoutArrays, radius: float, near: Array, found: Array) -> float:
+    """Returns the greatest depth [m] by which a patch enters a sphere, while the sphere's centre moves from
+    its last position to `centre` [m].
+
+    The positions are given in the patch's link. `near` (5,) is the row of `Room.near` for this sphere and
+    patch, and is updated. No point of the path that is closer to its predecessor than the skin to the sphere
+    needs to be examined (sphere tracing, Hart 1996).
+    """
+    x, y, z = near[0], near[1], near[2]
+    u, v, w = centre[0] - x, centre[1] - y, centre[2] - z
+    near[0], near[1], near[2] = centre
+    length = np.sqrt(u * u + v * v + w * w)
+    depth: float = 0.0
+    done = 0.0
+    if length <= STILL:
+        return depth
+    while near[FREE] < length - done:
+        done = min(done + max(near[FREE], 0.5 * radius), length)
+        s = done / length
+        gap = _gap((x + s * u, y + s * v, z + s * w), p, layout, radius, found)
+        depth = max(depth, near[LIMIT] - gap)
+        near[FREE] = max(gap - near[LIMIT], 0.0)
+        if done >= length:
+            return depth
+    near[FREE] -= length - done
+    return depth
+
+
+@inlined
+def _gap(point: Vector, p: int, layout: LayoutArrays, radius: float, found: Array) -> float:
+    """Returns the distance [m] of a point from the surface of patch `p`.
+
+    If a lower bound on the distance exceeds `radius` [m], returns this bound instead.
+    """
+    box = layout.box[p]
+    if box[4] > 0.0:
+        square = 0.0
+        for i in range(3):
+            outside = max(box[i] - point[i], point[i] - box[i] - box[4 + i] / box[3], 0.0)
+            square += outside * outside
+        if square > radius * radius:
+            bound: float = np.sqrt(square)
+            return bound
+    nearest(point, p, layout, found[0], found[1])
+    x, y, z = point[0] - found[0, 0], point[1] - found[0, 1], point[2] - found[0, 2]
+    distance: float = np.sqrt(x * x + y * y + z * z)
+    return distance

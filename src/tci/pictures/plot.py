@@ -232,7 +232,7 @@ def _draw_arm(
 def _draw_patch(axes: Axes, robot: Robot, series: Series, part: str) -> PathCollection | None:
     """Draws the largest pressure of every taxel of one patch, in the plane of the patch's pressure image.
 
-    The patch is the patch of the part with the largest pressure.
+    If the part has several patches, the patch with the largest pressure is drawn.
     """
     own = [patch.name for patch in robot.skin if patch.part == part]
     axes.set_facecolor("#f7f8f9")

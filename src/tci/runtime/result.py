@@ -49,11 +49,11 @@ class RunResult(Generic[Memory]):
     """Reason for the gate's state HOLD or STOP at the end of the run. The value is None if the gate is in the
     state RUN."""
     touched: Mapping[str, float]
-    """Largest force [N] of a contact on each patch that was touched, by patch name. The patch that was
-    touched first is the first key."""
+    """Largest force [N] of a contact on each patch that was touched. The keys are the names of the patches,
+    beginning with the patch that was touched first."""
     moved: Mapping[str, float]
-    """Difference [rad] between the largest and the smallest angle of each servo that moved, by servo name.
-    The servo with the largest difference is the first key."""
+    """Difference [rad] between the largest and the smallest angle of each servo that moved. The keys are the
+    names of the servos, beginning with the servo with the largest difference."""
     accepted: int
     """Number of commands that the gate accepted. The first orders of the capability (`begin`) do not
     count."""

@@ -18,8 +18,8 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 LEASE = 1.0
-"""Time [s] after a commander's last message. For this time, no other process may command the commander's
-joints. Assumed: the robot comes to rest within this time."""
+"""Time [s] for which a commander keeps its joints after its last message. Until then, no other process may
+command these joints. Assumed: the robot comes to rest within this time."""
 
 
 @dataclass(slots=True)

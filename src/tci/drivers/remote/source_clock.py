@@ -25,8 +25,8 @@ speeds wrong by at most a tenth."""
 class SourceClock:
     """Converts a sender's stamps to this process's clock, and detects delayed messages.
 
-    The shortest recent delay of a message counts as zero. A message with a longer delay counts as measured
-    before its arrival, by the difference of the two delays. Therefore delayed data does not look recent, and
+    The shortest recent delay of a message counts as zero. A message with a longer delay is already old when
+    it arrives: its age is the difference of the two delays. Therefore delayed data does not look recent, and
     the times between messages are those on the sender's clock. After a jump of the sender's clock, the
     conversion starts anew.
     """

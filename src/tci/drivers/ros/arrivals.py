@@ -39,7 +39,8 @@ class JointArrivals:
     publishes some of the joints."""
 
     def __init__(self, robot: Robot, indices: Mapping[str, int]) -> None:
-        """Stores the robot and `indices`, the indices of the robot's servos by joint name in ROS."""
+        """Stores the robot and `indices`. The keys of `indices` are joint names in ROS, and the values are
+        indices of servos."""
         self._robot = robot
         self._names = indices
         self._orders: dict[tuple[str, ...], tuple[NDArray[np.intp], NDArray[np.intp]]] = {}

@@ -75,8 +75,8 @@ def read_skin(
     """Returns a Feed that receives the frames of one patch of the robot at `prefix`.
 
     If the robot has YARP 4's port `measures:o` for the patch, this port is read. If the device has several
-    sensors, their values form the patch, one sensor after the other. Assumed: an iCub with YARP 3 sends the
-    values in this order.
+    sensors, their values form the patch, one sensor after the other. Assumed: before YARP 4, iCub's skin
+    devices sent their values in this order.
 
     Raises DriverError if the order of the patch's values is unknown, and the errors of Feed.
     """

@@ -234,3 +234,21 @@ def test_26_a_folder_that_differs_by_where_one_stands_is_refused(
     monkeypatch.setenv("TCI_LEASES", value)
     refused("TCI_LEASES is .*; valid: an absolute path")
     assert not list(tmp_path.iterdir())
+
+
+def test_26_the_lease_of_a_simulation_is_checked_without_its_file(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driver, looks = SimulatedDriver(tci.load_robot("nao")), []
+    look = os.lstat
+
+    def counted(path: Path) -> os.stat_result:
+        looks.append(path)
+        return look(path)
+
+    with commanding(driver):
+        monkeypatch.setattr("os.lstat", counted)
+        for _ in range(3):
+            driver.write(driver.gate.step((), driver.read().joints, driver.clock.now()))
+        monkeypatch.undo()
+    assert not looks

@@ -75,6 +75,15 @@ class Lease:
             self.close()
             self._take()
 
+    def check_inside(self) -> None:
+        """Checks a lease that only this process can acquire, because the lease's name contains the number of
+        the process. The result is that of `check`, but no file is read while no other thread has the lease:
+        this would take a twentieth of a simulated period."""
+        if os.getpid() != self._owner or any(
+            one is not self and one._path == self._path for one in tuple(_HELD)
+        ):
+            self.check()
+
     def close(self) -> None:
         """Releases the lease. A second call has no effect."""
         with _LOCK:
@@ -174,7 +183,8 @@ def commanding(driver: Driver) -> Iterator[None]:
         yield
         return
     with lease(driver.info.lease_name) as held:
-        driver.before_write = held.check
+        own = driver.info.lease_name.startswith(f"sim:{driver.robot.name}:{os.getpid()}:")
+        driver.before_write = held.check_inside if own else held.check
         try:
             yield
         finally:

@@ -36,8 +36,8 @@ class Frozen:
 
 
 _GETTERS: dict[type, Callable[[object], tuple[Any, ...]]] = {}
-"""For each class of data: a function that returns all its fields. One such call is faster than one call per
-field."""
+"""For each subclass of `Frozen`: a function that returns all fields of an object. One such call is faster
+than one call per field."""
 
 
 def _values(data: Frozen) -> tuple[Any, ...]:
@@ -82,9 +82,9 @@ class Contacts(Frozen, Sequence["Contact"]):
     """Distance (c,) [m] by which the centre of each contact has moved since its onset, measured in the frame
     of the patch's link."""
     force: Array
-    """Force (c,) [N] of each touch: the sum of the forces on its taxels, corrected for two losses. The sum is
-    divided by the fill factor of the skin, and by the estimated fraction of the touch that is above the
-    taxels' threshold."""
+    """Force (c,) [N] of each touch: the sum of the forces on its taxels, divided by two fractions. The first
+    is the fill factor of the skin. The second is the estimated fraction of the force that remains without the
+    edge of the touch, where the pressure is below the taxels' threshold."""
     peak: Array
     """Force (c,) [N] on the strongest taxel of each contact."""
     area: Array

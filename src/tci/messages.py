@@ -217,7 +217,8 @@ class Perception:
 
 
 def _take_mode(command: GenericCommand | SwitchMode | PlatformSwitch | PlatformCommand) -> None:
-    """Replaces the mode's name in a command, such as "position", by the `Mode`. Raises UnknownNameError."""
+    """Replaces the mode's name in a command, such as "position", by the `Mode`. Raises UnknownNameError for
+    an unknown name."""
     if not isinstance(command.mode, Mode):
         object.__setattr__(command, "mode", Mode.of(command.mode))
 

@@ -1,9 +1,9 @@
 """Calibrates a patch from a recording in which a force sensor measures the load on the patch.
 
-The bias of the force sensor and the rest values of the skin need not be known. The force is modelled as an
-offset plus the sum, over all taxels, of force times gain. In a recording only a few places are pressed.
-Therefore a penalty keeps the gain of each taxel near the gain of the whole patch. Cross-validation chooses
-the penalty.
+The bias of the force sensor and the rest values of the skin need not be known. The load is modelled as an
+offset plus the sum of the taxels' forces, each multiplied by a gain. In a recording only a few places are
+pressed. Therefore a penalty keeps the gain of each taxel near the gain of the whole patch. Cross-validation
+chooses the penalty.
 """
 
 from __future__ import annotations
@@ -21,14 +21,15 @@ from tci.robot.description import Sensor
 from tci.robot.skin_files.calibration import PatchCalibration
 
 BLOCK = 10
-"""Number of consecutive frames that are used or held out together. Assumed: 0.2 s on an iCub, so that
-held-out frames differ from the frames used for the fit."""
+"""Number of consecutive frames in a block. All frames of a block are either used for the fit or held out to
+test the fit. Assumed: within 0.2 s (10 frames of an iCub) a load may hardly change, so neighbouring frames
+must not be in both groups."""
 FEWEST = 8 * BLOCK
 """Least number of frames in a calibration. Assumed: two blocks for each of the four folds of the
 cross-validation."""
 REST = 0.05
-"""Fraction of the frames from which rest values are computed: the frames with the least sum of raw values.
-Assumed: on a robot that sways, each part of the skin is unloaded in this fraction of the frames."""
+"""Fraction of the frames from which rest values are computed: those frames with the least sum of pressures.
+Assumed: in this fraction of the frames the patch carries nearly no load."""
 PENALTIES = (np.inf, 100.0, 10.0, 1.0, 0.1, 0.01, 0.001)
 """Penalties that are tried, relative to the mean square of the taxels' forces. A penalty acts on differences
 between the taxels' gains. Assumed: with the largest penalty all taxels have the same gain, and with the

@@ -1,9 +1,9 @@
 """Finds the fingers of a hand: chains of joints that lie side by side on a palm, identified by place and
 name.
 
-Each finger is assumed to bend in the direction in which its joints have the larger range. The bending axis of
-the thumb differs from those of the other fingers, or the thumb bends against the other fingers. The index
-finger is next to the thumb.
+This module assumes that each finger bends in the direction in which its joints have the larger range. The
+bending axis of the thumb differs from the parallel axes of the other fingers, or the thumb bends in the
+opposite direction. The index finger is next to the thumb.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ CLEAR = np.deg2rad(25.0)
 than this value, the finger bends in the direction with the larger range. Otherwise the bending direction is
 in doubt."""
 APART = 0.1
-"""The thumb is the finger without which the bending axes of the others are most parallel. So each finger is
-left out in turn, and the least cosine between the axes of the other fingers is computed. The largest of these
-cosines must exceed each other one by this value. Otherwise no finger counts as the thumb. Assumed: fingers
-that fan out change the cosine by less than this value."""
+"""Least lead of the thumb over the other fingers. For each finger, the least cosine between the bending axes
+of all other fingers is computed. The finger with the largest of these values is the thumb, if its value
+exceeds the value of every other finger by APART. Otherwise no finger counts as the thumb. Assumed: fingers
+that fan out change the cosine by less than this."""
 BESIDE = 0.3
 """Least distance of a thumb from the middle of the palm, as a fraction of half the palm's width, at which the
 thumb counts as attached to one side of the palm. At a smaller distance the thumb counts as attached in the

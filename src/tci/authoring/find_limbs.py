@@ -58,7 +58,7 @@ class FoundLimbs:
 
 
 def find_limbs(model: Model, points: LinkPoints, *, arms: tuple[str, str] | None = None) -> FoundLimbs:
-    """Finds arms, legs, trunk and head of a model; `points` contains the shapes and masses of the model's
+    """Finds arms, legs, trunk and head of a model; `points` contains the geometry and masses of the model's
     links.
 
     Either the z axis or the y axis of the model's root must point up. Joint names that contain a side decide
@@ -191,7 +191,7 @@ def _ended(
     model: Model, joints: Sequence[Joint], side: str, limb: Limb, points: LinkPoints, R_RH: Array
 ) -> Limb:
     """Returns the limb with the end of its forearm: at a joint, or else at a fixed hand or at the end of the
-    forearm's shape.
+    forearm's geometry.
 
     Raises DescriptionError if the model contains none of these.
     """

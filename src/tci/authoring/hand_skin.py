@@ -23,11 +23,11 @@ TIP, PAD = (0.3, 0.95), (0.45, 0.9)
 """TIP: section of a finger's last link that skin covers. PAD: section of the palm that the pad covers. Each
 section is given by its begin and end, as fractions of the length."""
 THIN, THICK, USUAL = 0.006, 0.014, 0.009
-"""Least and largest radius [m] of a finger tip, and its radius if the model has no shapes."""
+"""Least and largest radius [m] of a finger tip, and its radius if the model has no geometry for it."""
 ROUND = 0.012
 """Radius [m] of the pad, a cylinder that lies on the palm."""
 HEIGHT = 0.015
-"""Height [m] of the palm's surface above the wrist's joint, if the model has no shapes."""
+"""Height [m] of the palm's surface above the wrist's joint, if the model has no geometry for the palm."""
 PITCH = 0.006
 """Distance [m] between taxels."""
 

@@ -25,12 +25,12 @@ ACCELERATION = np.deg2rad((400.0, 2400.0))
 """Range [rad/s2] of proposed acceleration limits. Within this range, the proposed limit is an acceleration
 that the joint reaches with a quarter of its torque, when it moves its largest inertia."""
 MOST_TORQUE = 0.35
-"""Largest fraction of a joint's torque that is used for acceleration. More than a quarter is used only if a
-quarter does not give the least acceleration in ACCELERATION."""
+"""Largest fraction of a joint's torque that the proposed acceleration limit may need. The fraction is above a
+quarter only if a quarter of the torque does not give the least acceleration in ACCELERATION."""
 SLOWEST = float(np.deg2rad(30.0))
-"""Least acceleration [rad/s2] of an arm's joint with its largest inertia under its full torque. Real arms
-reach more than 10 rad/s2; if a file gives a lower acceleration, its units are wrong, or a value in it is a
-placeholder."""
+"""Least acceleration [rad/s2] that an arm's joint must reach with its full torque, while it moves its largest
+inertia. Real arms reach more than 10 rad/s2. If a joint does not reach SLOWEST, a value in the file has a
+wrong unit or is a placeholder."""
 LOST = 1.0 / 3.0
 """Largest fraction of a joint's torque that damping may use at full speed. The remaining torque moves the
 limb and carries its weight."""

@@ -28,9 +28,8 @@ SHORT = 0.18
 """Least length of an upper arm or thigh, as a fraction of the reach of its chain. Assumed: with a larger
 value short limbs are missed; with a smaller value links of a wrist or an ankle are taken for limbs."""
 BESIDE = 0.3
-"""Largest distance of the axis of pronation from the elbow, as a fraction of the upper arm's length. The
-robot Baxter has an elbow with a fraction of 0.22. Assumed: joints of a wrist have a larger fraction than this
-value."""
+"""Largest distance of the axis of pronation from the elbow, as a fraction of the upper arm's length. On the
+robot Baxter this fraction is 0.22. Assumed: for the joints of a wrist the fraction is larger than BESIDE."""
 STUB = 0.2
 """Least length of a forearm or shank, as a fraction of the length of the upper arm or thigh. Assumed: real
 forearms are longer."""

@@ -22,9 +22,10 @@ def live_channels(values: Array, *, per_module: int = PER_MODULE) -> NDArray[np.
     """Returns a mask (channels,) of the channels that are taxels, from frames (n, channels) with touches.
 
     If no channel of a module ever changes, its channels are not counted as taxels. The module is then absent
-    or its board sends no data; the values don't distinguish between these cases. A position in the module
-    counts as a thermal pad if its values vary little in most modules. Raises TciError for frames that do not
-    divide into modules, that contain values that are not finite, or in which no value changes.
+    or its board sends no data; the values don't distinguish between these cases. A number of a channel within
+    its module (0 to 11) counts as that of a thermal pad if the values of this channel vary little in most
+    modules. Raises TciError for frames that do not divide into modules, that contain values that are not
+    finite, or in which no value changes.
     """
     if values.ndim != 2 or values.shape[1] % per_module or not len(values):
         raise TciError(f"frames of shape {values.shape}; valid: (n, a multiple of {per_module})")

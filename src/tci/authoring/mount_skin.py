@@ -60,10 +60,11 @@ class Mount:
     """Correction of the place of a skin on its link, found from touches."""
 
     correction: Array
-    """Pose (4, 4) in the link. The corrected pose of the skin is this pose times the described pose."""
+    """Pose (4, 4) in the link. The corrected pose of the skin is this pose times the pose in the
+    description."""
     residual: float
-    """Root mean square distance [m] between the two places of each touch, after correction for mount and
-    depth."""
+    """Root mean square distance [m] between the two places of each touch, after the correction of the mount
+    and of the depth."""
     depth: float
     """Mean depth [m] to which the skins were pressed into each other."""
     before: float

@@ -1,8 +1,8 @@
 """Proposes a description of a humanoid from its URDF or MJCF alone.
 
 The arms are found by geometry, which must fit the definition of the generic arm. Limits are copied from the
-file. Sleeves of skin are fitted to the shapes of the links. Values that the file does not contain are
-proposed and marked as assumed.
+file. Sleeves of skin are fitted to the geometry of the links. If the file lacks a value, this module proposes
+a value and marks it as assumed.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ Sign = Literal[1, -1]
 """Direction in which a joint turns, about its axis in the model."""
 
 LINEAR = 1e-6
-"""A shoulder counts as linear if eq. 1 of the paper computes its angles with at most this error [rad]."""
+"""Largest error [rad] of eq. 1 of the paper for the angles of a shoulder that counts as linear."""
 FARTHER = np.deg2rad(25.0)
 """An elbow bends in the direction with the larger range of flexion, if the ranges of the two directions
 differ by more than this angle [rad]."""

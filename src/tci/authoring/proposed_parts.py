@@ -53,8 +53,8 @@ def middle(
 
     Pitch nods forward, roll leans right, yaw turns left. A generic joint without a matching joint in `joints`
     is fixed. `joints` are in order from the torso; if several joints are parallel, the joint nearest to the
-    torso is used. `sense` is 1 for joints that carry the part. `sense` is -1 for joints below the torso that
-    the torso carries: a positive angle then moves the torso and not the legs.
+    torso is used. `sense` is 1 for joints that carry the part. `sense` is -1 for waist joints in a model
+    whose root is the torso: such a joint moves the legs, so its sign is inverted.
     """
     servos = []
     for id, (name, axis) in enumerate(zip(("pitch", "roll", "yaw"), np.eye(3)[[1, 0, 2]], strict=True)):

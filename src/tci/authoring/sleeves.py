@@ -1,4 +1,4 @@
-"""Proposes sleeves of skin for a robot without a description: cones around the shapes of its arms."""
+"""Proposes sleeves of skin for a robot without a description: cones around the geometry of its arms."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def sleeves(body: FoundLimbs, limb: Limb, part: GenericPart, points: LinkPoints)
     """Returns a cone of skin around each segment of an arm. If the model has no geometry for a segment, the
     cone's radius follows from SLENDER.
 
-    Raises DescriptionError if the shapes of a segment lie beside the axis of the segment.
+    Raises DescriptionError if the geometry of a segment lies beside the axis of the segment.
     """
     upper, forearm = axes_of(body, limb)
     bend = body.joints[limb.bend].axis * float(np.sign(part.servos[3].scale))
@@ -108,7 +108,7 @@ def cone_patch(
 
 
 def slender(length: float) -> float:
-    """Returns the radius [m] of skin on a segment without shapes, from its `length` [m]."""
+    """Returns the radius [m] of skin on a segment without geometry, from its `length` [m]."""
     return max(THINNEST, SLENDER * length)
 
 

@@ -75,8 +75,8 @@ class Reach:
         return read_only(self._rotation.T @ (apply(T_TL, self._tip) - self._origin) / self.length)
 
     def solve(self, target: Array, position: Array) -> tuple[Array, float]:
-        """Returns servo angles (n_servos,) [rad] that bring the point closest to `target` (3,) [`unit`], and
-        the remaining distance [m].
+        """Returns servo angles (n_servos,) [rad] that bring the point as near as possible to `target` (3,)
+        [`unit`], and the remaining distance [m].
 
         The angles are within limits and couplings. If there are several solutions, a solution near `position`
         (n_servos,) [rad] is preferred. Raises CommandError if the target has another shape or is not finite.
@@ -91,9 +91,8 @@ class Reach:
         """Returns the speed limits (k,) [rad/s] of the part's servos on the way from `start` to `end`.
 
         Both postures are servo angles (n_servos,) [rad]. The limits follow from the speed limits of the
-        generic joints. If the actuator has a speed limit, the limits of the servos are reduced: on the
-        straight path in joint space, all servos together do not move the point faster than the actuator
-        allows.
+        generic joints. If the actuator has a speed limit, the limits of the servos are reduced so that the
+        point keeps this limit, if all servos move at speeds proportional to their distances.
         """
         limits = self._joints.speeds(start)
         if self.actuator.speed is None:

@@ -211,8 +211,8 @@ class GenericBody:
         [rad].
 
         The rows are the normal and the tangential displacement of the contact point, and the depth by which
-        any skin enters the touching object. See `Retreat.along`, also for `driven`. The motion respects the
-        robot's limits in `mode`.
+        any skin enters the touching object. `Retreat.along` explains the rows and the argument `driven`. The
+        motion respects the robot's limits in `mode`.
         """
         position = _joints(perception).position
         return self._retreat.along(position, perception.contacts, part, target, mode, driven=driven)
@@ -220,8 +220,8 @@ class GenericBody:
     def retreat_at_ends(self, perception: Perception, part: str, targets: Array) -> Array:
         """Returns the displacement (2, m, c) [m] of c contact points at the ends of m motions of `part`.
 
-        For each row of `targets` (m, n) [rad], the result equals the first two rows that `retreat` returns
-        for the last time, but needs much less computing time.
+        For each row of `targets` (m, n) [rad], the displacement equals the first two rows of `retreat` at the
+        end of the motion, but needs much less computing time.
         """
         return self._retreat.at_ends(_joints(perception).position, perception.contacts, part, targets)
 

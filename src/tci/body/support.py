@@ -20,8 +20,8 @@ from tci.robot.joint_map import joint_map
 from tci.skin.skin import Skin
 
 LOADED = 1.0
-"""Least force [N] at which a sole counts as loaded. Assumed: the force of a foot on the ground is far larger,
-and noise is smaller."""
+"""Least force [N] at which a sole counts as loaded. Assumed: the force of a foot that stands on the ground is
+far larger than this, and noise is smaller."""
 
 
 class StaticStability:

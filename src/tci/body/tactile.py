@@ -110,7 +110,7 @@ class ContactShape:
     """Ellipse that approximates a contact. Ellipse and contact have equal second moments of pressure."""
 
     area: float
-    """Area [m2] of the ellipse. A uniform pressure on this area would have the same second moments as the
+    """Area [m2] of the ellipse. A uniform pressure on the ellipse would have the same second moments as the
     pressure of the contact."""
     axes: Array
     """Half of the length and half of the width (2,) [m] of the ellipse."""

@@ -15,18 +15,18 @@ from tci.messages import Mode
 from tci.robot.description import Coupling, Robot, Servo
 
 COMMAND_TOLERANCE = 1e-6
-"""Relative tolerance of the limits, because of the rounding error of the finite differences in this
-module."""
+"""Relative excess over a limit that is tolerated, because the finite differences in this module have rounding
+errors."""
 HELD = 1e-9
 """Largest change [rad] of a position that counts as a rounding error instead of a motion."""
 STOP_TOLERANCE = float(np.deg2rad(0.1))
 """Angle [rad] by which a simulated joint may exceed its end stop. The tolerance is needed because the end
 stops in MuJoCo are soft."""
 PUSHED = 0.01
-"""Fraction by which a simulated joint may exceed its speed limit. Commands may not exceed the limit. A servo
-that lags behind its target moves at the speed limit, and a finger that still presses can make the joint move
-faster. The largest observed excess is 0.1 %: the torso of a whole iCub, with commands of 0.9 of the limit.
-Assumed: ten times this observed excess."""
+"""Fraction by which a simulated joint may exceed its speed limit; commands may not exceed the limit. The
+reason: a servo that is behind its target moves at the speed limit, and a finger that still presses can move
+the joint even faster. Assumed: ten times the largest observed excess, which is 0.1 % (torso of
+`icub-whole`)."""
 
 
 def command_violations(

@@ -1,5 +1,5 @@
-"""Trials of `tci demo`: one poke for every robot, side and receptive field, then one stimulus and one touch
-that are equal on all robots."""
+"""Trials of `tci demo`: one poke for every robot, side and receptive field; then two comparisons of the
+robots, with the same contact (`same_stimulus`) and with the same pressure (`same_touch`)."""
 
 from __future__ import annotations
 

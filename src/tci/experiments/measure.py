@@ -16,8 +16,9 @@ without the reflex. Assumed: larger than the compliance of the servos, smaller t
 period."""
 
 AWAY = 1.0
-"""Least displacement [mm] of the skin along its inward normal, relative to the trial without reflex, that
-counts as a withdrawal. Assumed: larger than the displacement of a servo that yields to the finger."""
+"""Least displacement [mm] of the skin along its inward normal that counts as a withdrawal. The displacement
+is measured relative to the trial without reflex. Assumed: larger than the displacement of a servo that yields
+to the finger."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,8 +33,8 @@ RANGE = np.deg2rad([[-10, 95], [0, 75], [-30, 65], [15, 90], [-60, 60]])
 """Range [rad] of the generic angles, from shoulder to pronation, in which axes are compared. Assumed: most
 humanoid arms can reach these angles."""
 POSTURES = 400
-"""Number of random postures in which axes are compared. Assumed: this number covers five joints, and the
-comparison takes less than one second."""
+"""Number of random postures in which axes are compared. Assumed: this number is sufficient for five joints,
+and the comparison takes less than one second."""
 LEAST_SHARE = 0.25
 """Least fraction of the random postures that must be within the servos' limits. Assumed: with a wrong sign or
 offset, a far smaller fraction is within the limits."""
@@ -43,7 +43,7 @@ AXIS = 0.5
 Assumed: larger than the effect of rounding in published models, smaller than the effect of a wrong mount."""
 SLOWEST = {50.0: 43.0, 100.0: 33.0}
 """Longest time [ms] from touch to motion, by the frame rate [Hz] of the skin. The time consists of one frame
-period of the skin, and of 23 ms for gate and servo. The robots in the demo are faster."""
+period of the skin, and of 23 ms for gate and servo. Assumed: the robots in `tci demo` need less time."""
 TARGETS, PACE = 8, 0.4
 """Number of random targets far outside the limits, and time [s] for each target. Assumed: an arm at full
 speed reaches a limit within this time."""

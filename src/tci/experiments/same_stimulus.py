@@ -22,8 +22,8 @@ from tci.skin.contacts import single_contact
 
 FORCES = np.linspace(0.0, 2.0, 5)
 """Force [N] of the stimulus in successive frames (frames,). Assumed: a touch whose force rises within 50 ms,
-up to the force of a full response. With a force below 0.5 N the response would depend on the arm's length. A
-short arm would move less than the 1 mm that the reflex requires, and a long arm more."""
+up to the force of a full response. The first force above 0 is 0.5 N, because with less force the reflex would
+respond only on long arms: a short arm would move by less than the 1 mm that the reflex requires."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,8 +31,8 @@ DEPTH = 0.002
 PERIOD = 0.02
 """Period [s] of the skin frames."""
 REST, PRESSED = 3, 14
-"""Number of frames without a touch, and number of frames with a touch. The second number is enough to detect
-a contact of a single taxel."""
+"""Number of frames without a touch between two touches, and number of frames of a touch. The second number is
+enough to detect a contact of a single taxel."""
 SHARE = 0.3
 """Raw value of a pressed taxel, as a fraction of the sensor's range. Assumed: the value does not affect the
 result, since only the set of pressed taxels is used."""
@@ -46,9 +46,9 @@ the limits."""
 
 
 FACING, OBLIQUE = 0.003, 0.8
-"""In an ideal touch, one normal is the reverse of the other normal. FACING: weight [m] of the deviation from
-this. OBLIQUE: largest deviation for which a posture is accepted. Assumed; a deviation of 0.8 is an angle of
-47 degrees."""
+"""In an ideal touch, the normals of the two taxels are opposite. The deviation is the length of the sum of
+the two unit normals. FACING: weight [m] of the deviation. OBLIQUE: largest deviation for which a posture is
+accepted. Assumed: up to 47 degrees (a deviation of 0.8), the skins still touch with their surfaces."""
 
 
 class _Places(NamedTuple):

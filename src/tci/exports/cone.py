@@ -1,7 +1,7 @@
 """Approximates a limb's skin by a truncated cone (eqs. 3-4 of the paper), fitted to the skin's taxels.
 
-The approximation keeps a taxel's position x along the cone's axis and its angle theta around the axis. The
-taxel's distance from the axis is replaced by the cone's radius r(x). The radial error of a taxel is its true
+The approximation replaces a taxel's distance from the cone's axis by the cone's radius r(x), and keeps the
+taxel's position x along the axis and its angle theta around the axis. The radial error of a taxel is its true
 distance from the axis, minus r(x).
 """
 
@@ -21,8 +21,8 @@ from tci.robot.kinematics import KinematicChain
 from tci.skin.surfaces import Surface
 
 Freedom = Literal["none", "centre", "axis"]
-"""Freedom of the cone's axis in the fit. Length and radii are always fitted. "none": the axis is fixed.
-"centre": the axis may move sideways. "axis": the axis may move sideways and tilt."""
+"""Changes of the cone's axis that the fit may make. Length and radii are always fitted. "none": the axis is
+fixed. "centre": the axis may move sideways. "axis": the axis may move sideways and tilt."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,9 +2,9 @@
 
     T_TL = base Rz(theta_1) Tz(d_1) Tx(a_1) Rx(alpha_1) Rz(theta_2) ... Rz(theta_n) Tz(d_n) tool
 
-A classic row (Denavit and Hartenberg 1955) groups a joint with the common normal after the joint. A modified
-row (Craig, Introduction to Robotics, ch. 3) groups a joint with the common normal before the joint. Base and
-tool are equal in both conventions.
+A classic row (Denavit and Hartenberg 1955) contains a joint and the common normal after this joint. A
+modified row (Craig, Introduction to Robotics, ch. 3) contains a joint and the common normal before this
+joint. Base and tool are equal in both conventions.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class DenavitHartenberg:
     """DH parameters of a chain: a table, and the fixed transforms before and after the table."""
 
     convention: Convention
-    """Transform of one row. `classic`: Rz(theta) Tz(d) Tx(a) Rx(alpha). `modified`: Rx(alpha) Tx(a) Rz(theta)
-    Tz(d)."""
+    """Convention, which defines the transform of one row. `classic`: Rz(theta) Tz(d) Tx(a) Rx(alpha).
+    `modified`: Rx(alpha) Tx(a) Rz(theta) Tz(d)."""
     servos: tuple[int, ...]
     """Indices of the chain's servos in `Robot.servos`, in order from the torso."""
     a: Array

@@ -172,7 +172,7 @@ def query(robot: Robot) -> RobotFacts:
 
 
 def read_facts(text: str | bytes, *, source: str = "facts of a robot") -> RobotFacts:
-    """Returns the facts that the JSON `text` contains. Error messages call this text `source`.
+    """Returns the facts that the JSON `text` contains. Error messages name this text by `source`.
 
     Raises DescriptionError with all faults at once. Examples of faults: the text is not JSON, the format or
     version is not supported, a field is missing or unknown, or a value has the wrong type.

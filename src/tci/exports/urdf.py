@@ -15,7 +15,7 @@ from tci.frames import Array
 from tci.robot.description import Robot
 
 TORSO = "tci_torso"
-"""Name of the link that is added for the torso frame."""
+"""Name of the additional link, whose frame is the torso frame."""
 
 
 def to_urdf(robot: Robot) -> str:

@@ -1,8 +1,8 @@
 """Gestures: postures over time, recorded on one robot and fitted to any other.
 
-Arm angles of a gesture are relative to the torso frame. So an arm points in one direction in space on all
-robots, although the shoulders of the robots differ. Fitting finds for every instant the nearest posture
-within the robot's limits.
+Arm angles of a gesture are relative to the torso frame. So the arms of all robots point in the same direction
+relative to the torso, although the shoulders of the robots differ. Fitting finds for every instant the
+nearest posture within the robot's limits.
 """
 
 from __future__ import annotations
@@ -82,8 +82,8 @@ class Fitted:
     gesture: Gesture
     """The motion in the robot's own generic joints, with one posture every SAMPLE * `slower` seconds."""
     targets: Gesture
-    """Targets for the gate. The gate plans a stop at every target. Therefore the targets are ahead of the
-    gesture by half the stopping time."""
+    """Targets for the gate. The gate plans to stop at every target, which would delay the motion. Therefore
+    the targets are ahead of the gesture by half the stopping time."""
     slower: float
     """Duration of the fitted gesture divided by the duration of the original gesture. The value is above 1 if
     the original gesture is too fast for the robot."""
@@ -217,8 +217,8 @@ def _fit_part(
 
 
 def _slower(robot: Robot, parts: list[str], times: Array, positions: Array, share: float) -> float:
-    """Returns a factor for the duration of a motion. The duration must be multiplied by this factor, so that
-    the motion meets the limits of speed and acceleration."""
+    """Returns the factor by which the duration of a motion must be multiplied, so that the motion meets the
+    limits of speed and acceleration."""
     speed = np.abs(np.gradient(positions, times, axis=0))
     acceleration = np.abs(np.gradient(np.gradient(positions, times, axis=0), times, axis=0))
     slower = 1.0

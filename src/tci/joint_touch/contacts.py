@@ -30,14 +30,15 @@ class JointTouchSettings:
     observer: ObserverSettings = field(default_factory=ObserverSettings)
     """Settings of the momentum observer: the speed of the observer, and the errors of the robot's model."""
     begin: float = 4.5
-    """A contact begins if the residual (the external joint torques) is at least this far from zero [standard
-    deviations]. Assumed: with a smaller value lighter touches are detected, but errors of the model also
-    count as touches."""
+    """A contact begins if the distance of the residual (the external joint torques) from zero is at least
+    this number [standard deviations]. Assumed: with a smaller value lighter touches are detected, but errors
+    of the model also count as touches."""
     end: float = 3.0
-    """A contact ends if the residual is less than this far from zero [standard deviations]."""
+    """A contact ends if the distance of the residual from zero is less than this number [standard
+    deviations]."""
     skin: float = 1.0
-    """Relative error of the forces that the skin measures. Assumed: skin that covers half of a surface
-    measures half of a force."""
+    """Relative error of the forces that the skin measures. Assumed: the error may be as large as the force,
+    for example if taxels are missing at the place of the touch."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.end <= self.begin < np.inf:
@@ -69,7 +70,7 @@ class JointTouch:
     def __init__(
         self, skin: Skin, layout: SkinLayout, calibration: JointCalibration, settings: JointTouchSettings
     ) -> None:
-        """Raises the errors of `MomentumObserver`."""
+        """Starts without contacts. Raises the errors of `MomentumObserver`."""
         robot = skin.robot
         self.layout, self.settings = layout, settings
         self._observer = MomentumObserver(robot, calibration, settings.observer)

@@ -23,8 +23,8 @@ MOST = 0.2
 """Largest product of gain and period. A larger product makes the discrete filter overshoot. This value is
 also used in KDL's example."""
 GAP = 0.1
-"""Longest time [s] between two readings. After a longer time the observer starts again from zero, since an
-unobserved change of momentum can't be distinguished from a touch. Assumed: a few periods."""
+"""Longest time [s] between two readings. After a longer time the observer starts again from zero, since it
+can't distinguish a change of momentum during this time from a touch. Assumed: a few periods."""
 SLOW = 0.02
 """Speed [rad/s] below which dry friction is unknown. Assumed: the friction in a joint without motion can have
 any value up to the dry friction."""
@@ -75,7 +75,7 @@ class MomentumObserver:
     def __init__(
         self, robot: Robot, calibration: JointCalibration, settings: ObserverSettings = ObserverSettings()
     ) -> None:
-        """Raises the errors of `Dynamics`."""
+        """Prepares an observer without readings. Raises the errors of `Dynamics`."""
         self.settings = settings
         self._dynamics = Dynamics(robot, calibration)
         limits = [servo.limits.torque for servo in robot.servos]

@@ -30,7 +30,8 @@ class WorldRun:
     """Result of one world, in which the finger poked one point."""
 
     world: int
-    """Number of the world. This number plus the seed of the whole run is the seed of the world."""
+    """Number of the world, from 0. The seed of the world is this number plus the `seed` of the call of
+    `simulate`."""
     part: str
     """Arm that the finger poked."""
     site: str

@@ -46,7 +46,7 @@ et al. 2022 (doi:10.3389/frobt.2021.667818) list thresholds for several points o
 tools."""
 EFFORT, TASK = 0.05, 1.0
 """Weights in the reward: EFFORT for effort, TASK for the distance from the task posture. The weight of harm
-is 1. Assumed: with larger weights here the agent would accept more pain."""
+is 1. Assumed: with larger values of EFFORT and TASK the agent would accept more pain."""
 SPEED = (0.1, 0.4)
 DEPTH = (0.006, 0.014)
 """Ranges of a poke: speed [m/s] (SPEED) and depth [m] (DEPTH) of the finger's base. Assumed: the ranges

@@ -1,8 +1,8 @@
 """Distances between links that could collide: distances of each arm from the trunk, the head, the legs and
 the other arm.
 
-The module `collisions` selects the links. MuJoCo computes the distances, between primitive shapes and the
-convex hulls of meshes.
+The module `collisions` selects the links. MuJoCo computes the distances between their collision geometries:
+primitives, and the convex hulls of meshes.
 """
 
 from __future__ import annotations
@@ -125,14 +125,14 @@ class Clearance:
 
 def without_skin(robot: Robot) -> Robot:
     """Returns the robot without skin patches. Without patches, robots that differ only in their skin share
-    one solid model."""
+    one model of collision geometry."""
     return robot.model_copy(update={"patches": ()})
 
 
 @lru_cache(maxsize=8)
 def _solid_model(robot: Robot) -> mujoco.MjModel:
-    """Returns the robot's solid model. The model is shared, because reading the meshes of an iCub takes a
-    second: callers must not change it."""
+    """Returns the robot's model with its collision geometry. Callers must not change the model: it is cached
+    and shared, because reading the meshes of an iCub takes a second."""
     return exclude_overlaps(solid_spec(robot, mimics=False), robot, initial_position(robot))
 
 

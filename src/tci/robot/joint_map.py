@@ -110,8 +110,8 @@ class JointMap:
         return tuple(dict.fromkeys(tuple(self.ids[row].tolist()) for row in together))
 
     def shares(self, values: Array) -> Array:
-        """Converts fractions for all joints (n,) to fractions for the servos (k,). In a synergy, a servo gets
-        the weighted mean of the joints that it moves."""
+        """Converts stiffness or damping, as fractions for all joints (n,), to fractions for the servos (k,).
+        In a synergy, a servo gets the weighted mean of the values for the joints that it moves."""
         if self.exact or self._slope is None:
             return values[self.ids]
         weight = np.abs(self._slope)
@@ -121,9 +121,9 @@ class JointMap:
     def speeds(self, position: Array) -> Array:
         """Returns the speed (k,) [rad/s] at which each of `servos` may move to a target.
 
-        With all servos at `position` (n_servos,) [rad], no generic joint then exceeds its speed in the
-        description. In a retargeted shoulder, the described speed is the speed of the servo itself, because
-        this speed is defined in every posture.
+        At these speeds, and with all servos at `position` (n_servos,) [rad], no generic joint exceeds its
+        speed in the description. In a retargeted shoulder, the speed in the description is that of the servo
+        itself, because this speed is defined in every posture.
         """
         if self._limits is not None:
             return self._limits
@@ -142,8 +142,8 @@ class JointMap:
 
 
 class Postures:
-    """The maps of all generic parts together. Nearly all joints have a constant slope: the angles of these
-    joints are computed by one compiled loop."""
+    """The maps of all generic parts together. One compiled loop computes the angles of all joints whose
+    transform is linear, which are nearly all joints."""
 
     def __init__(self, robot: Robot) -> None:
         """Creates the maps. Raises the errors that the transforms raise."""

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from tci.frames import Array
 
 MOST = 1_000_000
-"""The distances between all points are computed without a k-d tree if their number is at most this. Assumed:
-the computation then takes at most 10 ms, which is short compared with the import of SciPy."""
+"""Largest number of distances that are computed without a k-d tree. Assumed: this computation takes at most
+10 ms, which is short compared with the import of SciPy."""
 
 
 def nearest(points: Array, queries: Array, count: int = 1) -> tuple[Array, NDArray[np.intp]]:

@@ -22,7 +22,8 @@ from tci.robot.kinematics import KinematicChain
 
 SLANT = 0.05
 """Largest cosine of the angle between the elbow's axis and the upper arm's axis. In the generic arm this
-angle is a right angle. Assumed: an angle that differs by 3 degrees can still be represented."""
+angle is 90 degrees. Assumed: the generic arm represents an arm well enough if this angle is between 87 and 93
+degrees."""
 PARALLEL = 1.0 - 1e-6
 """Two successive shoulder axes count as parallel if the cosine of the angle between them is above this
 number. A shoulder with parallel axes is no ball joint. Assumed: parallel axes differ by less than 0.1

@@ -56,9 +56,9 @@ class Transform(ABC):
         return servo_speeds(self.slope(angles), most)
 
     constant = False
-    """True if the result of `slope` is equal in all postures."""
+    """True if `slope` returns the same result for all postures."""
     steady = False
-    """True if the result of `speeds` is equal in all postures."""
+    """True if `speeds` returns the same result for all postures."""
 
 
 class Linear(Transform):
@@ -186,9 +186,9 @@ class Retarget(Transform):
         return np.array(np.linalg.solve(axes, self._shoulder.spin(angles)))
 
     def speeds(self, angles: Array, most: Array) -> Array:
-        """Returns `most` unchanged: each servo rotates the arm about one axis, so the described speed of the
-        servo applies in every posture. The speed of generic angles is no useful bound, because generic angles
-        jump near 90 degrees of abduction."""
+        """Returns `most` unchanged: in a retargeted shoulder, the speeds in the description are those of the
+        servos. The speeds of generic angles are no useful bounds, because generic angles jump near 90 degrees
+        of abduction."""
         return most
 
 

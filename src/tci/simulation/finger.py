@@ -1,4 +1,5 @@
-"""A compliant simulated finger that pokes the skin. Only `retire` removes the finger."""
+"""A compliant simulated finger that pokes the skin. After a poke the finger stays at the skin until `retire`
+removes it."""
 
 from __future__ import annotations
 
@@ -39,8 +40,8 @@ _OVERLAP = 5e-4
 """Largest depth [m] inside the skin at which the finger may start. Assumed: this is larger than the solver's
 tolerance and smaller than a visible overlap."""
 _PRESSED = 2e-4
-"""Depth [m] of the tip in the skin at a force of 8 N. At this depth, the tip must not touch a surface without
-taxels."""
+"""Depth [m] of the tip in the skin at a force of 8 N. If the tip at this depth also touches a surface without
+taxels, the poke is refused."""
 
 
 def add_finger(spec: mujoco.MjSpec, *, step: float, radius: float = RADIUS) -> None:
@@ -91,14 +92,14 @@ def add_finger(spec: mujoco.MjSpec, *, step: float, radius: float = RADIUS) -> N
 class Finger:
     """The simulated finger of a world: a sphere, usually of 10 mm diameter, on a spring of 800 N/m.
 
-    A poke moves the spring's base along the skin's inward normal at a constant speed. From the tip's first
-    contact on, the base moves farther by `depth` [m], and then stops. The stopped base does not move again,
-    even if the skin moves.
+    A poke moves the spring's base along the skin's inward normal at a constant speed. After the tip's first
+    contact, the base moves by another `depth` [m] and then stops. The stopped base does not move again, even
+    if the skin moves.
     """
 
     def __init__(self, physics: Physics, skin: PosedSkin, unfelt: Callable[[], Sequence[str]]) -> None:
         """Creates a finger, which stays far away from the robot until a poke. `unfelt` returns the names of
-        the patches that are touched now only where they have no taxels."""
+        those patches that are touched now, but only at places without taxels."""
         model = physics.model
         self._physics = physics
         self._skin = skin

@@ -31,7 +31,7 @@ FACES = 0.5
 Assumed: the skin of a fingertip measures only a small force if the ball is beside the fingertip."""
 LIFTS = 0.4
 """Largest cosine of the angle between the push of a finger and the outward normal of the palm. Assumed: a
-finger with a larger cosine pushes the ball out of the hand."""
+finger with a larger cosine would push the ball out of the hand."""
 CLEAR = 0.006
 """Least distance [m] of each finger from the ball at the start. Assumed: the ball then has room on its way to
 the palm."""

@@ -13,7 +13,7 @@ from tci.simulation.physics import Physics
 
 
 class JointTorques:
-    """Computes the torques between motors and links, which move the links and resist weight and touches.
+    """Computes the torques with which the motors act on the links.
 
     A robot on a fixed base is simulated without weight, since the simulated servos have no integral action.
     The torques that would carry the robot's weight are therefore computed separately, and added to the
@@ -21,7 +21,7 @@ class JointTorques:
     """
 
     def __init__(self, physics: Physics, robot: Robot, *, stands: bool) -> None:
-        """Raises the errors of `Gravity`."""
+        """Prepares the computation for one world. Raises the errors of `Gravity`."""
         self._physics = physics
         self._gravity = None if stands else Gravity(robot)
         servos, _, columns = joints_of(robot, physics.model)

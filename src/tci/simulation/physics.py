@@ -79,7 +79,8 @@ class Physics:
         self._fresh = self.steps
 
     def touch(self) -> None:
-        """Marks derived quantities as out of date. Call this method after a change of joints or servos."""
+        """Marks poses, contacts and sensors as out of date. Call this method after a change of joints or
+        servos."""
         self._fresh = self.whole[stepping.AHEAD] = -1
 
     def pose(self, body: int) -> Array:

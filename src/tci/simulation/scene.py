@@ -35,8 +35,8 @@ def build_scene(
 ) -> mujoco.MjModel:
     """Builds a model of the robot with its servos and skin, and of a finger. The model is ready to simulate.
 
-    With `shown` the model also contains parts that are needed only for pictures. Bodies and joints do not
-    differ from a model without `shown`.
+    With `shown` the model also contains geometry that only pictures need. The bodies and joints of both
+    models are equal.
 
     Links that overlap in `posture` (n_servos,) [rad] are assumed to overlap by design. The robot's base is
     fixed, and the robot has no weight. With `stands` the robot has a weight and stands in `posture` on a

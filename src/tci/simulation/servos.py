@@ -25,11 +25,12 @@ TIME_CONSTANT = 5e-3
 the servo reaches a target without overshoot, and follows a motion of constant speed with a delay of 10 ms."""
 _POSTURES = 32
 STALL = 0.1
-"""Least fraction of its torque limit that a blocked servo exerts. Assumed: a slow servo has a gear, so the
-inertia of its motor counts. The servo is then stiff enough for this fraction."""
+"""Least torque of a blocked servo, as a fraction of its torque limit. The inertia of the motor is chosen so
+that the servo is stiff enough for this torque. Assumed: a slow servo has a gear, so the inertia of its motor
+is large."""
 _LEAST_ARMATURE = 1e-4
-"""Least inertia [kg m2] of a motor, measured at the joint. Assumed: with this inertia the gains of very light
-links are above 0."""
+"""Least inertia [kg m2] of a motor, as it acts at the joint. Assumed: with this inertia the gains of very
+light links are above 0."""
 _aim, _fault_of, _measure = entry(at.aim), entry(at.fault_of), entry(at.measure)
 _INDEX, _NUMBER = np.dtype(np.int64), np.dtype(np.float64)
 

@@ -21,7 +21,7 @@ from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface, tangents
 
 _NEVER = int(np.iinfo(np.int64).max)
-"""Number of a step that no world ever reaches."""
+"""Step number that no world ever reaches. It means that no further frame is due."""
 
 
 class Taxels:
@@ -186,7 +186,7 @@ class Taxels:
         return vectors
 
     def unfelt(self) -> list[str]:
-        """Returns the names of the patches that are touched now, but only where they have no taxels."""
+        """Returns the names of the patches that are touched now, but only at places without taxels."""
         self._physics.refresh()
         names = []
         for name, number in self.worn.items():

@@ -48,7 +48,8 @@ class BaselineSettings:
     noise: float = 20.0
     """Time constant [s] of the noise estimate."""
     quiet: float = 2.0
-    """Deviation [counts] below which a taxel always counts as quiet, also if its noise is smaller."""
+    """Deviation [counts] below which a taxel always counts as quiet, also if this deviation is large compared
+    with the taxel's noise."""
     threshold: float = 7.0
     """A taxel is active if its deviation exceeds this many standard deviations of its noise."""
     fluctuating: float = 0.2

@@ -290,7 +290,8 @@ class Conditioner:
                     self._note_anew(p)
 
     def _count_repeats(self, p: int) -> None:
-        """Adds repeated frames, which so far were only counted, to the statistics."""
+        """Adds to the statistics the frames that repeated the previous frame. Until this call they were only
+        counted."""
         memory, begin, own = self._memory, self.layout.arrays.begin, self.layout.taxels[p]
         blocks = memory.blocks[begin[p, BLOCK] : begin[p + 1, BLOCK]]
         repeats = blocks[:, REPEATS] + max(int(memory.patches[p, CONSTANT]), 0)

@@ -39,11 +39,12 @@ class ContactSettings:
     """Thresholds at which active taxels form a contact."""
 
     touch: float = 0.1
-    """Least force [N] on the strongest taxel of a contact. Assumed: this is 3 counts on an iCub's forearm."""
+    """Least force [N] on the most strongly pressed taxel of a contact. Assumed: this is 3 counts on an iCub's
+    forearm."""
     light: float = 0.05
-    """Least force [N] on the strongest taxel of a contact if this taxel's noise is known and its value is two
-    counts or more above rest. Assumed: on all described sleeves this force is less than two counts, so the
-    two counts decide."""
+    """Least force [N] on the most strongly pressed taxel of a contact if this taxel's noise is known and its
+    value is two counts or more above rest. Assumed: on the sleeves of all robots in TCI, two counts are more
+    than this force, so only the two counts matter there."""
     floor: float = 0.01
     """Least force [N] on a taxel that is added to a contact. The default is low enough to include the weak
     edge of a touch. Assumed: this is below one count of an iCub's sensor. A sensor that flickers at rest
@@ -251,12 +252,12 @@ def centre_of_pressure(positions: Array, forces: Array) -> Array:
 def weighted_force(contact: Contact, radius: float, *, measure: Measure = "weighted") -> float:
     """Returns F-bar [N] of eq. 7, a weighted mean of the taxel forces.
 
-    The weight of a taxel is 2 r minus the distance of P_t and P. `radius` r [limb lengths] is the radius of
-    the receptive field. Eq. 7 gives negative weights to taxels farther than 2 r from the centre. These taxels
-    are left out. If no taxel has a positive weight, the result is 0. The weighted mean decreases when weak
-    taxels are added to a strong one, and it is proportional to the area of one taxel. The total force
-    (`measure` "total") has neither property. The peak force ("peak") is proportional to the area of one
-    taxel. Raises UnknownNameError for another measure.
+    The weight of a taxel is 2 r minus the distance between the taxel P_t and the centre P. `radius` r [limb
+    lengths] is the radius of the receptive field. Eq. 7 gives negative weights to taxels farther than 2 r
+    from the centre. These taxels are left out. If no taxel has a positive weight, the result is 0. The
+    weighted mean decreases when weak taxels are added to a strong one, and it is proportional to the area of
+    one taxel. The total force (`measure` "total") has neither property. The peak force ("peak") is
+    proportional to the area of one taxel. Raises UnknownNameError for another measure.
     """
     if measure == "total":
         return contact.force

@@ -78,7 +78,7 @@ class PatchEstimator:
         return True
 
     def rezero(self, statistics: Single) -> None:
-        """Makes the present readings the rest values."""
+        """Uses the present readings as rest values."""
         self.baseline.rezero(statistics[SIGNAL].astype(np.float64))
 
     def write(self, taxels: slice, estimates: Estimates) -> None:
@@ -135,8 +135,8 @@ class PatchEstimator:
     def _is_step(self, raised: NDArray[np.bool_], elapsed: float) -> bool:
         """Returns True if pressure on nearly all taxels has lasted so long that it is the new rest value.
 
-        `raised` (n,) are the taxels with pressure in the last `elapsed` [s]. A sole always returns False,
-        since the robot's weight presses all its taxels while the robot stands.
+        `raised` (n,) are the taxels with pressure in the last `elapsed` [s]. For a sole the result is always
+        False, since the robot's weight presses all its taxels while the robot stands.
         """
         settings, healthy = self.baseline.settings, self.health.healthy
         least = settings.step_share * max(int(np.count_nonzero(healthy)), 1)

@@ -12,7 +12,7 @@ from tci.skin.kernels.arrays import Places
 from tci.skin.layout import SkinLayout
 
 SETS = 16
-"""Largest number of cached entries. An entry belongs to one combination of patches that send together.
+"""Largest number of cached entries, one for each combination of patches whose frames arrive together.
 Assumed: this is more than the number of different frame rates of a robot's patches."""
 Values = Sequence[NDArray[np.generic]]
 

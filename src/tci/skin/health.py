@@ -57,8 +57,8 @@ class HealthSettings:
     least_noise: float = 1.0
     """Noise [counts] below which no taxel counts as noisy."""
     flicker: float = 0.2
-    """Median noise [counts] of a patch above which a constant taxel counts as broken. On a patch that does
-    not fluctuate, healthy taxels are constant too, so they are not masked."""
+    """Median noise [counts] of a patch above which a taxel with a constant value counts as broken. On a patch
+    with less noise the values of healthy taxels are constant too."""
 
     def __post_init__(self) -> None:
         for field in fields(self):

@@ -56,7 +56,7 @@ class SkinPatch:
     segment: Segment | None
     """The limb segment on which the patch is. The value is None if the patch is on no limb segment."""
     calibration: PatchCalibration | None = None
-    """Measured rest values, noise and response. None: the values of the description are used."""
+    """Measured rest values, noise and response. None means that the values of the description are used."""
 
     @property
     def channels(self) -> NDArray[np.intp]:

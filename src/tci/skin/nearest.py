@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from tci.frames import Array
 
 FLAT = 1e-12
-"""Squared sine of a face's angle at its first corner. A face with a smaller value counts as having no area.
+"""Least squared sine of the angle at a face's first corner. If the value of a face is smaller, the face
+counts as having no area.
 """
 
 
@@ -62,7 +63,8 @@ def _inside(a: Array, b: Array, c: Array, points: Array) -> Array:
 
 
 def _distance2(weights: Array, a: Array, b: Array, c: Array, points: Array) -> Array:
-    """Returns the squared distance (k, f) of each point from the point of each face with these weights."""
+    """Returns the squared distance (k, f) of each point from a point of each face. The point of a face is the
+    mean of its corners with the `weights`."""
     there = weights[..., :1] * a + weights[..., 1:2] * b + weights[..., 2:] * c
     offset = points[:, None] - there
     result: Array = np.einsum("kfi,kfi->kf", offset, offset)

@@ -19,8 +19,8 @@ from tci.messages import SkinFrame
 from tci.robot.description import Robot
 
 _EARLY = 1e-6
-"""Fraction of a period by which a frame may arrive before its expected time. This fraction is a tolerance for
-rounding errors of the frame's stamp."""
+"""Fraction of a period by which a frame may arrive before its expected time: a tolerance for rounding errors
+of the frame's stamp."""
 
 
 class SendOnDelta:

@@ -28,9 +28,9 @@ NEIGHBOUR_DISTANCE = 0.015
 iCub's skinManager."""
 
 PITCHES = 2.3
-"""Largest distance between neighbouring taxels, as a multiple of the pitch of a dense lattice. Assumed: this
-is more than two steps of the lattice, so that a failed taxel does not divide a contact. On an iCub it is 15
-mm."""
+"""Largest distance between neighbouring taxels, as a multiple of the pitch of a dense lattice. On an iCub
+this distance is 15 mm. Assumed: a failed taxel must not divide a contact, so the value is above two steps of
+the lattice."""
 
 GAP = 0.025
 """Width [m] of the widest gap in a skin over which taxels can be neighbours. Assumed: the widest gap in an

@@ -45,8 +45,9 @@ class Tracker:
     def follow(self, contacts: ContactArrays, stamps: Array) -> None:
         """Writes identity, onset and displacement of the contacts of a frame.
 
-        `stamps` (p,) [s] are the times of the patches' frames. Tracks and contacts are matched up to a
-        distance of `reach`, and the nearest pairs are matched first. Contacts without a match are new.
+        `stamps` (p,) [s] are the times of the patches' frames. Each contact is matched with a track of the
+        frame before, at a distance of at most `reach`; the nearest pairs are matched first. Contacts without
+        a match are new.
         """
         tracks = np.empty((len(self._tracks) + len(contacts.site), TRACK))
         best = np.empty((len(contacts.site), 3))

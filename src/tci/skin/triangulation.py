@@ -14,12 +14,12 @@ from tci.frames import Array
 from tci.robot.near_points import nearest
 
 SHEET = 0.3
-"""Least cosine of the angle between each normal of a sheet and the mean of its normals. This is an angle of
-at most 72 degrees. Assumed: normals of a limb point in all directions around the limb. Normals of a palm or a
-sole are well within this angle."""
+"""Least cosine of the angle between each normal of a sheet and the mean of its normals: the angle is at most
+72 degrees. Assumed: all normals of a palm or a sole are well within this angle, but normals of a limb point
+in all directions around the limb."""
 OFF = 1e-3
-"""Largest distance [m] of a taxel from its projection onto the triangles. Assumed: this covers the rounding
-of positions in skin files."""
+"""Largest distance [m] of a taxel from its projection onto the triangles. Assumed: the rounding of positions
+in skin files causes smaller distances."""
 TIE = 1e-6
 """Standard deviation [m] of the small random shifts of taxels that decide between equally good triangles.
 Without these shifts, the triangles of a regular lattice would differ between the copies of an unrolled

@@ -28,8 +28,8 @@ class PatchCalibration(Description):
     """Quality of the calibration: the loads used, the largest relative error, and other results."""
 
     def check(self, taxels: int) -> None:
-        """Raises TciError in three cases: the number of taxels differs from `taxels`, the response does not
-        rise from (0, 0), or a gain is not above 0."""
+        """Raises TciError in three cases: the number of taxels in this calibration differs from `taxels`, the
+        response does not rise from (0, 0), or a gain is not above 0."""
         if not len(self.rest) == len(self.noise) == taxels:
             raise TciError(f"a calibration of {len(self.rest)} taxels; valid: {taxels}, as in the patch")
         pairs = list(zip(self.response, self.response[1:], strict=False))

@@ -29,7 +29,7 @@ _COLUMNS = ("x", "y", "z", "nx", "ny", "nz")
 
 @dataclass
 class SkinText:
-    """Content of the lines of a file, before it is checked."""
+    """Content of the lines of a file, before any check of this content."""
 
     name: str = ""
     sampling: str = "taxel"

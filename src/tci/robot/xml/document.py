@@ -1,8 +1,8 @@
 """Safe reading of XML files, and the list of faults found in these files.
 
-A description contains only data: a DTD and entities are refused, and nothing is loaded from other places. The
-size of the file and the depth of its elements are bounded. All faults of a file are collected, so that a user
-can correct all of them at once.
+A description contains only data: this module refuses a DTD and entities, and loads nothing from other places.
+The size of the file and the depth of its elements are bounded. This module collects all faults of a file, so
+that a user can correct all of them at once.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """Descriptions that extend another description: the file of a variant contains only additions and changes.
 
-An element of the variant belongs to an element of the extended file if both elements have the same tag and
-the same name (id, middleware, ...). The attributes and children of the variant's element are then added to
-the element of the extended file, or replace attributes and children of that element. An element with
-`removed="yes"` removes the element of the extended file. Elements that belong to no element of the extended
-file are added.
+An element of the variant matches an element of the extended file if both elements have the same tag and the
+same name (id, middleware, ...). The attributes and children of the variant's element are then added to the
+matching element, or replace those that exist. If the variant's element has `removed="yes"`, the matching
+element is removed. Elements of the variant without a matching element are added.
 """
 
 from __future__ import annotations

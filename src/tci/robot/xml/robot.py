@@ -24,9 +24,9 @@ from tci.robot.xml.servos import Servos, once_only, read_couplings, read_servos
 from tci.robot.xml.skin import read_skin
 
 SHARE = 0.25
-"""If more than this fraction of the angles in a file is implausible, the unit of the file is reported as
-wrong. Assumed: some angles are so small that they are plausible in a wrong unit too. If fewer angles are
-implausible, each of these angles is reported as wrong."""
+"""If more than this fraction of the angles in a file is implausible, one fault is reported: the unit of the
+file is wrong. If fewer angles are implausible, each of them is reported as wrong. Assumed: even in a wrong
+unit many angles are plausible, because they are small."""
 
 
 def read_robot(path: str | os.PathLike[str]) -> Robot:

@@ -13,8 +13,8 @@ from tci.robot.xml.node import Node, listed
 from tci.robot.xml.servos import Servos
 
 STEEPEST = 1e3
-"""Largest slope between neighbouring points of a table. The least slope is 1 / STEEPEST. Assumed: the bounds
-of gamma (`values.Factor`) also apply to tables."""
+"""Largest slope between neighbouring points of a table. The least slope is 1 / STEEPEST. Assumed: these are
+also the bounds of gamma (`values.Factor`)."""
 WORST = 1e4
 """Largest condition number of the matrix of a coupling. Assumed: with this condition number, rounding errors
 stay far below the resolution of the sensors."""

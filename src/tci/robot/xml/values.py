@@ -36,7 +36,7 @@ class InvalidValueError(ValueError):
 
 
 class ImplausibleError(InvalidValueError):
-    """An angle that no robot has, so that it is probably in the wrong unit."""
+    """An angle that is too large for any robot, so that it is probably in the wrong unit."""
 
 
 def to_rad(value: float, unit: Unit) -> float:

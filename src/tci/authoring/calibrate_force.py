@@ -53,7 +53,8 @@ class ForceFit:
     penalty: float
     """Penalty on differences between gains; infinite if all taxels have one gain."""
     held_out: float
-    """Root mean square error [N] on every second block of frames, after a fit to the other blocks."""
+    """Root mean square error [N] of the force on every second block of frames, after a fit to all other
+    blocks."""
     held_out_one_gain: float
     """Error [N], computed in the same way as `held_out`, for a fit with one gain for all taxels."""
     held_out_raw_sum: float

@@ -220,7 +220,8 @@ def _fit(reported: Array, normals: Array, met: Array) -> tuple[Array, float]:
 
 
 def _rigid(reported: Array, met: Array) -> Array:
-    """Returns the pose (4, 4) that brings `reported` (n, 3) onto `met` (n, 3) (Kabsch 1976)."""
+    """Returns the pose (4, 4) that moves the points `reported` (n, 3) onto the points `met` (n, 3) with the
+    least squared error (Kabsch 1976)."""
     here, there = reported.mean(axis=0), met.mean(axis=0)
     R = Rotation.align_vectors(met - there, reported - here)[0].as_matrix()
     return transform(R, there - R @ here)

@@ -182,8 +182,8 @@ def arm_axes(
     """Returns the unit axes (3,) of internal rotation (towards the elbow), elbow flexion and pronation, in
     the mount frame.
 
-    The axis of pronation is None for an arm without pronation. `hand` is a link distal to all of these
-    joints.
+    The axis of pronation is None for an arm without pronation. `hand` is a link that all of these joints
+    move.
     """
     poses = kinematics.poses(position, [segment.link for segment in part.segments])
     ends = {s.name: apply(poses[s.link], np.array(s.origin)) for s in part.segments}

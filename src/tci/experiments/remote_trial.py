@@ -1,7 +1,7 @@
 """Runs the reflex of a trial in another process, which reaches the simulated robot through a middleware.
 
-Robot, gate and finger are in this process. The robot is served in real time, in the way of the command `tci
-serve`. The reflex has only the data that the middleware transports. Both processes run with real-time
+Robot, gate and finger are in this process. This process serves the robot in real time, as the command `tci
+serve` does. The reflex has only the data that the middleware transports. Both processes run with real-time
 priority if the system permits this priority (`real_time`), so that other programs do not affect the measured
 times.
 """

@@ -186,7 +186,7 @@ class Arm:
         return self._perceive(released | {patch.name: np.clip(raw, sensor.lowest, sensor.highest)})
 
     def answers(self, contacts: Sequence[Contact | None]) -> Array:
-        """Returns the force [N] of each contact and the gain of the reflex (contacts, 2).
+        """Returns one row (contacts, 2) for each contact: its force [N] and the gain of the reflex.
 
         A row without a contact is zero.
         """

@@ -33,7 +33,7 @@ def build_scene(
     shown: bool = False,
     tip: float = RADIUS,
 ) -> mujoco.MjModel:
-    """Builds a model of the robot with its servos and skin, and of a finger. The model is ready to simulate.
+    """Builds and compiles a model of the robot with its servos and skin, and of a finger.
 
     With `shown` the model also contains geometry that only pictures need. The bodies and joints of both
     models are equal.

@@ -61,7 +61,7 @@ def skin_geom(patch: str) -> str:
 
 
 def stiff(step: float) -> list[float]:
-    """Returns MuJoCo's solref of a contact with the finger.
+    """Returns MuJoCo's parameter `solref` (stiffness and damping) of a contact with the finger.
 
     The contact is stiff, since the light tip would otherwise move deeply into the skin. With this value the
     tip moves into the skin by 0.2 mm at 8 N.

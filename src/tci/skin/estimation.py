@@ -82,7 +82,8 @@ class PatchEstimator:
         self.baseline.rezero(statistics[SIGNAL].astype(np.float64))
 
     def write(self, taxels: slice, estimates: Estimates) -> None:
-        """Writes the estimates for the kernel in single precision, which is exact for counts below 2^24."""
+        """Writes the estimates for the compiled loop, in single precision, which is exact for whole counts
+        below 2^24."""
         baseline = self.baseline
         estimates.offset[taxels] = baseline.offset
         estimates.threshold[taxels] = baseline.threshold

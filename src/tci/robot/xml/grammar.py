@@ -50,7 +50,7 @@ from tci.robot.xml.values import (
 
 
 def _choice(described: type[Description], field: str) -> Choice:
-    """Returns the choice of valid values for a field that is a Literal."""
+    """Returns the valid keywords of a field whose type is a `Literal`."""
     return Choice(get_args(described.model_fields[field].annotation))
 
 

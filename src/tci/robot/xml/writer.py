@@ -29,7 +29,7 @@ def write_robot(
 
     `file` is the path of the model relative to the description. If a package that `extra` installs contains
     the model, `file` is the end of the model's path in this package. `meshes` is a folder beside the
-    description, or "none".
+    description, or "none" for a model that is to be read without its meshes.
 
     Raises TciError if the robot has couplings, tables, or skin other than cones: this function can't write
     them.

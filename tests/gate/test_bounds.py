@@ -146,3 +146,19 @@ def test_where_the_others_leave_no_point_it_is_as_close_as_the_limits_allow() ->
     for far, limit in ((-4.0, -0.2 + MARGIN), (4.0, 0.2 - MARGIN)):
         target = np.array([0.0, far, 0.3])
         assert short.nearest(target, first) == pytest.approx([limit, far, 0.3], abs=1e-12)
+
+
+@pytest.mark.parametrize("angle", [-1.0, 0.3, 2.0])
+def test_a_servo_whose_limits_are_equal_stays_exactly_there(angle: float) -> None:
+    """Half of the range is smaller than the margin."""
+    fixed = replace(FREE, lower=np.full(3, angle), upper=np.full(3, angle))
+    for away in (-0.5, 0.0, 0.5):
+        assert fixed.inside(np.full(3, angle + away)).tolist() == [angle] * 3
+        assert not fixed.allowed_velocity(np.full(3, angle), np.full(3, away)).any()
+
+
+def test_an_angle_at_its_limit_is_inside() -> None:
+    assert np.array_equal(FREE.inside(FREE.upper), FREE.upper)
+    assert np.array_equal(FREE.inside(FREE.lower), FREE.lower)
+    assert np.array_equal(FREE.inside(FREE.upper + 0.1), FREE.upper - MARGIN)
+    assert np.array_equal(FREE.inside(FREE.lower - 0.1), FREE.lower + MARGIN)

@@ -13,7 +13,7 @@ from tci.gate.acceptance import SLOWEST
 from tci.gate.bounds import bounds_of
 from tci.gate.stop_plan import StopTrajectory
 from tci.gate.trajectory import OnlineTrajectory
-from tci.gate.way_inside import CREEP, OUTSIDE, QUICK, SAGS, UNPLANNED
+from tci.gate.way_inside import CREEP, LAGS, OUTSIDE, QUICK, SAGS, UNPLANNED, creeping, sags, was_there
 from tci.messages import Mode, PlatformSwitch
 from tci.reasons import Code, Reason
 
@@ -331,3 +331,50 @@ def test_after_a_calculation_that_fails_no_step_is_taken_twice(monkeypatch: pyte
     path, _ = go(trajectory, 0.1)
     assert len(reset) == len(path) - 1
     assert np.abs(np.diff(path[:, 1], 3)).max() / PERIOD**3 <= LIMITS.jerk * 1.001
+
+
+@pytest.mark.parametrize("angle", [-1.0, LIMIT])
+def test_a_servo_at_its_limit_is_not_outside(angle: float) -> None:
+    assert not limiter(set(), angle).outside
+    assert limiter(set(), np.nextafter(angle, 9.0 * angle)).outside
+
+
+def test_each_servo_creeps_at_a_fraction_of_its_own_speed_unless_the_way_is_straight() -> None:
+    speed = np.array([30.0, 3.0, 1.0])
+    assert creeping(speed, straight=False) == pytest.approx([CREEP * QUICK, 0.3, 0.1])
+    assert creeping(speed, straight=True) == pytest.approx(speed * CREEP * QUICK / 30.0)
+    least = np.array([SLOWEST, 0.5 * SLOWEST])
+    assert creeping(least, straight=False) == pytest.approx(least)
+
+
+@pytest.mark.parametrize(
+    ("here", "sag", "sagged"),
+    [(2.1, 2.0, True), (2.1, 1.0, False), (2.1, -2.0, False), (-1.1, -2.0, True), (-1.1, 2.0, False),
+     (2.0, 2.0, False), (-1.0, -2.0, False), (0.0, 2.0, False)],
+)  # fmt: skip
+def test_only_a_servo_outside_its_limits_that_moved_farther_out_sags(
+    here: float, sag: float, sagged: bool
+) -> None:
+    """The sag is a multiple of `LAGS`. The other servo is inside its limits."""
+    bounds, _ = bounds_of(make_robot(coupled=False), [0, 1], speed_share=1.0)
+    found = np.zeros(2)
+    assert sags(np.array([here, 0.0]), bounds, found, np.array([sag, 9.0]) * LAGS) is sagged
+
+
+@pytest.mark.parametrize("out", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("sag", "moved", "other", "known"),
+    [(2.0, 1.0, 0.0, True), (1.0, 1.0, 0.0, True), (0.5, 1.0, 0.0, False), (4.0, 3.0, 0.0, False),
+     (2.0, 1.0, 0.1, False), (2.0, 1.0, -0.1, False)],
+)  # fmt: skip
+def test_a_way_is_known_up_to_where_the_servo_was_found(
+    out: float, sag: float, moved: float, other: float, known: bool
+) -> None:
+    """The first servo was found at 4 rad. Sag and motion inward are multiples of 2^-8 rad, which is about
+    half of `SAGS`."""
+    step = out * 2.0**-8
+    here = np.array([4.0 * out, 1.0])
+    ends = np.array([[4.0 * out, 1.0], [4.0 * out - moved * step, 1.0 + other]])
+    span = np.array([ends.min(axis=0), ends.max(axis=0)])
+    measured = np.array([4.0 * out + sag * step, 1.0])
+    assert was_there(np.array([-0.3 * out, 0.0]), here, span, here, measured) is known

@@ -20,14 +20,14 @@ from tci.body.generic_body import GenericBody
 from tci.drivers.driver import Driver
 from tci.drivers.info import DriverInfo
 from tci.drivers.simulated import SimulatedDriver
-from tci.errors import CommandError, DriverError
+from tci.errors import CommandError, DriverError, TciError
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import GenericCommand, Mode, Order, Perception, Reading, SwitchMode
 from tci.reasons import Code, Reason
 from tci.robot.joint_map import initial_position
 from tci.runtime.lease import lease
-from tci.runtime.loop import PERSISTS, REST, Tick, run
-from tci.runtime.loop_report import LoopReport
+from tci.runtime.loop import MISSED, PERSISTS, REST, Tick, _Loop, run
+from tci.runtime.loop_report import Histogram, LoopReport
 from tci.runtime.watchdogs import LEAST_SILENCE, frozen_garbage, interruptions
 from tci.simulation.world import World
 
@@ -667,3 +667,87 @@ def test_the_report_as_json_has_every_figure_under_its_name() -> None:
         "p50": pytest.approx(1.0, rel=0.1), "p99": 4.0, "p999": 4.0, "max": 4.0,
     }  # fmt: skip
     assert plain["lateness_ms"] == {"p50": 0.0, "p99": 0.0, "p999": 0.0, "max": 0.0}
+
+
+BEGIN = 10.0007
+
+
+def timed(driver: SimulatedDriver) -> tuple[_Loop[int], LoopReport]:
+    """Returns a loop whose first period begins at `BEGIN`."""
+    report = LoopReport()
+    loop = _Loop(driver, Still(), None, None, report, True)
+    loop.begin(BEGIN)
+    return loop, report
+
+
+def test_41_what_was_missed_is_counted_gap_by_gap_and_told_with_its_code(driver: SimulatedDriver) -> None:
+    (loop, report), period = timed(driver), driver.period
+    told = [loop._timing(BEGIN + number * period) for number in (2.5, 3.0, 4.0, 6.0, 10.0, 13.25, 17.0)]
+    words = [f"the loop missed {count} periods" for count in (3, 3)]
+    assert told == [None] * 4 + [Reason(Code.PERIODS_MISSED, words[0]), None] + [
+        Reason(Code.PERIODS_MISSED, words[1])
+    ]
+    assert (report.overruns, report.missed) == (4, 1 + 3 + 2 + 3)
+    assert report.lateness.counts.sum() == len(told)
+    assert report.lateness.largest == pytest.approx(0.5 * period, rel=1e-3)
+
+
+def test_41_lateness_is_counted_from_the_beginning_of_the_period(driver: SimulatedDriver) -> None:
+    (loop, report), period = timed(driver), driver.period
+    for number in range(5):
+        loop._timing(BEGIN + (number + 0.25) * period)
+    assert report.lateness.largest == pytest.approx(0.25 * period, rel=1e-3)
+    assert report.lateness.quantile(0.5) == pytest.approx(0.25 * period, rel=0.05)
+
+
+def test_a_time_beyond_all_bins_is_counted_in_the_last_one() -> None:
+    times = Histogram()
+    for seconds in (1e9, 1e-9):
+        times.add(seconds)
+    assert np.flatnonzero(times.counts).tolist() == [0, len(times.counts) - 1]
+    assert np.issubdtype(times.counts.dtype, np.integer)
+    assert times.to_json()["max"] == 1e12
+
+
+def test_an_invalid_duration_is_refused_before_anything_is_sent(driver: SimulatedDriver) -> None:
+    with pytest.raises(TciError, match="duration"):
+        run(driver, Still(), duration=-1.0)
+    assert driver.gate.counts.steps == 0
+
+
+def test_a_run_that_writes_nothing_cuts_no_motion_short(world: World) -> None:
+    world.reset()
+    report = LoopReport()
+    with SimulatedDriver(world.robot, world=world, arm=False) as driver:
+        run(driver, Swing(), duration=0.1, write=False, report=report)
+        assert driver.gate.counts.steps == report.ticks
+    assert not report.cut_short
+
+
+def test_a_capability_gets_the_body_of_its_robot_in_each_step(driver: SimulatedDriver) -> None:
+    bodies: list[GenericBody] = []
+
+    class Asks(Still):
+        def step(
+            self, memory: int, perception: Perception, body: GenericBody
+        ) -> tuple[tuple[GenericCommand, ...], int]:
+            bodies.append(body)
+            return (), memory + 1
+
+    run(driver, Asks(), duration=0.01)
+    assert [body.robot for body in bodies] == [driver.robot] * 5
+
+
+def test_45_a_robot_at_rest_gets_the_last_command_more_often_than_messages_are_missed(
+    driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write, sent = driver.write, []
+
+    def watched(safe: SafeCommand) -> SafeCommand:
+        sent.append(safe)
+        return write(safe)
+
+    monkeypatch.setattr(driver, "write", watched)
+    with pytest.raises(ZeroDivisionError):
+        run(driver, Still(), duration=1.0, observe=lambda tick: fail() if len(sent) == 5 else None)
+    assert [safe.state for safe in sent[5:]] == [GateState.STOP] * (MISSED + 1)

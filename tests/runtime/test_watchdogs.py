@@ -18,6 +18,7 @@ import tci
 from tci.errors import DriverError
 from tci.frames import Array
 from tci.messages import JointReading, Reading, SkinFrame
+from tci.reasons import Code, Reason
 from tci.runtime.lease import lease
 from tci.runtime.watchdogs import (
     LEAST_SILENCE,
@@ -50,6 +51,7 @@ def test_a_patch_that_falls_silent_is_named_and_those_that_never_spoke_are_not()
     assert not silence.fault(reading(**{one: 10, two: 9}), last + LEAST_SILENCE - 1e-6)
     reason = silence.fault(reading(**{one: 11, two: 9}), last + LEAST_SILENCE + 0.01)
     assert reason is not None
+    assert reason.code is Code.SKIN_SILENT
     said = reason.text
     assert two in said
     assert one not in said
@@ -70,14 +72,29 @@ def test_silence_is_as_long_as_driver_and_senders_allow(
     silence = SkinWatchdog(NAO, stale_after=stale_after, keep_alive=keep_alive)
     here = reading(**{PATCHES[0]: 1})
     assert not silence.fault(here, 5.0)
-    assert not silence.fault(here, 5.0 + longest - 1e-6)
+    assert not silence.fault(here, 5.0 + longest)
     assert silence.fault(here, 5.0 + longest + 1e-6)
 
 
 def test_a_patch_that_the_robot_lacks_is_nobodys_silence() -> None:
     silence = SkinWatchdog(NAO, stale_after=0.05)
+    assert not silence.fault(reading(), 1e6)
     assert not silence.fault(reading(tail=1), 0.0)
     assert not silence.fault(reading(tail=1), 1e6)
+
+
+def test_torques_that_vanish_are_told_with_code_time_and_what_they_felt() -> None:
+    robot = tci.load_robot("g1-bare")
+    silence, zeros = SkinWatchdog(robot, stale_after=0.05), np.zeros(len(robot.servos))
+    felt = Reading(JointReading(0.0, 0, zeros, zeros, zeros), ())
+    assert not silence.fault(felt, 0.0)
+    assert not silence.fault(felt, LEAST_SILENCE)
+    reason = silence.fault(felt, 5.0)
+    assert reason is not None
+    assert reason.code is Code.SKIN_SILENT
+    assert reason.text.startswith("the joints of left_arm have reported no new torques for 5000 ms: left_")
+    names = [patch.name for patch in robot.patches if patch.part == "left_arm"]
+    assert reason.text.endswith(f": {', '.join(names)} feel nothing")
 
 
 @pytest.mark.parametrize("how", ["none", "nan", "frozen"])
@@ -115,7 +132,8 @@ def test_a_standstill_is_longer_than_a_busy_machine_and_than_what_the_driver_all
         clock.advance(longest - 1e-6)
         assert still.fault() is None
     clock.advance(longest + 0.001)
-    assert str(still.fault()) == f"this process stood still for {longest * 1e3 + 1:.0f} ms"
+    words = f"this process stood still for {longest * 1e3 + 1:.0f} ms"
+    assert still.fault() == Reason(Code.PROCESS_FROZEN, words)
     clock.advance(PILED_UP - 0.001)
     assert still.fault()
     clock.advance(0.002)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
 import tomllib
 from pathlib import Path
 
+from pool import COMMITS
+from report import commit
 from row import Row
 
 ROOT = Path(__file__).parents[2]
@@ -24,14 +28,28 @@ pytest."""
 
 
 def mutation(full: bool) -> Row:
-    """Runs mutmut's mutants one at a time. A later call continues with the next mutant. At CI size no mutant
-    runs."""
+    """Judges mutants (see mutants.py) in random order. A later call continues with the others. If only tests
+    have changed, it also judges those again that no test has detected; if sources have changed, all. At CI
+    size no mutant runs.
+
+    Environment variables: MINUTES is the time after which no other mutant is judged; MINUTES=0 returns the
+    last results. JOBS is the number of processes.
+    """
     counts = {"total": 0}
+    measured = MUTANTS / "measured.json"
     if full and float(os.environ.get("MINUTES", "inf")):
-        subprocess.run([_tool("mutmut"), "run"], cwd=ROOT, check=True, env=_tools_first())
-    if full and MUTANTS.exists():
+        now = {"sources": _digest("src"), "tests": _digest("tests"), "commit": commit()}
+        before = json.loads(measured.read_text()) if measured.exists() else {}
+        if before.get("sources") != now["sources"]:
+            shutil.rmtree(MUTANTS, ignore_errors=True)
+            MUTANTS.mkdir()
+        measured.write_text(json.dumps(now))
+        again = ["again"] if before.get("tests") != now["tests"] else []
+        subprocess.run([sys.executable, Path(__file__).with_name("mutants.py"), *again], cwd=ROOT, check=True)
+    if full and measured.exists():
         subprocess.run([_tool("mutmut"), "export-cicd-stats"], cwd=ROOT, check=True, capture_output=True)
         counts = json.loads((MUTANTS / "mutmut-cicd-stats.json").read_text())
+        COMMITS["mutation"] = json.loads(measured.read_text())["commit"]
     noticed = sum(counts.get(how, 0) for how in NOTICED)
     tried = noticed + counts.get("survived", 0) + counts.get("suspicious", 0) + counts.get("no_tests", 0)
     score = noticed / max(1, tried)
@@ -88,6 +106,9 @@ def _tool(name: str) -> str:
     return str(Path(sys.executable).with_name(name))
 
 
-def _tools_first() -> dict[str, str]:
-    """Returns an environment with which mutmut finds pytest, which mutmut starts by name."""
-    return {**os.environ, "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])}
+def _digest(folder: str) -> str:
+    """Returns a digest of the Python files in a folder."""
+    digest = hashlib.sha256()
+    for path in sorted((ROOT / folder).rglob("*.py")):
+        digest.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
+    return digest.hexdigest()[:16]

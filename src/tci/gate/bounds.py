@@ -128,11 +128,11 @@ def bounds_of(robot: Robot, servos: Sequence[int], *, speed_share: float) -> tup
     inside = terms[:, list(servos)]
     terms[:, list(servos)] = 0.0
     bounds = Bounds(
-        lower=np.array([limit.lower for limit in limits], dtype=float),
-        upper=np.array([limit.upper for limit in limits], dtype=float),
-        velocity=speed_share * np.array([limit.velocity for limit in limits], dtype=float),
-        acceleration=np.array([limit.acceleration for limit in limits], dtype=float),
-        jerk=np.array([limit.jerk for limit in limits], dtype=float),
+        lower=np.array([limit.lower for limit in limits]),
+        upper=np.array([limit.upper for limit in limits]),
+        velocity=speed_share * np.array([limit.velocity for limit in limits]),
+        acceleration=np.array([limit.acceleration for limit in limits]),
+        jerk=np.array([limit.jerk for limit in limits]),
         coupling=inside,
         coupling_lower=lowest[named],
         coupling_upper=highest[named],

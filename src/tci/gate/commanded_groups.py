@@ -174,7 +174,7 @@ class CommandedGroups:
 
     def _guard(self, group: int, servos: Sequence[int]) -> Guard:
         """Returns the function that checks the stops of a group's `servos` for self-collision."""
-        index = np.array(servos, dtype=np.intp)
+        index = np.array(servos)
 
         def fault(stop: StopTrajectory) -> Reason | None:
             if self.body is None:

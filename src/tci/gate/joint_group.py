@@ -106,7 +106,7 @@ def make_chain(
     limits = np.array([bounds.lower, bounds.upper, bounds.velocity])
     own = replace(bounds, coupling_lower=ends[0], coupling_upper=ends[1])
     limiter = OnlineTrajectory(own, measured[union], period, guard=guard)
-    index, free = np.array(union, dtype=np.intp), np.zeros(len(union), np.bool_)
+    index, free = np.array(union), np.zeros(len(union), np.bool_)
     arrays = index, limits, bounds.coupling, ends, free, limiter.aims
     chain = JointGroup(union, index, limiter, bounds, outside, ends, bool(outside.any()), arrays)
     chain.look_outside(measured)

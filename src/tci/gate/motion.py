@@ -236,7 +236,7 @@ class Motion:
         """Sets the velocities of servos in velocity mode. If one velocity exceeds its limit, all velocities
         of the command are reduced by one factor."""
         servos = command.servos.tolist()
-        limits = np.array([self.robot.servos[servo].limits.velocity for servo in servos], dtype=float)
+        limits = np.array([self.robot.servos[servo].limits.velocity for servo in servos])
         most = np.minimum(command.speed, self._settings.speed_share * limits)
         values = command.values.astype(float)
         fastest = np.max(np.minimum(np.abs(values), FASTEST) / most, initial=1.0)

@@ -57,7 +57,7 @@ class TorqueLimiter:
         limits = [self._robot.servos[servo].limits for servo in self.servos]
         rows = [(x.lower, x.upper, x.velocity, x.velocity, x.acceleration, x.acceleration, x.torque)
                 for x in limits]  # fmt: skip
-        self._limits = np.array(rows, dtype=float).reshape(-1, 7).T.copy()
+        self._limits = np.array(rows).reshape(len(rows), 7).T.copy()
         self._limits[at.LOWER] += MARGIN
         self._limits[at.UPPER] -= MARGIN
         self._limits[at.VELOCITY] *= self._share
@@ -68,7 +68,7 @@ class TorqueLimiter:
     def ask(self, servos: NDArray[np.intp], torque: Array) -> Array:
         """Sets the commanded `torque` (k,) [N m] of `servos`. Returns this torque, clipped to the limits of
         the servos."""
-        limit = np.array([self._robot.servos[servo].limits.torque for servo in servos], dtype=float)
+        limit = np.array([self._robot.servos[servo].limits.torque for servo in servos])
         wanted: Array = np.clip(torque, -limit, limit)
         self._memory[at.WANTED, servos] = wanted
         return wanted

@@ -1,0 +1,285 @@
+"""Each refusal, hold and stop of the gate has its code, names its cause, and begins exactly at its limit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gate.gate_checks import LIMITS, PERIOD, Driven, make_robot, position_command, reading
+from tci.errors import CommandError, DriverError
+from tci.frames import read_only
+from tci.gate.acceptance import OUTSIDE, fault_of_reading, is_likely_degrees, refuse_far
+from tci.gate.bounds import bounds_of
+from tci.gate.gate import Gate, GateState
+from tci.gate.joint_monitor import JointMonitor, MonitorSettings, Reference
+from tci.gate.stop_plan import StopTrajectory
+from tci.gate.trajectory import OnlineTrajectory
+from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
+from tci.reasons import Code, Reason
+from tci.robot.description import Robot
+
+ZERO = [0.0] * 6
+STALE = 0.05
+TURN = 2.0 * np.pi
+ROBOT = make_robot(limits=LIMITS.model_copy(update={"torque": 5.0}), modes=CONTROL_MODES)
+NEAR = Reason(Code.SELF_COLLISION, "near")
+
+
+def switch(servos: Sequence[int], mode: Mode) -> PlatformSwitch:
+    return PlatformSwitch(np.array(servos, np.intp), mode)
+
+
+def with_limits(**changes: float | None) -> Robot:
+    """Returns the robot of these tests with other limits, which a description would not pass."""
+    return make_robot(limits=LIMITS.model_copy(update=changes), modes=CONTROL_MODES)
+
+
+TWICE = "joint2 was switched in this period; valid: one mode at a time"
+UNMOVED = "joint2 can't be moved: its"
+
+
+@pytest.mark.parametrize(
+    ("robot", "orders", "code", "words"),
+    [
+        (make_robot(), [switch([2], Mode.TORQUE)], Code.WRONG_MODE,
+         "tester: joint2 has no torque mode; valid: position"),
+        (ROBOT, [switch([2], Mode.STIFFNESS)], Code.COMMAND_INVALID,
+         "switch to stiffness; valid: position, velocity, torque, impedance"),
+        (ROBOT, [switch([], Mode.TORQUE)], Code.COMMAND_INVALID,
+         "switch of (0,) servos; valid: at least one"),
+        (ROBOT, [PlatformSwitch(np.zeros((1, 1), np.intp), Mode.TORQUE)], Code.COMMAND_INVALID,
+         "switch of (1, 1) servos; valid: at least one"),
+        (ROBOT, [switch([6], Mode.TORQUE)], Code.COMMAND_INVALID, "switch: servos [6]; valid: 0 to 5"),
+        (ROBOT, [PlatformSwitch(np.array([1.0]), Mode.TORQUE)], Code.COMMAND_INVALID,
+         "switch: servos [1.0]; valid: 0 to 5"),
+        (with_limits(), [switch([2], Mode.TORQUE)], Code.LIMITS_UNKNOWN,
+         "joint2 has no torque mode: its description has no limit of torque"),
+        (with_limits(torque=0.0), [switch([2], Mode.TORQUE)], Code.LIMITS_UNKNOWN,
+         "joint2 has no torque mode: its description has no limit of torque"),
+        (with_limits(torque=np.inf), [switch([2], Mode.TORQUE)], Code.LIMITS_UNKNOWN,
+         "joint2 has no torque mode: its description has no limit of torque"),
+        (with_limits(jerk=None, lower=None), [position_command([2], [0.1])], Code.LIMITS_UNKNOWN,
+         f"{UNMOVED} description has no limit of lower, jerk"),
+        (with_limits(velocity=0.0), [position_command([2], [0.1])], Code.LIMITS_UNKNOWN,
+         f"{UNMOVED} limit of velocity is 0; valid: above 0 and finite"),
+        (with_limits(jerk=np.inf), [position_command([2], [0.1])], Code.LIMITS_UNKNOWN,
+         f"{UNMOVED} limit of jerk is inf; valid: above 0 and finite"),
+        (with_limits(lower=3.0), [position_command([2], [0.1])], Code.LIMITS_UNKNOWN,
+         f"{UNMOVED} limits are 3 .. 2 rad; valid: lower first"),
+        (ROBOT, [PlatformCommand(Mode.VELOCITY, np.array([2]), np.zeros(1), np.ones(1))], Code.WRONG_MODE,
+         "joint2 is in position mode, the command is a velocity; valid: switch the mode first"),
+        (ROBOT, [switch([2], Mode.VELOCITY), switch([2], Mode.IMPEDANCE)], Code.WRONG_MODE, TWICE),
+        (ROBOT, [switch([2], Mode.TORQUE), switch([2], Mode.IMPEDANCE)], Code.WRONG_MODE, TWICE),
+        (make_robot(), [position_command([2, 3, 4], [0.1, 0.2, 7.0])], Code.LIMITS_EXCEEDED,
+         "position of joint2, joint3, joint4: joint4 at 7 rad is more than a full turn; "
+         "valid: -1.00 .. 2.00 rad"),
+        (make_robot(), [position_command([2, 3], [-6.5, 0.1])], Code.LIKELY_DEGREES,
+         "position of joint2, joint3: joint2 at -6.5 rad, limits -1.00 .. 2.00 rad; degrees? "
+         "valid: radians, as from np.deg2rad"),
+    ],
+)  # fmt: skip
+def test_an_order_is_refused_with_its_code_and_its_cause(
+    robot: Robot, orders: list[PlatformOrder], code: Code, words: str
+) -> None:
+    safe = Driven(robot, ZERO).step(*orders)
+    assert [(one.code, str(one)) for one in safe.refusals] == [(code, words)]
+
+
+@pytest.mark.parametrize("how", ["reference", "measured"])
+def test_a_servo_that_moves_is_not_switched(how: str) -> None:
+    driven, velocity = Driven(ROBOT, ZERO), np.zeros(6)
+    if how == "reference":
+        driven.step(position_command([2], [1.0]))
+        for _ in range(30):
+            driven.step()
+    else:
+        velocity[2] = -0.1
+    joints = replace(reading(driven.angles, driven.time), velocity=velocity)
+    safe = driven.gate.step([switch([2], Mode.VELOCITY), switch([3], Mode.VELOCITY)], joints, driven.time)
+    (refusal,) = safe.refusals
+    assert (refusal.code, str(refusal)) == (
+        Code.IN_MOTION, "joint2 is moving; valid: switch to velocity at rest"
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("end", "side", "limits"), [(2.0, 1.0, "-57.3 .. 114.6"), (-1.0, -1.0, "-57.3 .. 114.6")]
+)
+def test_a_servo_comes_under_command_up_to_20_degrees_outside_its_limits(
+    end: float, side: float, limits: str
+) -> None:
+    start = [*ZERO]
+    start[2] = end + side * OUTSIDE
+    assert not Driven(make_robot(), start).step(position_command([2], [0.5])).refusals
+    start[2] += side * 0.01
+    (refusal,) = Driven(make_robot(), start).step(position_command([2], [0.5])).refusals
+    measured = f"{np.rad2deg(start[2]):.1f}"
+    assert refusal.code is Code.LIMITS_EXCEEDED
+    assert str(refusal) == (
+        f"joint2 is measured at {measured} degrees, its limits are {limits}; valid: at most 20 outside"
+    )
+
+
+def test_a_gate_that_holds_or_has_stopped_refuses_with_its_reason() -> None:
+    driven = Driven(make_robot(), ZERO)
+    for act, state in ((driven.gate.hold, "hold"), (driven.gate.stop, "stop")):
+        act("it smokes")
+        (refusal,) = driven.step(position_command([2], [0.1])).refusals
+        assert (refusal.code, str(refusal)) == (Code.GATE_CLOSED, f"{state}: it smokes")
+
+
+@pytest.mark.parametrize(
+    ("position", "velocity", "code", "words"),
+    [
+        (np.zeros(5), np.zeros(6), Code.JOINTS_MISFIT, "joint reading of shape (5,); valid: (6,)"),
+        (np.zeros(6), np.zeros(7), Code.JOINTS_MISFIT, "joint velocities of shape (7,); valid: (6,)"),
+        (np.array([0, 0, 0, np.nan, 0, np.inf]), np.zeros(6), Code.JOINTS_MISFIT,
+         "the angle of joint3 is not finite"),
+    ],
+)  # fmt: skip
+def test_joint_data_that_can_not_be_used_is_named(
+    position: np.ndarray, velocity: np.ndarray, code: Code, words: str
+) -> None:
+    joints = JointReading(0.0, 0, position, velocity)
+    assert fault_of_reading(ROBOT, joints, 0.0, STALE) == Reason(code, words)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_joint_data_is_too_old_or_too_new_beyond_exactly_what_is_allowed(side: float) -> None:
+    assert fault_of_reading(ROBOT, reading(ZERO), side * STALE, STALE) is None
+    old = fault_of_reading(ROBOT, reading(ZERO), np.nextafter(side * STALE, side), STALE)
+    assert old == Reason(Code.JOINTS_STALE, f"joint data is {side * 50:.0f} ms old; valid: at most 50 ms")
+
+
+def test_data_that_repeats_is_as_old_as_its_first_copy() -> None:
+    gate = Gate(ROBOT, period=PERIOD, stale_after=STALE)
+    for now, state in ((0.0, GateState.RUN), (STALE, GateState.RUN), (0.06, GateState.HOLD)):
+        safe = gate.step((), replace(reading(ZERO), stamp=now), now)
+        assert safe.state is state
+    assert safe.reason == Reason(Code.JOINTS_STALE, "no new joint data for 60 ms")
+
+
+def test_a_time_that_goes_back_stops_the_robot() -> None:
+    gate = Gate(ROBOT, period=PERIOD, stale_after=STALE)
+    gate.step((), reading(ZERO, 1.0), 1.0)
+    assert gate.step((), reading(ZERO, 1.0 - 0.9 * PERIOD), 1.0 - 0.9 * PERIOD).reason is None
+    safe = gate.step((), reading(ZERO, 0.5), 0.5)
+    assert safe.reason == Reason(Code.TIME_WENT_BACK, "time went back by 0.500 s")
+
+
+def test_what_was_written_before_is_refused_in_these_words() -> None:
+    gate = Gate(ROBOT, period=PERIOD, stale_after=STALE)
+    safe = gate.step((), reading(ZERO), 0.0)
+    gate.check_out(safe)
+    with pytest.raises(DriverError) as refused:
+        gate.check_out(safe)
+    assert str(refused.value) == (
+        "not the latest command of this driver's gate, or written before; "
+        "valid: write(gate.step(...)), once per step"
+    )
+
+
+def test_an_angle_that_stays_while_its_torque_rises_is_that_of_a_frozen_encoder() -> None:
+    driven = Driven(ROBOT, ZERO)
+    driven.step(switch([2], Mode.TORQUE))
+    push = PlatformCommand(Mode.TORQUE, np.array([2]), np.array([4.0]), np.ones(1))
+    for _ in range(300):
+        safe = driven.step(push)
+    assert safe.reason is not None
+    assert safe.reason.code is Code.ENCODER_FROZEN
+    assert safe.reason.text.startswith("the encoder of joint2 stands still while its torque changes; free it")
+
+
+def test_a_full_turn_is_no_degrees_yet() -> None:
+    assert not is_likely_degrees(np.array([TURN, -TURN, 0.1, 0.1, 0.1]))
+    assert is_likely_degrees(np.nextafter([TURN, -TURN, 0.1, 0.1, 0.1], [9.0, -9.0, 0.0, 0.0, 0.0]))
+    for angle, code in ((TURN, Code.LIKELY_DEGREES), (np.nextafter(TURN, 9.0), Code.LIMITS_EXCEEDED)):
+        with pytest.raises(CommandError) as refused:
+            refuse_far(make_robot(), position_command([2, 3, 4], [angle, 0.1, 0.1]))
+        assert refused.value.reason.code is code
+
+
+@pytest.mark.parametrize("end", [-1.0, 2.0])
+def test_an_angle_at_its_limit_is_not_a_wrong_one(end: float) -> None:
+    """The wrong angle is named, although its magnitude is smaller."""
+    robot = make_robot()
+    first = robot.servos[2].limits.model_copy(update={"lower": -1.0, "upper": 2.0})
+    narrow = first.model_copy(update={"lower": 0.1, "upper": 0.2})
+    servos = [one.model_copy(update={"limits": narrow}) if one.index == 3 else one for one in robot.servos]
+    robot = robot.model_copy(update={"servos": tuple(servos)})
+    with pytest.raises(CommandError, match=r"joint3 at 0\.3 rad"):
+        refuse_far(robot, position_command([2, 3], [end, 0.3]))
+
+
+def guarded(guard: Callable[[StopTrajectory], Reason | None]) -> OnlineTrajectory:
+    bounds, _ = bounds_of(make_robot(coupled=False), [0, 1, 2], speed_share=1.0)
+    return OnlineTrajectory(bounds, np.zeros(3), PERIOD, guard=guard)
+
+
+def test_a_motion_that_is_not_taken_over_has_the_code_of_its_fault() -> None:
+    moving = guarded(lambda stop: None)
+    moving.aim(np.full(3, 0.5), np.full(3, 1.0))
+    for _ in range(50):
+        moving.step()
+    with pytest.raises(CommandError) as refused:
+        guarded(lambda stop: NEAR).take_over([0, 1, 2], moving, [0, 1, 2])
+    assert refused.value.reason == Reason(NEAR.code, "these servos can't join the motion now: near")
+
+
+def test_a_servo_that_is_taken_over_keeps_the_angle_at_which_it_was_found() -> None:
+    before, after = guarded(lambda stop: None), guarded(lambda stop: None)
+    before.found[:] = 0.1, 0.2, 0.3
+    after.take_over([0, 2], before, [1, 2])
+    assert after.found.tolist() == [0.2, 0.0, 0.3]
+
+
+def judged(
+    change: Callable[[int], dict[str, object]], mode: Mode = Mode.POSITION, **settings: float
+) -> tuple[int, Reason] | None:
+    """Returns the number of the reading that a monitor finds faulty, and the reason. `change` returns what
+    differs in each reading from those of a robot at rest."""
+    monitor = JointMonitor(ROBOT, MonitorSettings(**settings))
+    still = Reference(np.array([1, 2]), (mode, mode), np.zeros(2), np.zeros(2))
+    for number in range(300):
+        joints = replace(reading(ZERO), stamp=0.01 * number, sequence=number)
+        joints = replace(joints, **change(number))
+        if fault := monitor.step(joints, still):
+            return number, fault
+    return None
+
+
+def test_a_servo_that_is_off_is_named() -> None:
+    off = np.array([True, True, False, True, True, True])
+    found = judged(lambda number: {"powered": read_only(off) if number >= 7 else None})
+    assert found == (7, Reason(Code.SERVO_OFF, "joint2 is under command and its servo is off"))
+    assert judged(lambda number: {"powered": ~off | (np.arange(6) == 1)}) is None
+
+
+def test_a_servo_in_another_mode_is_named_after_the_time_of_a_switch() -> None:
+    def reports(mode: Mode, since: int, until: int = 300) -> Callable[[int], dict[str, object]]:
+        here = (Mode.POSITION,) * 6
+        other = (*here[:2], mode, *here[3:])
+        return lambda number: {"modes": other if since <= number < until else here}
+
+    found = judged(reports(Mode.TORQUE, 10), mode_change=0.5)
+    assert found is not None
+    assert found[0] in (60, 61)  # 0.5 s after reading 10, as far as rounding goes
+    assert found[1] == Reason(Code.SERVO_MODE, "joint2 reports mode torque; commanded in position")
+    assert judged(reports(Mode.TORQUE, 10, 55), mode_change=0.5) is None
+
+
+def test_readings_that_come_again_under_new_stamps_are_frozen() -> None:
+    found = judged(lambda number: {"sequence": min(number, 20)}, frozen=0.1)
+    words = "joint data is frozen: reading 20 comes again under fresh stamps"
+    assert found is not None
+    assert found[0] in (30, 31)
+    assert found[1] == Reason(Code.JOINTS_REPEATED, words)
+
+
+def test_an_angle_that_jumps_is_named_with_what_was_possible() -> None:
+    found = judged(lambda number: {"position": np.array([0, 0, 0.2 * (number >= 9), 0, 0, 0])})
+    words = "the angle of joint2 jumped by 11.5 degrees; possible: 3.7"
+    assert found == (9, Reason(Code.ENCODER_JUMPED, words))

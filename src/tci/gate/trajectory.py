@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from tci.compiled import entry
 from tci.errors import CommandError
 from tci.frames import Array
 from tci.gate.bounds import MARGIN, Bounds
@@ -15,11 +16,10 @@ from tci.gate.stop_plan import StopPlanner, StopTrajectory
 from tci.gate.way_inside import OUTSIDE, STILL, UNPLANNED, creeping, sags, was_there
 from tci.reasons import Code, Reason
 
+_straight_limits = entry(straight_limits)
 LEAST_SHARE = 1e-6
 """In a straight motion, the limits of each servo are proportional to its distance. Distances below this
 fraction of the longest distance are replaced by this fraction, because ruckig needs limits above 0."""
-
-
 Guard = Callable[[StopTrajectory], Reason | None]
 """Function that checks a planned stop before the state at its beginning is sent. Returns the reason to refuse
 the stop, or None."""
@@ -339,7 +339,7 @@ class OnlineTrajectory:
         if self._straight:
             limits = np.empty((3, len(jerk)))
             here = self.position
-            straight_limits(here, self.target, self._most, acceleration, jerk, MARGIN, LEAST_SHARE, limits)
+            _straight_limits(here, self.target, self._most, acceleration, jerk, MARGIN, LEAST_SHARE, limits)
             self._most, acceleration, jerk = limits
         elif not was:  # the planner already has these limits
             return

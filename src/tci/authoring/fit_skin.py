@@ -27,7 +27,7 @@ Skin = tuple[str, int, Array, Array, Array, str, float | None]
 - taxel positions (n, 3) [m]
 - a point (3,) [m] on the axis, and the direction (3,) of the axis
 - a note on the skin file
-- largest distance [m] between neighbouring taxels by the description, or None
+- largest distance [m] between neighbouring taxels that the description sets; None if it sets none
 """
 
 

@@ -69,7 +69,7 @@ def check_reach(draft: Robot, part: GenericPart) -> None:
 
 
 def clear_of_body(draft: Robot, arms: Sequence[GenericPart]) -> list[GenericPart]:
-    """Returns both arms in the posture in which links are least near to other links.
+    """Returns both arms in the posture with the largest distances between links.
 
     Candidates are the given posture and all of POSTURES that are far enough from joint limits. If no links
     are near each other, the arms are returned unchanged. Pairs of links that overlap in most postures overlap
@@ -101,8 +101,8 @@ def clear_of_body(draft: Robot, arms: Sequence[GenericPart]) -> list[GenericPart
 def _room(draft: Robot, joints: JointMap, posture: Array, *, turned: float = TURNED) -> float:
     """Returns the least distance [rad] of an arm's servos from their limits in a posture.
 
-    A rotation `turned` [rad] of the shoulder counts as a limit too. If the servos can't reach the posture,
-    the value is reduced by ten times the error.
+    A rotation of a shoulder's joint by `turned` [rad] also counts as a limit. If the servos can't reach the
+    posture, the result is reduced by ten times the error.
     """
     start, (lower, upper) = np.zeros(len(draft.servos)), _limits(draft, joints)
     angles = joints.to_robot(posture, start)

@@ -18,8 +18,8 @@ from tci.frames import Array
 from tci.robot.shoulder import SLANT, nearest_point
 
 PARALLEL = 0.9
-"""Largest cosine of the angle between successive joint axes of a ball joint. Above it, the axes are too close
-to parallel. Assumed: in a ball joint the axes differ by at least 26 degrees."""
+"""Largest cosine of the angle between successive joint axes of a ball joint. Assumed: in a ball joint these
+axes differ in direction by at least 26 degrees."""
 ASIDE = 0.6
 """Largest offset of the limb's axis from the centre of its ball joint, and from the bending axis, as a
 fraction of the limb's length. Assumed: with a larger value other chains of joints are taken for limbs; with a

@@ -20,14 +20,14 @@ SECTORS, SLABS = 24, 12
 """Number of pieces into which a limb's surface is divided, around and along the limb. The outermost point of
 each piece is used. Assumed: fewer pieces do not follow the limb's shape, more pieces need more points."""
 INSIDE = 0.9
-"""Fraction of the outermost points that lie inside the skin. Assumed: single points that stick out do not
+"""Fraction of the outermost points that lie inside the skin. Assumed: single points that stick out must not
 widen the skin."""
 THINNEST = 0.02
 """Least radius [m] of a skin. Assumed: smaller than the radius of any humanoid's forearm."""
 
 
 class LinkPoints:
-    """Samples points on the shapes of a model's links, at the model's zero."""
+    """Samples points on the geometry of a model's links, at the model's zero."""
 
     def __init__(self, model: Model) -> None:
         """Loads the model. Raises the errors of `load_spec`, and DescriptionError for a mesh that MuJoCo
@@ -61,11 +61,11 @@ class LinkPoints:
     def far_end(self, link: str, start: Array) -> Array | None:
         """Returns the end (3,) [m] of a limb's last segment, in the root's frame.
 
-        The segment begins at `start` (3,) [m] on `link`. The end of the segment is the mean of the tenth of
-        the segment's surface points that is farthest from `start`. If the model is read without meshes, the
-        end is at twice the distance of the centre of mass from `start`. If a link such as a hand is fixed to
-        `link`, and its origin lies in the outer half of the way from `start` to this end, the origin is used
-        instead. Returns None if none of these exists.
+        The segment begins at `start` (3,) [m] on `link`. The end of the segment is the mean of those tenth of
+        its surface points that are farthest from `start`. If the model is read without meshes, the end is at
+        twice the distance of the centre of mass from `start`. There is one exception: another link, such as a
+        hand, is fixed to `link`, and its origin lies in the outer half of the way from `start` to this end.
+        The end is then this origin. Returns None if the model contains none of these points.
         """
         body = self._model.body(link).id
         points = self.of([link])

@@ -21,7 +21,8 @@ from tci.frames import Array, read_only
 
 # All values below are assumed; lengths are in [m].
 START_WIDTH = 0.005
-"""Initial width [m] of a taxel's response; the estimation improves the width too."""
+"""Initial width [m] of a taxel's response. `locate_taxels` estimates the width together with the
+positions."""
 FAINT = 0.04
 """A taxel's response counts as noise below this fraction of the strongest response to the same touch."""
 PRIOR = 0.010

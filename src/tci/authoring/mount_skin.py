@@ -203,8 +203,8 @@ def _centre(surface: Surface, contact: Contact) -> tuple[Array, Array]:
 
 
 def _fit(reported: Array, normals: Array, met: Array) -> tuple[Array, float]:
-    """Returns the correction of the skin's place as a pose (4, 4), and the depth [m] of the touches, both
-    with the least residual; pose and depth are fitted alternately.
+    """Returns the correction of the skin's place as a pose (4, 4), and the depth [m] of the touches. Both
+    have the least residual, and are fitted alternately.
 
     If the depth were neglected, a skin around half of a limb would be placed too deep. For a flat skin the
     depth can't be determined and stays 0.

@@ -24,7 +24,8 @@ from tci.robot.shoulder import Shoulder, angle_about, cross_matrix
 from tci.robot.xml.grammar import MAX_MOUNT
 
 GENERIC_SPEED = float(np.deg2rad(180.0))
-"""Speed limit [rad/s] of generic joints. Assumed; the limits of the servos apply too."""
+"""Speed limit [rad/s] of generic joints. Assumed: fast enough for a withdrawal. The speed limits of the
+servos also apply."""
 LEG = {
     "hip_pitch": (0.0, -1.0, 0.0), "hip_roll": (1.0, 0.0, 0.0), "hip_yaw": (0.0, 0.0, -1.0),
     "knee_pitch": (0.0, 1.0, 0.0), "ankle_pitch": (0.0, -1.0, 0.0), "ankle_roll": (-1.0, 0.0, 0.0),

@@ -31,8 +31,8 @@ SEARCH = ((3, 120), (9, 25))
 """For each stage of the search: number of steps, and number of best poses that the next stage continues.
 Assumed: with fewer poses the solution may be missed, more poses take longer."""
 REFINED = 3
-"""Number of poses that are refined with all points. Assumed: the best pose is among them, since they are the
-best of a refinement with some of the points."""
+"""Number of poses that are refined with all points. These are the best poses after a refinement with only
+some of the points. Assumed: the best pose of all is among them."""
 COARSE = 10
 """Before the last refinement, only every COARSE-th point of the surface is used. Assumed: on an arm, these
 points are 1.5 mm apart."""
@@ -40,8 +40,9 @@ STILL = 1e-5
 """Refinement ends when a step moves the pose by less than this angle [rad] and distance [m]. Assumed: far
 below the distances between points."""
 ALIKE = 0.0005
-"""Difference [m] of two mean distances up to which the smaller correction is used. Assumed: this is the
-accuracy of meshes. A flat sole fits its link equally well when it is turned by 180 degrees."""
+"""If the mean distances after two corrections differ by at most this length [m], the smaller correction is
+used. Assumed: this is the accuracy of meshes. A flat sole fits its link equally well when it is turned by 180
+degrees."""
 FITS = 0.005
 """Mean distance [m] up to which a skin fits its link. Assumed: covers are a few millimetres thick."""
 
@@ -206,7 +207,7 @@ def _starts(points: Array, surface: LinkSurface) -> Array:
 
 
 def _best(poses: Array, points: Array, surface: LinkSurface, count: int) -> Array:
-    """Returns the `count` poses, out of `poses` (s, 4, 4), that bring the points nearest to the surface."""
+    """Returns those `count` of the `poses` (s, 4, 4) that move the points nearest to the surface."""
     far = surface.tree.query(_placed(poses, points))[0].mean(axis=1)
     best: Array = poses[np.argsort(far, kind="stable")[:count]]
     return best

@@ -38,7 +38,8 @@ def skin_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom) ->
 def best_cone(positions: Array) -> ConeFit | None:
     """Returns the cone with the least root mean square error; None for a flat skin.
 
-    The axis of the cone is fitted too, starting from each axis of the frame.
+    The fit also changes the axis of the cone. It starts once from each of the three axes of the frame, and
+    the best result counts.
     """
     fits = []
     for axis in np.eye(3):
@@ -54,7 +55,8 @@ def unroll(positions: Array, fit: ConeFit) -> tuple[Array, Array]:
     around the axis.
 
     Both coordinates depend on the cone's axis (eqs 3-4), but not on the cone's radii. Theta is from -pi to
-    pi. Theta is zero in the direction of the frame axis that is closest to perpendicular to the cone's axis.
+    pi. Theta is zero in the direction of one axis of the frame: the axis that is most nearly perpendicular to
+    the cone's axis.
     """
     relative = positions - fit.origin
     across = np.eye(3)[np.argmin(np.abs(fit.axis))]

@@ -42,7 +42,8 @@ class Retargeted:
 
 
 def retarget(robot: Robot, part: str, generic: Array, position: Array) -> Retargeted:
-    """Returns the posture of an arm closest to generic angles (5,) [rad] in the torso frame.
+    """Returns the posture of an arm that is nearest to the requested angles `generic` (5,) [rad], given in
+    the torso frame.
 
     `position` (n_servos,) [rad] are the angles of all servos. If there are two solutions, the solution closer
     to `position` is returned. The posture is within limits and couplings; servos of other parts keep their

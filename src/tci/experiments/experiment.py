@@ -40,8 +40,8 @@ def trials_of(
     """Pokes the centre of every receptive field of `reflex` on both arms of one robot, with and without the
     reflex.
 
-    In the trials without the reflex, the arms keep their posture in the same control mode. If `via` names a
-    middleware, the reflex runs in another process and reaches the robot through this middleware.
+    In the trials without the reflex, the arms keep their posture in the control mode of `reflex`. If `via`
+    names a middleware, the reflex runs in another process and reaches the robot through this middleware.
     """
     nothing = replace(reflex, fields=())
     world = World(robot, seed=seed)

@@ -22,8 +22,8 @@ from tci.robot.kinematics import joints_of
 from tci.robot.model_file import compiled, load_spec
 
 LEFT, RIGHT, SKIN, GROUND = 1, 2, 4, 8
-"""Bits of MuJoCo's contype and conaffinity, which select the geoms that collide. Skin collides only with the
-simulated finger; the skin of soles also collides with the ground."""
+"""Bits of MuJoCo's `contype` and `conaffinity`, which select the geoms that collide with each other. Skin
+collides only with the simulated finger; the skin of soles also collides with the ground."""
 
 HIDDEN = 3
 """Number of the geom group that is left out of pictures."""
@@ -32,9 +32,9 @@ NEAR = 0.01
 """Distance [m] below which links count as near each other. Assumed: twice the distance that the gate keeps
 between links."""
 POSTURES, MOST = 32, 0.9
-"""Number of random postures in which near links are compared, and a fraction of these postures. Links that
-are near in at least this fraction are near by construction. Assumed: links that only a motion brings together
-are near in few postures."""
+"""POSTURES: number of random postures in which the distances of links are computed. MOST: links that are near
+each other in at least this fraction of the postures are near by construction. Assumed: links that only a
+motion brings together are near each other in few postures."""
 
 NO_MODEL = "no <model>: simulation and self-collision need a URDF or MJCF file"
 

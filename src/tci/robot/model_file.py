@@ -167,7 +167,7 @@ def _is_point(shape: etree._Element) -> bool:
 
 
 def _read_mjcf(model: Model) -> mujoco.MjSpec:
-    """Reads an MJCF file. If the description says so, the meshes are left out."""
+    """Reads an MJCF file. If the model has the attribute meshes="none", the meshes are left out."""
     spec = mujoco.MjSpec.from_file(model.path)
     shown = [geom for geom in spec.geoms if geom.meshname]
     if model.meshes == NO_MESHES:
@@ -189,8 +189,8 @@ def _place_meshes(spec: mujoco.MjSpec, model: Model) -> None:
 
 
 def _drop_inferred_masses(spec: mujoco.MjSpec) -> None:
-    """Sets the mass of the shapes of fixed links without `<inertial>` to 0, as URDF defines it. Otherwise
-    MuJoCo infers a mass from shapes that are only meant for collision.
+    """Sets the mass of fixed links without `<inertial>` to 0, as URDF defines it. Otherwise MuJoCo infers a
+    mass from geometry that is only meant for collision.
 
     If the moving link that carries the fixed link has no `<inertial>` either, the file describes no masses,
     and the inferred mass stays. The mass of the root, and of links that no joint moves, stays if the file has
@@ -231,7 +231,7 @@ def _mend_inertia(spec: mujoco.MjSpec) -> None:
 
 
 def _mend_masses(spec: mujoco.MjSpec) -> None:
-    """Gives a small mass to moving links that have neither a mass nor a shape."""
+    """Gives a small mass to moving links that have neither a mass nor geometry."""
     for body in spec.bodies:
         if body.joints and not body.mass > 0.0 and (body.explicitinertial or not body.geoms):
             body.fullinertia = np.full(6, np.nan)
@@ -245,8 +245,8 @@ def _is_of_a_mesh(error: ValueError, spec: mujoco.MjSpec) -> bool:
 
 
 def _flat(spec: mujoco.MjSpec) -> str:
-    """Returns the names of links with a shape of size 0, because MuJoCo's message contains only a number; an
-    empty text if there are none."""
+    """Returns the names of links with geometry of size 0; an empty text if there are none. MuJoCo's own
+    message contains only a number."""
     sized = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
     links = [geom.parent.name for geom in spec.geoms if geom.type not in sized and not geom.size[0] > 0.0]
     return f" (the shape of {', '.join(dict.fromkeys(links))}; valid: above 0)" if links else ""

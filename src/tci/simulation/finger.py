@@ -219,7 +219,7 @@ class Finger:
         self._start(point, outward, speed, depth, gap)
 
     def pull(self, way: float) -> None:
-        """Moves the finger's base by `way` [m] at once, out of the skin and against the direction of the
+        """Moves the finger's base at once by `way` [m] out of the skin, opposite to the direction of the
         poke."""
         outward = np.empty(3)
         mujoco.mju_rotVecQuat(outward, [0.0, 0.0, -1.0], self._physics.data.mocap_quat[self._mocap])

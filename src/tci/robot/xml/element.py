@@ -16,7 +16,7 @@ class Element:
     """Valid content of one XML element."""
 
     about: str = ""
-    """Meaning of the element, in Markdown. The docstrings of the described type explain the attributes. An
+    """Meaning of the element, in Markdown. The docstrings of the type `describes` explain the attributes. An
     attribute without a docstring is explained here."""
     needs: Mapping[str, Value] = field(default_factory=dict)
     """Required attributes by name, each with its kind of value."""
@@ -35,8 +35,8 @@ class Element:
     describes: type[Description] | None = None
     """Type in `tci.robot.description` to which the element is converted."""
     fields: Mapping[str, str | None] = field(default_factory=dict)
-    """Name of the field in the described type, by the name of the attribute or child, for all fields with a
-    different name. None: the type has no field for this attribute or child."""
+    """Name of the field of the type `describes`, by the name of the attribute or child, if the two names
+    differ. None means that the type has no field for this attribute or child."""
 
     @property
     def children(self) -> dict[str, Element]:
@@ -55,8 +55,8 @@ class Element:
         return any(value.angular for value in [*self.values.values(), self.text] if value is not None)
 
     def field(self, name: str) -> str | None:
-        """Returns the field for an attribute, or for a child with a value; None if the described type has no
-        field for it."""
+        """Returns the name of the field for an attribute, or for a child with a value; None if the type
+        `describes` has no field for it."""
         found = self.fields.get(name, name)
         return found if self.describes is not None and found in self.describes.model_fields else None
 

@@ -71,8 +71,8 @@ NAMELESS = "?"
 
 
 def once_only(nodes: Iterable[Node], key: str, what: str, faults: Faults) -> list[Node]:
-    """Returns `nodes` without each node that has the same value of the attribute `key` as an earlier node.
-    Each omitted node is recorded as a fault."""
+    """Returns those `nodes` whose attribute `key` has a value that no earlier node has. Each other node is
+    left out and recorded as a fault."""
     first: dict[Any, Node] = {}
     kept = []
     for node in nodes:

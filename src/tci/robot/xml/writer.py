@@ -76,7 +76,8 @@ class _Written:
         return child
 
     def fill(self, described: object = None, **given: Any) -> None:
-        """Writes the values in `given`, and all values of `described` that differ from their defaults."""
+        """Writes the values in `given`, and all fields of the object `described` that differ from their
+        defaults."""
         grammar = self.grammar
         held = {tag: child.text for tag, child in grammar.children.items() if child.text is not None}
         for name, value in (grammar.values | held).items():

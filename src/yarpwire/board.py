@@ -194,8 +194,12 @@ class Board(ABC):
 
 
 class BoardV3(Board):
-    """Control board of YARP 3.12. Calls consist of vocabularies. The answer is `[is] [x] data [tsta] n t
-    [ok]`, `[fail]` or `[nak]`."""
+    """Control board of YARP 3.12.
+
+    Calls consist of vocabularies, such as `[get] [llim] 3`. The board answers `[is] [llim] data [tsta] n t
+    [ok]`, with the sequence number n and the time t [s]. It answers a call that fails with `[fail]`, and an
+    unknown call with `[nak]`.
+    """
 
     dialect = V3
     port = "/rpc:i"

@@ -18,7 +18,7 @@ HEADERS = (["time", "force"], ["time", "fx", "fy", "fz"])
 def read_force_log(path: Path) -> tuple[Array, Array]:
     """Reads stamps (n,) [s] on the driver's clock, and forces (n, 1) or (n, 3) [N].
 
-    A file with the suffix .csv begins with one of HEADERS. Any other file is read as yarpdatadumper's log of
+    The first line of a .csv file must be one of HEADERS. Any other file is read as yarpdatadumper's log of
     a six-axis sensor; the measured moments are ignored. Raises TciError for a file that can't be used.
     """
     rows = _csv_rows(path) if path.suffix == ".csv" else _yarp_rows(path)

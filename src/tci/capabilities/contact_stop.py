@@ -31,11 +31,11 @@ class StopMemory(Generic[Memory]):
     """Memory of a contact stop."""
 
     inner: Memory
-    """Memory of the other behaviour."""
+    """Memory of the behaviour that ContactStop runs and stops."""
     wanted: Mapping[str, Motion]
-    """Last motion that the other behaviour commanded, by part."""
+    """Maps each part to the last motion that the behaviour commanded."""
     touched: Mapping[str, float]
-    """Time [s] of the latest touch of each stopped part, by part."""
+    """Maps each stopped part to the time [s] of its latest touch."""
 
 
 @dataclass(frozen=True)

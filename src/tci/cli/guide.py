@@ -42,7 +42,7 @@ NEXT = {
     "zenoh secure": "tci zenoh router keys/router.json5",
     "zenoh router": "tci serve nao --via zenoh",
 }
-"""The next command to try, by the command that the user has tried."""
+"""Maps each command that the user has tried to the command to try next."""
 
 
 def next_command(after: str) -> str:

@@ -3,9 +3,10 @@
 - linear: GS = gamma DS + sigma (eq. 1).
 - table: piecewise linear between pairs of angles, extrapolated beyond the ends of the table.
 - coupled: GS = M DS + sigma. A generic joint is a linear combination of several servos.
-- synergy: as coupled, but the numbers of joints and servos may differ. The pseudo-inverse of M gives the
-  angles of the servos.
-- retarget: the three joints of a shoulder, by the rotation of the upper arm in the torso frame.
+- synergy: as coupled, but the numbers of joints and servos may differ. The pseudo-inverse of M converts
+  generic angles to servo angles.
+- retarget: converts the angles of the three shoulder joints so that the robot's upper arm has the same
+  rotation in the torso frame as the generic upper arm.
 """
 
 from __future__ import annotations

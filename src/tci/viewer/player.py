@@ -92,7 +92,7 @@ class Player:
 
     @property
     def loop_words(self) -> str:
-        """Present time in the recording, as text."""
+        """Says whether the recording is playing or paused, and at which time."""
         state = "playing" if self.playing else "paused"
         return f"recorded; {state} at {self._time - self.begin:.2f} of {self.end - self.begin:.2f} s"
 

@@ -48,7 +48,7 @@ class NaoqiDriver(Driver):
         """Connects to `address`, such as `//10.0.0.5` or `//nao@10.0.0.5`.
 
         With `joints=False`, the driver reads only the skin, and moves no joint. With `skin=False`, the driver
-        reads only the joints.
+        does not read the skin.
 
         An armed driver does not connect to a robot with autonomous motions (for example autonomous life or
         breathing). With `?life=off` after the address, the driver switches these motions off until it is

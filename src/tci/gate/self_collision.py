@@ -42,7 +42,7 @@ a few checks."""
 SPECK = 1e-6
 """Distance [m] between two links below which the direction from one link to the other is only a rounding
 error."""
-_come_near, _stand = entry(come_near), entry(stand)
+_come_near, _follow, _stand = entry(come_near), entry(follow), entry(stand)
 
 
 @lru_cache(maxsize=8)
@@ -113,7 +113,7 @@ class SelfCollision:
             return None
         way = self._of_joints(path)
         self._at[:] = 0
-        while asked := follow(
+        while asked := _follow(
             self._arrays, self._known, count, way, self._strides, STRIDE, self.margin, self._at, self._asked
         ):
             pairs = self._asked[:asked].copy()

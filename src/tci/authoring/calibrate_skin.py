@@ -17,7 +17,7 @@ from tci.skin.baseline import BaselineSettings
 
 NODES = 6
 """Largest number of linear pieces of a skin's response, the curve of pressure over raw value. Assumed: enough
-for smooth curves. Fewer pieces are used if there are fewer than two loads per piece."""
+for smooth curves. If this number would leave fewer than two loads per piece, fewer pieces are used."""
 STIFF = 0.03
 """Weight of the smoothing that keeps the slopes of adjacent pieces similar. Assumed: small against the weight
 of the loads."""
@@ -42,9 +42,9 @@ def calibrate(
     """Calibrates a patch with taxels of `areas` (n,) [m2] from raw frames at `rest` (frames, n) and `loads`.
 
     The force of a load is modelled as the sum of area times pressure over all taxels. Pressure is modelled as
-    a piecewise linear function of the counts away from rest; its slopes are found by non-negative least
-    squares. Without loads, the response of the description is used. Raises TciError for data that do not
-    determine the calibration.
+    a piecewise linear function of the counts away from rest. The slopes of this function are found by
+    non-negative least squares. Without loads, the response of the description is used. Raises TciError for
+    data that do not determine the calibration.
     """
     _check(areas, rest, loads)
     level, noise = rest.mean(axis=0), rest.std(axis=0, ddof=1)
@@ -63,7 +63,7 @@ def calibrate(
 
 
 def measured_counts(counts: Array, noise: Array) -> Array:
-    """Returns counts (frames, n) away from rest; counts below the threshold of conditioning are set to 0.
+    """Returns `counts` (frames, n) away from rest, with 0 in place of counts that conditioning would ignore.
 
     `noise` (n,) [counts] are standard deviations.
     """

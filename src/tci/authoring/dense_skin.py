@@ -16,11 +16,12 @@ PITCH = 0.004
 
 
 def with_dense_skin(robot: Robot, taxels: int, *, patches: int | None = None, pitch: float = PITCH) -> Robot:
-    """Returns the robot with about `taxels` taxels in `patches` patches, on cones fitted to its limbs' skin.
+    """Returns the robot with about `taxels` taxels in `patches` patches, which lie on cones around its limbs.
 
-    If `patches` is larger than the number of the robot's patches on limbs, the limbs are divided lengthwise.
-    If the taxels would lie closer than `pitch` [m], the cones are made larger than the limbs. Raises TciError
-    for a robot without skin on limbs, or for fewer than 9 taxels in a patch.
+    The cones are fitted to the present skin of the limbs. If there are more new patches than present ones,
+    the limbs are divided lengthwise. If the taxels would lie closer together than `pitch` [m], the cones are
+    made wider than the limbs. Raises TciError for a robot without skin on limbs, or for fewer than 9 taxels
+    in a patch.
     """
     own = [patch for patch in robot.patches if robot.limb_segment(patch)]
     count = len(own) if patches is None else patches

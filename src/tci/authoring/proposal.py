@@ -46,8 +46,8 @@ def propose(
         path: URDF or MJCF file.
         name: Name of the robot.
         package: Installed Python package that contains the model.
-        mount: True to use eq. 1, on a mount, for a shoulder that differs from the generic shoulder only by a
-            small rotation; otherwise this shoulder is retargeted in the torso frame.
+        mount: For a shoulder that differs from the generic shoulder only by a small rotation. True: the
+            shoulder is described by eq. 1 on a mount. False: it is retargeted in the torso frame.
         meshes: Folder with the meshes, if they are not at the paths in the model; "none" to do without
             meshes.
         arms: Names of the first joints of the left and the right shoulder, if the arms are in doubt.

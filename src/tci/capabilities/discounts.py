@@ -1,8 +1,8 @@
 """The force-distance model (eqs 5 and 6), one function per factor.
 
-Equation 5 is printed without parentheses, as phi F psi d Theta. As a product with the distance d, the
-response would be zero at the centre of a field and largest at the edge, which contradicts the text of the
-paper. TCI computes phi(F) psi(d) Theta, in agreement with the text.
+Equation 5 is printed without parentheses, as phi F psi d Theta. If d were a factor of a product, the response
+would be zero at the centre of a field and largest at the edge, which contradicts the text of the paper.
+Therefore TCI computes phi(F) psi(d) Theta, in agreement with the text.
 """
 
 from __future__ import annotations

@@ -22,8 +22,6 @@ MOST = 60.0
 """Time [s] for the approach and for interruptions, in addition to the duration of the gesture. Assumed: the
 playback must end even if a touch interrupts the gesture for ever."""
 
-"""Pattern of the gate's message that a motion would bring two links of the robot too close together."""
-
 
 @dataclass(frozen=True, slots=True)
 class Following:

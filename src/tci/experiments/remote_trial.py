@@ -33,7 +33,7 @@ STARTING = 60.0
 """Longest time [s] in which the other process must start, compile and connect. Assumed: the first compilation
 needs about half of this time on two cores."""
 ENDED = "ended"
-"""Text that is returned instead of a message when the other process has ended."""
+"""Text that `_hear` returns instead of a message if the other process has ended."""
 APPEARING = 10.0
 """Longest time [s] until a connection to the served robot is possible. Assumed: discovery over the slowest
 middleware needs a few seconds."""
@@ -57,8 +57,8 @@ def try_server(robot: Robot, via: str) -> None:
     """Opens and closes a server, so that a missing requirement of the middleware is reported before the first
     trial.
 
-    Raises MissingExtraError if the middleware's library is missing. Raises DriverError if a ROS master, a
-    name server or a free port is missing that the middleware needs.
+    Raises MissingExtraError if the middleware's library is missing. Raises DriverError if the middleware
+    needs a ROS master, a name server or a free port, and there is none.
     """
     with SimulatedDriver(robot) as driver, open_server(driver, via):
         pass

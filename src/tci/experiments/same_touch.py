@@ -153,8 +153,8 @@ class Arm:
     def has_skin(self, place: Place) -> bool:
         """Returns True if there is skin at a point.
 
-        There is skin if the nearest taxel is not farther away than it can be at a point between neighbouring
-        taxels.
+        There is skin if the nearest taxel is at most 0.75 times the root of its area away. Any point between
+        the taxels of a square lattice is nearer than this.
         """
         if place[0] not in self._sleeves:
             return False

@@ -108,7 +108,8 @@ def denavit_hartenberg(
 
 
 def _axes(kinematics: KinematicChain, link: str, servos: tuple[int, ...]) -> tuple[Array, Array, Array]:
-    """Returns `T_TL`, points (n, 3) on the servos' axes, and the directions (n, 3) of the axes.
+    """Returns the link's pose `T_TL` (4, 4), a point on each servo's axis (n, 3), and the axes' directions
+    (n, 3).
 
     Points and directions are in the torso frame, with all servos at zero.
     """

@@ -137,8 +137,8 @@ def rehearse(robot: Robot, box: Array, *, period: float, speed_share: float) -> 
     """Moves a group of servos by one period without sending anything, and discards this motion.
 
     The first motion of a process loads code and memory that the process has not used before, which takes 0.4
-    ms. After a rehearsal, no period of the control loop takes this time. `box` (2, n_servos) [rad] contains
-    the limits of all servos.
+    ms. After a rehearsal, no period of the control loop is delayed in this way. `box` (2, n_servos) [rad]
+    contains the limits of all servos.
     """
     groups = groups_of(robot)
     movable = [servo.index for servo in robot.servos if is_movable(servo)]

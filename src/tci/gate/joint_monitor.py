@@ -59,8 +59,8 @@ class MonitorSettings:
     """Time [s] for which an angle may stay exactly constant while its reference moves, or for which a reading
     may be repeated with new stamps."""
     frozen_travel: float = np.deg2rad(3.0)
-    """Angle [rad] by which the reference must move for this check. If the measured angle stays exactly
-    constant meanwhile, the encoder counts as frozen."""
+    """A joint moves by more than this angle [rad], according to its reference or its measured velocity, but
+    the measured angle stays exactly constant: then the encoder counts as frozen."""
     drift: float = 2.0
     """Time constant [s] with which the difference between an angle and its integrated velocity decays. The
     decay is necessary because velocity sensors have offsets, which would add up."""

@@ -30,8 +30,8 @@ WIDEST = 0.1
 """Upper bound [m] on the argument `margin`, the distance that links must keep from each other. Assumed: with
 a larger margin, hands could hardly be used near the body."""
 SIGHT = 1.0
-"""Distance [m] between two links above which a larger distance is not measured: the result is then this
-value. Assumed: no link moves this far in one period."""
+"""Upper bound [m] on measured distances: this value also stands for every larger distance between two links.
+Assumed: no link moves this far in one period."""
 STRIDE = 0.002
 """Largest motion [m] of a link between two checked points of a path. Assumed: less than half of the
 margin."""

@@ -49,8 +49,8 @@ class OnlineTrajectory:
         """Reason why the guard ended the motion in the latest step; None if the guard did not end it."""
         self.aims: Array = np.array([bounds.inside(position), bounds.velocity, np.zeros(count)])
         """Array (3, n) for the present motion. Row 0: targets [rad], which are always inside the limits. Row
-        1: speed limits [rad/s]. Row 2: memory that the function which changes the targets needs. After a
-        change, call `begin`."""
+        1: speed limits [rad/s]. Row 2: work space of the function that changes the targets. After a change,
+        call `begin`."""
         self.target: Array = self.aims[TARGET]
         self.speed: Array = self.aims[SPEED]
         """The first two rows of `aims`."""
@@ -260,7 +260,7 @@ class OnlineTrajectory:
 
     def _set_velocities(self, back: Array | None, *, inward: bool) -> None:
         """Sets the target velocities of driven servos. Servos with a velocity `back` (n,) [rad/s] other than
-        0 get this velocity if they move `inward`; otherwise these servos stop."""
+        0 get this velocity if `inward` is True; otherwise these servos stop."""
         allowed = self.bounds.allowed_velocity(self.position, np.nan_to_num(self.drive))
         if back is not None:
             allowed = np.where(self._driven & (back != 0.0), back if inward else 0.0, allowed)

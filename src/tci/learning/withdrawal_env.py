@@ -1,8 +1,8 @@
 """Gymnasium environment `tci/Withdrawal-v0`: a simulated finger pokes one arm (extra `gym`).
 
 One episode contains one poke at a random point of the arm, at a random time. The agent commands targets of
-the generic arm, and the gate limits the motion. The reward is larger for little harm, little effort and a
-return to the task posture.
+the generic arm, and the gate limits the motion. Harm, effort and distance from the task posture reduce the
+reward.
 """
 
 from __future__ import annotations

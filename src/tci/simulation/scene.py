@@ -38,10 +38,10 @@ def build_scene(
     With `shown` the model also contains geometry that only pictures need. The bodies and joints of both
     models are equal.
 
-    Links that overlap in `posture` (n_servos,) [rad] are assumed to overlap by design. The robot's base is
-    fixed, and the robot has no weight. With `stands` the robot has a weight and stands in `posture` on a
-    floor. Raises DescriptionError if the robot has no model. Raises CommandError if the robot is to stand and
-    has no sole with skin.
+    Links that overlap in `posture` (n_servos,) [rad] are assumed to overlap by design, and never collide. The
+    robot's base is fixed, and the robot has no weight. With `stands` the robot has a weight and stands in
+    `posture` on a floor. Raises DescriptionError if the robot has no model. Raises CommandError if the robot
+    is to stand and has no sole with skin.
     """
     spec = solid_spec(robot, shown=shown)
     spec.option.timestep = step

@@ -38,7 +38,7 @@ class Taxels:
         generator: np.random.Generator,
     ) -> None:
         self.worn = {patch.name: number for number, patch in enumerate(patches)}
-        """Number of each patch, by the patch's name."""
+        """Index of each patch, by the patch's name."""
         self._patches = patches
         self._physics = physics
         self._noise = noise
@@ -131,7 +131,7 @@ class Taxels:
         """Returns the latest frame of every patch with taxels.
 
         The tuple is the same object until a frame is new. Raises TciError if a patch had more contacts at a
-        time than slots.
+        time than its sensor can report.
         """
         if self._physics.steps >= self._until:
             frames, rows = self._frames, self._integers.tolist()

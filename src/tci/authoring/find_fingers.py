@@ -37,8 +37,8 @@ of all other fingers is computed. The finger with the largest of these values is
 exceeds the value of every other finger by APART. Otherwise no finger counts as the thumb. Assumed: fingers
 that fan out change the cosine by less than this."""
 BESIDE = 0.3
-"""Least distance of a thumb from the middle of the palm, as a fraction of half the palm's width, at which the
-thumb counts as attached to one side of the palm. At a smaller distance the thumb counts as attached in the
+"""Least distance between a thumb and the middle of the palm, if the thumb is on one side of the palm. The
+distance is a fraction of half the palm's width. At a smaller distance the thumb counts as attached in the
 middle. Assumed: the thumb of a Dex3 hand is in the middle of the palm."""
 FLEXED = np.deg2rad(30.0)
 """Angle [rad] by which each bending joint is bent to test which joint spreads the finger. With a straight

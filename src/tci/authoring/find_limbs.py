@@ -25,9 +25,9 @@ from tci.robot.generic_arm import Side
 from tci.robot.kinematics import bare_model
 
 MIRRORED = 0.025
-"""Largest distance of a left limb from the mirror image of the right limb, and of a neck's axis from the
-median plane, as a fraction of the extent of all joints. Assumed: larger than asymmetries of CAD models,
-smaller than the length of a limb."""
+"""Largest distance at which two places count as equal: a left limb and the mirror image of the right limb, or
+a neck's axis and the median plane. The distance is a fraction of the extent of all joints. Assumed: larger
+than asymmetries of CAD models, smaller than the length of a limb."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

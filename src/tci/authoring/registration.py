@@ -192,8 +192,8 @@ def _right_angles() -> list[Array]:
 def _starts(points: Array, surface: LinkSurface) -> Array:
     """Returns poses (s, 4, 4) to start from.
 
-    These poses are the identity, and all combinations of a rotation by right angles with an offset (OFFSETS)
-    between the centre of the points and the centre of the surface.
+    The first pose is the identity. The other poses combine each rotation by right angles with each offset in
+    OFFSETS. An offset is the distance between the centre of the points and the centre of the surface.
     """
     centre, theirs = points.mean(axis=0), surface.points.mean(axis=0)
     return np.array(

@@ -50,7 +50,7 @@ class Trial:
     """Distance [mm] along the skin between TCI's centre of pressure and the contact point of the physics
     simulation, in the skin frame with the largest force."""
     withdrawn_mm: float
-    """Displacement [mm] of the skin at the centre of the receptive field along the inward normal, at the end
+    """Displacement [mm] of the skin along its inward normal, at the centre of the receptive field, at the end
     of the trial."""
     withdrawn_without_reflex_mm: float
     limit_violations: int

@@ -154,15 +154,11 @@ def poke(
 ) -> Trace:
     """Pokes the centre of `site` on an arm, and records the poke.
 
-    Args:
-        world: Simulation, which is reset before the poke.
-        part: Generic arm.
-        site: Receptive field to poke.
-        stimulus: Motion of the finger.
-        reflex: Capability that runs. A reflex without receptive fields only keeps the arm's posture.
-        seed: Seed of a random delay of up to 20 ms of the first contact relative to the skin's frames.
-        watch: Function that is called after each period of the loop.
-        elsewhere: Other process with a reflex, which runs instead of `reflex`.
+    Args: world: Simulation, which is reset before the poke. part: Generic arm. site: Receptive field to poke.
+    stimulus: Motion of the finger. reflex: Capability that runs. A reflex without receptive fields only keeps
+    the arm's posture. seed: Seed of a random delay. The delay shifts the first contact by up to 20 ms
+    relative to the skin's frames. watch: Function that is called after each period of the loop. elsewhere:
+    Other process with a reflex, which runs instead of `reflex`.
 
     Raises the errors of `run` and of `RemoteTrial.run`.
     """

@@ -132,8 +132,8 @@ def fit(robot: Robot, gesture: Gesture, *, exact: bool = True, share: float = SH
     With `exact`, the arms' directions relative to the torso are kept (retargeting). Without `exact`, the
     generic angles are used unchanged. `share` is the fraction of the speed limits to use.
 
-    Raises CommandError if the robot has none of the gesture's parts, or if a part of the gesture has another
-    number of joints than that part of the robot.
+    Raises CommandError if the robot has none of the gesture's parts, or if the numbers of joints of a part
+    differ between gesture and robot.
     """
     names = {part.name for part in robot.parts if any(joint.servo is not None for joint in part.servos)}
     used = [part for part in gesture.postures if part in names]

@@ -54,7 +54,7 @@ class Clearance:
         self.servos: tuple[int, ...] = tuple(self._servos)
         """Servos that have a joint in the model."""
         self.joints: tuple[int, ...] = tuple(int(self._model.dof_jntid[column]) for column in columns)
-        """Index in MuJoCo of the joint of each of `servos`."""
+        """For each of `servos`, the index of its joint in MuJoCo."""
         self._pairs = _pairs(self._model)
         first, second = self._pairs.T
         self._reach = self._model.geom_rbound[first] + self._model.geom_rbound[second]

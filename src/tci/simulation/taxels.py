@@ -205,8 +205,7 @@ class Taxels:
 def _spread(surface: Surface) -> Array:
     """Returns the area (n,) [m2] over which the force at each taxel is spread.
 
-    This area is the sum of the taxel's area and of a part of the surrounding gaps, in which the skin measures
-    nothing.
+    This area is the taxel's area plus a part of the gaps around it, in which the skin measures nothing.
     """
     column = float(np.interp(np.log(width(surface.areas)), np.log(WIDTHS), np.arange(len(WIDTHS))))
     low = min(int(column), len(WIDTHS) - 2)

@@ -204,7 +204,8 @@ class Conditioner:
         return True
 
     def update(self) -> bool:
-        """Does half of the update of the estimates that follows the end of an estimation window.
+        """Does half of an update of the estimates. Each estimation window that ends requires one update of
+        its patch.
 
         Returns False if no window has ended.
 

@@ -26,8 +26,8 @@ Without these shifts, the triangles of a regular lattice would differ between th
 limb."""
 
 FLAT = 1e-9
-"""Twice the area of a triangle, as a share of the square of its longer edge, below which its corners are on
-one line. Assumed: rounding errors are smaller."""
+"""The corners of a triangle count as being on one line if twice its area, divided by the square of its longer
+edge, is below this value. Assumed: rounding errors are smaller."""
 
 _NONE = np.zeros((0, 3), np.intp)
 

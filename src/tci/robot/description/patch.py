@@ -83,8 +83,8 @@ class Patch(Description):
     channels: int
     """Number of values in a raw frame."""
     xyz: Vector = (0.0, 0.0, 0.0)
-    """Shift [m] of the skin in the frame of its link, relative to the positions of its taxels in the
-    description (`tci skin mount` measures it)."""
+    """Shift [m] of the whole skin in the frame of its link. The shift is added to the positions of the
+    taxels, to correct them (`tci skin mount` measures the shift)."""
     rpy: Vector = (0.0, 0.0, 0.0)
     """Roll, pitch, yaw [rad] by which the skin is rotated about the origin of its link, before the shift."""
     sensor: Sensor

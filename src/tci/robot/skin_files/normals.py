@@ -24,9 +24,9 @@ DISAGREE = np.radians(30.0)
 """The normals in a file count as wrong if the result of `disagreement` is above this angle [rad]. Assumed: in
 known files, the result is below 15 degrees for correct normals, and at least 50 degrees for wrong normals."""
 THIN = 0.35
-"""Largest ratio of thickness to width of a group of neighbouring taxels for which a plane through them is
-used. Assumed: if taxels are far apart on a limb, their neighbours are all around the limb, so that a plane
-does not fit them."""
+"""A plane is fitted to a group of neighbouring taxels only if the ratio of the group's thickness to its width
+is at most this value. Assumed: if taxels are far apart on a limb, their neighbours are all around the limb,
+so that a plane does not fit them."""
 
 
 def disagreement(positions: Array, normals: Array) -> float:

@@ -39,7 +39,8 @@ class Load:
 def calibrate(
     sensor: Sensor, areas: Array, rest: Array, loads: Sequence[Load], *, when: str = "unknown"
 ) -> PatchCalibration:
-    """Calibrates a patch with taxels of `areas` (n,) [m2] from raw frames at `rest` (frames, n) and `loads`.
+    """Calibrates a patch with taxels of `areas` (n,) [m2]. `rest` (frames, n) are raw frames without a load,
+    and `loads` contains the frames under known loads.
 
     The force of a load is modelled as the sum of area times pressure over all taxels. Pressure is modelled as
     a piecewise linear function of the counts away from rest. The slopes of this function are found by

@@ -32,10 +32,9 @@ CLEAR = np.deg2rad(25.0)
 than this value, the finger bends in the direction with the larger range. Otherwise the bending direction is
 in doubt."""
 APART = 0.1
-"""Least lead of the thumb over the other fingers. For each finger, the least cosine between the bending axes
-of all other fingers is computed. The finger with the largest of these values is the thumb, if its value
-exceeds the value of every other finger by APART. Otherwise no finger counts as the thumb. Assumed: fingers
-that fan out change the cosine by less than this."""
+"""For each finger, the least cosine between the bending axes of all other fingers is computed. The finger
+with the largest of these cosines is the thumb, if its cosine is larger than each other one by at least APART.
+Otherwise no finger counts as the thumb. Assumed: fingers that fan out change the cosine by less than this."""
 BESIDE = 0.3
 """Least distance between a thumb and the middle of the palm, if the thumb is on one side of the palm. The
 distance is a fraction of half the palm's width. At a smaller distance the thumb counts as attached in the

@@ -42,8 +42,8 @@ SETTLE = 0.6
 """Time [s] that the simulated finger presses before frames are taken. Assumed: after this time, finger and
 arm are at rest."""
 PLACES = 4
-"""Number of places that the simulated finger presses with each force. Assumed: enough to average over the
-positions between taxels."""
+"""Number of places that the simulated finger presses with each force. The measured force depends on the place
+relative to the nearest taxels. Assumed: four places are enough to average this effect out."""
 
 
 @dataclass(frozen=True)

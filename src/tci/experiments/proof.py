@@ -30,8 +30,8 @@ from tci.robot.kinematics import KinematicChain
 from tci.simulation.world import World
 
 RANGE = np.deg2rad([[-10, 95], [0, 75], [-30, 65], [15, 90], [-60, 60]])
-"""Range [rad] of the generic angles, from shoulder to pronation, in which axes are compared. Assumed: most
-humanoid arms can reach these angles."""
+"""Range [rad] of each generic angle in which axes are compared, one row for each joint from shoulder to
+pronation. Assumed: most humanoid arms can reach these angles."""
 POSTURES = 400
 """Number of random postures in which axes are compared. Assumed: this number is sufficient for five joints,
 and the comparison takes less than one second."""

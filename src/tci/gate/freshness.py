@@ -38,8 +38,8 @@ class Freshness:
         self._refused: int | None = None
 
     def see(self, joints: JointReading, now: float, *, believed: bool = True) -> bool:
-        """Records usable joint data at time `now` [s]. Returns True if the data is new and the argument
-        `believed` is True."""
+        """Records usable joint data at time `now` [s]. Returns True if the data is new and `believed`: False
+        means that the monitor has found the data untrustworthy."""
         if now < self._newest - self._period:  # the time went back
             self._stamp = self._newest = -math.inf
         if joints.sequence in (self._sequence, self._refused) or not self._newest < joints.stamp:

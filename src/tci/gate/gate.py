@@ -55,8 +55,8 @@ class Gate:
 
     A servo is under command after its first accepted command or mode switch. The motion of such a servo
     starts at the measured position of the servo. All commanded servos of one robot part reach their targets
-    at the same time. If a coupling contains servos of two parts, this is also true for the servos of both
-    parts together. Each servo is in one control mode; only a PlatformSwitch changes the mode.
+    at the same time. If a coupling contains servos of two parts, all servos of both parts reach their targets
+    at the same time. Each servo is in one control mode; only a PlatformSwitch changes the mode.
     """
 
     def __init__(

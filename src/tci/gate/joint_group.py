@@ -64,8 +64,9 @@ class JointGroup:
         Each target is the requested angle in `values` (k,) [rad], or the nearest angle that the bounds allow.
         `speeds` (k,) [rad/s] are the largest speeds of the motion. Writes the targets into `sent` (k,) [rad],
         and returns the largest distance [rad] of a target from the requested angle. `box` (2, n_servos) [rad]
-        contains the limits of all servos. Returns INVALID or FAR_OFF (`kernels.targets`), and changes
-        nothing, if the command must be refused. The arrays must be those of a command that `is_usual`.
+        contains the limits of all servos. If the command must be refused, changes nothing and returns one of
+        the codes INVALID and FAR_OFF of `kernels.targets`. The arrays must be those of a command that
+        `is_usual`.
         """
         limiter = self.limiter
         farthest: float = _take_targets((servos, values, speeds), box, FAR_OFF, SLOWEST, self.arrays, sent)

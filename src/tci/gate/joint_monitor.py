@@ -62,8 +62,8 @@ class MonitorSettings:
     """A joint moves by more than this angle [rad], according to its reference or its measured velocity, but
     the measured angle stays exactly constant: then the encoder counts as frozen."""
     drift: float = 2.0
-    """Time constant [s] with which the difference between an angle and its integrated velocity decays. The
-    decay is necessary because velocity sensors have offsets, which would add up."""
+    """The monitor compares the measured angle with the integral of the measured velocity. Their difference
+    decays with this time constant [s]; otherwise the offset of a velocity sensor would add up."""
     push: float = 0.3
     """If the torque changes by more than this fraction of the torque limit while the angle stays constant,
     the encoder counts as frozen. The reason is that joints and links are elastic: even a blocked joint would

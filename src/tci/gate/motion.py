@@ -96,8 +96,8 @@ class Motion:
         return any((np.abs(chain.limiter.state[1]) > STILL).any() for chain in self.groups.chains)
 
     def see(self, joints: JointReading, now: float, *, believed: bool) -> None:
-        """Records the measured positions and speeds of all servos, if the data is new at `now` [s] and
-        `believed` is True."""
+        """Records the measured positions and speeds of all servos, if the data is new at `now` [s]. Data with
+        `believed` False is not used: the monitor has found it untrustworthy."""
         if not self._freshness.see(joints, now, believed=believed):
             return
         self.groups.look(joints.position)

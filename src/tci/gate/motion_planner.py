@@ -80,5 +80,6 @@ class MotionPlanner:
         self._output.pass_to_input(self._input)
 
     def ahead(self, time: float) -> Array:
-        """Returns the positions (n,) [rad] in `time` [s] on the present plan."""
+        """Returns the positions (n,) [rad] that the servos will have after `time` [s], according to the
+        present plan."""
         return np.array(self._output.trajectory.at_time(self._output.time + time)[0])

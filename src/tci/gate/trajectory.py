@@ -30,9 +30,9 @@ class OnlineTrajectory:
 
     Before the trajectory returns a state, it plans a stop from this state and checks the stop against limits
     and couplings. Each state must have a valid stop, a motion that brakes to rest. If the next state towards
-    the target has none, or if no motion to the target is found, the trajectory brakes for one period, and
-    tries again in the next period. If the servos come to rest in this way, they continue in a straight line
-    to the target, because a line between two points inside limits and couplings stays inside.
+    the target has no valid stop, or if no motion to the target is found, the trajectory brakes for one
+    period, and tries again in the next period. If the servos come to rest in this way, they continue in a
+    straight line to the target, because a line between two points inside limits and couplings stays inside.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class OnlineTrajectory:
         self.position: Array
         """Latest position (n,) [rad], the first row of the state."""
         self.outside: bool
-        """True if a servo is outside its limits, so that `measured` must be up to date."""
+        """True if a servo is outside its limits. In this case the owner must keep `measured` up to date."""
         self._set_state(np.array([position, np.zeros(count), np.zeros(count)]))
         self._set_interfaces()
 
@@ -199,15 +199,16 @@ class OnlineTrajectory:
 
     @property
     def _waits(self) -> bool:
-        """True if the motion of servos from outside their limits back inside was refused, so that nothing has
-        to move until the next command."""
+        """True if servos outside their limits may not move back inside, since this motion was refused. No
+        servo then moves until the next command."""
         if self.drives or (self._stopping and not self._returns):
             return False
         return not (self.whole_state[1].any() or self._sags)
 
     @property
     def _sags(self) -> bool:
-        """True if a servo outside its limits has sagged, so that the trajectory must lead it back."""
+        """True if a servo outside its limits has sagged farther outside. The trajectory then leads the servo
+        back to where it was found."""
         return sags(self.position, self.bounds, self.found, self.measured)
 
     def _advance(self) -> bool:
@@ -271,8 +272,8 @@ class OnlineTrajectory:
         """Takes a step in which servos outside their limits move inward and all others stop. Returns False,
         and takes no step, if no servo is outside or the step is refused.
 
-        If the step is refused while all servos are at rest, the way inside ends until the next command.
-        After that, servos only return to where they were found.
+        If the step is refused while all servos are at rest, no servo moves further inside until the next
+        command. Until then, servos that sag are only led back to where they were found.
         """
         self._set_straight(False)
         back, rests = self._back(), bool(np.abs(self.whole_state[1]).max() <= STILL)

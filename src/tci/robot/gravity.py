@@ -82,8 +82,8 @@ class Gravity:
 def weighted_model(robot: Robot) -> tuple[mujoco.MjModel, int]:
     """Returns a model of the robot with bodies, joints, masses and gravity, and the index of its torso body.
 
-    - Raises DescriptionError if the robot has no model, or if a link without `<inertial>` moves or gets its
-      weight from its collision shapes (MJCF).
+    - Raises DescriptionError if the robot has no model, or if a link lacks the `<inertial>` that it needs. A
+      link needs this element if a joint moves it, or if it has shapes with a mass (MJCF).
     - Raises UnknownNameError if the torso is missing in the model.
     """
     if robot.model is None:

@@ -260,7 +260,7 @@ class Finger:
         """Raises TciError if a finger that touches `patch` also touches another patch where that patch has no
         taxels, such as the end of a limb.
 
-        In this case an unknown part of the force would be felt nowhere. `gap` [m] is the distance from the
+        In this case no taxel would measure the force on the other patch. `gap` [m] is the distance from the
         tip to `patch`.
         """
         data = self._physics.data

@@ -216,8 +216,8 @@ class Servos:
         return result
 
     def _catch(self, servo: int) -> None:
-        """Sets the target of a servo without torque to its current angle, so that the torque is 0 at
-        first."""
+        """Sets the target of a servo to its current angle. A servo that was without torque then starts with a
+        torque of 0."""
         self._torques[servo] = 0.0
         here = self.measured()[at.JOINT]
         self._targets[servo] = here[servo]

@@ -83,7 +83,7 @@ class FrameBuffer:
             self.raw, self.last = self.raw.astype(np.float32), self.last.astype(np.float32)
 
     def fill(self, values: Values) -> None:
-        """Copies the checked `values` of the arranged patches."""
+        """Copies `values`, which `check` has accepted, into `raw`."""
         if self.raw.dtype != np.float32:
             self._copy(values)
         else:  # NaN and numbers that are too large become values outside every sensor's range

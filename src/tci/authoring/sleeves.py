@@ -18,9 +18,9 @@ COVER = {"upper_arm": (0.2, 0.8), "forearm": (0.12, 0.9)}
 """Range of u that skin covers on each segment; u is 0 at the proximal joint, 1 at the distal joint. Assumed:
 the skin does not reach the joints at both ends."""
 SLENDER = 0.18
-"""Radius of the skin on a segment, as a fraction of the segment's length. It is used if the model contains no
-geometry for the segment, or is read without meshes. Assumed: between the values of iCub's arms and G1's
-arms."""
+"""Radius of the skin on a segment, as a fraction of the segment's length. This radius is used if the model
+contains no geometry for the segment, or is read without meshes. Assumed: between the values of iCub's arms
+and G1's arms."""
 PITCH = 0.009
 """Distance [m] between taxels. Assumed; on the modules of an iCub the distance is 6.5 mm."""
 

@@ -59,8 +59,8 @@ class SameTouch:
     gain: float
     """Median of the reflex's gains."""
     heavy: bool
-    """True if the touch causes at least FELT counts on the coarsest skin of all compared robots. Otherwise
-    the touch can't be detected on all skins."""
+    """True if the touch causes at least FELT counts on the coarsest skin of all compared robots. A touch with
+    fewer counts can't be detected on this skin."""
 
 
 def same_touch(

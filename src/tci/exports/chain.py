@@ -38,7 +38,7 @@ class ChainSegment(Description):
 
 def chain_to(robot: Robot, link: str) -> tuple[ChainSegment, ...]:
     """Returns the chain of segments that ends at a link. If the torso carries the link, the chain begins at
-    the torso frame. Otherwise, it begins at the root of the model.
+    the torso frame. Otherwise, the chain begins at the root of the model.
 
     The first segment is fixed. In a chain from the torso, the tip of the first segment is the pose of the
     torso's link in the torso frame. In a chain from the root, the tip of the first segment is the identity.

@@ -2,8 +2,8 @@
 
 External torques are all torques that motion, weight and known friction do not cause. The discrete form is
 that of Orocos KDL's `ChainExternalWrenchEstimator`, after Haddadin, De Luca and Albu-Schaeffer (IEEE T-RO
-33:1292, 2017). The computed torque is called the residual. It follows the true external torque like the
-output of a first-order filter.
+33:1292, 2017). The computed torque is called the residual. The residual follows the true external torque like
+the output of a first-order filter.
 """
 
 from __future__ import annotations

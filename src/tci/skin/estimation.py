@@ -61,7 +61,7 @@ class PatchEstimator:
         self._half: tuple[Window, Array, NDArray[np.bool_]] | None = None
 
     def update(self, statistics: Single, status: Array) -> bool:
-        """Processes half of an ended window.
+        """Does half of the work that follows the end of an estimation window.
 
         The first call updates rest values and noise, the second call health. Returns True after the second
         call. The work is divided into halves because a whole update would be the longest computation in a

@@ -81,9 +81,9 @@ def limb_region(
 ) -> Region:  # fmt: skip
     """Returns the taxels within `radius` [limb lengths] of a place (u, theta [rad]) on the generic limb.
 
-    The region has the shape of a receptive field. Its taxels are computed for the posture `joints`, and stay
-    the same when a rotation about the limb's axis later turns the skin. Raises TciError if no taxel is within
-    the radius.
+    The region has the shape of a receptive field. The taxels of the region are computed for the posture
+    `joints`. The region keeps these taxels when a rotation about the limb's axis later turns the skin. Raises
+    TciError if no taxel is within the radius.
     """
     near = {}
     for patch in skin.robot.patches:

@@ -42,7 +42,7 @@ class FoundLimbs:
     torso_link: str
     """The link that carries both arms."""
     trunk: tuple[int, ...]
-    """Joints between the base and the torso, from the torso outwards."""
+    """Joints between the base and the torso. The joint nearest to the torso is first."""
     trunk_below: bool
     """True if the torso carries the trunk's joints, as in a model whose root is its torso."""
     head: tuple[int, ...]

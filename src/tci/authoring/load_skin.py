@@ -79,8 +79,8 @@ def calibrate_patch(
         patch: Name of the patch.
         via: Driver, NAME or NAME:ADDRESS.
         weights: Known loads [N], from light to heavy.
-        force_log: Log of forces measured during the recording that `via` replays, instead of `weights`; see
-            `read_force_log`.
+        force_log: Log of forces that were measured during the recording which `via` replays; see
+            `read_force_log`. Only one of `weights` and `force_log` may be given.
         frames: Number of frames to take at rest.
         out: File to write, by default beside the description.
         ask: Called with a request to the person beside the robot; returns when the person has done it.

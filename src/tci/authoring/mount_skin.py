@@ -27,8 +27,8 @@ from tci.robot.description import Robot
 from tci.skin.surfaces import Surface, mount_of
 
 FEWEST = 10
-"""Least number of touches. Assumed: three touches determine a pose, but the error of a single touch is as
-large as the distance between taxels."""
+"""Least number of touches. Three touches determine a pose, but the error of each touch is as large as the
+distance between taxels. Assumed: ten touches average these errors out."""
 SPREAD = 0.005
 """Least standard deviation [m] of the touches along their second principal axis. Assumed: from touches on one
 line, the rotation about this line can't be determined."""
@@ -203,8 +203,8 @@ def _centre(surface: Surface, contact: Contact) -> tuple[Array, Array]:
 
 
 def _fit(reported: Array, normals: Array, met: Array) -> tuple[Array, float]:
-    """Returns the correction of the skin's place as a pose (4, 4), and the depth [m] of the touches. Both
-    have the least residual, and are fitted alternately.
+    """Returns the correction of the skin's place as a pose (4, 4), and the depth [m] of the touches. Both are
+    fitted alternately, and minimise the residual of the touches.
 
     If the depth were neglected, a skin around half of a limb would be placed too deep. For a flat skin the
     depth can't be determined and stays 0.

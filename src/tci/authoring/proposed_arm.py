@@ -30,7 +30,8 @@ FARTHER = np.deg2rad(25.0)
 differ by more than this angle [rad]."""
 TWISTED = np.deg2rad(45.0)
 """If the ranges of flexion do not decide an elbow's direction, the shoulder decides: the elbow bends in the
-direction for which the shoulder rotates less. The two rotations must differ by more than this angle [rad]."""
+direction for which the shoulder rotates less from the model's zero to the generic postures. The two rotations
+must differ by more than this angle [rad]."""
 
 
 def elbow_senses(

@@ -126,8 +126,8 @@ def fingers(
 def _tips(body: FoundLimbs, arm: int, points: LinkPoints) -> dict[int, Array]:
     """Returns the end (3,) [m] of each link that an arm moves.
 
-    The end is the place of the next joint. If there is no next joint, the end is the end of the link's
-    geometry. If the link has no geometry either, the link is assumed to be as long as the previous link.
+    The end is the place of the next joint. If there is no next joint, the end of the link's geometry is used.
+    If the link has no geometry either, the link is assumed to be as long as the previous link.
     """
     ends = {}
     for one in carried(body.joints, arm):

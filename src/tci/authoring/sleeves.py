@@ -22,7 +22,8 @@ SLENDER = 0.18
 contains no geometry for the segment, or is read without meshes. Assumed: between the values of iCub's arms
 and G1's arms."""
 PITCH = 0.009
-"""Distance [m] between taxels. Assumed; on the modules of an iCub the distance is 6.5 mm."""
+"""Distance [m] between taxels. Assumed: a coarser skin than that of an iCub, on whose modules taxels are 6.5
+mm apart."""
 
 
 def axes_of(body: FoundLimbs, limb: Limb) -> tuple[Array, Array]:

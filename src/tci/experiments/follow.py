@@ -19,8 +19,9 @@ from tci.reasons import Code, Reason
 from tci.runtime.loop import Tick, run
 
 MOST = 60.0
-"""Time [s] for the approach and for interruptions, in addition to the duration of the gesture. Assumed: the
-playback must end even if a touch interrupts the gesture for ever."""
+"""Longest time [s] for the approach and for interruptions, in addition to the duration of the gesture.
+Without this limit, a touch that never ends would prevent the end of the playback. Assumed: usual
+interruptions are shorter."""
 
 
 @dataclass(frozen=True, slots=True)

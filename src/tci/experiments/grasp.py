@@ -26,7 +26,8 @@ PULL = 0.05
 """Speed [m/s] with which the ball is pulled out of the palm. Assumed: a person pulls gently with this
 speed."""
 OPEN = np.deg2rad(5.0)
-"""Least decrease [rad] of the flexion, summed over all fingers, for which the hand counts as opened."""
+"""The hand counts as opened if the sum of all fingers' flexions has decreased by at least this angle
+[rad]."""
 
 
 @dataclass(frozen=True, slots=True)

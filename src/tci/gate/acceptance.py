@@ -25,7 +25,7 @@ NEEDED = ("lower", "upper", "velocity", "acceleration", "jerk")
 """Limits that are required to move a servo."""
 OUTSIDE = float(np.deg2rad(20.0))
 """A servo can't come under command if its measured angle is outside its limits by more than this angle [rad].
-Assumed: a larger value is more likely a fault of the encoder."""
+Assumed: a larger distance is more likely a fault of the encoder."""
 FAR_OFF = 1.0
 """If a command contains two angles or more, and each is outside its limits by more than this angle [rad], the
 angles may be in degrees. Assumed: a behaviour that uses radians and moves too far exceeds the limits by less

@@ -14,12 +14,11 @@ FADE = 0.01
 """Time [s] in which the trust falls from 1 to 0. The fall begins when the data is too old to be fully
 trusted. Assumed: in this time, a light joint under its full torque gains a third of its speed limit."""
 USUAL = 1.5
-"""Factor from which the limit of full trust is computed. The limit is USUAL times the mean age at which newer
-data arrives, plus one control period. Assumed: the factor covers the jitter of this age."""
+"""Data is fully trusted up to an age of USUAL times the mean age at which newer data arrives, plus one
+control period; but never above LONGEST. Assumed: the factor covers the jitter of the age."""
 SHARE = 0.1
-"""Weight of the newest value in a running mean. The mean is that of the age [s] that data has when newer data
-arrives. Assumed: a larger weight adapts faster to a slower network; a smaller weight is less affected by
-single delays."""
+"""Weight of the newest value in the running mean of the age [s] at which newer data arrives. Assumed: a
+larger weight adapts faster to a slower network; a smaller weight is less affected by single delays."""
 
 
 class Freshness:
@@ -65,7 +64,7 @@ class Freshness:
         return max(age, 0.0) if -self._period <= age < math.inf else math.inf
 
     def trust(self, age: float) -> float:
-        """Returns the trust (0..1) in data of an `age` [s]. The trust is 0 at ages above LONGEST + FADE. If
-        data usually arrives more often, the trust is 0 at a smaller age already."""
+        """Returns the trust (0..1) in data of an `age` [s]. The trust is 0 at ages above LONGEST + FADE. The
+        more often data usually arrives, the smaller is the age at which the trust becomes 0."""
         counts = min(self._period + USUAL * self._usual, LONGEST)
         return min(max(1.0 - (age - counts) / FADE, 0.0), 1.0)

@@ -36,7 +36,8 @@ class ObserverSettings:
 
     gain: float = 50.0
     """Gain [1/s]. If a constant external torque begins, the residual is 63 % of this torque after the time 1
-    / gain. Assumed: 1 / gain is 20 ms."""
+    / gain (20 ms). Assumed: with a smaller gain touches are detected later, with a larger gain noise looks
+    like a touch."""
     noise: float = 0.008
     """Standard deviation of the reported torques, as a fraction of the servo's torque limit. Assumed: 0.2 N m
     at a limit of 25 N m, which is typical for torques from measured currents."""

@@ -28,9 +28,9 @@ class Imperfection:
     creep_time: float = 10.0
     """Time constant [s] of creep."""
     hysteresis: float = 0.0
-    """Strength of the hysteresis: while the load decreases, the signal is too high by this fraction of the
-    difference between the touch's largest signal and the ideal signal. After the end of the load the signal
-    has no hysteresis."""
+    """Strength h of the hysteresis: while the load decreases, the signal is s + h (m - s). In this formula, s
+    is the ideal signal, and m the largest signal of the touch. After the end of the load the signal has no
+    hysteresis."""
     gradient: float = 0.0
     """Difference [counts] between the rest values at the two ends of a patch, after one end has become warm.
     """

@@ -1,4 +1,4 @@
-"""Steps a MuJoCo model, and records if derived quantities are out of date."""
+"""Steps a MuJoCo model, and records whether its poses, contacts and sensors are out of date."""
 
 from __future__ import annotations
 

@@ -283,7 +283,7 @@ def _largest_inertia(model: mujoco.MjModel, data: mujoco.MjData, dofs: NDArray[n
 def _enough_torque(acceleration: float | None, inertia: float) -> float:
     """Returns a torque limit [N m] for a servo without a known limit.
 
-    Assumed: twice the torque that the largest acceleration needs.
+    Assumed: twice the torque for the largest acceleration.
     """
     return 2.0 * inertia * (100.0 if acceleration is None else acceleration)
 

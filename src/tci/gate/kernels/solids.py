@@ -48,8 +48,8 @@ class Solids:
     pairs: Indices
     """First and second shape (p, 2) of each pair that `Clearance` checks for collision."""
     levers: Array
-    """For each joint and pair (j, p): largest change [m/rad] of the distance of the pair per radian of the
-    joint."""
+    """For each joint and each pair of shapes (j, p): largest change of the distance between the two shapes,
+    per radian by which the joint turns [m/rad]."""
 
     @staticmethod
     def of(clearance: Clearance) -> Solids:

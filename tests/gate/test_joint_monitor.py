@@ -199,6 +199,47 @@ def test_a_servo_that_is_off_and_not_under_command_is_fine() -> None:
     assert JointMonitor(ROBOT).step(joints, reference(still, 0.0)) is None
 
 
+@pytest.mark.parametrize(
+    ("change", "code", "misled"),
+    [
+        (lambda time, angle: angle + (0.2 if time > 0.495 else 0.0), Code.ENCODER_JUMPED, True),
+        (lambda time, angle: angle if time < 0.1 else 0.5 * np.sin(0.14), Code.ENCODER_FROZEN, True),
+        (lambda time, angle: angle if time < 0.3 else 0.26 + 1e-5 * np.sin(100.0 * time),
+         Code.FOLLOWING_ERROR, False),
+    ],
+)  # fmt: skip
+def test_angles_of_a_faulty_encoder_are_trusted_again_only_after_a_reset(
+    change: Callable[[float, float], float], code: Code, misled: bool
+) -> None:
+    monitor = JointMonitor(ROBOT)
+    fault = next(
+        fault
+        for joints in readings(one_servo(change))
+        if (fault := monitor.step(joints, reference(turning, joints.stamp)))
+    )
+    assert (fault.code, monitor.misled) == (code, misled)
+    monitor.forget()
+    assert monitor.misled is misled
+    monitor.reset()
+    assert not monitor.misled
+
+
+def test_an_angle_that_stays_while_its_velocity_does_not_is_told() -> None:
+    monitor = JointMonitor(ROBOT)
+    moves = read_only(np.array([0.0, 0.0, 0.5, 0.0, 0.0, 0.0]))
+    fault = next(
+        fault
+        for joints in readings(still)
+        if (fault := monitor.step(
+            replace(joints, velocity=moves), reference(still, joints.stamp, Mode.IMPEDANCE)
+        ))
+    )  # fmt: skip
+    assert fault.code is Code.ENCODER_DISAGREES
+    assert fault.text.startswith("the angle of joint2 is ")
+    assert fault.text.endswith(" degrees from where its velocity leads")
+    assert monitor.misled
+
+
 @pytest.mark.parametrize(("reported", "late"), [(Mode.TORQUE, True), (Mode.POSITION, False), (None, False)])
 def test_23_another_mode_than_the_commanded_one_is_told_after_a_while(
     reported: Mode | None, late: bool

@@ -14,6 +14,7 @@ from tci.frames import Array, read_only
 from tci.gate.gate import Gate, GateSettings, GateState
 from tci.gate.joint_monitor import MonitorSettings
 from tci.gate.kernels.torques import RISE
+from tci.gate.speeds import SMOOTHING, Speeds
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformSwitch
 
 ZERO = [0.0] * 6
@@ -106,6 +107,16 @@ def test_a_command_that_nobody_renews_ends(mode: Mode) -> None:
         safe = driven.step()
     assert np.abs([safe.velocity[0], safe.torque[0]]).max() < 1e-12
     driven.assert_within_limits()
+
+
+def test_a_velocity_that_nobody_renews_ends_without_a_way_back() -> None:
+    driven = Driven(ROBOT, ZERO)
+    driven.step(switch([2], Mode.VELOCITY))
+    drive(driven, velocity([2], [0.5]), 150)
+    driven.settle()
+    assert np.diff(np.array(driven.path)[:, 2]).min() >= -1e-9
+    driven.step(velocity([2], [0.5]))
+    assert driven.step(velocity([2], [0.5])).velocity[0] > 0.0, "and goes on when asked again"
 
 
 def test_modes_do_not_change_by_themselves() -> None:
@@ -456,3 +467,16 @@ def test_a_servo_in_torque_mode_is_told_once() -> None:
     driven.settle()
     assert driven.step(switch([2], Mode.TORQUE)).servos.tolist() == [2]
     assert driven.step(command(Mode.TORQUE, [2], [0.5])).modes == (Mode.TORQUE,)
+
+
+def test_a_speed_is_estimated_from_new_stamps_only() -> None:
+    def at(stamp: float, angle: float, measured: float = np.nan) -> JointReading:
+        return JointReading(stamp, 0, read_only([angle, 0.0]), read_only([measured, 0.5]))
+
+    speeds = Speeds(2)
+    assert speeds.step(at(1.0, 0.3)).tolist() == [0.0, 0.5]
+    for stamp, angle in ((1.0, 0.4), (0.9, 0.5)):
+        assert speeds.step(at(stamp, angle)).tolist() == [0.0, 0.5]
+    assert speeds.step(at(0.9 + SMOOTHING, 0.5 + SMOOTHING)) == pytest.approx([0.5, 0.5])
+    assert speeds.step(at(0.9 + 2 * SMOOTHING, 0.5 + 2 * SMOOTHING)) == pytest.approx([0.75, 0.5])
+    assert speeds.step(at(1.1, 0.0, 0.2)).tolist() == [0.2, 0.5]

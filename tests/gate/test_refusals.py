@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 from gate.gate_checks import LIMITS, PERIOD, Driven, make_robot, position_command, reading
-from tci.errors import CommandError, DriverError
-from tci.frames import read_only
+from tci.errors import CommandError, DriverError, TciError
 from tci.gate.acceptance import OUTSIDE, fault_of_reading, is_likely_degrees, refuse_far
 from tci.gate.bounds import bounds_of
-from tci.gate.gate import Gate, GateState
-from tci.gate.joint_monitor import JointMonitor, MonitorSettings, Reference
+from tci.gate.gate import Gate, GateSettings, GateState
 from tci.gate.stop_plan import StopTrajectory
 from tci.gate.trajectory import OnlineTrajectory
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
@@ -52,6 +50,11 @@ UNMOVED = "joint2 can't be moved: its"
          "switch of (0,) servos; valid: at least one"),
         (ROBOT, [PlatformSwitch(np.zeros((1, 1), np.intp), Mode.TORQUE)], Code.COMMAND_INVALID,
          "switch of (1, 1) servos; valid: at least one"),
+        (ROBOT, [PlatformCommand(Mode.POSITION, np.array([[2]]), np.zeros((1, 1)), np.ones((1, 1)))],
+         Code.COMMAND_INVALID,
+         "position: (1, 1) servos and (1, 1) values; valid: as many values as servos, at least one"),
+        (ROBOT, [PlatformCommand(Mode.POSITION, np.arange(3), np.zeros(2), np.ones(2))], Code.COMMAND_INVALID,
+         "position: (3,) servos and (2,) values; valid: as many values as servos, at least one"),
         (ROBOT, [switch([6], Mode.TORQUE)], Code.COMMAND_INVALID, "switch: servos [6]; valid: 0 to 5"),
         (ROBOT, [PlatformSwitch(np.array([1.0]), Mode.TORQUE)], Code.COMMAND_INVALID,
          "switch: servos [1.0]; valid: 0 to 5"),
@@ -86,6 +89,44 @@ def test_an_order_is_refused_with_its_code_and_its_cause(
 ) -> None:
     safe = Driven(robot, ZERO).step(*orders)
     assert [(one.code, str(one)) for one in safe.refusals] == [(code, words)]
+
+
+@pytest.mark.parametrize("types", [(np.int32, float, float), (np.intp, np.float32, float),
+                                   (np.intp, float, np.float32)])  # fmt: skip
+def test_a_command_with_one_array_of_another_type_counts_too(types: tuple[type, type, type]) -> None:
+    usual = position_command([2, 3], [0.5, 0.25], 1.0)
+    arrays = zip((usual.servos, usual.values, usual.speed), types, strict=True)
+    servos, values, speed = (array.astype(kind) for array, kind in arrays)
+    driven = Driven(ROBOT, ZERO)
+    assert not driven.step(PlatformCommand(Mode.POSITION, servos, values, speed)).refusals
+    assert driven.gate.targets.tolist() == [0.5, 0.25]
+
+
+def test_a_command_in_another_mode_is_refused_also_to_servos_that_move_already() -> None:
+    driven, command = Driven(ROBOT, ZERO), position_command([2, 3], [0.5, 0.25])
+    for _ in range(3):
+        assert not driven.step(command).refusals
+    (refusal,) = driven.step(replace(command, mode=Mode.IMPEDANCE)).refusals
+    assert refusal.code is Code.WRONG_MODE
+
+
+def test_a_servo_that_was_pushed_far_outside_does_not_keep_others_from_joining() -> None:
+    gate = Gate(ROBOT, period=PERIOD, stale_after=STALE, settings=GateSettings(monitor=None))
+    angles = np.zeros(6)
+    gate.step([switch([2], Mode.IMPEDANCE)], reading(angles), 0.0)
+    angles[2] = 2.1 + OUTSIDE
+    safe = gate.step([switch([3], Mode.IMPEDANCE)], reading(angles, PERIOD), PERIOD)
+    assert (safe.refusals, safe.servos.tolist()) == ((), [2, 3])
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_coupling_is_kept_beside_a_servo_that_nobody_commands(side: float) -> None:
+    robot = make_robot(limits=LIMITS.model_copy(update={"lower": -2.0}))
+    driven = Driven(robot, [0.0, 0.5 * side, 0.0, 0.0, 0.0, 0.0])
+    driven.step(position_command([0], [1.9 * side]))
+    driven.settle()
+    assert driven.angles[0] == pytest.approx(1.3 * side, abs=1e-4)
+    driven.assert_within_limits()
 
 
 @pytest.mark.parametrize("how", ["reference", "measured"])
@@ -152,6 +193,23 @@ def test_joint_data_is_too_old_or_too_new_beyond_exactly_what_is_allowed(side: f
     assert fault_of_reading(ROBOT, reading(ZERO), side * STALE, STALE) is None
     old = fault_of_reading(ROBOT, reading(ZERO), np.nextafter(side * STALE, side), STALE)
     assert old == Reason(Code.JOINTS_STALE, f"joint data is {side * 50:.0f} ms old; valid: at most 50 ms")
+
+
+@pytest.mark.parametrize(
+    ("period", "stale_after"),
+    [(0.0, 0.05), (np.nan, 0.05), (np.inf, 0.05), (0.002, 0.0), (0.002, np.nan), (0.002, np.inf)],
+)
+def test_a_gate_needs_times_above_0_and_finite(period: float, stale_after: float) -> None:
+    words = f"period {period} s, stale_after {stale_after} s; valid: above 0 and finite"
+    with pytest.raises(TciError) as refused:
+        Gate(ROBOT, period=period, stale_after=stale_after)
+    assert str(refused.value) == words
+
+
+def test_a_new_gate_runs_without_servos() -> None:
+    gate = Gate(ROBOT, period=PERIOD, stale_after=STALE)
+    assert (gate.state, gate.reason, gate.targets.size) == (GateState.RUN, None, 0)
+    assert (gate.period, gate.stale_after, gate.robot) == (PERIOD, STALE, ROBOT)
 
 
 def test_data_that_repeats_is_as_old_as_its_first_copy() -> None:
@@ -234,52 +292,3 @@ def test_a_servo_that_is_taken_over_keeps_the_angle_at_which_it_was_found() -> N
     before.found[:] = 0.1, 0.2, 0.3
     after.take_over([0, 2], before, [1, 2])
     assert after.found.tolist() == [0.2, 0.0, 0.3]
-
-
-def judged(
-    change: Callable[[int], dict[str, object]], mode: Mode = Mode.POSITION, **settings: float
-) -> tuple[int, Reason] | None:
-    """Returns the number of the reading that a monitor finds faulty, and the reason. `change` returns what
-    differs in each reading from those of a robot at rest."""
-    monitor = JointMonitor(ROBOT, MonitorSettings(**settings))
-    still = Reference(np.array([1, 2]), (mode, mode), np.zeros(2), np.zeros(2))
-    for number in range(300):
-        joints = replace(reading(ZERO), stamp=0.01 * number, sequence=number)
-        joints = replace(joints, **change(number))
-        if fault := monitor.step(joints, still):
-            return number, fault
-    return None
-
-
-def test_a_servo_that_is_off_is_named() -> None:
-    off = np.array([True, True, False, True, True, True])
-    found = judged(lambda number: {"powered": read_only(off) if number >= 7 else None})
-    assert found == (7, Reason(Code.SERVO_OFF, "joint2 is under command and its servo is off"))
-    assert judged(lambda number: {"powered": ~off | (np.arange(6) == 1)}) is None
-
-
-def test_a_servo_in_another_mode_is_named_after_the_time_of_a_switch() -> None:
-    def reports(mode: Mode, since: int, until: int = 300) -> Callable[[int], dict[str, object]]:
-        here = (Mode.POSITION,) * 6
-        other = (*here[:2], mode, *here[3:])
-        return lambda number: {"modes": other if since <= number < until else here}
-
-    found = judged(reports(Mode.TORQUE, 10), mode_change=0.5)
-    assert found is not None
-    assert found[0] in (60, 61)  # 0.5 s after reading 10, as far as rounding goes
-    assert found[1] == Reason(Code.SERVO_MODE, "joint2 reports mode torque; commanded in position")
-    assert judged(reports(Mode.TORQUE, 10, 55), mode_change=0.5) is None
-
-
-def test_readings_that_come_again_under_new_stamps_are_frozen() -> None:
-    found = judged(lambda number: {"sequence": min(number, 20)}, frozen=0.1)
-    words = "joint data is frozen: reading 20 comes again under fresh stamps"
-    assert found is not None
-    assert found[0] in (30, 31)
-    assert found[1] == Reason(Code.JOINTS_REPEATED, words)
-
-
-def test_an_angle_that_jumps_is_named_with_what_was_possible() -> None:
-    found = judged(lambda number: {"position": np.array([0, 0, 0.2 * (number >= 9), 0, 0, 0])})
-    words = "the angle of joint2 jumped by 11.5 degrees; possible: 3.7"
-    assert found == (9, Reason(Code.ENCODER_JUMPED, words))

@@ -99,6 +99,15 @@ def test_a_servo_that_may_not_come_in_lets_the_others_keep_their_velocities() ->
     assert told == [NEAR]
 
 
+def test_a_servo_that_may_not_come_in_stops_also_if_it_is_driven() -> None:
+    trajectory = limiter({0})
+    trajectory.drive_at([0, 1], np.array([-0.05, 0.2]))
+    path, told = go(trajectory, 1.0)
+    assert path[-1, 1] > 0.15
+    assert np.ptp(path[:, 0]) == 0.0
+    assert told == [NEAR]
+
+
 def beside_a_coupling() -> OnlineTrajectory:
     """Returns a trajectory of three servos, the first one 0.1 rad below its lower limit. A motion inside
     would violate its coupling with the second servo."""

@@ -126,7 +126,10 @@ def test_26_a_process_that_is_not_the_owner_is_refused(folder: Path, monkeypatch
 
 def test_26_without_file_locks_nothing_is_commanded(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tci.runtime.lease.fcntl", None)
-    refused("can't be commanded from this system")
+    refused(
+        rf"^{NAME} can't be commanded from this system, which lacks the file locks \(flock\) that keep "
+        "two programs from commanding one robot; valid here: simulated robots and recordings$"
+    )
     driver = SimulatedDriver(tci.load_robot("nao"))
     with commanding(driver):
         driver.write(driver.gate.step((), driver.read().joints, driver.clock.now()))
@@ -255,3 +258,14 @@ def test_26_the_lease_of_a_simulation_is_checked_without_its_file(
             driver.write(driver.gate.step((), driver.read().joints, driver.clock.now()))
         monkeypatch.undo()
     assert not looks
+
+
+def test_26_the_folder_of_leases_is_made_with_those_above_it_for_this_user_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "new" / "leases"
+    monkeypatch.setenv("TCI_LEASES", str(folder))
+    with lease(NAME):
+        assert folder.stat().st_mode & 0o777 == 0o700
+        assert file_in(folder).read_text() == f"process {os.getpid()}"
+        assert file_in(folder).stat().st_mode & 0o777 == 0o600

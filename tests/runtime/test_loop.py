@@ -22,7 +22,7 @@ from tci.drivers.info import DriverInfo
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, DriverError, TciError
 from tci.gate.gate import GateState, SafeCommand
-from tci.messages import GenericCommand, Mode, Order, Perception, Reading, SwitchMode
+from tci.messages import GenericCommand, Mode, Order, Perception, Reading, SkinFrame, SwitchMode
 from tci.reasons import Code, Reason
 from tci.robot.joint_map import initial_position
 from tci.runtime.lease import lease
@@ -478,6 +478,7 @@ def test_a_fault_that_the_capability_sees_stops_the_robot(driver: SimulatedDrive
 
     run(driver, Blind(), duration=0.5)
     assert driver.gate.state is GateState.STOP
+    assert driver.gate.reason == Reason(Code.SKIN_BLIND, "I see nothing")
     assert driver.world.time > 0.4, "it goes on, at rest"
     assert speed(driver) < 0.02
 
@@ -485,10 +486,14 @@ def test_a_fault_that_the_capability_sees_stops_the_robot(driver: SimulatedDrive
 def test_a_capability_that_cannot_begin_is_an_error_and_nothing_moves(driver: SimulatedDriver) -> None:
     class Eager(Swing):
         def begin(self, perception: Perception, body: GenericBody) -> tuple[GenericCommand, ...]:
-            return (GenericCommand("head", Mode.TORQUE, np.zeros(3)),)
+            parts = ("head", "left_arm")
+            return tuple(
+                GenericCommand(part, Mode.TORQUE, np.zeros(perception.posture[part].size)) for part in parts
+            )
 
     before = driver.read().joints.position
-    with pytest.raises(CommandError, match="Eager can't begin"):
+    words = r"\w+ is in position mode, the command is a torque; valid: switch the mode first"
+    with pytest.raises(CommandError, match=f"^Eager can't begin: {words}; {words}$"):
         run(driver, Eager(), duration=0.5)
     np.testing.assert_allclose(driver.read().joints.position, before, atol=1e-3)
 
@@ -734,8 +739,12 @@ def test_a_capability_gets_the_body_of_its_robot_in_each_step(driver: SimulatedD
             bodies.append(body)
             return (), memory + 1
 
+        def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
+            bodies.append(body)
+            return None
+
     run(driver, Asks(), duration=0.01)
-    assert [body.robot for body in bodies] == [driver.robot] * 5
+    assert [body.robot for body in bodies] == [driver.robot] * 10
 
 
 def test_45_a_robot_at_rest_gets_the_last_command_more_often_than_messages_are_missed(
@@ -751,3 +760,24 @@ def test_45_a_robot_at_rest_gets_the_last_command_more_often_than_messages_are_m
     with pytest.raises(ZeroDivisionError):
         run(driver, Still(), duration=1.0, observe=lambda tick: fail() if len(sent) == 5 else None)
     assert [safe.state for safe in sent[5:]] == [GateState.STOP] * (MISSED + 1)
+
+
+def test_45_a_robot_that_was_never_read_is_not_brought_to_rest(
+    driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(driver, "_receive", fail)
+    with pytest.raises(ZeroDivisionError) as raised:
+        run(driver, Still(), duration=1.0)
+    assert not hasattr(raised.value, "__notes__")
+    assert driver.gate.counts.steps == 0
+
+
+def test_skin_that_is_sent_only_when_it_changes_is_waited_for(
+    driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(driver, "info", replace(driver.info, keep_alive=2.0))
+    loop = _Loop(driver, Still(), None, None, LoopReport(), True)
+    joints, frame = driver.read().joints, SkinFrame(driver.robot.patches[0].name, 0.0, 0, np.zeros(4))
+    assert loop._silence.fault(Reading(joints, (frame,)), 0.0) is None
+    assert loop._silence.fault(Reading(joints, ()), 5.9) is None
+    assert loop._silence.fault(Reading(joints, ()), 6.1)

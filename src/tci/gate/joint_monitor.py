@@ -98,7 +98,6 @@ class JointMonitor:
 
     def __init__(self, robot: Robot, settings: MonitorSettings | None = None) -> None:
         self.settings = settings or MonitorSettings()
-        self._robot = robot
         self._names = [servo.name for servo in robot.servos]
         s = self.settings
         self._numbers = np.array([

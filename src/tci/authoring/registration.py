@@ -41,8 +41,8 @@ STILL = 1e-5
 below the distances between points."""
 ALIKE = 0.0005
 """If the mean distances after two corrections differ by at most this length [m], the smaller correction is
-used. Assumed: this is the accuracy of meshes. A flat sole fits its link equally well when it is turned by 180
-degrees."""
+used. Assumed: this is the accuracy of meshes. For example, a flat sole fits its link equally well
+when it is turned by 180 degrees."""
 FITS = 0.005
 """Mean distance [m] up to which a skin fits its link. Assumed: covers are a few millimetres thick."""
 
@@ -220,8 +220,11 @@ def _placed(poses: Array, points: Array) -> Array:
 
 
 def _nearest(distance: Array, share: float) -> Array:
-    """Returns weights (s, n, 1): 1 for the fraction `share` of points with least `distance` (s, n), else
-    0."""
+    """Returns the weight (s, n, 1) of n points in each of s poses.
+
+    In each pose, the points with the smallest `distance` (s, n) have the weight 1, and all others 0. `share`
+    is the fraction of points that have the weight 1.
+    """
     last = max(0, int(np.ceil(share * distance.shape[1])) - 1)
     farthest = np.partition(distance, last, axis=1)[:, last : last + 1]
     return (distance <= farthest)[:, :, None].astype(np.float64)

@@ -38,7 +38,7 @@ value, a landmark in the direction of the back of the hand is never found on the
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Reach:
-    """A landmark on one patch, with its geodesic distance map."""
+    """A landmark on one patch, and the geodesic distances from it to the points of the patch."""
 
     place: Place
     distances: Array

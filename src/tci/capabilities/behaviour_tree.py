@@ -1,7 +1,7 @@
 """Capabilities combined in a behaviour tree, which replaces the paper's task description language (TDL).
 
-A tree consists of selectors, sequences, parallels and decorators of the package py-trees, see the manual of
-py-trees. TCI adds leaves that run capabilities, and the capability `BehaviourTree`, which ticks the tree::
+A tree consists of selectors, sequences, parallels and decorators of the package py-trees (see its
+manual). TCI adds leaves that run capabilities, and the capability `BehaviourTree`, which ticks the tree::
 
     def tree():
         return Selector("arm", memory=False, children=[

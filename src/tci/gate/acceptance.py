@@ -141,7 +141,10 @@ def refuse_far(robot: Robot, command: PlatformCommand) -> NoReturn:
 
 
 def _is_inside(value: float, limits: Limits) -> bool:
-    """Returns True if an angle [rad] is inside `limits`, which must be known."""
+    """Returns True if an angle [rad] is between two known limits.
+
+    The caller must make sure that both limits are known.
+    """
     assert limits.lower is not None
     assert limits.upper is not None
     return limits.lower <= value <= limits.upper

@@ -85,8 +85,8 @@ def driven(joints: Sequence[Joint], facts: Mapping[str, JointFacts], needed: set
 
     A joint at the end of a chain is left out if its range is a single angle (`stuck`), unless `needed`
     contains the joint. If a joint follows another joint by a fixed ratio, only the leading joint is a servo.
-    There is one exception: if `needed` contains the follower and the leading joint (a gear at the motor)
-    carries no joint, the follower is the servo instead.
+    There is one exception: the leading joint is a gear at the motor, which carries no joint, and `needed`
+    contains the follower. The follower is then the servo.
     """
     index = {joint.name: place for place, joint in enumerate(joints)}
     parents = {joint.parent for joint in joints}

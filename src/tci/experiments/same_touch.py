@@ -153,8 +153,8 @@ class Arm:
     def has_skin(self, place: Place) -> bool:
         """Returns True if there is skin at a point.
 
-        There is skin if the nearest taxel is at most 0.75 times the root of its area away. Any point between
-        the taxels of a square lattice is nearer than this.
+        There is skin if the distance of the point from the nearest taxel is at most 0.75 times the square
+        root of this taxel's area. All points inside a square lattice of taxels fulfil this condition.
         """
         if place[0] not in self._sleeves:
             return False

@@ -115,11 +115,11 @@ def _stopping_speed(room: Array, acceleration: Array, jerk: Array) -> Array:
 
 
 def bounds_of(robot: Robot, servos: Sequence[int], *, speed_share: float) -> tuple[Bounds, Array]:
-    """Returns the bounds of `servos` (n,). The bounds contain each coupling in which one of these servos
-    occurs.
+    """Returns the bounds of `servos` (n,), and coefficients (m, n_servos). The bounds contain each coupling
+    in which one of these servos occurs.
 
-    All limits of the servos must be known. The second result contains the coefficients (m, n_servos) of all
-    other servos in the couplings: the angles of these servos shift the bounds of the couplings.
+    All limits of the servos must be known. The coefficients are those of all other servos in the couplings:
+    the angles of these other servos shift the bounds of the couplings.
     """
     limits = [robot.servos[servo].limits for servo in servos]
     rows, lowest, highest = robot.coupling_rows

@@ -65,8 +65,8 @@ class JointGroup:
         `speeds` (k,) [rad/s] are the largest speeds of the motion. Writes the targets into `sent` (k,) [rad],
         and returns the largest distance [rad] of a target from the requested angle. `box` (2, n_servos) [rad]
         contains the limits of all servos. If the command must be refused, changes nothing and returns one of
-        the codes INVALID and FAR_OFF of `kernels.targets`. The arrays must be those of a command that
-        `is_usual`.
+        the codes INVALID and FAR_OFF of `kernels.targets`. `servos`, `values` and `speeds` must be the arrays
+        of a command that `is_usual` accepts.
         """
         limiter = self.limiter
         farthest: float = _take_targets((servos, values, speeds), box, FAR_OFF, SLOWEST, self.arrays, sent)

@@ -83,9 +83,9 @@ class PartEstimator:
     def weigh(
         self, residual: Residual, others: Sequence[Array], forces: Array, share: float
     ) -> tuple[Array, Array]:
-        """Improves the forces that a skin measures by means of the joint torques. Returns the improved forces
-        (m,) [N] of contacts at known points, and the part (k,) of the external joint torques that these
-        forces do not explain (the residual).
+        """Uses the joint torques to improve the forces that a skin measures. Returns the improved forces (m,)
+        [N] of contacts at known points, and the part (k,) of the external joint torques that these forces do
+        not explain (the residual).
 
         `others` contains, for each of the m points, the joint torques (n_servos,) that a force of 1 N at this
         point causes. `forces` (m,) [N] are the forces that the skin measures at these points, with the

@@ -1,9 +1,9 @@
 """Momentum observer: computes the external torque on each joint.
 
-External torques are all torques that motion, weight and known friction do not cause. The discrete form is
-that of Orocos KDL's `ChainExternalWrenchEstimator`, after Haddadin, De Luca and Albu-Schaeffer (IEEE T-RO
-33:1292, 2017). The computed torque is called the residual. The residual follows the true external torque like
-the output of a first-order filter.
+External torques are all torques that motion, weight and known friction do not cause. The equations for
+discrete time are those of Orocos KDL's `ChainExternalWrenchEstimator`, after Haddadin, De Luca and
+Albu-Schaeffer (IEEE T-RO 33:1292, 2017). The computed torque is called the residual. The residual follows the
+true external torque like the output of a first-order filter.
 """
 
 from __future__ import annotations

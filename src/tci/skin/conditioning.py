@@ -209,8 +209,8 @@ class Conditioner:
 
         Returns False if no window has ended.
 
-        If this method is not called, `step` does the update when the next frame arrives. The result is equal.
-        So a caller with spare time can call `update`, to shorten the next `step`.
+        If this method is not called, `step` does the update when the next frame arrives, with an equal
+        result. So a caller with spare time can call `update`, to shorten the next `step`.
         """
         if not self._ended:
             return False

@@ -38,7 +38,8 @@ class Shear:
         self._stamp: float | None = None
 
     def force(self, values: NDArray[np.generic], pressure: Array, stamp: float) -> Array:
-        """Returns the force (taxels, 3) [N] on each taxel, in the patch's link, from a raw frame (channels,).
+        """Returns the force (taxels, 3) [N] on each taxel, in the frame of the patch's link, from a raw frame
+        (channels,).
 
         `pressure` (taxels,) [Pa] must come from conditioning of this frame. A taxel without pressure has no
         tangential force, and its rest values are updated. A value that is not finite, or outside the sensor's

@@ -51,7 +51,8 @@ class Skin:
         return normals
 
     def limb(self, patch: str, joints: JointReading) -> tuple[Array, Array, Array]:
-        """Returns u, theta [rad] and r [m] of the taxels on their limb segment (eq. 3, x = u L).
+        """Returns u, theta [rad] and r [m] of the taxels on their limb segment (eq. 3; u is x divided by the
+        segment's length).
 
         Each array has the shape (taxels,). Raises UnknownNameError for an unknown patch. Raises TciError for
         a patch that is not on a limb.
@@ -100,7 +101,7 @@ def segment_pose(part: GenericPart, segment: Segment, T_TL: Array, posture: Arra
 
     `T_TL` is the pose of the link to which the segment's origin refers. The frame S does not turn when the
     segment rotates about its axis. The reason: iCub's forearm skin turns with pronation, but NAO's sleeve
-    does not turn. With a frame S that does not turn, (u, theta) is one place of the body on both robots.
+    does not turn. With a frame S that does not turn, (u, theta) means one place of the body on both robots.
     Raises TciError if the part is not an arm.
     """
     if part.kind != "arm" or part.side is None:

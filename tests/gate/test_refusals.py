@@ -206,6 +206,23 @@ def test_a_gate_needs_times_above_0_and_finite(period: float, stale_after: float
     assert str(refused.value) == words
 
 
+def test_each_order_of_a_step_is_clamped_reported_and_taken() -> None:
+    driven = Driven(ROBOT, ZERO)
+    shares = (PlatformCommand(mode, np.array([4]), np.array([1.5]), np.ones(1))
+              for mode in (Mode.STIFFNESS, Mode.DAMPING))  # fmt: skip
+    orders = (position_command([2], [3.0]), position_command([3], [-2.0]), *shares)
+    safe = driven.step(*orders)
+    assert [str(one).partition(" asked")[0] for one in safe.clamped] == [
+        "joint2: 3.00 rad (171.89 degrees)", "joint3: -2.00 rad (-114.59 degrees)",
+        "joint4: 1.50 stiffness", "joint4: 1.50 damping",
+    ]  # fmt: skip
+    assert safe.orders == orders
+    assert (dict(safe.stiffness), dict(safe.damping)) == ({4: 1.0}, {4: 1.0})
+    assert driven.gate.counts.clamps == {"joint2": 1, "joint3": 1, "joint4": 2}
+    after = driven.step()
+    assert (after.orders, after.clamped, dict(after.stiffness), dict(after.damping)) == ((), (), {}, {})
+
+
 def test_a_new_gate_runs_without_servos() -> None:
     gate = Gate(ROBOT, period=PERIOD, stale_after=STALE)
     assert (gate.state, gate.reason, gate.targets.size) == (GateState.RUN, None, 0)

@@ -269,3 +269,10 @@ def test_26_the_folder_of_leases_is_made_with_those_above_it_for_this_user_alone
         assert folder.stat().st_mode & 0o777 == 0o700
         assert file_in(folder).read_text() == f"process {os.getpid()}"
         assert file_in(folder).stat().st_mode & 0o777 == 0o600
+
+
+def test_26_a_folder_that_depends_on_where_a_program_starts_is_refused_by_its_name(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("TCI_LEASES", "here/leases")
+    refused(r"^TCI_LEASES is 'here/leases'; valid: an absolute path, wherever a program is started$")

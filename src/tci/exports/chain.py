@@ -40,8 +40,8 @@ def chain_to(robot: Robot, link: str) -> tuple[ChainSegment, ...]:
     """Returns the chain of segments that ends at a link. If the torso carries the link, the chain begins at
     the torso frame. Otherwise, the chain begins at the root of the model.
 
-    The first segment is fixed. In a chain from the torso, the tip of the first segment is the pose of the
-    torso's link in the torso frame. In a chain from the root, the tip of the first segment is the identity.
+    The first segment is fixed. In a chain from the torso, its transform is the pose of the torso's link
+    in the torso frame. In a chain from the root, its transform is the identity.
     Raises UnknownNameError if the link does not exist, and the errors of `links_of`.
     """
     by_name = {found.name: found for found in links_of(robot)}

@@ -277,7 +277,7 @@ def _time(file: Path, head: list[str], name: str) -> int:
 def _check_columns(
     file: Path, head: list[str], names: Mapping, blocks: list[slice], time: int | None
 ) -> None:
-    """Raises RecordingError if a column has two meanings."""
+    """Raises RecordingError if `names` uses one column of the file for two quantities."""
     meaning = {} if time is None else {time: "time"}
     for patch, block in zip(names.skin, blocks, strict=True):
         for column in range(block.start, block.stop):

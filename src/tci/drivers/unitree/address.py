@@ -43,8 +43,8 @@ class UnitreeAddress:
 def parse_unitree(address: str, *, usual: str = "") -> UnitreeAddress:
     """Parses an address and checks the network interface. An empty address has the value `usual`.
 
-    Raises DriverError if the address has another form, if the interface does not exist, or if other machines
-    may reach the interface.
+    Raises DriverError if the address is invalid, if the interface does not exist, or if machines that the
+    operator did not permit can reach the interface.
     """
     place, _, options = (address or usual).partition("?")
     found = re.fullmatch(r"([A-Za-z0-9_.:@-]{1,15})(?:/(\d{1,3}))?", place)

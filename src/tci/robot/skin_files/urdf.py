@@ -46,7 +46,7 @@ class TactileSensor:
     rate: float | None
     """Frame rate [Hz]; None if the file does not give a rate."""
     layout: SkinLayout
-    """Taxels of the sensor. An index that no taxel has is an absent channel."""
+    """Taxels of the sensor. If no taxel has an index, the channel with this index has no position."""
 
 
 def read_tactile_sensors(path: str | Path) -> tuple[TactileSensor, ...]:

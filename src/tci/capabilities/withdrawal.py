@@ -207,8 +207,10 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     ) -> dict[str, list[Wish[ReceptiveField]]]:
         """Returns the requested responses (wishes) by part.
 
-        Each contact requests the response of the closest of `fields`. For a part in `around`, the responses
-        of the two closest fields of `surround` follow. `numbers` are the properties of the contacts' sites.
+        Each contact requests the response of one of `fields`: of those that contain the contact, the one with
+        the closest centre. A contact on a part in `around` also requests the responses of two fields of
+        `surround`, found in the same way, with higher ranks. `numbers` are the properties of the contacts'
+        sites.
         """
         wishes: dict[str, list[Wish[ReceptiveField]]] = {}
         felt, parts, count = touches(contacts), numbers.part, len(contacts)
@@ -231,7 +233,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
 
     @cached_property
     def _tables(self) -> list[tuple[tuple[int, ...], Sequence[ReceptiveField], Array]]:
-        """Returns two rows, for `fields` and for `surround`: ranks of the responses, fields, and the table of
-        the fields."""
+        """Returns one row for `fields` and one for `surround`, unless they are empty. A row contains the
+        ranks of the responses, the fields, and the fields as numbers (`field_table`)."""
         sets = ((0,), self.fields), ((1, 2), self.surround or ())
         return [(ranks, fields, field_table(fields)) for ranks, fields in sets if fields]

@@ -104,8 +104,9 @@ class Refusal(NamedTuple):
     """All values on which the check depends, see `_inputs`."""
 
     def stands(self, before: Withdrawal[F] | None, wishes: Sequence[Wish[F]], perception: Perception) -> bool:
-        """Returns True if no new check is needed: the check is recent, and no skin frame has arrived after
-        it; or a new check would give the same result, because touch and posture have not changed."""
+        """Returns True if the motion need not be checked again. There are two cases. The check is recent, and
+        no skin frame has arrived after it. Or touch and posture have not changed, so that a new check would
+        give the same result."""
         if perception.stamp - self.stamp < ANEW and _frames(perception) == self.frames:
             return True
         return self.inputs is not None and self.inputs == _inputs(before, wishes, perception)

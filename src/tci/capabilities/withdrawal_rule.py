@@ -43,7 +43,7 @@ def withdraw_all(
         wishes: Responses that the contacts request, by part.
         perception: Perception of this instant.
         body: The generic body.
-        refractory: Time [s] without a wish for a part, after which the touch of the part has ended.
+        refractory: The touch of a part ends when there has been no wish for the part for this time [s].
         mode: Control mode of the motions.
         forbids: Further check: a function of a part and its target (n,) [rad] that returns the reason why the
             part must not move to this target, or an empty text if the part may move.
@@ -162,8 +162,9 @@ def _begin(
     met: frozenset[int],
     mode: Mode,
 ) -> tuple[Withdrawal[F] | None, str]:
-    """Starts the motion of the first permitted wish, in order of rank and gain. If no wish is permitted,
-    returns None and the reason for which the first wish is refused."""
+    """Starts the motion of the first permitted wish. The wishes are tried in the order of their ranks, and
+    those of one rank from the largest gain to the smallest. If no wish is permitted, returns None and the
+    reason for which the first wish is refused."""
     posture, first = perception.posture[part], ""
     if not all(map(isfinite, posture.tolist())):
         return None, ""

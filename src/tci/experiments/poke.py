@@ -61,8 +61,8 @@ class Trace:
     force: list[float] = field(default_factory=list)
     """Contact force [N] in the physics simulation, for each sample."""
     center: dict[float, Array] = field(default_factory=dict)
-    """Mean of the contact points, weighted by force, (3,) [m] in the physics simulation and in the torso
-    frame, by time [s]."""
+    """For each time [s] with a contact: the mean (3,) [m] of the contact points in the physics simulation,
+    weighted by force, in the torso frame."""
     point: list[Array] = field(default_factory=list)
     """Position (3,) [m] of `place` in the torso frame, for each sample."""
     away: list[float] = field(default_factory=list)

@@ -18,8 +18,8 @@ from tci.reasons import Code, Reason
 
 _straight_limits = entry(straight_limits)
 LEAST_SHARE = 1e-6
-"""In a straight motion, the limits of each servo are proportional to its distance. Distances below this
-fraction of the longest distance are replaced by this fraction, because ruckig needs limits above 0."""
+"""In a straight motion, the limits of each servo are proportional to its distance. A smaller distance counts
+as this fraction of the longest distance, because ruckig needs limits above 0."""
 Guard = Callable[[StopTrajectory], Reason | None]
 """Function that checks a planned stop before the state at its beginning is sent. Returns the reason to refuse
 the stop, or None."""

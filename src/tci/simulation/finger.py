@@ -20,8 +20,8 @@ from tci.simulation.touch import FINGER_PRIORITY, FINGER_TIP, stiff
 RADIUS = 0.005
 """Radius of the tip [m]."""
 STIFFNESS = 800.0
-"""Stiffness [N/m] of the spring between base and tip. With a nearly rigid finger, the force at an indentation
-of 2 mm would be 19 N."""
+"""Stiffness [N/m] of the spring between base and tip. If the base moves 2 mm farther than the skin's surface,
+the force is 1.6 N. A nearly rigid finger would press with 19 N."""
 MASS = 0.02
 """Mass of the tip [kg]. Assumed: light, so that the tip follows the skin. A lighter tip needs smaller
 simulation steps."""

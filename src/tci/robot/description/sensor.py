@@ -33,9 +33,9 @@ class Sensor(Description):
     0). The response is linear between the points and beyond the last point. If empty, the response is linear
     with the slope `pascal_per_count`."""
     axes: Literal[1, 3] = 1
-    """Number of values per taxel. With 1, the value is the pressure. With 3, the values are the stresses
-    along the skin in x and y, and the value in the outward direction z. A frame then has three times as many
-    values as the skin has channels."""
+    """Number of values per taxel. With 1, the value is the pressure. With 3, the values are stresses: in x
+    and y along the skin, and in the outward direction z. A frame then has three times as many values as the
+    skin has channels."""
     shear: float | None = None
     """Linear response [Pa per count] of the stresses along the skin, x and y. If None, the absolute value of
     `pascal_per_count` is used."""

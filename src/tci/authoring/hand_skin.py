@@ -35,7 +35,7 @@ PITCH = 0.006
 def hand_skin(
     body: FoundLimbs, found: Sequence[Finger], part: GenericPart, points: LinkPoints
 ) -> list[Patch]:
-    """Returns the skin of one hand with the generic fingers `part`."""
+    """Returns the skin of one hand, whose generic fingers are `part`."""
     patches = []
     for finger in found:
         start = body.joints[finger.flexion[-1]].anchor

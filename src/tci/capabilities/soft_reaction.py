@@ -81,13 +81,15 @@ class SoftReaction(Capability[Postures]):
         return {}
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Command, ...]:
-        """Returns the orders that switch `parts` with a joint to the control mode `mode`."""
+        """Returns the orders that switch those of `parts` that have a joint on this robot to the control mode
+        `mode`."""
         return tuple(SwitchMode(part, self.mode) for part in self.parts if np.any(body.has_joint(part)))
 
     def step(
         self, memory: Postures, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Command, ...], Postures]:
-        """Returns a command for each part with a joint. Raises TciError for a part that the robot lacks."""
+        """Returns a command for each of `parts` that has a joint on this robot. Raises TciError for a part
+        that the robot lacks."""
         commands, postures = [], {}
         for part in self.parts:
             if part not in perception.posture:

@@ -232,7 +232,7 @@ def limit_faults(robot: Robot) -> list[str]:
 
 
 def trial_faults(robot: Robot, trial: Trial) -> list[str]:
-    """Returns one sentence for each criterion of the demo that one poke does not meet."""
+    """Returns one sentence for each criterion of the demo that the poke `trial` does not meet."""
     rate = min(patch.rate for patch in robot.patches)
     slowest = SLOWEST.get(rate, 23.0 + 1e3 / rate)
     never = float("inf")

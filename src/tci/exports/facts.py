@@ -28,7 +28,7 @@ CONVENTIONS: tuple[Convention, ...] = ("classic", "modified")
 
 
 class GenericLimits(Description):
-    """Limits of a generic joint, computed from the limits of the joint's servo."""
+    """Limits of a generic joint, computed from the limits of the servos that move the joint."""
 
     joint: str
     """Name of the generic joint."""

@@ -188,7 +188,7 @@ def _refuse_each(
     numbers: NDArray[np.generic],
     valid: str,
 ) -> NoReturn:
-    """Raises CommandError that names each servo for which `good` (k,) is False."""
+    """Raises a CommandError that names each servo for which `good` (k,) is False."""
     bad = [f"{robot.servos[command.servos[i]].name} is {numbers[i]}" for i in np.flatnonzero(~good)]
     raise CommandError(f"{what} {', '.join(bad)}; valid: {valid}")
 

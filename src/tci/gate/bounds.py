@@ -58,8 +58,8 @@ class Bounds:
         return point
 
     def inside(self, position: Array) -> Array:
-        """Returns `position` (n,) [rad] after each angle outside its limits was moved just inside these
-        limits."""
+        """Returns `position` (n,) [rad]. Each angle outside its limits is replaced by an angle just inside
+        them."""
         margin = np.minimum(MARGIN, (self.upper - self.lower) / 2)
         nearest = np.clip(position, self.lower + margin, self.upper - margin)
         outside = (position < self.lower) | (position > self.upper)

@@ -30,8 +30,8 @@ class Immovable:
         ]
 
     def left_out(self, order: PlatformOrder) -> PlatformOrder:
-        """Returns an order without the immovable servos, for each robot part that the order commands
-        completely. If no servo would remain, returns the order unchanged."""
+        """Returns `order` without immovable servos. They are left out only from robot parts that the order
+        commands completely. If no servo would remain, returns the order unchanged."""
         if not self._parts or order.servos.ndim != 1:
             return order
         named = {*order.servos.tolist()}

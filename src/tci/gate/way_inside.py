@@ -46,7 +46,8 @@ def creeping(speed: Array, *, straight: bool) -> Array:
 
 def sags(here: Array, bounds: Bounds, found: Array, measured: Array) -> bool:
     """Returns True if a servo has sagged: its reference is outside its limits, and its measured angle is now
-    farther outside than when the servo was found. All arguments are (n,) [rad], those of `was_there`."""
+    farther outside than when the servo was found. The arguments `here`, `found` and `measured` are those of
+    `was_there`."""
     sagged = np.where(here < bounds.lower, found - measured, measured - found)
     outside = (here < bounds.lower) | (here > bounds.upper)
     return bool(sagged.max(initial=0.0, where=outside) > LAGS)

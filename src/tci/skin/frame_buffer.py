@@ -59,7 +59,7 @@ class FrameBuffer:
         self.names = names
 
     def check(self, values: Values) -> None:
-        """Raises FrameError unless all `values` (channels,) fit the arranged patches.
+        """Raises FrameError unless all `values` (channels,) fit the patches given to `arrange`.
 
         Switches the buffer to float32 if the dtype of the values requires float32.
         """

@@ -63,7 +63,7 @@ class Shear:
 
 
 class ForceVectors:
-    """Force on the active taxels of a skin of which some patches have three-axis taxels."""
+    """Forces on the active taxels of a skin. Some patches of this skin have three-axis taxels."""
 
     def __init__(self, layout: SkinLayout) -> None:
         self._patches = layout.patches

@@ -53,7 +53,8 @@ class Solids:
 
     @staticmethod
     def of(clearance: Clearance) -> Solids:
-        """Returns the solids of the robot of a Clearance. Raises TciError if a joint is not a hinge."""
+        """Returns the solids of the robot whose distances `clearance` computes. Raises TciError if a joint is
+        not a hinge."""
         model, data = clearance.model, mujoco.MjData(clearance.model)
         mujoco.mj_kinematics(model, data)
         for joint in np.flatnonzero(model.jnt_type != mujoco.mjtJoint.mjJNT_HINGE).tolist():

@@ -168,8 +168,7 @@ def _limits(node: Node, faults: Faults) -> Limits:
 
 
 def check_range(node: Node, what: str, faults: Faults) -> bool:
-    """Returns True if the angle `min` of the node is below the angle `max`. Otherwise, records a fault and
-    does not swap the two angles."""
+    """Returns True if the angle `min` of the node is below the angle `max`. Otherwise, records a fault."""
     lower, upper = node.get("min"), node.get("max")
     if lower < upper:
         return True

@@ -120,8 +120,8 @@ def check_synergy(node: Node, generic: Sequence[GenericServo], faults: Faults) -
 
 
 def separable(coupled: Sequence[GenericServo]) -> bool:
-    """Returns True if the coupled joints of a part (at least one) combine only the servos of these joints,
-    and if the matrix of the factors is invertible."""
+    """Returns True if the joints `coupled` combine only their own servos, and if the matrix of the factors is
+    invertible. `coupled` must not be empty."""
     own = [joint.servo for joint in coupled]
     if any(term.servo not in own for joint in coupled for term in joint.terms):
         return False

@@ -152,7 +152,8 @@ def hand(
 
 
 def segment(body: FoundLimbs, points: LinkPoints, name: str, link: str, begin: Array, end: Array) -> Segment:
-    """Returns a segment of a limb on one of its links, from `begin` to `end` (3,) [m] in the frame H."""
+    """Returns a segment of a limb. `link` carries the segment, which lies between the points `begin` and
+    `end` (3,) [m] in the frame H."""
     R_RL, p_RL = points.link_pose(link)
     origin = R_RL.T @ (body.R_RH @ begin - p_RL)
     return Segment(name=name, link=link, origin=three(origin), length=float(np.linalg.norm(end - begin)))
@@ -180,8 +181,8 @@ def _matched(
 ) -> dict[str, tuple[int, float]]:
     """Matches each wanted axis to one joint with a similar axis.
 
-    Returns the joint by name of the wanted axis, with 1 or -1: the sign of the joint's axis along the wanted
-    axis.
+    Returns, by the name of each matched axis, the joint and a sign: 1 if the joint's axis points along the
+    wanted axis, -1 if it points the opposite way.
     """
     found: dict[str, tuple[int, float]] = {}
     for name, axis in wanted.items():

@@ -64,7 +64,8 @@ class LinkSurface:
         return LinkSurface(points, self.normals[::step], cKDTree(points))
 
     def distances(self, points: Array) -> Array:
-        """Returns the distances (n,) [m] of `points` (n, 3) [m] in the link from the surface."""
+        """Returns the distances (n,) [m] from the surface to `points` (n, 3) [m], which are in the link's
+        frame."""
         found: Array = self.tree.query(points)[0]
         return found
 

@@ -113,7 +113,7 @@ def _withdrawn(trace: Trace) -> float:
 
 
 def cop_error(trace: Trace) -> float | None:
-    """Returns the tangential distance [mm] between TCI's centre of pressure and the contact point of the
+    """Returns the distance [mm] along the skin between TCI's centre of pressure and the contact point of the
     physics simulation.
 
     The distance is measured in the skin frame with the largest force. Returns None if there is no such frame.

@@ -141,7 +141,7 @@ class Arm:
             self._perceive(self._rest, 1.0 / RATE)
 
     def _offsets(self, place: Place) -> tuple[Array, Array]:
-        """Returns the distances (taxels,) [m] of each taxel from a point: along the limb, and around the
+        """Returns two distances (taxels,) [m] of each taxel from a point: along the limb, and around the
         limb."""
         segment, u, theta = place
         _, x, angle, radius, _, length = self._sleeves[segment]

@@ -181,7 +181,7 @@ class OnlineTrajectory:
         return self._stopper.ahead(times)
 
     def ahead(self, time: float) -> Array:
-        """Returns the positions (n,) [rad] that the servos will have in `time` [s] if no new command
+        """Returns the positions (n,) [rad] that the servos will have after `time` [s] if no new command
         arrives."""
         if self._stopping or self._stopper.begun or not self._led:
             ahead: Array = self._stopper.ahead(np.array([time]))[0]

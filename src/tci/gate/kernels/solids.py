@@ -25,7 +25,7 @@ class Solids:
     servos: NDArray[np.intp]
     """Index (j,) of the servo that moves each joint. A joint comes after the joints that carry it."""
     zero: Array
-    """Angle (j,) [rad] of each servo at which the joint of the model is at zero."""
+    """For each joint (j,): angle [rad] of its servo while the joint of the model is at zero."""
     joints: Array
     """For each joint (j, 7): index of its parent joint, or -1; position [m] relative to the parent joint; and
     axis."""

@@ -38,8 +38,8 @@ def skin_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom) ->
 def best_cone(positions: Array) -> ConeFit | None:
     """Returns the cone with the least root mean square error; None for a flat skin.
 
-    The fit also changes the axis of the cone. It starts once from each of the three axes of the frame, and
-    the best result counts.
+    The fit also changes the axis of the cone. The fit starts once from each of the three axes of the frame,
+    and the best result counts.
     """
     fits = []
     for axis in np.eye(3):

@@ -1,6 +1,6 @@
 """A light grasp reflex: a hand closes and holds with little force if its palm is touched.
 
-The hand opens when a finger is pulled. This imitates the palmar grasp of an infant. The flexion of each
+The hand opens when a finger is pulled. The reflex imitates the palmar grasp of an infant. The flexion of each
 finger controls the force on this finger (integral force control, Raibert & Craig 1981). The robot needs
 generic fingers with skin on palm and finger tips. If several fingers share a motor, they close until one of
 them presses with enough force.

@@ -81,9 +81,9 @@ class Bounds:
         """Returns `velocity` (n,) [rad/s], with a reduced value for each servo that could not stop before its
         limit. The servos are at `position` (n,) [rad].
 
-        The reduction only makes the approach to a limit smooth. It is not needed for safety, since the gate
-        also checks, before each step, that the servos can still stop. If the servos would leave the bounds of
-        a coupling, all servos of this coupling are slowed down by one factor.
+        The reduction only makes the approach to a limit smooth. Safety does not depend on it: before each
+        step, the gate also checks that the servos can still stop. If the servos would leave the bounds of a
+        coupling, all servos of this coupling are slowed down by one factor.
         """
         margin = np.minimum(MARGIN, (self.upper - self.lower) / 2)
         room = np.where(velocity > 0.0, self.upper - margin - position, position - self.lower - margin)

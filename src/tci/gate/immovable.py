@@ -30,8 +30,8 @@ class Immovable:
         ]
 
     def left_out(self, order: PlatformOrder) -> PlatformOrder:
-        """Returns `order` without immovable servos. They are left out only from robot parts that the order
-        commands completely. If no servo would remain, returns the order unchanged."""
+        """Returns `order` without immovable servos. An immovable servo is left out only if the order commands
+        all servos of its robot part. If no servo would remain, returns the order unchanged."""
         if not self._parts or order.servos.ndim != 1:
             return order
         named = {*order.servos.tolist()}

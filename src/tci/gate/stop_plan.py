@@ -30,9 +30,9 @@ LONGEST_STOP = 512
 """Largest number of periods of a stop near a coupling, since this stop is checked period by period. Assumed:
 a stop from full speed takes a tenth of this number; a longer stop near a coupling is not permitted."""
 TURN = 1e-3
-"""Angle [rad] by which a coupling outside its bounds may move further out during a stop. This is necessary
-because the servos of a coupling come to rest at different times. Assumed: this angle is well below the
-backlash of joints."""
+"""Angle [rad] by which a coupling outside its bounds may move further out during a stop. This tolerance is
+necessary because the servos of a coupling come to rest at different times. Assumed: this angle is well below
+the backlash of joints."""
 
 
 class StopTrajectory:

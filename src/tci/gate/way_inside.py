@@ -1,5 +1,6 @@
 """The "way inside": the motion by which servos that were found outside their limits move back inside. This
-module computes its speed, and tells which part of it needs no check for self-collision."""
+module computes the speed of the motion, and tells which part of the motion needs no check for
+self-collision."""
 
 from __future__ import annotations
 

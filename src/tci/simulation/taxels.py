@@ -21,7 +21,7 @@ from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface, tangents
 
 _NEVER = int(np.iinfo(np.int64).max)
-"""Step number that no world ever reaches. It means that no further frame is due."""
+"""Step number that no world ever reaches, for a world in which no further frame is due."""
 
 
 class Taxels:

@@ -40,7 +40,8 @@ _COLOUR = (0.22, 0.23, 0.25, 1.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactTruth:
-    """Contacts of one patch according to the physics. This is the reference for all checks of the skin."""
+    """Contacts of one patch according to the physics. These contacts are the reference for all checks of the
+    skin."""
 
     patch: str
     force: float

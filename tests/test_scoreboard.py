@@ -144,3 +144,43 @@ def test_the_loop_is_judged_by_its_threads_time_and_told_beside_a_bare_loop(
     assert row.met == met
     assert "(4.0 and 3." in row.figure
     assert "2.0 kB (median), 40 kB (largest), 0.000 blocks kept; 0.25 page faults" in row.figure
+
+
+FUNCTION = """\
+    def function(self, a):
+        # adds
+        if (
+            a > 0
+        ):
+            b = a + 1
+            for c in range(b):
+                a += c
+        return (
+            a,
+            b,
+        )
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "lines"),
+    [
+        ("a > 0", "a >= 0", (2, 5)),
+        ("a + 1", "a - 1", (5, 6)),
+        ("range(b)", "range(None)", (6, 7)),
+        ("a += c", "a -= c", (7, 8)),
+        ("            b,\n", "            None,\n", (8, 12)),
+        ("            b,\n", "", (8, 12)),
+        ("self, a):", "self, a=1):", (0, 12)),
+        ("b = a + 1\n            for c in range(b)", "b = None\n            for c in range(1)", (2, 8)),
+    ],
+)
+def test_the_statement_that_a_mutant_changes_is_found(
+    tool: Any, before: str, after: str, lines: tuple[int, int]
+) -> None:
+    """A compound statement counts as its head if nothing else has changed."""
+    assert FUNCTION.count(before) == 1
+    found = tool("mutants").changed_statement(
+        FUNCTION.splitlines(), FUNCTION.replace(before, after).splitlines()
+    )
+    assert found == range(*lines)

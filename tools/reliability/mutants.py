@@ -24,7 +24,6 @@ from pathlib import Path
 
 import coverage
 import hypothesis
-import mutmut.__main__ as mutmut
 import pytest
 from _pytest.runner import runtestprotocol
 from mutmut.mutation import trampoline
@@ -69,23 +68,21 @@ class Trial:
 
 
 def mutants_of(path: Path, again: bool) -> list[Mutant]:
-    """Returns the mutants of a source file that have no result. If `again`, first deletes the results of
-    those that no test has detected."""
+    """Returns the mutants of a source file that have no result and, if `again`, those that no test has
+    detected."""
     data, spans = SourceFileMutationData(path=path), MutantLineSpans.load(path)
     data.load()
     data.meta_path = data.meta_path.absolute()  # the tests run in another folder
     assert spans is not None
-    if again:
-        forgotten = [name for name, code in data.exit_code_by_key.items() if code in (SURVIVED, NO_TESTS)]
-        data.exit_code_by_key.update(dict.fromkeys(forgotten))
-        data.save()
     lines = (Path("mutants") / path).read_text().splitlines()
 
     def source(name: str, span: LineSpan) -> list[str]:
         return [line.replace(name, "function") for line in lines[span.start - 1 : span.end]]
 
     found = []
-    for name in (name for name, code in data.exit_code_by_key.items() if code is None):
+    for name, code in data.exit_code_by_key.items():
+        if code is not None and not (again and code in (SURVIVED, NO_TESTS)):
+            continue
         mutated = name.rpartition(".")[2]
         unchanged = f"{mutated.rpartition('__mutmut_')[0]}__mutmut_orig"
         span = spans.span_by_function_name[unchanged]
@@ -157,7 +154,9 @@ class Judge:
         pid, status = os.waitpid(next(iter(self.running)), 0)
         failure = _read(self.running.pop(pid).failed)
         assert not status, f"without a mutant a fork ends with {status} in test {failure}"
-        waiting = random.Random(0).sample(self.mutants, len(self.mutants))  # what is judged first is a sample
+        waiting = random.Random(0).sample(self.mutants, len(self.mutants))
+        # Those without a result come last, in random order: what is judged then is a random sample.
+        waiting.sort(key=lambda mutant: mutant.data.exit_code_by_key[mutant.name] is None)
         for number, mutant in enumerate(waiting, start=1):
             while len(self.running) >= self.jobs:
                 self._wait()
@@ -272,6 +271,8 @@ def main() -> int:
     Environment variables: MINUTES is the time after which no other mutant is judged. JOBS is the number of
     processes.
     """
+    import mutmut.__main__ as mutmut  # changes how processes start, also for those that only import this file
+
     until = time.monotonic() + 60.0 * float(os.environ.get("MINUTES", "inf"))
     trampoline.set_mutant_under_test("mutant_generation")
     Path("mutants").mkdir(exist_ok=True)

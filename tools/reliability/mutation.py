@@ -43,9 +43,10 @@ def mutation(full: bool) -> Row:
         if before.get("sources") != now["sources"]:
             shutil.rmtree(MUTANTS, ignore_errors=True)
             MUTANTS.mkdir()
-        measured.write_text(json.dumps(now))
+            measured.write_text(json.dumps(now))
         again = ["again"] if before.get("tests") != now["tests"] else []
         subprocess.run([sys.executable, Path(__file__).with_name("mutants.py"), *again], cwd=ROOT, check=True)
+        measured.write_text(json.dumps(now))
     if full and measured.exists():
         subprocess.run([_tool("mutmut"), "export-cicd-stats"], cwd=ROOT, check=True, capture_output=True)
         counts = json.loads((MUTANTS / "mutmut-cicd-stats.json").read_text())

@@ -109,7 +109,8 @@ class Contacts(Frozen, Sequence["Contact"]):
     limb_point: Array
     """Position (c, 3) [limb lengths] on the generic limb (eq. 6); NaN if the patch is not on a limb."""
     begin: NDArray[np.int64]
-    """Index (c + 1,) of each contact's first taxel in the arrays below; the last element is their length."""
+    """Index (c + 1,) of each contact's first taxel in the arrays of taxels (k,) below; the last element is
+    k."""
     taxel: NDArray[np.int64]
     """Index (k,) of each taxel within its patch."""
     taxel_force: Array
@@ -137,7 +138,8 @@ class Contacts(Frozen, Sequence["Contact"]):
 
     @staticmethod
     def of(rows: Iterable[Contact]) -> Contacts:
-        """Returns the contacts `rows` as one `Contacts`. Each contact gets its own element in `sites`."""
+        """Returns an object with the contacts in `rows`, which may come from several `Contacts`. Each contact
+        gets its own element in `sites`."""
         if isinstance(rows, Contacts):
             return rows
         rows = tuple(rows)
@@ -171,8 +173,8 @@ _NUMBERS = ("onset", "displacement", "force", "peak", "area", "u", "theta", "tax
 
 
 class _Number:
-    """Attribute of a `Contact` whose value is a number. The value is the contact's element in the array of
-    `Contacts` with the name of the attribute."""
+    """Attribute of a `Contact` whose value is a number. The value is the contact's element in the attribute
+    of `Contacts` that has the same name."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
@@ -182,8 +184,8 @@ class _Number:
 
 
 class _Vector(_Number):
-    """Attribute of a `Contact` whose value is a vector (3,). The value is the contact's row in the array of
-    `Contacts` with the name of the attribute."""
+    """Attribute of a `Contact` whose value is a vector (3,). The value is the contact's row in the attribute
+    of `Contacts` that has the same name."""
 
     def __get__(self, contact: Contact, owner: type) -> Array:  # type: ignore[override]  # no number
         vector: Array = getattr(contact.table, self.name)[contact.row]

@@ -164,8 +164,8 @@ class Landmark:
     segment: str
     """Segment of the part that carries the skin; empty for skin without a segment."""
     towards: tuple[float, float, float]
-    """Direction (3,) while the part's generic joints are at zero: x forward, y left (for parts of the right
-    side: right), z up."""
+    """Direction (3,) of the ray while the part's generic joints are at zero: x forward, y left (for parts of
+    the right side: right), z up."""
 
 
 @dataclass(frozen=True, slots=True)

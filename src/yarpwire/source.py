@@ -11,7 +11,8 @@ LONGEST = 1 << 24
 """Length [bytes] of the longest message that is read. Assumed: more than any message needs, since the values
 of 4000 taxels have 32 kB."""
 LONGEST_LINE = 1 << 16
-"""Length [bytes] of the longest line of text. Assumed: this bounds the memory."""
+"""Largest length [bytes] of a line of text that is read. Assumed: valid lines are shorter. The limit bounds
+the used memory."""
 CHUNK = 1 << 16
 
 

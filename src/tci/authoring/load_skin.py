@@ -57,7 +57,7 @@ class PatchMeasurement:
     """Three forces [N] for each load: the known force, the force that the skin measured before the
     calibration, and the force that it measures with the calibration."""
     force: ForceFit | None = None
-    """Fit to the log of a force sensor; None without a log."""
+    """Gains of the taxels, fitted to the log of a force sensor, and their errors; None without a log."""
 
 
 def calibrate_patch(
@@ -198,8 +198,8 @@ class _LoadSession:
 
 
 def _pressed(session: _LoadSession, surface: Surface, weights: Sequence[float]) -> Iterator[Load]:
-    """Yields loads of known force, one after the other: by weights on a robot, by the finger in
-    simulation."""
+    """Applies known forces one after the other, and yields the frames under each force. On a robot a person
+    puts weights on the skin; in simulation the finger presses."""
     driver = session.driver
     generator = np.random.default_rng(0)
     for weight in weights:

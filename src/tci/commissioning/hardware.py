@@ -22,8 +22,8 @@ from tci.robot.description import Robot, Servo
 from tci.robot.kinematics import KinematicChain
 
 MOST = float(np.deg2rad(2.0))
-"""Largest motion [rad] of any servo. Assumed: a motion of this angle is visible, and too small to cause
-harm."""
+"""Largest permitted motion [rad] of any servo. Assumed: a motion of this angle is visible, and too small to
+cause harm."""
 STEPS = np.deg2rad([0.03, 0.1, 0.3, 1.0, 1.8])
 """Successive displacements [rad] of a servo from its start. The first displacement is so small that the
 motion stays below MOST even if a wrong unit (degrees used as radians) makes the motion 57 times larger. The
@@ -50,7 +50,7 @@ ADVICE = {
     Code.MOVED_WRONG_WAY: "command and encoder have opposite signs: correct the robot's driver",
     Code.MOVED_TOO_FAR: "a unit is wrong: degrees and radians differ by 57.3",
 }
-"""Advice to the operator for each code of the reasons for which a motion ends early."""
+"""Advice to the operator if a motion ends early, by the code of the reason."""
 ELSE = "check cables, and the order of joints in the binding, before anything else"
 """Advice to the operator for all codes that are not in ADVICE."""
 
@@ -104,9 +104,9 @@ class ServoCheck:
         return _verdict(self.driver.robot, servo, way * moved, reason, noise, seen)
 
     def _out(self, servo: Servo, start: Array, way: float, noise: float) -> tuple[Array, Reason | None]:
-        """Moves a servo away from the angle in `start` in STEPS. `way` (1 or -1) is the direction of the
-        motion. Returns the total motion (n,) [rad] of all servos, and the reason for an early end. The reason
-        is None if all steps were executed.
+        """Moves a servo away from its angle in `start`, by each displacement of STEPS in turn. `way` (1 or
+        -1) is the direction of the motion. Returns the total motion (n,) [rad] of all servos, and the reason
+        for an early end. The reason is None if all steps were executed.
         """
         moved = np.zeros(len(start))
         here = start[servo.index]

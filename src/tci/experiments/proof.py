@@ -30,8 +30,8 @@ from tci.robot.kinematics import KinematicChain
 from tci.simulation.world import World
 
 RANGE = np.deg2rad([[-10, 95], [0, 75], [-30, 65], [15, 90], [-60, 60]])
-"""Range [rad] of each generic angle in which axes are compared, one row for each joint from shoulder to
-pronation. Assumed: most humanoid arms can reach these angles."""
+"""Range [rad] of each generic angle in the random postures for `compare_axes`, one row for each joint from
+shoulder to pronation. Assumed: most humanoid arms can reach these angles."""
 POSTURES = 400
 """Number of random postures in which axes are compared. Assumed: this number is sufficient for five joints,
 and the comparison takes less than one second."""
@@ -39,11 +39,13 @@ LEAST_SHARE = 0.25
 """Least fraction of the random postures that must be within the servos' limits. Assumed: with a wrong sign or
 offset, a far smaller fraction is within the limits."""
 AXIS = 0.5
-"""Largest angle [degrees] between an axis of the robot and the corresponding axis of the generic arm.
-Assumed: larger than the effect of rounding in published models, smaller than the effect of a wrong mount."""
+"""Largest permitted angle [degrees] between an axis of the robot and the corresponding axis of the generic
+arm. Assumed: larger than the effect of rounding in published models, smaller than the effect of a wrong
+mount."""
 SLOWEST = {50.0: 43.0, 100.0: 33.0}
-"""Longest time [ms] from touch to motion, by the frame rate [Hz] of the skin. The time consists of one frame
-period of the skin, and of 23 ms for gate and servo. Assumed: the robots in `tci demo` need less time."""
+"""Longest permitted time [ms] from touch to motion, by the frame rate [Hz] of the skin. The time consists of
+one frame period of the skin, and of 23 ms for gate and servo. Assumed: the robots in `tci demo` need less
+time."""
 TARGETS, PACE = 8, 0.4
 """Number of random targets far outside the limits, and time [s] for each target. Assumed: an arm at full
 speed reaches a limit within this time."""
@@ -55,7 +57,7 @@ class Axes:
 
     part: str
     within_limits: int
-    """Number of postures, of the POSTURES tried, that are within the servos' limits."""
+    """Number of the random postures that are within the servos' limits; POSTURES were tried."""
     worst_deg: float
     """Largest angle [degrees] between corresponding axes."""
 

@@ -1,4 +1,4 @@
-"""Commands to all servos of a robot part if some of these servos can't be moved.
+"""Handles commands to all servos of a robot part in which some servos can't be moved.
 
 Programs for control boards command all joints of a board, including joints without known limits, which can't
 be moved. A joint that can't be moved keeps its position, and the other joints follow the command. If no joint
@@ -30,8 +30,8 @@ class Immovable:
         ]
 
     def left_out(self, order: PlatformOrder) -> PlatformOrder:
-        """Returns `order` without immovable servos. An immovable servo is left out only if the order commands
-        all servos of its robot part. If no servo would remain, returns the order unchanged."""
+        """Returns an order without the immovable servos of each robot part whose servos are all in the order.
+        If no servo would remain, returns the order unchanged."""
         if not self._parts or order.servos.ndim != 1:
             return order
         named = {*order.servos.tolist()}
@@ -47,7 +47,7 @@ class Immovable:
 
 
 def is_movable(servo: Servo) -> bool:
-    """Returns True if all limits of a servo are known that are required to move it."""
+    """Returns True if the description contains all limits that the gate needs to move a servo."""
     try:
         check_limits(servo)
     except CommandError:

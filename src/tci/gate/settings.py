@@ -57,7 +57,7 @@ class GateCounts:
 
 
 class Tally:
-    """Counters of a gate while they change."""
+    """Counters that a gate increases while it runs."""
 
     def __init__(self) -> None:
         self.steps = self.holds = self.stops = self.refusals = self.near_misses = 0

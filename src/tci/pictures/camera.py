@@ -11,8 +11,8 @@ from tci.errors import TciError
 from tci.frames import Array, apply, invert, read_only, transform
 
 _NEAREST = 1e-3
-"""Least depth [m] of the points in a picture for which a camera is fitted. Assumed: with this depth all
-points are in front of the camera."""
+"""Least distance [m] between the points and the camera that `fit` returns, along the camera's axis. Assumed:
+with this distance, rounding errors move no point behind the camera."""
 _HALVINGS = 60
 
 

@@ -68,8 +68,8 @@ class JointCalibration(Description):
                 raise UnknownNameError("servo of a joint calibration", name, names)
 
     def values(self, robot: Robot, field: Literal["coulomb", "viscous", "rotor"]) -> Array:
-        """Returns the values (n,) of one `field` for all servos. Unknown friction is NaN, and an unknown
-        rotor inertia is 0."""
+        """Returns the values (n,) of one `field` of `JointFriction` for all servos. Unknown friction is NaN,
+        and an unknown rotor inertia is 0."""
         unknown = 0.0 if field == "rotor" else np.nan
         found: Mapping[str, JointFriction] = self.friction
         return np.array([getattr(found[s.name], field) if s.name in found else unknown for s in robot.servos])

@@ -29,7 +29,7 @@ except ModuleNotFoundError:  # pragma: no cover - on Windows
     fcntl = None  # type: ignore[assignment]  # the module is missing
 
 FOLDER = "TCI_LEASES"
-"""Name of the environment variable that replaces the folder for leases, for example by a folder that several
+"""Environment variable with the path of another folder for leases, for example a folder that several
 containers share."""
 VALID = (
     f"valid: a folder of your own; {FOLDER} names another, the same in every program that commands the robot"
@@ -77,8 +77,8 @@ class Lease:
 
     def check_inside(self) -> None:
         """Checks a lease that only this process can acquire, because the lease's name contains the number of
-        the process. The result is that of `check`, but no file is read while no other thread has the lease:
-        this would take a twentieth of a simulated period."""
+        the process. The result is that of `check`. If no other thread has the lease, this method reads no
+        file, since reading takes a twentieth of a simulated period."""
         if os.getpid() != self._owner or any(
             one is not self and one._path == self._path for one in tuple(_HELD)
         ):
@@ -137,7 +137,7 @@ class Lease:
 
 
 def _is_at(path: Path, found: os.stat_result) -> bool:
-    """Returns True if the file at `path` is still the file with the status `found`."""
+    """Returns True if the file at `path` is still the file that `found` describes."""
     try:
         return os.path.samestat(os.lstat(path), found)
     except OSError:

@@ -68,7 +68,7 @@ class Session:
             observe: Function that the session calls with each tick.
         """
         self.source = driver
-        """The robot's own driver."""
+        """The driver of the robot, without injected faults."""
         self.driver = FaultInjector(driver, faults, flicker=flicker) if faults else driver
         """The driver that the capability uses. This is `source`, or a driver that injects faults into
         `source`.

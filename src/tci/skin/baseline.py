@@ -96,8 +96,8 @@ class Baseline:
         """
         self.settings = settings
         self.offset = np.zeros(count)
-        """Rest value (n,) [counts] relative to the rest value in the description. The sign is such that
-        pressure increases a value."""
+        """Rest value (n,) [counts] relative to the rest value in the description. If pressure decreases the
+        sensor's raw values, the sign of this number is reversed."""
         self.noise = np.full(count, noise)
         """Standard deviation (n,) [counts] of the noise."""
         self.threshold = settings.threshold * self.noise
@@ -112,7 +112,7 @@ class Baseline:
         self._slew = settings.drift_rate * span
         self._neighbours = np.ascontiguousarray(neighbours, np.int64)
         self.rested = np.zeros(count, dtype=bool)
-        """True (n,) for each taxel that has been at rest."""
+        """True (n,) for each taxel that has been at rest in at least one estimation window."""
         initialised = np.zeros(count, dtype=bool)
         self.frozen = np.zeros(count, dtype=bool)
         """True (n,) for taxels with a measured noise of `lively` or more that were constant in the latest

@@ -112,11 +112,12 @@ class SkinLayout:
     segments: Places
     """Index (p,) of each patch's segment in SEGMENTS; -1 if the segment is not in SEGMENTS."""
     taxels: tuple[slice, ...]
-    """Taxels of each patch (p,) within the whole skin."""
+    """Slice (p,) of each patch in arrays with one element per taxel of the whole skin."""
     channels: tuple[slice, ...]
-    """Channels of each patch (p,) within the buffer of raw values."""
+    """Slice (p,) of each patch in the buffer of raw values."""
     starts: Places
-    """First taxel (p + 1,) of each patch within the whole skin."""
+    """Index (p + 1,) of each patch's first taxel within the whole skin; the last element is the number of
+    taxels."""
     dtype: np.dtype[Any]
     """Dtype of raw values: uint8 if uint8 can represent the range of every sensor, else float32."""
     arrays: LayoutArrays
@@ -280,7 +281,7 @@ def _dtype(sensors: Sequence[Sensor]) -> np.dtype[Any]:
 
 
 def _sensor(patch: SkinPatch) -> tuple[float, float, float, float, float]:
-    """Returns a row of `LayoutArrays.sensor`."""
+    """Returns the row of `LayoutArrays.sensor` for one patch."""
     one = patch.description.sensor
     return one.lowest, one.highest, one.rest, float(np.sign(one.pascal_per_count)), patch.full
 
@@ -297,8 +298,8 @@ def _spans(channels: NDArray[np.intp]) -> list[tuple[int, int, bool]]:
 def _grid(surface: Surface) -> tuple[Array, Places, Places]:
     """Returns a surface's grid of cells.
 
-    The result is `LayoutArrays.box` (7,) of the patch, the start of each cell's faces (cells + 1,), and the
-    faces.
+    The result consists of three arrays: `LayoutArrays.box` (7,) of the patch, the index (cells + 1,) of each
+    cell's first face in the third array, and the faces of all cells, cell by cell.
     """
     if not len(surface.faces):
         return np.zeros(7), np.zeros(1, np.int64), np.zeros(0, np.int64)

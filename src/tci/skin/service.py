@@ -69,8 +69,8 @@ class SkinService:
 
         - `every`: each state in turn.
         - `latest`: the newest state. Earlier states are skipped.
-        - `change`: the newest state in which the force on any patch (or on the region) differs by more than
-          `step` [N] from the last state that was read.
+        - `change`: the newest state in which the force on any patch (or on the `region`, if given) differs by
+          more than `step` [N] from the last state that was read.
 
         Raises UnknownNameError for another mode. Raises TciError for a negative or infinite step.
         """

@@ -51,8 +51,8 @@ PATIENCE = 0.1
 """Longest time [s] from the first to the last piece of a message. Assumed: a sender sends all pieces of a
 message without a pause."""
 PIECE = 65_487 if sys.platform == "linux" else 1435
-"""Largest number of bytes of a message in one datagram. LCM uses the same limits, since some systems refuse
-longer datagrams."""
+"""Largest number of bytes of a message in one datagram. The value depends on the operating system, as in
+LCM's own library, since some systems refuse longer datagrams."""
 _SHORT, _LONG = struct.Struct(">4sI"), struct.Struct(">4sIIIHH")
 IP_MULTICAST_ALL = 49
 """Number of the Linux socket option IP_MULTICAST_ALL, which Python does not define. By default, a socket also

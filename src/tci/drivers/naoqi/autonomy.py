@@ -57,8 +57,8 @@ class Mover:
         return self.service, self.method, self.off
 
     def turn(self, session: Any, arguments: tuple[Any, ...]) -> None:
-        """Switches the motion off or on; `arguments` are the attribute `off` or the attribute `on`. Raises
-        DriverError if the call fails."""
+        """Switches the motion off if `arguments` is the attribute `off`, and on if it is the attribute `on`.
+        Raises DriverError if the call fails."""
         method = getattr(service(session, self.service), self.method)
         answer(method(*arguments, _async=True), f"{self.service}.{self.method}", timeout=PATIENCE)
 
@@ -93,8 +93,8 @@ def reflexes(motion: Any) -> list[str]:
 
 
 def switch_off(session: Any, found: list[Mover]) -> None:
-    """Switches autonomous motions off. If a motion can't be switched off, switches the previous motions on
-    again and raises DriverError."""
+    """Switches autonomous motions off. If one of them can't be switched off, switches the others on again and
+    raises DriverError."""
     done: list[Mover] = []
     for mover in found:
         try:

@@ -33,8 +33,8 @@ class Currents:
             *(words.current_key(name) for name in chosen),
             *(words.angle_key(name, "Actuator") for name in chosen),
         ]
-        """ALMemory keys of the currents and the commanded angles of these servos. The list is empty if no
-        constant is known."""
+        """ALMemory keys: first the currents, then the commanded angles, of all servos with a known
+        constant."""
 
     def torque(self, values: Sequence[Any], position: Array) -> Array:
         """Returns the torques (n,) [N m] of all servos.

@@ -1,5 +1,5 @@
 """Serves a robot as a Player server with one actarray device per part, one opaque device per patch, and
-devices for the messages of `remote`."""
+devices for the messages between TCI processes (`tci.drivers.remote`)."""
 
 from __future__ import annotations
 
@@ -219,7 +219,8 @@ class PlayerServer(RemoteServer):
 
     @contextlib.contextmanager
     def _drop_on_error(self, client: _Client) -> Iterator[None]:
-        """Disconnects the client if the block inside raises OSError, FrameError or struct.error."""
+        """Disconnects the client if the code in the `with` block raises OSError, FrameError or
+        struct.error."""
         try:
             yield
         except OSError:

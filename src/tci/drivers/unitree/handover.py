@@ -27,18 +27,18 @@ DAMPED = 0.2
 """Time [s] for which the motors are damped at the end of control over rt/lowcmd. Assumed: joints come to rest
 in this time."""
 DAMPING = 2.0
-"""Gain [N m s/rad] of the damping at the end of control over rt/lowcmd. Assumed: this is twice the gain of
-the vendor's examples for arms."""
+"""Gain [N m s/rad] of the damping at the end of control over rt/lowcmd. Assumed: twice the gain in the
+vendor's examples for arms is sufficient."""
 QUIET = 0.1
-"""Time [s] without new targets after which target velocities and torques are set to zero. Assumed: equal to
-the largest age of a usable state."""
+"""Time [s] without new targets after which TCI sends zero velocities and torques. Assumed: equal to the
+largest age of a usable state."""
 LONGEST = 0.02
 """Largest time [s] by which one step advances the handover. Without this bound, the weight would jump after a
 pause of the process. Assumed: five periods are enough for normal delays."""
 LEFT = 0.1
-"""Threshold [rad] for a motor that has left its target during a gap in the states. The motor has left its
-target if its distance from the target has grown by more than this. Assumed: if the posture of the robot's own
-controller is 1 rad away, a motor moves by this angle in 0.2 s of the handover."""
+"""A motor has left its target if its distance from the target has grown by more than this [rad] during a gap
+in the states. Assumed: the robot's own controller moves a motor by this angle in 0.2 s, if that controller's
+posture is 1 rad away."""
 ROWS = 5
 Q, DQ, TAU, KP, KD = range(ROWS)
 """Rows of targets (5, 29): angle, velocity, torque and gains of each motor."""
@@ -67,8 +67,8 @@ class Handover:
         rt/lowcmd."""
         self.phase = Phase.WAITING
         self.weight = 0.0
-        """Weight (0..1) of TCI's targets over rt/arm_sdk. Over rt/lowcmd, fraction (0..1) of the full
-        stiffness."""
+        """For control over rt/arm_sdk: weight (0..1) of TCI's targets. For control over rt/lowcmd: fraction
+        (0..1) of the full stiffness."""
         self._gains, self._whole = gains, whole
         self._goal = np.zeros((ROWS, MOTORS))
         self._now = self._told = 0.0

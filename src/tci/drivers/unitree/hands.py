@@ -89,7 +89,8 @@ class Hand:
         self.frames: tuple[SkinFrame, ...] = ()
         """Latest frame of each patch; empty before the first state."""
         self.state: Any = None
-        """Latest records (m,) of MOTOR_STATE. The value is None before the first state."""
+        """Latest states (m,) of the hand's motors, as records MOTOR_STATE. The value is None before the first
+        state."""
         self.stamp = -np.inf
         """Time [s] of the latest state."""
         self.fault = ""

@@ -1,4 +1,4 @@
-"""Checks in each state of a robot if TCI may command the robot."""
+"""Decides from the states that a robot sends if TCI may command the robot."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from tci.errors import DriverError
 from tci.frames import Array
 
 STALE = 0.1
-"""Largest age [s] of the last good state with which TCI still sends new targets. Assumed: shorter and
-therefore safer than the vendor's own limit of 1 s. After this time, fifty states at 500 Hz are missing."""
+"""Age [s] of the last good state above which TCI sends no new targets. Assumed: shorter and therefore safer
+than the vendor's own limit of 1 s. After this time, fifty states at 500 Hz are missing."""
 TILT = 1.0
 """Largest tilt [rad] of the pelvis; the vendor's limit."""
 SPEED = 10.0
@@ -24,7 +24,7 @@ CASING, WINDING = 85, 120
 """Largest temperatures [C] of a motor's casing and winding; the vendor's limits. Assumed: the motors of
 fingers have equal limits."""
 L2, B = 1 << 5, 1 << 9
-"""Bits of the buttons L2 and B in bytes 2 and 3 of the remote's data."""
+"""Bits of the buttons L2 and B in bytes 2 and 3 of the remote control's data."""
 
 
 class Health:
@@ -104,7 +104,7 @@ def motor_fault(motors: Any, names: Sequence[str]) -> str:
     """Returns the name and the fault of the first motor with a fault. The text is empty if no motor has a
     fault.
 
-    `motors` are records (k,) of MOTOR_STATE.
+    `motors` (k,) are the states of the motors, as records MOTOR_STATE.
     """
     if np.any(bad := motors["motorstate"] != 0):
         return _named(names, bad, "reports the error", motors["motorstate"])

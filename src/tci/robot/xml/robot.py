@@ -133,7 +133,8 @@ def _bindings(root: Node, servos: Servos, patches: Sequence[Patch], faults: Faul
 
 
 def _check_modules(node: Node, address: Address, channels: Mapping[str, int], faults: Faults) -> None:
-    """Checks that the modules of an address contain the channels of its patch."""
+    """Checks that the skin modules in an address have as many taxels as the patch, and exist in its raw
+    frame."""
     if address.channels is None and not address.modules:
         return
     own, wide = channels.get(address.of, 0), address.channels or 0

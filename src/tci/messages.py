@@ -127,7 +127,8 @@ class SkinState(Frozen):
     sequence: NDArray[np.int64]
     """Sequence number (p,) of each patch's latest frame; -1 before the first frame."""
     begin: NDArray[np.int64]
-    """Index (p + 1,) of each patch's first active taxel in the arrays below."""
+    """Index (p + 1,) of each patch's first active taxel in the arrays of active taxels (k,); the last element
+    is k."""
     active: NDArray[np.int32]
     """Index (k,) of each active taxel within its patch, in increasing order."""
     pressure: Array

@@ -64,7 +64,8 @@ def calibrate(
 
 
 def measured_counts(counts: Array, noise: Array) -> Array:
-    """Returns `counts` (frames, n) away from rest, with 0 in place of counts that conditioning would ignore.
+    """Returns `counts` (frames, n), the deviations from rest, with 0 in place of values that conditioning
+    would ignore.
 
     `noise` (n,) [counts] are standard deviations.
     """

@@ -76,8 +76,8 @@ def locate_taxels(touches: Sequence[ProbeTouch], initial: Array) -> LocatedTaxel
 
     The initial positions may have errors of about 10 mm. The response of taxel i at x_i to touch t is
     modelled as A_t exp(-|x_i - c_t|^2 / 2 w^2), with peak c_t and width w. The Gauss-Newton method finds all
-    x_i, A_t, c_t and w at once. Raises TciError for touches with another number of taxels, or for fewer than
-    3 touches that were felt.
+    x_i, A_t, c_t and w at once. Raises TciError if a touch does not have n responses, or if fewer than 3
+    touches were felt.
     """
     initial = np.asarray(initial, dtype=float)
     count = len(initial)
@@ -117,8 +117,8 @@ def locate_taxels(touches: Sequence[ProbeTouch], initial: Array) -> LocatedTaxel
 class _Problem:
     """Least-squares problem of `locate_taxels`.
 
-    The unknowns of this problem are the taxels (n, 3), the peaks (t, 3), the logarithms of A (t,), and 1 / 2
-    w^2.
+    The unknowns of this problem are the positions (n, 3) of the taxels, the peaks c_t (t, 3), the logarithms
+    (t,) of A_t, and 1 / (2 w^2).
     """
 
     def __init__(
@@ -206,5 +206,5 @@ class _Problem:
         return coo_array(entries, shape=(height, 3 * n + 4 * t + 1)).tocsr(), np.concatenate(residuals)
 
     def _firsts(self) -> NDArray[np.intp]:
-        """Returns the index of the first response of each touch."""
+        """Returns for each touch the index of its first response in the list of all responses."""
         return np.searchsorted(self.rows, np.arange(len(self.points)))

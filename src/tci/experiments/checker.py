@@ -77,9 +77,9 @@ def _servo_faults(servo: Servo, angles: Array, period: float) -> list[str]:
 
 
 def _coupling_faults(coupling: Coupling, sent: Sequence[SafeCommand], measured: Sequence[Array]) -> list[str]:
-    """Returns a sentence about the first command that violates a coupling.
+    """Returns a list with a sentence about the first command that violates a coupling; else an empty list.
 
-    The measured angle is used for a servo without a command.
+    For a servo without a command, this function uses the measured angle.
     """
     for command, here in zip(sent, measured, strict=True):
         angles = here.copy()

@@ -86,10 +86,10 @@ def fit(
     height: int = 600,
     frame: Array | None = None,
 ) -> Camera:
-    """Returns the camera that shows all `points` (n, 3) [m] of the world as large as possible, with the other
-    arguments of `look_at`.
+    """Returns the camera that shows all `points` (n, 3) [m] of the world as large as possible.
 
-    A fraction `margin` of the picture stays free on each side. Raises the errors of `look_at`.
+    A fraction `margin` of the picture stays free on each side. The other arguments and the errors are those
+    of `look_at`.
     """
     camera = look_at(
         (0.0, 0.0, 0.0), azimuth=azimuth, elevation=elevation, distance=1.0,

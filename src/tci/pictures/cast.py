@@ -78,7 +78,8 @@ class Caster:
         self._surfaces = np.append(surfaces, -1).astype(np.int32)
 
     def cast(self, camera: Camera, pixels: Array, *, opaque: bool = True, glass: bool = False) -> Hits:
-        """Returns the nearest hits of the rays through `pixels` (n, 2) on geoms of the selected kinds."""
+        """Returns the nearest hit of the ray through each of the `pixels` (n, 2). The rays hit `opaque`
+        geoms, `glass`, or both, as these arguments say."""
         groups = np.zeros(mujoco.mjNGROUP, dtype=np.uint8)
         groups[_OPAQUE], groups[_GLASS] = opaque, glass
         origin = np.ascontiguousarray(camera.T_WC[:3, 3])

@@ -1,4 +1,4 @@
-"""The topics of a file that is being written. A topic gets its channel when its first message is written."""
+"""Writes the topics of a recording. A topic gets its channel when its first message is written."""
 
 from __future__ import annotations
 

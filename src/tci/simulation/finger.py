@@ -117,7 +117,7 @@ class Finger:
         """State and measurements of the finger. `stepping` defines the indices."""
         self.state[at.LEADS] = DAMPING / STIFFNESS
         self.traced = np.empty((TRACE, 3))
-        """Ring buffer of time [s], contact force [N] and path of the base [m] of the latest steps."""
+        """Ring buffer of the rows of `trace`."""
         self.retire()
 
     def retire(self) -> None:
@@ -173,7 +173,8 @@ class Finger:
 
     @property
     def trace(self) -> Array:
-        """Time [s], contact force [N] and path of the base [m] (steps, 3) in the last 60 000 steps."""
+        """Array (steps, 3) with the time [s], the contact force [N], and the distance [m] that the base has
+        moved in this poke, for each of the last 60 000 steps."""
         count = int(self._physics.whole[at.TRACED])
         if count <= TRACE:
             return self.traced[:count].copy()

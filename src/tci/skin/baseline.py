@@ -115,9 +115,9 @@ class Baseline:
         """True (n,) for each taxel that has been at rest in at least one estimation window."""
         initialised = np.zeros(count, dtype=bool)
         self.frozen = np.zeros(count, dtype=bool)
-        """True (n,) for taxels with a measured noise of `lively` or more that were constant in the latest
-        window. The rest value and noise of these taxels are not updated until the taxel has changed for a
-        whole window."""
+        """True (n,) for each taxel with a measured noise of `lively` or more whose value was constant in the
+        latest window. The rest value and noise of such a taxel are not updated, also not in the first window
+        in which its value changes again."""
         self._estimates = BaselineArrays(
             self.offset, self.noise, self.threshold, initialised, self.rested, self.frozen, np.zeros(count)
         )

@@ -160,5 +160,5 @@ class Controls:
 
 
 def _on_slider(degrees: float, low: float, high: float) -> float:
-    """Returns the nearest value [deg] to which a slider with the range `low` to `high` can be set."""
+    """Returns the value [deg] nearest to `degrees` that a slider with the range `low` to `high` can have."""
     return float(np.clip(round(degrees / STEP) * STEP, low, high))

@@ -37,10 +37,11 @@ URL = "udpm://239.255.76.67:7667?ttl=0"
 """Default URL of LCM. With ttl=0, messages stay on this machine."""
 VALID = f"valid: {URL}; with ttl=1 everybody on the local network may read and command"
 PER_POLL = 1024
-"""Largest number of datagrams that one call of `poll` reads. Assumed: usually fewer datagrams wait, so `poll`
-reads the latest datagram; if very many datagrams arrive, this number bounds the time of the call."""
+"""Largest number of datagrams that one call of `poll` reads. Assumed: usually fewer datagrams wait, so one
+call reads them all. If very many datagrams arrive, this number bounds the time of the call."""
 BUFFER = 1 << 18
-"""Size [bytes] of the operating system's send and receive buffers. Assumed: twice the longest message."""
+"""Size [bytes] of the operating system's send and receive buffers. Assumed: twice the length of the longest
+message is sufficient."""
 LONGEST = 1 << 17
 """Length [bytes] of the longest accepted message. Assumed: a message of TCI fits in two datagrams of the
 largest size."""

@@ -39,7 +39,7 @@ STEP = 0.001
 uses the bound to estimate when the next frame is due."""
 FIRST = 0.003
 """If a skin frame is expected within this time [s], the poller requests the skin first and the joints second.
-Assumed: `EARLY` + `LATE`."""
+Assumed: `EARLY` + `LATE` is a suitable time."""
 SLOW = 0.05
 """Time [s] between two requests for stiffness. Assumed: stiffness changes slowly."""
 

@@ -1,7 +1,8 @@
 """A driver over any kind of ROS, for robots that a TCI process serves and for robots with their own ROS
 topics. A new driver detects which of these two kinds the robot is. If a TCI process serves the robot, that
-process sends states and accepts orders (`remote`), and its gate plans the motion. If the robot has its own
-ROS topics, the gate in the driver's process plans the motion, and the driver sends set-points to the robot.
+process sends states and accepts orders (see `tci.drivers.remote`), and its gate plans the motion. If the
+robot has its own ROS topics, the gate in the driver's process plans the motion, and the driver sends
+set-points to the robot.
 """
 
 from __future__ import annotations

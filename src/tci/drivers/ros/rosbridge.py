@@ -36,7 +36,8 @@ ADDRESS = re.compile(
     r"(?P<host>[A-Za-z0-9_.-]*|\[[0-9a-fA-F:]+\])(:(?P<port>[0-9]{1,5}))?(?P<namespace>/.*)?"
 )
 TIMES = {"secs": "sec", "nsecs": "nanosec"}
-"""Field names of a time: the keys are the names in ROS 1, the values the names in ROS 2."""
+"""Names of the two fields in a message's time: the keys are the names in ROS 1, the values the names in ROS
+2."""
 
 
 class RosbridgeNode(RosNode):

@@ -1,4 +1,5 @@
-"""Server of a robot in ROS: topics of ros2_control for any ROS node, and `remote` for other TCI processes.
+"""Server of a robot in ROS: topics of ros2_control for any ROS node, and topics of `tci.drivers.remote` for
+other TCI processes.
 
 docs/ros.md lists the topics of the server. `Names` defines the names of the topics.
 """

@@ -76,8 +76,8 @@ def _pads(valid: NDArray[np.bool_], listed: NDArray[np.intp]) -> NDArray[np.bool
     """Returns an array (n,) that is True for channels that are thermal pads.
 
     Newer files mark pads by -2 in the list `taxel2Repr`. Older files mark them by -1 in a row that has a
-    position, or have no such list. If no pads are marked, the pads are the two usual indices of each module
-    with a position.
+    position, or have no such list. If no pads are marked, the pads are the channels PADS_OF_MODULE of each
+    module that has a position.
     """
     pads = np.zeros(len(valid), dtype=bool)
     pads[: len(listed)] = (listed == -2) | ((listed == -1) & valid[: len(listed)])

@@ -99,7 +99,7 @@ def schema_path() -> Path:
 
 
 def _bindings(root: Node, servos: Servos, patches: Sequence[Patch], faults: Faults) -> tuple[Binding, ...]:
-    """Reads the bindings. Addresses of patches with faults are not checked."""
+    """Reads the bindings. Does not check an address if the description of its patch has faults."""
     skin = root.first("skin")
     names = [patch.get("name") for patch in skin.all("patch")] if skin is not None else []
     known = {name for servo in servos.all for name in (servo.name, servo.robot_part)}

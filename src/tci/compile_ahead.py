@@ -37,7 +37,7 @@ whole time, so more workers would hardly be faster."""
 Loop = tuple[Any, tuple[Any, ...]]
 """A numba function that is not compiled yet, and its signatures."""
 waiting: list[Loop] = []
-"""Loops of a worker, in the order of their import."""
+"""Loops that this worker process has imported and may have to compile, in the order of their import."""
 _tried = False
 
 

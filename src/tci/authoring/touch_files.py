@@ -1,4 +1,4 @@
-"""Files of touches at known places, and of taxels that were located by these touches."""
+"""Reads files of touches at known places, and writes files of taxels that were located by these touches."""
 
 from __future__ import annotations
 

@@ -31,8 +31,8 @@ hundred connections between two checks."""
 SO_DOMAIN = 39
 """Linux's socket option SO_DOMAIN, the address family of a socket. Python does not define the option."""
 INFO = 256
-"""Number of bytes that are read of Linux's `struct tcp_info`. In newer versions of Linux, the struct is
-longer."""
+"""Number of bytes that TCI reads from the beginning of Linux's `struct tcp_info`. In newer versions of Linux,
+the struct is longer."""
 SILENT_AT, RECEIVED_AT = 52, 128
 """Offsets [bytes] of two values in `struct tcp_info`: the time [ms] since data last arrived (u32), and the
 number of bytes received (u64)."""

@@ -15,8 +15,8 @@ from tci.messages import Mode
 from tci.robot.description import Coupling, Robot, Servo
 
 COMMAND_TOLERANCE = 1e-6
-"""Relative excess over a limit that is tolerated, because the finite differences in this module have rounding
-errors."""
+"""Fraction by which a command may exceed a limit, and angle [rad] by which it may exceed a coupling, because
+the finite differences in this module have rounding errors."""
 HELD = 1e-9
 """Largest change [rad] of a position that counts as a rounding error instead of a motion."""
 STOP_TOLERANCE = float(np.deg2rad(0.1))

@@ -1,6 +1,6 @@
 """Trials with one poke in the middle of every patch.
 
-A response of the robot must not press the skin against the finger.
+The trials show if the robot's response presses the skin against the finger, which is a fault.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""A run with a recording, injected faults and a log of events. The command `tci run` uses this module."""
+"""Runs a capability with a recording, injected faults and a log of events. The command `tci run` uses this
+module."""
 
 from __future__ import annotations
 

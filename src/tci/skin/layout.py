@@ -1,4 +1,5 @@
-"""Arrays with all taxels of one robot, in the form that the stages of perception read."""
+"""Builds arrays with the data of all taxels of one robot. Skin conditioning and the search for contacts read
+these arrays."""
 
 from __future__ import annotations
 

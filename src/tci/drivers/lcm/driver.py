@@ -147,7 +147,8 @@ class LcmDriver(RemoteDriver):
 
     @property
     def lost(self) -> int:
-        """Number of messages that other processes sent to the group and that never arrived."""
+        """Number of messages that other processes sent to the multicast group, and that this process never
+        received."""
         return self._bus.receiver.datagrams.lost
 
     def diagnose(self) -> tuple[Finding, ...]:

@@ -21,7 +21,7 @@ PATIENCE = 5.0
 LIFE_OFF = "disabled"
 """State of autonomous life in which the robot moves no joints by itself (Aldebaran's documentation)."""
 LIFE = "ALAutonomousLife"
-"""Name of the service of autonomous life."""
+"""NAOqi's name of its service for autonomous life."""
 EVERY = 1.0
 """Time [s] between two queries of the state of autonomous life. Assumed: a person switches autonomous life on
 or off, so a delay of a second is acceptable."""
@@ -155,7 +155,8 @@ def _service(session: Any, name: str) -> Any:
 
 
 def _ask(one: Any, question: str, *arguments: Any) -> Any:
-    """Returns the answer of a method, or None if the robot lacks the method or the call fails."""
+    """Calls a method of the robot and returns its result, or None if the robot lacks the method or the call
+    fails."""
     try:
         return answer(getattr(one, question)(*arguments, _async=True), question, timeout=PATIENCE)
     except (AttributeError, DriverError):

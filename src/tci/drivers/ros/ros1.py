@@ -269,7 +269,7 @@ def _installed(type_: str) -> Any:
 
 @cache
 def _trees(kind: MessageType) -> Trees:
-    """Returns the conversion between rospy's message objects and values."""
+    """Returns an object that converts rospy's messages to values, and values to rospy's messages."""
 
     def new(type_: str, fields: Mapping[str, Any]) -> Any:
         return (_installed(type_) if type_ else _type(kind))(**fields)

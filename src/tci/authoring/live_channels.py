@@ -15,7 +15,7 @@ from tci.frames import Array
 PER_MODULE = 12
 _PAD = 0.25
 """A channel counts as a thermal pad if its range of values is below this fraction of the median range in its
-module. Assumed: on an iCub's foot, the range of a pad is 0.07 of the median range."""
+module. Assumed: far above 0.07, the fraction for the pads on an iCub's foot."""
 
 
 def live_channels(values: Array, *, per_module: int = PER_MODULE) -> NDArray[np.bool_]:

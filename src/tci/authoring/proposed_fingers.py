@@ -194,7 +194,7 @@ def _generic(
 
 
 def _near_zero(servo: Servo) -> float:
-    """Returns the angle [rad] of a servo that is nearest to 0 and keeps a distance from its limits."""
+    """Returns the angle [rad] nearest to 0 that keeps a distance from the limits of the servo."""
     lower, upper = servo.limits.lower or 0.0, servo.limits.upper or 0.0
     room = min(ROOM, 0.4 * (upper - lower))
     return float(np.clip(0.0, lower + room, upper - room))

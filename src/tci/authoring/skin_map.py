@@ -38,8 +38,8 @@ def skin_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom) ->
 def best_cone(positions: Array) -> ConeFit | None:
     """Returns the cone with the least root mean square error; None for a flat skin.
 
-    The fit also changes the axis of the cone. The fit starts once from each of the three axes of the frame,
-    and the best result counts.
+    Fits a cone three times, each time with another axis of the taxels' frame as the initial axis of the cone.
+    Each fit may move and tilt this axis. Of the three results, the best is returned.
     """
     fits = []
     for axis in np.eye(3):

@@ -33,7 +33,7 @@ EARLY = (0.01, 0.02)
 direction in which it does not end, because the joints accelerate differently. Assumed: these times are early
 enough to notice this."""
 SHARES = (0.25, 0.5, 0.75, 1.0)
-"""Later times at which the path is predicted, as fractions of the motion's duration."""
+"""After the times EARLY, the path is predicted at these fractions of the motion's duration."""
 AHEAD = 0.1
 """In velocity mode, the target of a prediction is the posture that the velocity reaches after this time [s].
 Assumed: the next skin frame comes much sooner."""
@@ -197,7 +197,7 @@ class Retreat:
         return goal
 
     def _within(self, motion: _Motion, position: Array, goals: Array) -> Array:
-        """Returns `goals` (m, k) [rad], moved into the couplings of the part's servos."""
+        """Returns `goals` (m, k) [rad], changed so that the couplings of the part's servos permit them."""
         bounds = motion.bounds
         if len(motion.outside):
             lower, upper = np.empty_like(bounds.coupling_lower), np.empty_like(bounds.coupling_upper)

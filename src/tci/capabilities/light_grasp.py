@@ -27,9 +27,8 @@ OPPOSES = 2.0
 """Speed of the thumb's opposition as a multiple of the speed of flexions. Assumed: then the thumb lies across
 the palm before the fingers close."""
 LONGEST = 0.1
-"""Longest time [s] between two perceptions in which the targets of the fingers move. After a longer pause,
-the targets move only as far as in LONGEST, so that the hand does not jump. Assumed: several periods of any
-skin."""
+"""From one perception to the next, the targets of the fingers move at most as far as in this time [s], so
+that the hand does not jump after a pause. Assumed: several periods of any skin."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

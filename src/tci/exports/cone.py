@@ -137,5 +137,6 @@ def _along_and_distance(positions: Array, point: Array, axis: Array) -> tuple[Ar
 
 
 def _radii(along: Array, distance: Array) -> np.polynomial.Polynomial:
-    """Returns the straight line r with distance = r(along), fitted by least squares."""
+    """Returns the cone's radius as a straight line r(x), fitted to the taxels by least squares. `along` (n,)
+    are the taxels' positions x, `distance` (n,) their distances from the axis [m]."""
     return np.polynomial.Polynomial.fit(along, distance, 1)

@@ -63,7 +63,7 @@ class DHTable(Description):
     """Pose (4, 4) of the table's first frame, in the torso frame."""
     rows: tuple[DHRow, ...]
     tool: Matrix
-    """Pose (4, 4) of the link, in the table's last frame."""
+    """Pose (4, 4) of the link `link`, in the table's last frame."""
     link: str
 
 

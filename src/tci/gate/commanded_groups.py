@@ -56,8 +56,8 @@ class CommandedGroups:
         self._shown_of: list[JointGroup] | None = None
 
     def look(self, measured: Array) -> None:
-        """Stores the `measured` angles (n_servos,) [rad], and shifts the bounds of couplings that contain
-        servos outside a group."""
+        """Stores the `measured` angles (n_servos,) [rad]. If a coupling of a group contains servos outside
+        this group, adapts the bounds of the coupling to the angles of these servos."""
         self.measured = measured
         for chain in self._leaning:
             chain.look_outside(measured)

@@ -1,5 +1,5 @@
-"""Trust in the latest joint data, a fraction that decreases with the age of the data. In torque mode, torques
-are limited to this fraction, because they are computed from the data."""
+"""Trust in the latest joint data, a number from 1 to 0 that decreases with the age of the data. In torque
+mode, the gate multiplies each permitted torque by the trust, because torques are computed from the data."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ class Freshness:
         self._refused: int | None = None
 
     def see(self, joints: JointReading, now: float, *, believed: bool = True) -> bool:
-        """Records usable joint data at time `now` [s]. Returns True if the data is new and `believed`: False
-        means that the monitor has found the data untrustworthy."""
+        """Records usable joint data at time `now` [s]. Returns True if the data is new and `believed` is
+        True. `believed` is False if the monitor has found the data untrustworthy."""
         if now < self._newest - self._period:  # the time went back
             self._stamp = self._newest = -math.inf
         if joints.sequence in (self._sequence, self._refused) or not self._newest < joints.stamp:

@@ -53,7 +53,7 @@ class OnlineTrajectory:
         call `begin`."""
         self.target: Array = self.aims[TARGET]
         self.speed: Array = self.aims[SPEED]
-        """The first two rows of `aims`."""
+        """Views of the first two rows of `aims`: targets, and speed limits."""
         self.drive: Array = np.full(count, np.nan)
         """Velocity (n,) [rad/s] at which each servo is driven; NaN for a servo that moves to a target."""
         self.drives: bool
@@ -77,7 +77,7 @@ class OnlineTrajectory:
         self.position: Array
         """Latest position (n,) [rad], the first row of the state."""
         self.outside: bool
-        """True if a servo is outside its limits. In this case the owner must keep `measured` up to date."""
+        """True if a servo is outside its limits. The caller must then keep `measured` up to date."""
         self._set_state(np.array([position, np.zeros(count), np.zeros(count)]))
         self._set_interfaces()
 
@@ -89,7 +89,8 @@ class OnlineTrajectory:
 
     @property
     def span(self) -> Array:
-        """Least and largest angles (2, n) [rad] of the stop from the latest state."""
+        """Least and largest angle (2, n) [rad] that each servo reaches during a stop from the latest
+        state."""
         return self._stopper.span
 
     @property
@@ -154,7 +155,7 @@ class OnlineTrajectory:
         self._begin()
 
     def _begin(self) -> None:
-        """Called for each new command: permits motions that were refused before."""
+        """Permits motions again that were refused. Every new command calls this method."""
         self._stopping = self._resting = False
         self._told = self._barred = None
 
@@ -170,7 +171,7 @@ class OnlineTrajectory:
 
     @property
     def remaining(self) -> float:
-        """Remaining time [s] of the stop from the latest state."""
+        """Time [s] that a stop from the latest state takes until all servos are at rest."""
         return 0.0 if self._resting else self._stopper.remaining
 
     def stop_at(self, times: Array) -> Array:
@@ -290,7 +291,8 @@ class OnlineTrajectory:
 
     def _try(self, back: Array | None = None) -> tuple[bool, Reason | None]:
         """Takes the next step of the plan, if the stop after this step is allowed. Returns True if the
-        step is taken, and the guard's reason if the guard refuses it.
+        step is taken, otherwise False. The second result is the guard's reason if the guard refuses the step,
+        otherwise None.
 
         Args:
             back: Velocity (n,) [rad/s] of servos outside their limits, if only these servos move.
@@ -348,7 +350,8 @@ class OnlineTrajectory:
         self._stopper.set_limits(acceleration, jerk)
 
     def _set_state(self, state: Array) -> None:
-        """Sets positions, velocities and accelerations (3, n) as the present state, also of the planner."""
+        """Sets the present state of the trajectory and of its planner: positions, velocities and
+        accelerations (3, n)."""
         self.whole_state, self.position = state, state[0]
         self.outside = bool(((state[0] < self.bounds.lower) | (state[0] > self.bounds.upper)).any())
         self._planner.set_state(state)

@@ -15,8 +15,9 @@ CREEP = 0.1
 """Speed at which a servo outside its limits moves inward, as a fraction of its speed limit. Assumed: slow
 enough for a person to intervene, because obstacles outside the limits are unknown."""
 QUICK = float(np.deg2rad(180.0))
-"""Upper bound [rad/s] on the speed limit from which the fraction CREEP is taken. Assumed: without this bound,
-a G1's motors would move inward with half a turn per second."""
+"""A servo outside its limits moves inward at CREEP times its speed limit. If the speed limit is above QUICK
+[rad/s], the speed is CREEP times QUICK. Assumed: without this bound, a G1's motors would move inward with
+half a turn per second."""
 SAGS = float(np.deg2rad(0.5))
 """A servo outside its limits may sag below the angle at which it was found. To lead the servo back to this
 angle, its reference may lie inside the angle by at most SAGS [rad]. Assumed: a usual deviation of servos. At
@@ -55,7 +56,7 @@ def sags(here: Array, bounds: Bounds, found: Array, measured: Array) -> bool:
 
 
 def was_there(back: Array, here: Array, span: Array, found: Array, measured: Array) -> bool:
-    """Returns True if a stop takes servos that have sagged only back to where they were found.
+    """Returns True if a stop only moves sagged servos back towards the angles at which they were found.
 
     The measured angle of a servo outside its limits differs from its reference, because the servo sags under
     its load. The way back to the angle at which it was found needs no check, since the robot was in this

@@ -1,8 +1,8 @@
 """Writes a recording while the robot runs. Every period is in the file before the next period begins.
 
-Until it is closed, the file has no chunks and no compression. So if the process is killed, nothing that was
-written is lost. Closing compacts the file. If the disk fails, the recording ends, but the control loop
-continues.
+Until the recording is closed, the file has no chunks and no compression. So if the process is killed, nothing
+that was written is lost. When the recording is closed, the file is compacted. If the disk fails, the
+recording ends, but the control loop continues.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ class Recorder:
             self.ticks += 1
 
     def close(self, *, compacted: bool = True) -> None:
-        """Completes the file. The file is replaced by a compressed file with an index and point clouds.
+        """Completes the file: replaces it by a compressed file with an index and point clouds.
 
         A second call has no effect.
         """

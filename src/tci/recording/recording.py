@@ -41,8 +41,8 @@ from tci.rosmsg.cdr import MessageType, decode
 VALID = "valid: a recording of TCI (.mcap), as from tci record or tci run --record"
 """End of each error message about a file that is not a whole recording."""
 LARGEST = 64 * 2**20
-"""Largest record, and largest chunk after decompression [bytes]. Assumed: records and chunks of TCI's own
-recordings are smaller than 2 MiB."""
+"""Largest size [bytes] of a record, and of a chunk after decompression. Assumed: records and chunks of TCI's
+own recordings are smaller than 2 MiB."""
 _PERIODS = (1e-4, 10.0)
 """Shortest and longest period [s] that is accepted. Assumed: no control loop has a period outside this range.
 """
@@ -241,7 +241,7 @@ class Recording:
 class _Records(StreamReader):
     """Reads the records of a file or a chunk, up to the first record that consists of zeros.
 
-    A system that crashed leaves files that end in zeros. Without this check, every nine bytes of the zeros
+    A system that crashed leaves files that end in zeros. If reading did not stop there, every nine zeros
     would count as a record.
     """
 
@@ -252,7 +252,8 @@ class _Records(StreamReader):
 
 
 class _Bounded(io.BufferedReader):
-    """A file of which at most LARGEST bytes are read at once, also if a record declares a larger length."""
+    """A file whose `read` raises RecordingError for more than LARGEST bytes, since a damaged record may
+    declare any length."""
 
     def read(self, size: int | None = -1, /) -> bytes:
         if size is None or not 0 <= size <= LARGEST:

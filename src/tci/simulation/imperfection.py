@@ -49,7 +49,7 @@ class Imperfection:
     def usual() -> Imperfection:
         """Returns assumed magnitudes for soft foam over capacitive taxels.
 
-        Each fraction is 5 %, and the difference between the ends 10 counts.
+        Each fraction is 5 %, and `gradient` is 10 counts.
         """
         return Imperfection(cross_talk=0.05, creep=0.05, hysteresis=0.05, gradient=10.0)
 

@@ -38,7 +38,7 @@ class Physics:
         self._moved = self.qpos, self.qvel, self.ctrl, data.qfrc_applied, data.xfrc_applied.reshape(-1)
         here = np.zeros(sum(one.size for one in self._moved) + model.nv)
         self.whole = np.zeros(4, dtype=np.int64)
-        """Integers of the loop. `stepping` defines the indices."""
+        """Integers of the compiled loop. The constants at the top of `stepping` are their indices."""
         self._kept = data.qacc_warmstart, here, self.whole
         self._engine = model._address, data._address
 
@@ -50,7 +50,7 @@ class Physics:
 
     @property
     def time(self) -> float:
-        """Time since the start [s]."""
+        """Simulated time [s] since the start or the last reset."""
         return self.steps * self.step
 
     def reset(self, addresses: NDArray[np.intp], angles: Array) -> None:

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from tci.frames import Array
 
 FLAT = 1e-12
-"""Least squared sine of the angle at a face's first corner. If the value of a face is smaller, the face
-counts as having no area.
+"""A face counts as having no area if the squared sine of the angle at its first corner is at most this
+value.
 """
 
 

@@ -12,7 +12,7 @@ FILE = Path(__file__).parent / "faults.toml"
 
 @dataclass(frozen=True, slots=True)
 class KnownFault:
-    """One row of the catalogue."""
+    """One row of the catalogue of faults."""
 
     number: int
     """Number of the fault. Tests refer to the fault by this number."""

@@ -114,11 +114,12 @@ class ALMotion:
         self.killTasksUsingResources("Body")
 
     def wakeUp(self) -> None:
-        """Sets full stiffness."""
+        """Sets full stiffness in all joints."""
         self.setStiffnesses("Body", 1.0)
 
     def rest(self) -> None:
-        """Sets zero stiffness. A real NAO first sits down, but a served NAO does not sit down."""
+        """Sets zero stiffness in all joints. A real NAO first sits down, but a served NAO does not sit
+        down."""
         self.setStiffnesses("Body", 0.0)
 
     def robotIsWakeUp(self) -> bool:
@@ -263,8 +264,8 @@ def all_services(board: Board) -> dict[str, object]:
 
 
 def _limits(servo: Servo) -> list[float]:
-    """Returns lower limit, upper limit, top speed and largest torque, as ALMotion does. The limits of a hand
-    are 0 and 1."""
+    """Returns lower limit, upper limit, top speed and largest torque of a servo, for `ALMotion.getLimits`.
+    The limits of a hand are 0 and 1."""
     limits = servo.limits
     values = (limits.lower, limits.upper, limits.velocity, limits.torque)
     return [float(b if a is None else a) for a, b in zip(values, (0.0, 1.0, 8.33, 0.0), strict=True)]

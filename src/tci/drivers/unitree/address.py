@@ -26,7 +26,7 @@ class UnitreeAddress:
     """True to command all motors over rt/lowcmd. The robot's own controller is then off, and the robot does
     not keep its balance by itself."""
     force: bool = False
-    """True to use an interface that other machines may reach."""
+    """True to permit an interface that other machines may reach; by default, DriverError is raised for it."""
     simulation: bool = False
     """True to accept states without checksum and without the robot's variant (`mode_machine`). The vendor's
     Python simulation sends such states."""

@@ -97,8 +97,8 @@ class HeldMotors:
             return self.status
 
     def take(self) -> None:
-        """Requests that the keeper takes the motors. The weight then rises, with the present posture as
-        target."""
+        """Requests that the keeper takes the motors. The keeper then gradually raises the weight of its
+        commands, with the present posture as target."""
         self._told[:] = False
         self._send(TAKE)
 
@@ -134,7 +134,7 @@ class HeldMotors:
             self._socket.close()
 
     def _watch(self) -> None:
-        """Waits for the end of the keeper, in a thread that does not depend on the behaviour."""
+        """Waits until the keeper ends. Runs in its own thread, which a slow behaviour can't delay."""
         self._process.wait()
         self.poll()
 

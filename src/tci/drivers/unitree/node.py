@@ -23,7 +23,7 @@ from tci.drivers.unitree.network import is_loopback
 from tci.errors import DriverError
 
 RELIABLE = Policy.Reliability.Reliable(duration(milliseconds=0))
-"""Policy that repeats lost messages, but never waits for a slow reader."""
+"""DDS policy by which a writer sends lost messages again, but never waits for a slow reader."""
 MOST = 16
 """Number of messages of a topic that are stored until TCI reads the topic, if TCI needs more than the newest
 message. Assumed: a robot gets a few calls per second, and sends 8 states in a period of 60 Hz."""

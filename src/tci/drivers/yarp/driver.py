@@ -57,7 +57,7 @@ PATIENCE = 0.9
 period is enough for the computation."""
 REFUSED = 3.0
 """Time [s] for which a board may refuse or not answer a change of mode, before `write` raises an error.
-Assumed: a board that starts or holds accepts modes again within this time."""
+Assumed: a board that is starting, or that holds its joints itself, accepts modes again within this time."""
 EVENTS = "/skinManager/skin_events:o"
 _numbers = itertools.count()
 
@@ -230,8 +230,9 @@ class YarpDriver(Driver):
     def _tolerate_refusals(self, now: float) -> None:
         """Makes the gate hold while a board refuses a change of mode; `now` [s] is the present time.
 
-        A board that holds or starts refuses for a short time. The driver repeats the request to such a board
-        in each period. Raises DriverError if a board refuses for longer than REFUSED.
+        A board that is starting, or that holds its joints itself, refuses for a short time. The driver
+        repeats the request to such a board in each period. Raises DriverError if a board refuses for longer
+        than REFUSED.
         """
         for since, error in self._refused.values():
             if now - since > REFUSED:

@@ -43,7 +43,7 @@ from yarpwire.state import encode_state
 from yarpwire.streams import obey
 
 PERIOD = 0.01
-"""Time [s] between two published states of a board; equal to iCub's."""
+"""Time [s] between two published states of a board, as on an iCub."""
 APART = 0.003
 """Time [s] after a skin frame in which the server publishes no states of boards. A state is delayed by at
 most half a PERIOD. Assumed: in this time a client computes its answer to a touch, and reading states would
@@ -169,10 +169,13 @@ class YarpServer(Server):
             self._own.close()
 
     def _name_server(self, options: YarpAddress) -> tuple[NameServer | None, Network]:
-        """Returns the name server that this process has started, or None. Also returns the network. The
-        server uses the name server in the address or in yarp.conf. If this name server does not answer, the
-        server starts a new one. It does not search the network for other name servers: with a name server on
-        another machine, other machines could reach the server's ports."""
+        """Returns the name server that this process has started (None if it has started none) and the
+        network.
+
+        The ports are registered at the name server in the address or in yarp.conf. If this name server does
+        not answer, a new one is started in this process. The network is not searched for other name servers:
+        with a name server on another machine, other machines could reach the ports.
+        """
         if options.server is None and not config_file(namespace()).is_file():
             options = replace(options, server=DEFAULT)
         where = options.server or DEFAULT
@@ -246,7 +249,8 @@ class YarpServer(Server):
     def _keep_registered(self) -> None:
         """Registers the server's ports again if the name server has restarted; runs until the server closes.
 
-        Until then, ports still exchange data, since data between ports does not need the name server.
+        Ports that are not registered still exchange data, since data between ports does not need the name
+        server.
         """
         while not self._closed.wait(REGISTER_AGAIN):
             with contextlib.suppress(YarpError):

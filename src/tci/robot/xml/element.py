@@ -50,8 +50,8 @@ class Element:
 
     @property
     def angular(self) -> bool:
-        """True if the element contains an angle. In this case its attribute `type` may give another unit than
-        the root."""
+        """True if the element contains an angle. Its attribute `type` may then give the unit of this angle,
+        if the unit differs from that of the root element."""
         return any(value.angular for value in [*self.values.values(), self.text] if value is not None)
 
     def field(self, name: str) -> str | None:

@@ -142,7 +142,7 @@ class Integer(Value):
     least: int = 0
     most: int = 1_000_000
     word: str | None = None
-    """Keyword that is valid instead of a number. In this case, the value is the keyword."""
+    """Keyword that is valid instead of a number. For this keyword, `read` returns the keyword itself."""
 
     def read(self, text: str, unit: Unit) -> int | str:
         if text == self.word:

@@ -151,7 +151,8 @@ def _segments(body: FoundLimbs, limb: Limb, points: LinkPoints) -> tuple[Segment
 
 
 def _linear_where_exact(draft: Robot, part: GenericPart, *, mount: bool) -> GenericPart:
-    """Returns the arm with eq. 1 for its shoulder, if eq. 1 is exact in the torso frame or on a mount.
+    """Returns the arm with a shoulder that is converted by eq. 1, if eq. 1 is exact in the torso frame or on
+    a mount.
 
     If eq. 1 is not exact, the arm is returned unchanged.
     """

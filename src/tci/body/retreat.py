@@ -57,8 +57,8 @@ class _Motion:
     outside: Array
     """Coefficients (m, n_servos) of the servos of other parts in the couplings of this part."""
     free: NDArray[np.bool_]
-    """Mask (k,) of servos that may deviate from their target if a coupling forbids the target. All values are
-    True."""
+    """Mask (k,) of servos that may deviate from their target if a coupling forbids the target: here, all
+    servos."""
     limits: list[tuple[float, float]]
     """Lower and upper limit (k,) [rad] of each servo, from `bounds`."""
     velocity: list[float] | None
@@ -187,8 +187,8 @@ class Retreat:
     def _goal(self, motion: _Motion, position: Array, target: Array) -> list[float]:
         """Returns the angles (k,) [rad] of a part's k servos at the end of a motion to `target` (n,) [rad].
 
-        The result is that of `_goals`. Lists of a few numbers are faster than arrays here: a touch is rare,
-        so the code of NumPy's functions is not in the processor's caches when it begins.
+        The result is that of `_goals`. Lists of a few numbers are faster than arrays here: touches are rare,
+        so when a touch begins, the code of NumPy's functions is not in the processor's caches.
         """
         ends = motion.joints.to_robot(target, position).tolist()
         goal = [min(max(end, least), most) for end, (least, most) in zip(ends, motion.limits, strict=True)]
@@ -210,7 +210,8 @@ class Retreat:
 
     def _driven_goal(self, motion: _Motion, position: Array, target: Array) -> Array | None:
         """Returns the angles (k,) [rad] of a part's k servos after the time AHEAD, if a command in velocity
-        mode drives the part towards `target` (n,) [rad]; None if the servos have no such velocity.
+        mode drives the part towards `target` (n,) [rad]; None if this velocity of the servos can't be
+        computed.
 
         Near a singular posture of a shoulder, the servos move to other angles than those for `target`: the
         servos keep a velocity, and a servo at its limit stands still while the other servos continue.

@@ -101,7 +101,7 @@ def calibrate_in_simulation(
 
 
 def _far_from(surface: Surface, tried: list[Array], generator: np.random.Generator) -> Array:
-    """Returns a random point (3,) [m] of a surface that is far from all points in `tried`.
+    """Returns a random point (3,) [m] on a surface, far from all points in `tried`.
 
     The point is the farthest of CANDIDATES random points (Mitchell 1991).
     """

@@ -30,7 +30,8 @@ class ConeFit:
     """A truncated cone, and the distances of the taxels from this cone."""
 
     origin: Array
-    """Centre (3,) [m] of the proximal end, which is at the most proximal taxel."""
+    """Centre (3,) [m] of the proximal end. The most proximal taxel determines the place of this end along the
+    axis."""
     axis: Array
     """Unit vector (3,) from the proximal to the distal end."""
     length: float

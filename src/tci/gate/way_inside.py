@@ -20,9 +20,9 @@ QUICK = float(np.deg2rad(180.0))
 half a turn per second."""
 SAGS = float(np.deg2rad(0.5))
 """A servo outside its limits may sag below the angle at which it was found. To lead the servo back to this
-angle, its reference may lie inside the angle by at most SAGS [rad]. Assumed: a usual deviation of servos. At
-the end of an arm, SAGS corresponds to a distance below the margin of the check for self-collision, which
-covers such deviations."""
+angle, its reference may go beyond the angle towards the inside, by at most SAGS [rad]. Assumed: a usual
+deviation of servos. At the end of an arm, SAGS corresponds to a distance below the margin of the check for
+self-collision, which covers such deviations."""
 LAGS = 5e-5
 """Angle [rad] by which a servo outside its limits must sag before it is led back. Assumed: about the
 resolution of joint encoders."""

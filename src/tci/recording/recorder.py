@@ -248,7 +248,8 @@ def _same_frame(a: SkinFrame, b: SkinFrame) -> bool:
 
 
 def versions() -> dict[str, str]:
-    """Returns the versions of all packages on which bit-for-bit equal results depend."""
+    """Returns the versions of packages and Python, and the kind of machine. With other versions, or on
+    another kind of machine, results may not be equal bit for bit."""
     found = {name: str(import_module(name).__version__) for name in PACKAGES}
     return found | {"python": platform.python_version(), "machine": f"{sys.platform} {platform.machine()}"}
 

@@ -194,8 +194,8 @@ class Retarget(Transform):
 
 
 def servo_speeds(slope: Array, most: Array) -> Array:
-    """Returns speeds (k,) [rad/s] of servos with which no joint exceeds `most` (m,) [rad/s], also if all
-    servos move the joint at once.
+    """Returns servo speeds (k,) [rad/s] at which no joint exceeds `most` (m,) [rad/s], even if all servos
+    move this joint at once.
 
     The condition is `sum_j |slope[i, j]| speed[j] <= most[i]`. `slope` (m, k) is d generic / d servo.
     """

@@ -95,8 +95,8 @@ class JointArrivals:
             )
 
     def _order(self, names: tuple[str, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Returns two arrays for the servos in a message: their indices in the robot, and their places in the
-        message's list `names`."""
+        """Returns two arrays for the servos in a message: their indices in `Robot.servos`, and their places
+        in the message's list `names`."""
         if names not in self._orders:
             if len(self._orders) >= MOST_ORDERS:
                 raise FrameError(f"JointState: more than {MOST_ORDERS} different lists of names")

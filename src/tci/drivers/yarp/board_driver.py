@@ -48,9 +48,9 @@ STREAMS = {
 }  # fmt: skip
 
 AHEAD = 0.02
-"""Lead time [s] of set-points: the driver sends the position that the gate has planned for this time after
-now. Without a lead time, a servo could reach its set-point early, and the board would stop it. Assumed: four
-periods of 5 ms."""
+"""Lead time [s] of set-points: the driver sends the position that the gate has planned for the present
+time plus AHEAD. Without a lead time, a servo could reach its set-point early, and the board would stop it.
+Assumed: four periods of 5 ms."""
 SWITCHING = 0.0005
 """Longest time [s] to wait for the board's answer to a change of mode. If the answer arrives in time, the
 driver sends the set-points of this period again, since a board ignores set-points that arrive before the
@@ -156,9 +156,9 @@ class BoardDriver:
     def send(self, safe: SafeCommand, ahead: Array) -> None:
         """Switches the board's servos to the modes in a command, then sends their set-points.
 
-        `ahead` (k,) [rad] are the positions that the gate has planned for the command's servos at AHEAD [s]
-        after now. The board may take a period to answer a change of mode. Therefore, if the board refuses a
-        mode, a later call of `send` raises DriverError.
+        `ahead` (k,) [rad] are the positions that the gate has planned for the command's servos for the
+        time AHEAD after the present time. The board may take a period to answer a change of mode. Therefore,
+        if the board refuses a mode, a later call of `send` raises DriverError.
         """
         self._settle()
         mine = self._mine

@@ -42,7 +42,7 @@ class Grip:
     closed: bool = False
     """True from the touch of the palm until the hand opens."""
     holds: bool = False
-    """True as soon as a finger has pressed with half of the setting `force`."""
+    """True if, since the hand closed, a finger has pressed with at least half of the setting `force`."""
     felt: float = -np.inf
     """Latest time [s] at which palm or fingers were touched."""
     rested: float = -np.inf

@@ -217,9 +217,9 @@ class OnlineTrajectory:
         and returns False.
 
         If a servo outside its limits may not move back inside (the "way inside"), the other servos move
-        without this servo. The way inside is tried again while servos move, and after that only at the next
-        command. If the guard refuses the motion of the other servos too, all targets are dropped, and only
-        the way inside continues.
+        without this servo. The way inside is tried again in each period in which other servos move, and then
+        only at the next command. If the guard refuses the motion of the other servos too, all targets are
+        dropped, and only the way inside continues.
         """
         if self._barred and not self.drives:  # the other servos are at rest
             return self._return_inside()

@@ -90,7 +90,7 @@ class PartEstimator:
         `others` contains, for each of the m points, the joint torques (n_servos,) that a force of 1 N at this
         point causes. `forces` (m,) [N] are the forces that the skin measures at these points, with the
         relative error `share`. The skin's forces and the joint torques are weighted by their precision. The
-        residual is in standard deviations.
+        residual is in standard deviations of the joint torques.
         """
         weight = 1.0 / residual.deviation[self._servos]
         left = residual.torque[self._servos] * weight

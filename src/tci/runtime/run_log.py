@@ -113,7 +113,7 @@ class RunLog:
         self._listen(event)
 
     def outcome(self) -> list[dict[str, Any]]:
-        """Returns the outcome of each fault.
+        """Returns the outcome of each injected fault.
 
         Each outcome contains the start time [s] of the fault, the expected reaction, and the first reaction
         of the gate or of the skin conditioning.

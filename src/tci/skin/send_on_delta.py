@@ -27,7 +27,7 @@ class SendOnDelta:
     """Sender's side: selects the frames that must be sent."""
 
     def __init__(self, keep_alive: float) -> None:
-        """Raises TciError unless `keep_alive` [s] is above 0 and finite."""
+        """Starts before the first frame. Raises TciError unless `keep_alive` [s] is above 0 and finite."""
         self._keep_alive = check_keep_alive(keep_alive)
         self._sent: dict[str, SkinFrame] = {}
 
@@ -58,7 +58,7 @@ class HoldLast:
     """
 
     def __init__(self, robot: Robot, keep_alive: float) -> None:
-        """Raises TciError unless `keep_alive` [s] is above 0 and finite."""
+        """Starts before the first frame. Raises TciError unless `keep_alive` [s] is above 0 and finite."""
         self._keep_alive = check_keep_alive(keep_alive)
         self._periods = {patch.name: 1.0 / patch.rate for patch in robot.patches}
         # received frame, filled-in frame, period [s]

@@ -24,7 +24,7 @@ class Rehearsal:
     def __init__(self, plan: FaultPlan) -> None:
         self.plan = plan
         self.over = False
-        """True if the fault is over."""
+        """True after the end of the fault or of the loop."""
         self._begun: float | None = None
         self._answers: list[str] = []
         self._state = GateState.RUN
@@ -44,7 +44,7 @@ class Rehearsal:
         self.over = not active
 
     def end(self, why: str) -> None:
-        """Records that the loop ended."""
+        """Records that the loop ended, with the reason `why`."""
         self._answers.append(f"the loop ended: {why}")
         self.over = True
 

@@ -53,7 +53,7 @@ class Value(ABC):
     """The form of one attribute value, or of the text of one element."""
 
     angular = False
-    """True if the value depends on the angle unit."""
+    """True if the file's angle unit applies to the value, as for an angle or a speed."""
 
     @abstractmethod
     def read(self, text: str, unit: Unit) -> object:
@@ -271,7 +271,7 @@ class Three(Value):
 
     @property
     def angular(self) -> bool:  # type: ignore[override] # that of its values
-        """True if the three values depend on the angle unit."""
+        """True if the file's angle unit applies to the three values."""
         return self.of.angular
 
     def read(self, text: str, unit: Unit) -> Vector:

@@ -23,7 +23,8 @@ TIP, PAD = (0.3, 0.95), (0.45, 0.9)
 """TIP: section of a finger's last link that skin covers. PAD: section of the palm that the pad covers. Each
 section is given by its begin and end, as fractions of the length."""
 THIN, THICK, USUAL = 0.006, 0.014, 0.009
-"""Least and largest radius [m] of a finger tip, and its radius if the model has no geometry for it."""
+"""Least radius and largest radius [m] of a finger tip, and the radius of a finger tip for which the model has
+no geometry."""
 ROUND = 0.012
 """Radius [m] of the pad, a cylinder that lies on the palm."""
 HEIGHT = 0.015
@@ -35,7 +36,7 @@ PITCH = 0.006
 def hand_skin(
     body: FoundLimbs, found: Sequence[Finger], part: GenericPart, points: LinkPoints
 ) -> list[Patch]:
-    """Returns the skin of one hand, whose generic fingers are `part`."""
+    """Returns the skin of one hand. `part` is the generic part that consists of the hand's fingers."""
     patches = []
     for finger in found:
         start = body.joints[finger.flexion[-1]].anchor

@@ -152,8 +152,8 @@ def hand(
 
 
 def segment(body: FoundLimbs, points: LinkPoints, name: str, link: str, begin: Array, end: Array) -> Segment:
-    """Returns a segment of a limb. `link` carries the segment, which lies between the points `begin` and
-    `end` (3,) [m] in the frame H."""
+    """Returns a segment of a limb, on the link `link`. The segment goes from `begin` to `end` (3,) [m], which
+    are points in the frame H (origin at the model's root, x forward, y left, z up)."""
     R_RL, p_RL = points.link_pose(link)
     origin = R_RL.T @ (body.R_RH @ begin - p_RL)
     return Segment(name=name, link=link, origin=three(origin), length=float(np.linalg.norm(end - begin)))
@@ -210,8 +210,8 @@ def wrist(body: FoundLimbs, limb: Limb) -> list[int]:
 
 
 def _inside(draft: Robot, servo: int, scale: float, offset: float, wanted: float) -> float:
-    """Returns the generic angle [rad] nearest to `wanted` at which the servo keeps a distance from its
-    limits."""
+    """Returns the generic angle [rad] nearest to `wanted` at which the servo keeps the distance ROOM from its
+    limits. The distance is smaller if the limits are close to each other."""
     limits = draft.servos[servo].limits
     assert limits.lower is not None
     assert limits.upper is not None

@@ -56,7 +56,8 @@ class Coverage:
         places: Sequence[LimbPlace | Landmark],
         radius: Array,
     ) -> Array:
-        """Returns for each place the fraction (m,) of taxels within `radius` (m,) that are not `masked` (n,).
+        """Returns a fraction (m,) for each of m places: of the taxels within `radius` (m,), the fraction that
+        is not `masked` (n,).
 
         The fraction is 1 for a place without taxels around it. The angles `joints` determine the places of
         taxels on the generic limb.

@@ -180,7 +180,8 @@ class BehaviourTree(Capability[Behaviour]):
         return tuple(note for leaf in _leaves(memory) for note in leaf.capability.notes(leaf.memory))
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """Returns the first reason that a leaf has to stop the robot, or None if no leaf has one."""
+        """Asks the leaves one after another for a reason to stop the robot, and returns the first reason.
+        Returns None if no leaf has one."""
         reasons = (leaf.capability.fault(perception, body) for leaf in _leaves(self.tree()))
         return next(filter(None, reasons), None)
 

@@ -111,7 +111,8 @@ class BodyField(Description):
     segment: str = ""
     """Segment of the part. The text is empty for skin that belongs to no segment."""
     towards: Annotated[Vector, Field(strict=False)]
-    """Direction (3,) in which the centre lies on the skin, see `tci.messages.Landmark`."""
+    """Direction (3,) of a ray from the middle of the skin. The ray reaches the skin at the centre of the
+    field, see `tci.messages.Landmark`."""
     radius_m: Annotated[float, Field(gt=0.0, le=1.0)]
     """Radius r_i [m], measured along the skin (geodesic)."""
     motion_deg: dict[str, float]
@@ -189,7 +190,8 @@ def default_surround(*, measure: Measure = "total") -> tuple[ReceptiveField, ...
 def load_fields(
     path: str | Path, *, measure: Measure = "total", surround: bool = False
 ) -> tuple[ReceptiveField, ...]:
-    """Reads the fields of arms from a TOML file, with the thresholds for `measure`.
+    """Reads the fields of arms from a TOML file. The file contains thresholds for several kinds of force;
+    `measure` selects one kind.
 
     With `surround`, the wide fields are read instead. Raises DescriptionError with all faults of the file.
     """
@@ -251,7 +253,8 @@ def _read(path: str | Path) -> dict[str, Any]:
 
 
 def _structure_faults(raw: dict[str, Any], whole: type[Description], field: type[Description]) -> list[str]:
-    """Returns the faults of a file's content `raw`. Types: `whole` for the file, `field` for its tables."""
+    """Returns the faults of a file's content `raw`. `whole` is the type of the file, `field` the type of the
+    file's tables."""
     try:
         whole.model_validate(raw)
     except ValidationError as error:

@@ -41,13 +41,13 @@ def why_not(
 ) -> str:
     """Returns the reason why a part must not move to generic angles `target` (n,) [rad].
 
-    The text is empty if the part may move. The motion must not press a contact on any part into its object,
-    anywhere on its path. The motion must not bring any other skin into this object either; `Retreat.along`
-    describes the assumed shape of the object. `answers` are the contacts to which the motion responds, as
-    indices in `perception.contacts`. At least one of these contacts must move away from its object, by
-    `least` [m] or more. `mode` is the control mode of the motion. Set `driven` if the capability commands a
-    velocity anew in each period. `target` is then the posture that this velocity reaches after the time
-    `tci.body.retreat.AHEAD`.
+    The text is empty if the part may move. At no point of its path may the motion press a contact, on any
+    part, into the touching object. The motion must not bring other skin into this object either;
+    `Retreat.along` describes the assumed shape of the object. `answers` are the contacts to which the motion
+    responds, as indices in `perception.contacts`. At least one of these contacts must move away from its
+    object, by `least` [m] or more. `mode` is the control mode of the motion. Set `driven` if the capability
+    commands a velocity anew in each period. `target` is then the posture that this velocity reaches after the
+    time `tci.body.retreat.AHEAD`.
     """
     inwards, across, entered = body.retreat(perception, part, target, mode, driven=driven)
     if not inwards.size:

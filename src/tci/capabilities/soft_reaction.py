@@ -23,7 +23,7 @@ from tci.messages import Command, GenericCommand, Mode, Perception, SwitchMode
 MODES = (Mode.VELOCITY, Mode.TORQUE)
 """Control modes in which the soft reaction can run."""
 NO_JOINT = "it has no joint on this robot"
-"""Reason why a touched part does not yield."""
+"""Text for a touched part that does not yield because the robot has no joint of this part."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -150,8 +150,8 @@ def refusal(
 def told(
     refused: Mapping[str, Refusal], part: str, withdrawal: Withdrawal[F] | None, reason: Refusal | None
 ) -> Mapping[str, Refusal]:
-    """Returns the refusals by part after a step of one part, with its `withdrawal` and its new refusal, if
-    any.
+    """Returns `refused`, the refusals by part, updated after a step of `part`. `withdrawal` and `reason` are
+    the withdrawal and the new refusal of this part, if any.
 
     The refusal of a part is removed when the part moves again.
     """

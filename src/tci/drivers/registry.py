@@ -38,8 +38,8 @@ def server_names() -> tuple[str, ...]:
 def load_driver(name: str) -> type[Driver]:
     """Returns the class of the driver with the entry point `name`.
 
-    Raises UnknownNameError if the driver is not installed, MissingExtraError if the driver's library is not
-    installed.
+    Raises UnknownNameError if the driver is not installed. Raises MissingExtraError if the library that the
+    driver needs is not installed.
     """
     driver: type[Driver] = _load(DRIVERS, "driver", name)
     return driver

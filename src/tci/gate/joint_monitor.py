@@ -59,8 +59,8 @@ class MonitorSettings:
     """Time [s] for which an angle may stay exactly constant while its reference moves, or for which a reading
     may be repeated with new stamps."""
     frozen_travel: float = np.deg2rad(3.0)
-    """A joint moves by more than this angle [rad], according to its reference or its measured velocity, but
-    the measured angle stays exactly constant: then the encoder counts as frozen."""
+    """The encoder counts as frozen if the measured angle stays exactly constant, although the joint moves by
+    more than this angle [rad] according to its reference or its measured velocity."""
     drift: float = 2.0
     """The monitor compares the measured angle with the integral of the measured velocity. Their difference
     decays with this time constant [s]; otherwise the offset of a velocity sensor would add up."""

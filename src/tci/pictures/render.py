@@ -80,7 +80,7 @@ def model_colours(model: mujoco.MjModel) -> Array:
 
 
 def _shaded(camera: Camera, hits: Hits, colours: Array, paint: Sequence[Painter]) -> Array:
-    """Returns the colours (h, w, 3) of the whole picture, without outlines."""
+    """Returns the colours (h, w, 3) of the whole picture, before outlines are drawn."""
     shape = camera.height, camera.width
     result = np.repeat(background(camera.height), camera.width, axis=0)
     normals = smooth_normals(hits.surface.reshape(shape), hits.normals.reshape(*shape, 3)).reshape(-1, 3)

@@ -42,7 +42,7 @@ LARGEST = 2**30
 LARGEST_MAPPING = 2**20
 """Largest size [bytes] of a mapping that is read. Assumed: 60 patches of 4000 listed channels."""
 _CELL = re.compile(rf"[ \t]*(?:{NUMBER}|[nN]a[nN])[ \t]*")
-"""Pattern of a number, with the syntax that robot descriptions permit, or of NaN for a missing number."""
+"""Pattern of NaN (a missing number), or of a number in the syntax that robot descriptions permit."""
 
 Numbers = NDArray[np.number[Any]]
 
@@ -53,7 +53,8 @@ class PatchValues(Description):
     values: str
     """Name of the array (frames, ...). In a CSV file: names of its first and last column, FIRST:LAST."""
     axis: int = 0
-    """Axis of the frames. The other axes are flattened, and the last axis varies fastest."""
+    """Axis of the array along which the frames follow each other. The other axes are flattened; the last of
+    them varies fastest."""
     channels: tuple[int, ...] | None = Field(default=None, strict=False)
     """Channel of each value. None if `values` has a value for every channel, in order. A channel without a
     value gets the rest value of the robot's patch, or 0 if there is no robot."""
@@ -67,7 +68,7 @@ class PatchValues(Description):
 
 
 class Mapping(Description):
-    """Names of the times and values in a file."""
+    """Contents of a mapping file: where a file of arrays contains the times and the values."""
 
     time: str | None = None
     """Name of the array or column with the times (frames,)."""
@@ -145,9 +146,9 @@ def _frames(
 
 
 def _base(one: PatchValues, patch: Patch | None) -> Numbers | None:
-    """Returns a frame (channels,) of a patch at rest.
+    """Returns a frame (channels,) of a patch at rest, for the channels to which the mapping gives no values.
 
-    Returns None if the values are all channels of the patch, in order.
+    Returns None if no channels are listed: the values then contain all channels, in order.
     """
     if one.channels is None:
         return None

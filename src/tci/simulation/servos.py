@@ -25,9 +25,9 @@ TIME_CONSTANT = 5e-3
 the servo reaches a target without overshoot, and follows a motion of constant speed with a delay of 10 ms."""
 _POSTURES = 32
 STALL = 0.1
-"""Least torque of a blocked servo, as a fraction of its torque limit. The inertia of the motor is chosen so
-that the servo is stiff enough for this torque. Assumed: a slow servo has a gear, so the inertia of its motor
-is large."""
+"""Least torque with which a blocked servo pushes, as a fraction of its torque limit. If the stiffness of a
+servo is too low for this torque, the inertia of its motor is increased, and the stiffness with it. Assumed: a
+slow servo has a gear, so the inertia of its motor is large."""
 _LEAST_ARMATURE = 1e-4
 """Least inertia [kg m2] of a motor, as it acts at the joint. Assumed: with this inertia the gains of very
 light links are above 0."""
@@ -66,15 +66,15 @@ class Servos:
         limits = [robot.servos[index].limits for index in self.moving]
         speed = np.array([np.inf if limit.velocity is None else limit.velocity for limit in limits])
         self.state = np.zeros((7, len(moving)))
-        """Control state of the moving joints. `stepping` defines the rows."""
+        """Control state of the moving joints. The module `stepping` lists the rows of this array."""
         self.state[at.RATIO] = [one.multiplier for _, one in driven]
         self.state[at.SHIFT] = [one.offset for _, one in driven]
         speed = speed * np.abs(self.state[at.RATIO])
         self._top = speed * physics.step
         self.places = np.zeros((6, len(moving)), dtype=np.int64)
-        """Indices and modes of the moving joints. `stepping` defines the rows."""
+        """Indices and modes of the moving joints. The module `stepping` lists the rows of this array."""
         self.asked = np.zeros((2, len(home)))
-        """Targets and torques of all servos. `stepping` defines the rows."""
+        """Targets and torques of all servos. The module `stepping` lists the rows of this array."""
         self.state[at.LAG] = speed * 2.0 * TIME_CONSTANT
         self.places[: at.LOOSE] = self.moving, self.addresses, self._dofs, self._actuators
         self._targets, self._torques = self.asked
@@ -111,7 +111,7 @@ class Servos:
         return kp, kv
 
     def reset(self) -> None:
-        """Restores full stiffness, no additional damping, and the initial angles as targets."""
+        """Restores full stiffness, removes additional damping, and sets the initial angles as targets."""
         self._stiffness = np.ones(len(self._home))
         self._damping = np.zeros(len(self._home))
         self._targets[:] = self._home
@@ -239,7 +239,8 @@ class Servos:
     def _apply_gains(self) -> None:
         """Writes the gains.
 
-        Damping is proportional to the root of the stiffness, so that the damping stays critical.
+        Damping is proportional to the square root of the stiffness, so that the servos stay critically
+        damped.
         """
         model = self._physics.model
         on = self.powered[self.moving]

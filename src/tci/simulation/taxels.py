@@ -38,7 +38,7 @@ class Taxels:
         generator: np.random.Generator,
     ) -> None:
         self.worn = {patch.name: number for number, patch in enumerate(patches)}
-        """Index of each patch, by the patch's name."""
+        """Index of each patch in all arrays of this object, by the patch's name."""
         self._patches = patches
         self._physics = physics
         self._noise = noise
@@ -116,7 +116,7 @@ class Taxels:
         return int(self._integers[:, at.DUE].min(initial=_NEVER))
 
     def reset(self) -> None:
-        """Takes the first frame now. Raises TciError like `frames`."""
+        """Takes the first frame of each patch now. Raises TciError as `frames` does."""
         self._physics.refresh()
         self._integers[:, at.COUNT] = -1
         for number in range(len(self._patches)):
@@ -162,7 +162,8 @@ class Taxels:
         return SkinFrame(patch.name, taken, integers[at.COUNT], values)
 
     def _distort(self, number: int, counts: Array, now: float) -> None:
-        """Adds the imperfections of a patch to the values [counts] along the normals of its taxels."""
+        """Adds the imperfections of a patch to its unrounded values `counts` [counts]. On three-axis taxels,
+        only the values along the normals change."""
         patch = self._patches[number]
         channels, sign = (
             normal_channels(patch, self._surfaces[patch.name]),

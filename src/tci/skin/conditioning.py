@@ -100,7 +100,7 @@ class Conditioner:
         self.estimators = tuple(
             PatchEstimator(patch, settings.baseline, settings.health) for patch in layout.patches
         )
-        """One estimator for each patch (p,)."""
+        """Estimators of rest values, noise and health, one for each patch."""
         arrays, patches = layout.arrays, len(layout.patches)
         taxels, blocks = len(arrays.taxel), int(arrays.begin[-1, BLOCK])
         self._buffer = FrameBuffer(layout)
@@ -291,8 +291,8 @@ class Conditioner:
                     self._note_anew(p)
 
     def _count_repeats(self, p: int) -> None:
-        """Adds to the statistics the frames that repeated the previous frame. Until this call they were only
-        counted."""
+        """Adds the repeated frames to the statistics. A frame with the values of the previous frame is only
+        counted until this call."""
         memory, begin, own = self._memory, self.layout.arrays.begin, self.layout.taxels[p]
         blocks = memory.blocks[begin[p, BLOCK] : begin[p + 1, BLOCK]]
         repeats = blocks[:, REPEATS] + max(int(memory.patches[p, CONSTANT]), 0)

@@ -46,9 +46,9 @@ class ContactSettings:
     value is two counts or more above rest. Assumed: on the sleeves of all robots in TCI, two counts are more
     than this force, so only the two counts matter there."""
     floor: float = 0.01
-    """Least force [N] on a taxel that is added to a contact. The default is low enough to include the weak
-    edge of a touch. Assumed: this is below one count of an iCub's sensor. A sensor that flickers at rest
-    needs a higher value."""
+    """An active taxel belongs to a contact only if the force on this taxel is at least this value [N]. The
+    default is low enough to include the weak edge of a touch. Assumed: the default is below one count of an
+    iCub's sensor. A sensor that flickers at rest needs a higher value."""
     isolated: IsolatedSettings | None = field(default_factory=IsolatedSettings)
     """Conditions under which a single active taxel is a contact. With None every active taxel can be a
     contact."""
@@ -127,8 +127,9 @@ class ContactFinder:
     ) -> tuple[int, int, Array]:
         """Removes clusters of a single taxel that are not a touch.
 
-        Returns the number of remaining clusters, the number of their taxels, and the taxels (w, WAITING) that
-        must be pressed for longer before they count as touched.
+        Returns the number of remaining clusters, the number of their taxels, and a table (w, WAITING) of the
+        taxels that must be pressed for longer before they count as touched (columns: see
+        `tci.skin.kernels.isolated`).
         """
         arrays, before = self.layout.arrays, self.contacts
         starts = arrays.begin[before.site, 0]
@@ -149,7 +150,7 @@ class ContactFinder:
         return _limb_angles(self.layout.parts, posture)
 
     def _turn(self, made: ContactArrays, state: SkinState, vectors: Array, poses: Array) -> None:
-        """Writes the force vectors of contacts on three-axis taxels."""
+        """Computes f_T of the contacts on three-axis taxels from the measured `vectors` of these taxels."""
         for row, p in enumerate(made.site.tolist()):
             if self.layout.patches[p].description.sensor.axes == AXES:
                 own = slice(*state.begin[p : p + 2])

@@ -1,4 +1,4 @@
-"""Three-axis taxels: tangential force in addition to pressure."""
+"""Forces on three-axis taxels, which measure tangential force in addition to pressure."""
 
 from __future__ import annotations
 
@@ -75,7 +75,8 @@ class ForceVectors:
         self._vectors = {p: np.zeros((0, 3)) for p in self._shears}
 
     def step(self, which: Places, frames: Sequence[SkinFrame], active: ActiveTaxels) -> None:
-        """Processes the frames of the patches `which` (k,), from which `active` was computed."""
+        """Processes the `frames` from which `active` was computed: one frame of each of the patches `which`
+        (k,)."""
         if not self._shears:
             return
         for p, frame in zip(which.tolist(), frames, strict=True):
@@ -87,7 +88,7 @@ class ForceVectors:
                 self._vectors[p] = self._shears[p].force(frame.values, pressure, frame.stamp)[taxels]
 
     def latest(self, active: ActiveTaxels) -> Array | None:
-        """Returns the force (k, 3) [N] on each active taxel; None without three-axis taxels.
+        """Returns the force (k, 3) [N] on each active taxel, or None if no patch has three-axis taxels.
 
         If the sensor does not measure a direction, the force is along the inward normal.
         """

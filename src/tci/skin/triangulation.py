@@ -21,9 +21,9 @@ OFF = 1e-3
 """Largest distance [m] of a taxel from its projection onto the triangles. Assumed: the rounding of positions
 in skin files causes smaller distances."""
 TIE = 1e-6
-"""Standard deviation [m] of the small random shifts of taxels that decide between equally good triangles.
-Without these shifts, the triangles of a regular lattice would differ between the copies of an unrolled
-limb."""
+"""Standard deviation [m] of the small random shifts of taxels that decide between equally good triangles. The
+unrolled skin of a limb is copied to both of its sides. Without these shifts, the triangles of a regular
+lattice would differ between these copies."""
 
 FLAT = 1e-9
 """The corners of a triangle count as being on one line if twice its area, divided by the square of its longer
@@ -68,7 +68,8 @@ def _on_plane(places: Array, normals: Array) -> NDArray[np.intp]:
 
 
 def _between(places: Array, normals: Array) -> NDArray[np.intp]:
-    """Returns the triangle (1, 3) between three taxels of a limb, or none if it passes through the limb."""
+    """Returns the triangle (1, 3) between three taxels of a limb. The result is empty (0, 3) if the triangle
+    passes through the limb."""
     return _skin_only(np.arange(3)[None], places, normals)
 
 

@@ -1,4 +1,4 @@
-"""The camera: keeps all robots in the picture, at any shape of the window."""
+"""Keeps all robots in the camera's picture, whatever the shape of the window is."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import viser
 FOV, USUAL = 0.7, 0.8
 """Vertical angle of view [rad] of a picture with the usual shape, and this shape: width divided by height."""
 AROUND = 1.32, 1.2
-"""Height and width of the picture at the distance of the robots, as factors of the robots' height and width.
-Assumed: leaves room for moving arms."""
+"""Height and width of the area that the picture shows at the distance of the robots, as factors of the
+robots' height and width. Assumed: leaves room for moving arms."""
 NARROW = 400
 """Least width [pixels] of a picture beside which the panel stays open. If a client's picture is narrower, the
 viewer folds the panel once. Assumed: the width of a telephone, where the panel would cover most of the
@@ -23,8 +23,8 @@ class Framing:
     def __init__(
         self, server: viser.ViserServer, panel: viser.PanelHandle, *, width: float, height: float
     ) -> None:
-        """Shows robots around the origin that are together `width` [m] wide and `height` [m] tall. `panel` is
-        the panel next to the picture."""
+        """Directs the cameras at the robots, which stand around the origin and are together `width` [m] wide
+        and `height` [m] tall. `panel` is the panel next to the picture."""
         self._server, self._panel = server, panel
         self._folded: set[int] = set()
         self._reach = AROUND[1] * width / 2.0, AROUND[0] * height / 2.0

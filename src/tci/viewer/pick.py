@@ -17,7 +17,8 @@ are thinner."""
 
 
 def pick(figure: Figure, origin: Array, direction: Array) -> tuple[Place, float] | None:
-    """Returns the point of a figure's skin that a ray of the scene hits, and the distance [m] along the ray.
+    """Returns the point at which a ray hits the skin of `figure`, a robot in the scene. Also returns the
+    distance [m] of this point along the ray.
 
     `origin` (3,) [m] and the unit vector `direction` (3,) define the ray. Returns None if the ray hits no
     skin, or hits another surface first. If the distance between ray and skin is at most `NEAR`, the nearest

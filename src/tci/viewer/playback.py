@@ -14,8 +14,8 @@ from tci.viewer.player import Player
 
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "5")
 MINE = 0.5
-"""Time [s] after a person's movement of the slider, in which the recording does not change the slider.
-Assumed: a person who drags the slider never pauses for longer."""
+"""For this time [s] after a person has moved the slider, the playback does not move the slider. Assumed: a
+person who drags the slider never pauses for longer."""
 STEP = 0.01
 """Finest step [s] of the slider."""
 
@@ -99,8 +99,8 @@ class Playback:
         self._server.get_event_loop().call_soon_threadsafe(self._follow)
 
     def _follow(self) -> None:
-        """Moves the slider, unless a person has just moved this slider. Also updates the label of the
-        button."""
+        """Moves the slider, unless a person has just moved this slider. Also updates the label (Play or
+        Pause) of the button."""
         value = min(round(self.time, 2), self.slider.max)
         if time.monotonic() - self._touched > MINE and abs(value - self.slider.value) > STEP / 2.0:
             self.slider.value = value  # type: ignore[misc] # viser's types say read-only

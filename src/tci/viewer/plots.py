@@ -15,8 +15,8 @@ from tci.viewer.view import WINDOW, History
 GRID = np.linspace(-WINDOW, 0.0, 201)
 """Times [s] of the plotted points, relative to now."""
 LEAST_FORCE, LEAST_RESPONSE = 6.0, 60.0
-"""Smallest upper end of the axis of force [N] and of the axis of response [deg/s]. Assumed: the value changes
-only the picture."""
+"""Smallest upper end of the axis of force [N] and of the axis of response [deg/s]. Assumed: these two values
+change only the picture."""
 ANGLE, ROOM = 15.0, 2.0
 """Step [deg] to which the ends of an angle axis are rounded, and smallest distance [deg] between these ends
 and the plotted lines. Assumed: the two values change only the picture."""
@@ -42,7 +42,7 @@ class Plots:
         }
 
     def update(self, histories: Mapping[str, History]) -> None:
-        """Draws the present histories."""
+        """Draws the last seconds of `histories`, which contain the history of each robot."""
         if self._part is None:
             return
         forces, responses = [], []

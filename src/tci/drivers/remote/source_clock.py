@@ -18,8 +18,8 @@ FIRST = 20
 """Number of messages after which the offset between the sender's clock and this process's clock may change
 only slowly. Assumed: the shortest delay occurs in these first messages."""
 SLEW = 0.1
-"""Largest change of the offset, as a fraction of the time between two messages. Assumed: this makes measured
-speeds wrong by at most a tenth."""
+"""Largest change of the offset between the two clocks, as a fraction of the time between two messages.
+Assumed: this makes measured speeds wrong by at most a tenth."""
 
 
 class SourceClock:

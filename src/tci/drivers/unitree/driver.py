@@ -49,9 +49,8 @@ from tci.robot.description import Robot
 WAIT = 5.0
 """Time [s] that a new driver waits for the first state. Assumed: DDS discovery takes a second."""
 LEAST_FORCE = 1.0
-"""Smallest acceleration [m/s2] that the pelvis's accelerometer measures if it exists. If a state has a
-smaller value, the accelerometer counts as absent. Assumed: simulations send zeros, and a real robot is never
-in free fall."""
+"""Smallest acceleration [m/s2] that a pelvis's accelerometer measures. If a state has a smaller value, the
+accelerometer counts as absent. Assumed: simulations send zeros, and a real robot is never in free fall."""
 
 
 class UnitreeDriver(Driver):

@@ -20,8 +20,8 @@ SIOCGIFADDR = 0x8915
 def check_interface(
     name: str, *, force: bool = False, classes: Path = CLASSES, routes: Path = ROUTES
 ) -> None:
-    """Raises DriverError if an interface does not exist or, unless `force`, if other machines may reach
-    it."""
+    """Raises DriverError if an interface does not exist, or if other machines may reach the interface. With
+    `force`, only checks that the interface exists."""
     if not (classes / name).exists():
         there = sorted(path.name for path in classes.glob("*"))
         raise DriverError(f"there is no network interface {name}; valid: {', '.join(there) or 'none here'}")

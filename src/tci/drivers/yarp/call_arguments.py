@@ -36,7 +36,7 @@ def finite(numbers: Sequence[Any], count: int) -> Array:
 def modes(words: Sequence[Any], count: int, part: str, valid: Collection[Vocab]) -> list[Vocab]:
     """Returns the modes (count,) in a call, which may be given as letters or as their numbers.
 
-    Raises CallError if the count differs, or if a mode is not `valid`.
+    Raises CallError if the count differs, or if a mode is not among `valid`.
     """
     with suppress(WireError):
         found = [Vocab(word) for word in _listed(words)]

@@ -165,7 +165,8 @@ def _alive(session: zenoh.Session) -> list[str]:
 
 
 def _look(session: zenoh.Session, robot: Robot, name: str) -> Iterator[Finding]:
-    """Checks if a robot `name` is served, and if the robot's process uses this description of the robot."""
+    """Yields findings on two questions: if a robot `name` is served, and if the process that serves the robot
+    uses the same description as this process."""
     names = _alive(session)
     if name not in names:
         said = f"{name} is not served; robots served there: {', '.join(names) or 'none'}"

@@ -27,8 +27,8 @@ class Solids:
     zero: Array
     """For each joint (j,): angle [rad] of its servo while the joint of the model is at zero."""
     joints: Array
-    """For each joint (j, 7): index of its parent joint, or -1; position [m] relative to the parent joint; and
-    axis."""
+    """For each joint (j, 7): index of its parent joint (-1: no parent joint), position [m] relative to the
+    parent joint, and axis."""
     shapes: Array
     """Shapes (g, 16). A shape is the convex hull of its points, each extended by the ellipsoid E u, |u| <= 1.
     The columns of a shape:
@@ -39,7 +39,7 @@ class Solids:
     - matrix E (3, 3) [m]
     """
     points: Array
-    """Points (v, 3) [m] of all shapes."""
+    """Points (v, 3) [m] of all shapes, each in the frame of the joint that carries its shape."""
     poses: Array
     """Poses (g, 12) of the MuJoCo geoms of all collision shapes. Each row contains the position (3 numbers)
     [m] and the rotation matrix (9 numbers) of one geom, in the frame of the joint that carries the shape."""
@@ -140,8 +140,8 @@ def _hull(model: mujoco.MjModel, mesh: int) -> Array:
 
 
 def _levers(joints: Array, shapes: Array, points: Array, pairs: NDArray[np.intp]) -> Array:
-    """Returns `Solids.levers`. For a joint that carries one of the two shapes of a pair, the value is the
-    largest distance of this shape from the joint's axis."""
+    """Returns `Solids.levers`. For a joint that carries only one of the two shapes of a pair, the value is
+    the largest distance of this shape from the joint's axis. For other joints, the value is 0."""
     reach = np.zeros((len(joints), len(shapes)))
     carried = np.zeros(reach.shape, dtype=bool)
     for index, shape in enumerate(shapes):

@@ -42,8 +42,8 @@ class TriangularModules(Description):
     """Position of each module in the raw frame, counted in modules: the channels of the module are 12 * port
     ... 12 * port + 11."""
     turns: tuple[float, ...] = ()
-    """Angle [rad] by which each module is rotated about the z axis of its frame, which points outward. If
-    empty, all angles are zero."""
+    """Angle [rad] by which each module is rotated about the z axis of its frame. This axis points outward. If
+    `turns` is empty, all angles are zero."""
 
 
 class Table(Description):

@@ -47,7 +47,7 @@ class SkinLayout:
     modules: NDArray[np.intp]
     """Index (n,) of the module of each channel; -1 for a channel that has no position and is not a pad."""
     representative: NDArray[np.intp]
-    """Index (n,) of the channel that represents each channel if a skin is read per triangle; -1 for an absent
+    """Index (n,) of the channel that represents each channel if `sampling` is `triangle`; -1 for an absent
     channel, -2 for a pad."""
     listed_normals: Array
     """Normals (n, 3) as written in the file. These normals may have any length. iCub's skinManager uses them
@@ -56,8 +56,8 @@ class SkinLayout:
     """Unit x axes (n, 3) of three-axis taxels, perpendicular to the normals; None if the file contains no x
     axes."""
     sampling: Literal["taxel", "triangle"] = "taxel"
-    """Meaning of a position. `taxel`: the position of one taxel. `triangle`: one position for all taxels with
-    one representative."""
+    """Meaning of a position. `taxel`: the position of one taxel. `triangle`: the common position of all
+    taxels that have the same `representative`."""
     note: str = ""
     """Contradiction in the file, and the solution that the reader chose; empty if the file has no
     contradiction."""

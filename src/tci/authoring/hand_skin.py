@@ -26,11 +26,11 @@ THIN, THICK, USUAL = 0.006, 0.014, 0.009
 """Least radius and largest radius [m] of a finger tip, and the radius of a finger tip for which the model has
 no geometry."""
 ROUND = 0.012
-"""Radius [m] of the pad, a cylinder that lies on the palm."""
+"""Radius [m] of the pad. The pad is a cylinder whose axis is parallel to the palm."""
 HEIGHT = 0.015
 """Height [m] of the palm's surface above the wrist's joint, if the model has no geometry for the palm."""
 PITCH = 0.006
-"""Distance [m] between taxels."""
+"""Distance [m] between neighbouring taxels."""
 
 
 def hand_skin(

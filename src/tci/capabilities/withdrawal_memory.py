@@ -42,7 +42,7 @@ class Wish(NamedTuple, Generic[F]):
     contact: int
     """Index of the contact in `Perception.contacts`."""
     rank: int = 0
-    """Order in which the responses of several fields are tried: 0 is tried first."""
+    """The wishes of a part are tried in the order of their ranks: those with rank 0 first."""
 
 
 @quick
@@ -71,7 +71,8 @@ class Withdrawal(Generic[F]):
 
     @property
     def target(self) -> Array:
-        """Target posture (n,) [rad]: `origin` + `gain` * base motion, or `ended`."""
+        """Target posture (n,) [rad]: `ended` if the motion was ended, otherwise `origin` + `gain` * base
+        motion."""
         if self.ended is not None:
             return self.ended
         ways = zip(

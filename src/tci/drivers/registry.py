@@ -124,8 +124,8 @@ def open_server(driver: Driver, via: str, **options: Any) -> Server:
     server. After this, run the server with `tci.runtime.serve`.
 
     Raises UnknownNameError if the server is not installed or does not have one of the options. Raises
-    MissingExtraError if the server's library is not installed, DriverError if the server can't listen at the
-    address.
+    MissingExtraError if the library that the server needs is not installed, and DriverError if the server
+    can't listen at the address.
     """
     opened: list[Server] = []
     try:

@@ -44,7 +44,8 @@ class ArmTrial:
 
 
 def arm_trials_of(robot: Robot, reflex: WithdrawalReflex, *, count: int, seed: int = 0) -> Iterator[ArmTrial]:
-    """Pokes `count` random taxels of the robot's arms with random forces, from its initial posture.
+    """Pokes `count` random taxels of the robot's arms with random forces. Each trial starts in the initial
+    posture.
 
     Skips taxels at which the finger has no room, for example between arm and torso.
     """

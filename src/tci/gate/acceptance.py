@@ -32,7 +32,8 @@ angles may be in degrees. Assumed: a behaviour that uses radians and moves too f
 than this angle, and not in all joints."""
 SLOWEST = 1e-3
 """Least speed [rad/s] that a command may request. The library ruckig plans motions of at most two hours.
-Assumed: at a speed below this value, a motion over the full range of a joint would take longer."""
+Assumed: at a speed below this value, a motion over the full range of a joint would take longer than two
+hours."""
 _all_finite, _is_acceptable = entry(all_finite), entry(is_acceptable)
 INDICES, DOUBLES = np.dtype(np.intp), np.dtype(np.float64)
 

@@ -117,7 +117,8 @@ class JointTouch:
     def _feel(
         self, estimator: PartEstimator, residual: Residual, position: Array, forces: Array, skin: Skin
     ) -> Explanation | None:
-        """Returns the contact that is detected through the joint torques of one part.
+        """Returns the contact that is detected through the joint torques of one part; None if there is no
+        such contact.
 
         Writes into `forces` (c,) [N] the improved forces of the contacts on the part's skin.
         """

@@ -268,7 +268,7 @@ def _draw_scale(figure: Figure, axes: Axes, dots: PathCollection) -> None:
 def _outline(field: ReceptiveField) -> Array:
     """Returns points (60, 2) on the edge of a receptive field: theta [rad] and u.
 
-    Distance is measured along a straight line through the limb (eq. 6).
+    The distance from the centre of the field is measured along a straight line through the limb (eq. 6).
     """
     around = np.linspace(0.0, 2.0 * np.pi, 60)
     half = np.clip(field.radius * np.sin(around) / (2.0 * RHO), -1.0, 1.0)

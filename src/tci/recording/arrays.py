@@ -107,9 +107,9 @@ def read_mapping(path: Path) -> Mapping:
 def import_arrays(file: Path, out: Path, mapping: Path, *, robot: Robot | None = None) -> int:
     """Converts a file of arrays to a recording and returns the number of frames.
 
-    With a robot, the patches are the robot's patches, and the robot's joints rest at the initial posture.
-    Raises DescriptionError if the mapping has faults. Raises RecordingError if the file does not fit the
-    mapping.
+    If `robot` is given, the patches are patches of this robot, and in the recording its joints rest at the
+    initial posture. Raises DescriptionError if the mapping has faults. Raises RecordingError if the file does
+    not fit the mapping.
     """
     names = read_mapping(mapping)
     patches = {} if robot is None else {name: robot.patch(name) for name in names.skin}

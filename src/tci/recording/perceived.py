@@ -29,8 +29,8 @@ class Perceived:
     commands: tuple[dict[str, Any], ...]
     """Commands of the behaviour. Each command has the fields of `schemas.COMMAND`."""
     decision: dict[str, Any] | None
-    """Decision of the gate that was sent to the robot, with the fields of `schemas.DECISION`. The value is
-    None if nothing was sent."""
+    """The gate's decision in this period, with the fields of `schemas.DECISION`. The value is None if nothing
+    was sent to the robot."""
 
     @property
     def skin(self) -> SkinState:

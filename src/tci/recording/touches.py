@@ -37,7 +37,8 @@ class Touch:
     """Time [s] of the first command for each part since the touch began. The key "" is for commands to the
     robot's own joints."""
     motions: dict[str, float] = field(default_factory=dict)
-    """Time [s] at which a generic joint of each moving part had first changed by more than `MOVED`."""
+    """Time [s] of the first motion, by moving part: the time at which a generic joint of this part had
+    changed by more than `MOVED`."""
 
     @property
     def responding(self) -> str:

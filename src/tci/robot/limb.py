@@ -1,8 +1,8 @@
 """The generic limb: one cylinder for all robots, on which receptive fields are defined (eqs 4, 6).
 
 A place (u, theta) on a limb of any robot is a point on a cylinder of length 1 and one standard radius. So one
-file of fields is valid for limbs of different size and shape. A field on a thin limb does not extend around
-the limb.
+file of fields is valid for limbs of different size and shape. On a thin limb, a field covers the same angle
+around the limb as on a thick limb.
 """
 
 from __future__ import annotations

@@ -84,7 +84,7 @@ class Servos:
     def _set_up(self, robot: Robot) -> tuple[Array, Array]:
         """Sets motor inertia, gains and torque limit of each joint.
 
-        Returns full stiffness and full damping.
+        Returns the full stiffness and the full damping of each joint.
         """
         model, data = self._physics.model, self._physics.data
         inertia = _largest_inertia(model, data, self._dofs)

@@ -204,8 +204,8 @@ class Conditioner:
         return True
 
     def update(self) -> bool:
-        """Does half of an update of the estimates. Each estimation window that ends requires one update of
-        its patch.
+        """Does half of an update of a patch's estimates. Each estimation window that ends requires one update
+        of its patch, in two calls.
 
         Returns False if no window has ended.
 

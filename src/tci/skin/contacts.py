@@ -125,7 +125,7 @@ class ContactFinder:
     def _reject(
         self, active: ActiveTaxels, estimates: Estimates, settings: IsolatedSettings, single: int
     ) -> tuple[int, int, Array]:
-        """Removes clusters of a single taxel that are not a touch.
+        """Removes each cluster that consists of a single taxel and does not count as a touch.
 
         Returns the number of remaining clusters, the number of their taxels, and a table (w, WAITING) of the
         taxels that must be pressed for longer before they count as touched (columns: see

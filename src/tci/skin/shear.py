@@ -19,8 +19,8 @@ SETTLE = 10.0
 """Time constant [s] with which the rest values of an untouched taxel are tracked. Assumed: this is slower
 than a touch, and faster than a change of temperature."""
 GAP = 1.0
-"""Upper bound [s] on the time between two frames that is used to track rest values. Assumed: without a bound,
-the first frame after a long pause would replace the rest values from earlier frames."""
+"""A longer time between two frames counts as this time [s] when rest values are tracked. Assumed: without a
+bound, the first frame after a long pause would replace the rest values from earlier frames."""
 
 
 class Shear:

@@ -24,7 +24,8 @@ FINEST = 0.01
 """Smallest time [s] between two stored views. Assumed: shorter than the time between two pictures of the
 page."""
 REFLEX = "withdrawal"
-"""Behaviour whose receptive fields are shown, also if the recording contains no name of a behaviour."""
+"""Behaviour whose receptive fields are shown. The fields are also shown if the recording contains no name of
+a behaviour."""
 LONGEST = 600.0
 """Length [s] of the longest recording that can be played. Assumed: limits memory, because all views are
 kept."""
@@ -92,7 +93,7 @@ class Player:
 
     @property
     def loop_words(self) -> str:
-        """Says whether the recording is playing or paused, and at which time."""
+        """Returns words that tell if the recording plays or is paused, and at which time."""
         state = "playing" if self.playing else "paused"
         return f"recorded; {state} at {self._time - self.begin:.2f} of {self.end - self.begin:.2f} s"
 

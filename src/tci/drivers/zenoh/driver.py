@@ -3,9 +3,9 @@
 | key | content | from |
 |---|---|---|
 | `tci/NAME/state` | joints, gate, commander; in every period | robot |
-| `tci/NAME/skin/PATCH` | a frame of skin, once | robot |
+| `tci/NAME/skin/PATCH` | each new frame of the patch | robot |
 | `tci/NAME/orders/CLIENT` | orders and heartbeat, in every period | behaviour |
-| `tci/NAME/facts` | answers a query with the robot's facts as JSON | robot |
+| `tci/NAME/facts` | the robot's facts as JSON, as reply to a query | robot |
 | `tci/NAME/alive` | liveliness of the robot's process | robot |
 """
 

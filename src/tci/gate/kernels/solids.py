@@ -33,7 +33,7 @@ class Solids:
     """Shapes (g, 16). A shape is the convex hull of its points, each extended by the ellipsoid E u, |u| <= 1.
     The columns of a shape:
 
-    - index of the joint that carries the shape, or -1
+    - index of the joint that carries the shape (-1: no joint)
     - index of its first point, and of its last point + 1
     - centre (3,) and radius [m] of its bounding sphere
     - matrix E (3, 3) [m]
@@ -53,8 +53,8 @@ class Solids:
 
     @staticmethod
     def of(clearance: Clearance) -> Solids:
-        """Returns the solids of the robot whose distances `clearance` computes. Raises TciError if a joint is
-        not a hinge."""
+        """Returns the solids of the robot that `clearance` checks for collisions. Raises TciError if a joint
+        is not a hinge."""
         model, data = clearance.model, mujoco.MjData(clearance.model)
         mujoco.mj_kinematics(model, data)
         for joint in np.flatnonzero(model.jnt_type != mujoco.mjtJoint.mjJNT_HINGE).tolist():

@@ -86,7 +86,8 @@ class Patch(Description):
     """Shift [m] of the whole skin in the frame of its link. The shift is added to the positions of the
     taxels, to correct them (`tci skin mount` measures the shift)."""
     rpy: Vector = (0.0, 0.0, 0.0)
-    """Roll, pitch, yaw [rad] by which the skin is rotated about the origin of its link, before the shift."""
+    """Roll, pitch, yaw [rad] by which the skin is rotated about the origin of its link, before the shift by
+    `xyz`."""
     sensor: Sensor
     surface: Annotated[TruncatedCone | TriangularModules | Table, Field(discriminator="kind")]
     rigid: bool = False

@@ -42,7 +42,8 @@ class Wish(NamedTuple, Generic[F]):
     contact: int
     """Index of the contact in `Perception.contacts`."""
     rank: int = 0
-    """The wishes of a part are tried in the order of their ranks: those with rank 0 first."""
+    """Rank of the wish. The wishes of a part are tried in the order of their ranks, those with rank 0
+    first."""
 
 
 @quick

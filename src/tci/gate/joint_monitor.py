@@ -54,8 +54,8 @@ class MonitorSettings:
     least_speed: float = np.deg2rad(3.0)
     """Speed [rad/s] below which a servo counts as not moving."""
     encoder_step: float = np.deg2rad(2.0)
-    """Between two readings, an angle may change by at most this angle [rad] plus the motion at the joint's
-    speed limit."""
+    """Angle [rad] by which the angle of a joint may change between two readings, in addition to the motion at
+    the joint's speed limit."""
     frozen: float = 0.1
     """Time [s] for which an angle may stay exactly constant while its reference moves, or for which a reading
     may be repeated with new stamps."""

@@ -304,7 +304,8 @@ class Conditioner:
         memory.patches[p, CONSTANT] = min(memory.patches[p, CONSTANT], 0.0)
 
     def _note_anew(self, p: int) -> None:
-        """Marks all blocks of a patch, so that its next frame is processed in full."""
+        """Marks all blocks of a patch, so that its next frame is processed in full, even if the values
+        repeat."""
         self._count_repeats(p)
         begin = self.layout.arrays.begin
         self._memory.blocks[begin[p, BLOCK] : begin[p + 1, BLOCK], REPEATED] = 0

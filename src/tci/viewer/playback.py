@@ -14,8 +14,8 @@ from tci.viewer.player import Player
 
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "5")
 MINE = 0.5
-"""For this time [s] after a person has moved the slider, the playback does not move the slider. Assumed: a
-person who drags the slider never pauses for longer."""
+"""Time [s] after a person has moved the slider, during which the playback does not move the slider. Assumed:
+a person who drags the slider never pauses for longer."""
 STEP = 0.01
 """Finest step [s] of the slider."""
 

@@ -40,7 +40,7 @@ def dial(
     contact: Contact, sender: str, carrier: Carrier, key: bytes | None, *, patience: float = PATIENCE
 ) -> tuple[socket.socket, SocketSource, int]:
     """Connects to a port and sends the sender's name. Returns the socket, its source of bytes, and the number
-    that the port answered.
+    in the port's answer: for udp, the UDP port that receives the datagrams.
 
     Raises PortError if nothing answers, or if the answer is not that of a YARP port.
     """
@@ -175,8 +175,8 @@ class Outgoing:
         self._socket.close()
 
     def _part(self) -> None:
-        """Ends a udp connection as YARP does: sends the order to end it over a text connection, and waits for
-        the answer."""
+        """Ends a udp connection as YARP does: opens a text connection to the same port, sends there the order
+        to end the udp connection, and waits for the answer."""
         sock, source, _ = dial(self.contact, "admin", TEXT, self._key, patience=GOODBYE)
         with sock:
             sock.sendall(f"~{self._sender}\r\nq\r\n".encode())

@@ -1,4 +1,4 @@
-"""Structures of the answers of YARP 4.0's control boards, for each method.
+"""Structure of the answer to each method of YARP 4.0's control boards.
 
 The answer to a refused call also contains the whole structure. A client reads every field of the method, and
 would wait for a missing field.

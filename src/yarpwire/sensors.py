@@ -33,10 +33,10 @@ sensors of a kind."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measure:
-    """Values of one sensor."""
+    """Values that one sensor measured, and their time."""
 
     values: Array
-    """Values (n,)."""
+    """Measured values (n,), in the units of the sensor."""
     time: float
     """Time [s] of measurement on the sender's clock."""
 

@@ -223,7 +223,8 @@ def _across(
 ) -> tuple[Array, Array]:
     """Returns two unit vectors (3,): out of the palm, and along the palm towards the thumb.
 
-    If the thumb is in the middle of the palm, the second vector points to the thumb's side of a human hand.
+    If the thumb is in the middle of the palm, the second vector points to the side on which a human hand has
+    its thumb.
     """
     others = [finger for one, finger in enumerate(fingers) if one != thumb]
     palmar, ahead = (

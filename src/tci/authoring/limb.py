@@ -46,9 +46,10 @@ class Limb:
     turn: int | None
     """Joint after `bend` that turns the forearm about its length (pronation); None if there is none."""
     centre: Array
-    """Centre (3,) [m] of the ball joint: the point of the third axis nearest to the first two."""
+    """Centre (3,) [m] of the ball joint: the point on the third axis of `ball` that is nearest to the first
+    two axes."""
     middle: Array
-    """Point (3,) [m] of the third axis that is nearest to the bending axis."""
+    """Elbow or knee (3,) [m]: the point on the third axis of `ball` that is nearest to the axis of `bend`."""
     wrist: Array
     """End (3,) [m] of the forearm or shank. Equal to `middle` if there is no joint at that end."""
 

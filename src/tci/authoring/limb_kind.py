@@ -41,9 +41,8 @@ def named_side(name: str) -> str | None:
 
 
 def is_named_so(joints: Sequence[Joint], pair: Pair) -> bool:
-    """Returns True if the names of a pair's first joints do not contradict its sides. Names are ignored if
-    both contain one side, such as `_r0` and `_r1`.
-    """
+    """Returns False if the name of a limb's first joint contains the other side. The names are ignored if
+    both name the same side, such as `_r0` and `_r1`."""
     named = {side: named_side(joints[limb.ball[0]].name) for side, limb in pair.items()}
     return len(set(named.values())) == 1 or all(told in (None, side) for side, told in named.items())
 

@@ -27,8 +27,8 @@ from tci.robot.description import Robot
 from tci.skin.surfaces import Surface, mount_of
 
 FEWEST = 10
-"""Least number of touches. Three touches determine a pose, but the error of each touch is as large as the
-distance between taxels. Assumed: ten touches average these errors out."""
+"""Least number of touches from which a mount is estimated. Three touches determine a pose, but the error of
+each touch is as large as the distance between taxels. Assumed: ten touches average these errors out."""
 SPREAD = 0.005
 """Least standard deviation [m] of the touches along their second principal axis. Assumed: from touches on one
 line, the rotation about this line can't be determined."""
@@ -48,11 +48,13 @@ class SelfTouch:
     """One touch between the skin that is to be located and another skin of the robot."""
 
     reported: Array
-    """Place (3,) [m] of the touch as reported by the skin to be located, in the link of this skin."""
+    """Place (3,) [m] of the touch as reported by the skin to be located, in the frame of the link that
+    carries this skin."""
     normal: Array
     """Outward unit normal (3,) of the skin to be located, at `reported`."""
     met: Array
-    """Place (3,) [m] of the touch as reported by the other skin, in the link of the skin to be located."""
+    """Place (3,) [m] of the touch as reported by the other skin, in the frame of the link that carries the
+    skin to be located."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +62,7 @@ class Mount:
     """Correction of the place of a skin on its link, found from touches."""
 
     correction: Array
-    """Pose (4, 4) in the link. The corrected pose of the skin is this pose times the pose in the
+    """Pose (4, 4) in the frame of the link. The corrected pose of the skin is this pose times the pose in the
     description."""
     residual: float
     """Root mean square distance [m] between the two places of each touch, after the correction of the mount
@@ -138,7 +140,7 @@ def mount_in_recording(path: Path, robot: Robot, patch: str) -> Mount:
 def write_mounted(robot: Robot, patch: str, mount: Mount, out: Path) -> None:
     """Writes a description that extends the robot's description and corrects the place of one patch.
 
-    Raises CommandError if `out` exists or does not lie beside the robot's description.
+    Raises CommandError if `out` exists or is not in the folder of the robot's description.
     """
     source = Path(robot.source)
     if out.absolute().parent != source.absolute().parent or out.exists():

@@ -52,7 +52,8 @@ def propose(
             meshes.
         arms: Names of the first joints of the left and the right shoulder, if the arms are in doubt.
         elbow: Direction in which the left elbow's joint bends the arm, if it is in doubt.
-        trust_fingers: Decision if names and places of fingers contradict each other.
+        trust_fingers: "names" or "places" decides if the two contradict each other; "none" describes the
+            hands without fingers.
         skin_on_hands: Adds assumed skin on palms and finger tips.
 
     Raises DescriptionError for a file that is not a model of a humanoid with two arms, or if arms, elbows,

@@ -16,7 +16,7 @@ from tci.robot.shoulder import nearest_point
 
 COVER = {"upper_arm": (0.2, 0.8), "forearm": (0.12, 0.9)}
 """Range of u that skin covers on each segment; u is 0 at the proximal joint, 1 at the distal joint. Assumed:
-the skin does not reach the joints at both ends."""
+the skin ends before it reaches either joint."""
 SLENDER = 0.18
 """Radius of the skin on a segment, as a fraction of the segment's length. This radius is used if the model
 contains no geometry for the segment, or is read without meshes. Assumed: between the values of iCub's arms
@@ -87,7 +87,8 @@ def cone_patch(
 ) -> Patch:  # fmt: skip
     """Returns a cone of skin with a distance `pitch` [m] between taxels.
 
-    Angles around the cone are measured from the plane of its axis and the vector `across` (3,).
+    Angles around the cone are measured from the plane that contains the cone's axis and the vector `across`
+    (3,).
     """
     link = part.segment(segment).link
     R_RL, p_RL = points.link_pose(link)

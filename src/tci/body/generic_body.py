@@ -54,7 +54,7 @@ class BodySettings:
     contacts: ContactSettings = field(default_factory=ContactSettings)
     """Conditions under which active taxels form a contact."""
     conditioning: ConditioningSettings = field(default_factory=ConditioningSettings)
-    """Conversion of raw frames to pressures."""
+    """Settings of the conversion of raw frames to pressures."""
     calibration: SkinCalibration | None = None
     """Measured rest values, noise and response of the taxels. If None, the file that `tci skin calibrate`
     wrote into the folder of the description is used, if this file exists."""
@@ -188,7 +188,8 @@ class GenericBody:
         return reach_of(self.robot, part, point)
 
     def jacobian(self, perception: Perception, contact: Contact) -> Array:
-        """Returns the Jacobian (3, n) [m/rad] of the contact point by the generic joints of its part.
+        """Returns the Jacobian (3, n) [m/rad] of the contact point with respect to the generic joints of the
+        touched part.
 
         The Jacobian is expressed in the torso frame, with zero columns for joints that the robot lacks. The
         transpose of the Jacobian maps a force at the contact to torques of the generic joints.
@@ -235,7 +236,8 @@ class GenericBody:
     def coverage(
         self, perception: Perception, part: str, places: Sequence[LimbPlace | Landmark], radius: Array
     ) -> Array:
-        """Returns for each place of a part the fraction (m,) of taxels within `radius` (m,) that are trusted.
+        """Returns, for each place of a part, the fraction (m,) of trusted taxels among the taxels within
+        `radius` (m,).
 
         If there are no taxels around a place, its fraction is 1. The radius around a `LimbPlace` is in limb
         lengths; the radius around a `Landmark` is a geodesic distance [m].
@@ -270,7 +272,8 @@ class GenericBody:
 
 
 def order_to_platform(robot: Robot, order: Order, position: Array) -> PlatformOrder:
-    """Returns one order in the robot's own joints, which are at `position` (n_servos,) [rad].
+    """Converts one order to an order for the robot's own joints, whose present angles are `position`
+    (n_servos,) [rad].
 
     An order that already is in the robot's own joints is returned unchanged. Raises CommandError if the order
     can't be converted.

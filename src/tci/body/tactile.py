@@ -24,7 +24,8 @@ FRICTION = 0.5
 """Ratio of tangential to normal force at which an object slips on the skin. Assumed: between the values for
 rubber on steel and rubber on wood. Measure the ratio of your skin: pull an object slowly until it slips."""
 MOST_PIXELS = 2**24
-"""Largest number of pixels of a pressure image. Assumed: this is 4096 x 4096 pixels, which need 128 MiB."""
+"""Largest number of pixels of a pressure image: 4096 x 4096 pixels, which need 128 MiB. Assumed: nobody needs
+a larger image."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +116,7 @@ class ContactShape:
     axes: Array
     """Half of the length and half of the width (2,) [m] of the ellipse."""
     directions: Array
-    """Unit vectors (2, 3) along the length and the width of the ellipse, in the patch's link."""
+    """Unit vectors (2, 3) along the length and the width of the ellipse, in the frame of the patch's link."""
 
 
 def contact_shape(contact: Contact, body: GenericBody) -> ContactShape:

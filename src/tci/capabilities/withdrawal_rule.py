@@ -2,7 +2,8 @@
 
 A touch in a receptive field starts a *withdrawal* of the touched part. The withdrawal lasts until no field of
 the part has been touched for the refractory period. During this time all touches of the part count as one
-touch. The gain may increase, at most to 1. No other field responds, and no motion is added twice.
+touch. The gain may increase, at most to 1. No other field responds, and no base motion is added a second
+time.
 """
 
 from __future__ import annotations

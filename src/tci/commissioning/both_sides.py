@@ -12,26 +12,26 @@ import numpy as np
 from tci.robot.description import GenericPart, GenericServo, Robot
 
 UNEVEN = np.deg2rad(5.0)
-"""Largest difference [rad] between generic limits or angles of the left and the right side. Assumed: larger
-than the differences between the two arms of real robots."""
+"""Largest difference [rad] at which a generic limit or angle counts as equal on the left and the right side.
+Assumed: larger than the differences between the two arms of real robots."""
 ROUNDED = 0.06
 """An angle on one side of the robot counts as written in radians instead of degrees if its number differs
 from the other side's angle [rad] by at most this value. Assumed: numbers may be rounded to one decimal."""
 NEARLY = 0.1
-"""Largest relative difference between the number of an angle and the other side's angle [rad] at which the
-angle counts as written in radians. This is used instead of ROUNDED if the two angles differ by at most
-UNEVEN. Assumed: more than the error of rounding to two digits."""
+"""Replaces ROUNDED if the angles of the two sides differ by at most UNEVEN. The smaller angle then counts as
+written in radians if its number differs from the larger angle [rad] by at most this fraction of the number.
+Assumed: more than the error of rounding to two digits."""
 TINY = 0.5 * np.pi
 """Number of degrees below which an angle counts as written in radians, if the part has no other side.
-Assumed: nobody turns a head or a torso by less than 1.6 degrees or by more than 90."""
+Assumed: nobody turns a head or a torso by less than 1.6 degrees, or by more than 90 degrees (1.6 rad)."""
 
 
 def posture_doubts(robot: Robot) -> Iterator[str]:
     """Yields a sentence for each pair of joints whose left and right initial angles differ. In a symmetric
     posture, a left and a right generic joint have equal angles with equal signs.
 
-    A part without another side, such as the head, gives a sentence for each angle that is so small that it is
-    probably in radians.
+    For a part that exists only once, such as the head, yields a sentence for each angle that is so small that
+    the file probably contains radians instead of degrees.
     """
     for left, right in pairs(robot):
         for one, other in joint_pairs(left, right):

@@ -45,8 +45,8 @@ class FrictionSweeps:
     """Sweeps one servo after another, if the operator gives permission, and stores the measured friction."""
 
     def __init__(self, driver: Driver, operator: Operator, calibration: JointCalibration) -> None:
-        """Prepares the sweeps with the tools and rotors in the present `calibration`. Raises the errors of
-        `Dynamics`."""
+        """Prepares the sweeps. The computed torques include the tools and rotors in the present
+        `calibration`. Raises the errors of `Dynamics`."""
         self.driver, self.operator = driver, operator
         self.calibration = calibration
         """Calibration with the friction of all servos that were measured so far."""

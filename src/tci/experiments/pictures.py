@@ -91,7 +91,8 @@ def _row(
 def _moments(
     world: World, reflex: WithdrawalReflex, site: ReceptiveField, seed: int
 ) -> tuple[Moment, Moment, Trace]:
-    """Returns the instant of the largest force that the skin measured, the last instant, and the trace."""
+    """Returns the instant of a poke at which the skin measured the largest force, the last instant of the
+    poke, and the trace."""
     strongest = 0.0
     moments: list[Moment] = []
 

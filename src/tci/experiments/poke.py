@@ -43,7 +43,7 @@ class Trace:
     place: Place
     """The poked point of the skin."""
     normal: Array
-    """Outward unit normal (3,) at the poked point at the start, in the torso frame."""
+    """Outward unit normal (3,) of the skin at the poked point, in the torso frame, before the poke."""
     taxels: int
     """Number of taxels of the poked patch."""
     start: float = 0.0
@@ -61,8 +61,8 @@ class Trace:
     force: list[float] = field(default_factory=list)
     """Contact force [N] in the physics simulation, for each sample."""
     center: dict[float, Array] = field(default_factory=dict)
-    """For each time [s] with a contact: the mean (3,) [m] of the contact points in the physics simulation,
-    weighted by force, in the torso frame."""
+    """Mean (3,) [m] of the contact points in the physics simulation, weighted by force, by time [s].
+    Coordinates are in the torso frame."""
     point: list[Array] = field(default_factory=list)
     """Position (3,) [m] of `place` in the torso frame, for each sample."""
     away: list[float] = field(default_factory=list)
@@ -154,11 +154,16 @@ def poke(
 ) -> Trace:
     """Pokes the centre of `site` on an arm, and records the poke.
 
-    Args: world: Simulation, which is reset before the poke. part: Generic arm. site: Receptive field to poke.
-    stimulus: Motion of the finger. reflex: Capability that runs. A reflex without receptive fields only keeps
-    the arm's posture. seed: Seed of a random delay. The delay shifts the first contact by up to 20 ms
-    relative to the skin's frames. watch: Function that is called after each period of the loop. elsewhere:
-    Other process with a reflex, which runs instead of `reflex`.
+    Args:
+        world: Simulation, which is reset before the poke.
+        part: Generic arm.
+        site: Receptive field to poke.
+        stimulus: Motion of the finger.
+        reflex: Capability that runs. A reflex without receptive fields only keeps the arm's posture.
+        seed: Seed of a random delay, which shifts the first contact by up to 20 ms relative to the skin's
+            frames.
+        watch: Function that is called after each period of the loop.
+        elsewhere: Other process with a reflex, which runs instead of `reflex`.
 
     Raises the errors of `run` and of `RemoteTrial.run`.
     """

@@ -31,13 +31,14 @@ DEPTH = 0.002
 PERIOD = 0.02
 """Period [s] of the skin frames."""
 REST, PRESSED = 3, 14
-"""Number of frames without a touch between two touches, and number of frames of a touch. The second number is
-enough to detect a contact of a single taxel."""
+"""REST: number of frames without a touch between two touches. PRESSED: number of frames of each touch, enough
+for TCI to detect a contact of a single taxel."""
 SHARE = 0.3
 """Raw value of a pressed taxel, as a fraction of the sensor's range. Assumed: the value does not affect the
 result, since only the set of pressed taxels is used."""
 ENCODER = np.deg2rad(0.1)
-"""Standard deviation [rad] of the measured angles. Assumed: the backlash of the joints of such robots."""
+"""Standard deviation [rad] of the error of the measured angles. Assumed: the backlash of the joints of such
+robots."""
 NEAR = 0.0005
 """Largest distance [m] between the two touching points for which a posture is accepted."""
 TRIES = 30
@@ -47,8 +48,9 @@ the limits."""
 
 FACING, OBLIQUE = 0.003, 0.8
 """In an ideal touch, the normals of the two taxels are opposite. The deviation is the length of the sum of
-the two unit normals. FACING: weight [m] of the deviation. OBLIQUE: largest deviation for which a posture is
-accepted. Assumed: up to 47 degrees (a deviation of 0.8), the skins still touch with their surfaces."""
+the two unit normals. FACING: the search for a posture multiplies the deviation by this weight [m], and adds
+its square to that of the distance. OBLIQUE: largest deviation for which a posture is accepted. Assumed: up to
+47 degrees (a deviation of 0.8), the skins still touch with their surfaces."""
 
 
 class _Places(NamedTuple):
@@ -83,7 +85,7 @@ def mount_in_simulation(
     progress: Callable[[int], None] = lambda count: None,
 ) -> FoundMount:
     """Moves a patch of the description by `wrong` [m], turns the patch by `turned` [rad], and estimates the
-    patch's mount.
+    patch's mount from simulated touches.
 
     Raises TciError if the skin of the other arm can't reach the patch.
     """
@@ -174,8 +176,8 @@ def _posture(body: GenericBody, patch: str, random: np.random.Generator) -> tupl
 
 
 def _apart(angles: Array, chain: KinematicChain, home: Array, moving: list[int], places: _Places) -> Array:
-    """Returns the differences (6,) between two taxels: three values for the positions, and three for the
-    facing normals."""
+    """Returns the residuals (6,) of a touch of two taxels: the vector [m] between the touching points, and
+    the sum of the normals times FACING. All are 0 in an ideal touch."""
     position = home.copy()
     position[moving] = angles
     own, a, other, b = places
@@ -186,7 +188,8 @@ def _apart(angles: Array, chain: KinematicChain, home: Array, moving: list[int],
 
 
 def _pressed(body: GenericBody, position: Array, patch: str, other: str) -> dict[str, Array]:
-    """Returns for both patches a mask (n,) of the taxels that are inside the other patch's surface."""
+    """Returns one mask (n,) for each of the two patches: True for taxels below the surface of the other
+    patch."""
     surfaces = body.skin.surfaces
     one, two = surfaces[patch], surfaces[other]
     here, there = body.skin.kinematics.pose_array(position, (one.link, two.link))

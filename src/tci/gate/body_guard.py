@@ -32,7 +32,7 @@ class BodyGuard:
     """
 
     def __init__(self, body: SelfCollision, *, period: float) -> None:
-        """Stores the check `body`, and the `period` [s] of one step of a group."""
+        """Stores `body`, which checks postures for self-collision, and `period` [s], the time of one step."""
         self._body = body
         self._period = period
         self._box = np.zeros((2, 0))
@@ -54,8 +54,8 @@ class BodyGuard:
     def fault(
         self, index: NDArray[np.intp], stop: StopTrajectory, others: Sequence[JointGroup], measured: Array
     ) -> Reason | None:
-        """Returns the reason why the servos `index` (n,) must not take the step to the beginning of `stop`
-        while the groups `others` stop; None if the servos may take it.
+        """Returns the reason why the servos `index` (n,) must not take their next step; None if they may. The
+        step ends where the planned stop `stop` begins. The groups `others` stop at the same time.
 
         Servos that belong to no group are assumed to stay at their `measured` (n_servos,) [rad] angles.
         """

@@ -61,8 +61,8 @@ class MotionPlanner:
         self._input.target_velocity = velocity.tolist()
 
     def step(self) -> Array | None:
-        """Returns the state (3, n) after the next step; None if ruckig finds no motion. Call `take` if the
-        step is taken."""
+        """Returns the state (3, n) after the next step; None if ruckig finds no motion. If the robot is to
+        execute this step, the caller must call `take`."""
         plan = self._output
         try:
             self.ended = self._otg.update(self._input, plan) == Result.Finished
@@ -76,7 +76,7 @@ class MotionPlanner:
         return np.array(numbers).reshape(3, -1)
 
     def take(self) -> None:
-        """Takes the step that was computed last. The next step begins where this step ends."""
+        """Accepts the step that `step` computed last. The next step begins where this step ends."""
         self._output.pass_to_input(self._input)
 
     def ahead(self, time: float) -> Array:

@@ -2,9 +2,9 @@
 
 In torque mode there is no position reference that could be kept within limits. Therefore the limits use the
 measured motion. The closer a servo is to a limit, or the faster it moves, the more a braking torque replaces
-the commanded torque. These limits need recent joint data. As the data ages, every torque
-decreases to zero. Braking torques decrease too, because a braking torque would drive a joint backwards after
-the joint has come to rest.
+the commanded torque. These limits need recent joint data. As the data ages, every torque decreases to zero.
+Braking torques decrease too: with old data, a braking torque would still act after the joint has come to
+rest, and drive the joint backwards.
 """
 
 from __future__ import annotations

@@ -32,8 +32,9 @@ BLOCK = 4096
 all bones."""
 STRAIGHT = 0.1
 """The elbow counts as straight if the sine of its angle is below this number. The direction of the forearm
-then does not determine the rotation of the upper arm about its own axis. Assumed: 0.1 is the sine of 6
-degrees. At this angle, an error of position changes this rotation ten times as much as at a right angle."""
+then does not determine the rotation of the upper arm about its own axis. Assumed: at the sine 0.1 (6 degrees)
+the rotation is still useful, although an error of position changes it ten times as much as at a right angle.
+"""
 NONE = 1e-6
 """Norm below which a cross product counts as zero, since such a small norm is only rounding error."""
 FASTEST = 25.0

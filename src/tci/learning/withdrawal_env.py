@@ -49,10 +49,10 @@ EFFORT, TASK = 0.05, 1.0
 is 1. Assumed: with larger values of EFFORT and TASK the agent would accept more pain."""
 SPEED = (0.1, 0.4)
 DEPTH = (0.006, 0.014)
-"""Ranges of a poke: speed [m/s] (SPEED) and depth [m] (DEPTH) of the finger's base. Assumed: the ranges
-include light and painful touches."""
+"""Ranges from which the random speed [m/s] (SPEED) and the random depth [m] (DEPTH) of the finger's base are
+drawn for each poke. Assumed: the ranges include light and painful touches."""
 FORCE = 100.0
-"""Largest force [N] and largest area [cm2] in an observation. Larger values are clipped."""
+"""Largest value of a force [N], and also of an area [cm2], in an observation. Larger values are clipped."""
 
 Observation = dict[str, NDArray[np.float64]]
 

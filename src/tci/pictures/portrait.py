@@ -38,7 +38,7 @@ class Moment:
     reading: Reading
     """Latest reading of the robot."""
     data: mujoco.MjData
-    """Copy of the physics."""
+    """Copy of the physics simulation's state."""
 
 
 def keep_moment(world: World, reading: Reading) -> Moment:
@@ -74,7 +74,7 @@ class Portrait:
         return T_WT
 
     def draw(self, moment: Moment, camera: Camera) -> NDArray[np.uint8]:
-        """Returns the picture (height, width, 3)."""
+        """Returns the picture (height, width, 3) of the world at `moment`, seen by `camera`."""
         return render(
             self._model, self._pose(moment), camera, paint=self._paint(moment), colours=self._colours
         )
@@ -112,8 +112,8 @@ class Portrait:
         return data
 
     def _paint(self, moment: Moment) -> list[Painter]:
-        """Returns the painters in their order: first the receptive fields, then the taxels over these
-        fields."""
+        """Returns the painters in the order in which they paint: first the receptive fields, then the taxels,
+        which cover the fields."""
         if not self._worn:
             return []
         skin, robot, joints = self.skin, self._robot, moment.reading.joints

@@ -31,7 +31,7 @@ file can use."""
 def importing(
     out: Path, robot: Robot | None, *, middleware: str, source: str, period: float = 0.0
 ) -> Iterator[Recorder]:
-    """Opens a recording. The file is deleted if the block raises an error or the disk is full.
+    """Opens a recording. Deletes the file if the `with` block raises an error or the disk is full.
 
     Raises RecordingError if the file exists or can't be written.
     """

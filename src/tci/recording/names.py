@@ -11,7 +11,8 @@ from tci.errors import RecordingError
 from tci.robot.description import Robot
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
-"""Letters, digits, _ . and -, without a dot at the start. This excludes folders, drives and hidden files."""
+"""Pattern of a valid name: letters, digits, _ . and -, without a dot at the start. This excludes folders,
+drives and hidden files."""
 
 
 def servo_names(robot: Robot) -> list[str]:

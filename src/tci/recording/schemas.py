@@ -28,7 +28,7 @@ from tci.reasons import NO_REASON, number_of, text_of
 from tci.rosmsg.cdr import MessageType, decode, encode
 
 MODES = tuple(Mode)
-"""Modes in the order of their numbers in a recording. The number 255 means unknown."""
+"""Modes in the order of their numbers in a recording. The number 255 means that the mode is unknown."""
 UNKNOWN = 255
 DTYPE = re.compile(r"[<>|]?([buif][1248]|[US][1-9][0-9]{0,3})")
 """Types of raw values that a recording may contain. Besides numbers, text is possible, since a faulty source
@@ -235,7 +235,8 @@ def same_decision(sent: SafeCommand, recorded: Mapping[str, Any]) -> bool:
 
 
 def cloud_fields(points: NDArray[np.float32]) -> tuple[Any, ...]:
-    """Returns the fields of a CLOUD after its header. `points` (n, 4) are x, y, z [m] and pressure [Pa]."""
+    """Returns the values of those fields of a CLOUD message that follow the header. `points` (n, 4) are x, y,
+    z [m] and pressure [Pa]."""
     float32 = 7  # PointField.FLOAT32
     names = ("x", "y", "z", "pressure")
     fields = [(name, 4 * place, float32, 1) for place, name in enumerate(names)]

@@ -102,7 +102,7 @@ class Clearance:
         return result
 
     def names(self, pair: int) -> tuple[str, str]:
-        """Returns the names of two links: the links of the row `pair` of `pairs`."""
+        """Returns the names of the two links whose geoms are in the row `pair` of `pairs`."""
         first, second = (self._model.body(self._model.geom_bodyid[geom]) for geom in self._pairs[pair])
         return str(first.name), str(second.name)
 

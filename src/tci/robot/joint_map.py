@@ -41,7 +41,7 @@ class JointMap:
         self.ids: NDArray[np.intp] = np.concatenate([none, *(t.ids for t in transforms)])
         """Generic ids (k,) of the joints that the robot has."""
         self.servos: NDArray[np.intp] = frozen(np.concatenate([none, *(t.servos for t in transforms)]))
-        """Servos (k,) that move these joints; read-only. Each joint has one servo, except in a synergy
+        """Servos (k,) that move the joints `ids`; read-only. Each joint has one servo, except in a synergy
         (joints and servos that depend on each other)."""
         self.unlimited: Array = frozen(np.full(len(self.servos), np.inf))
         """Speeds (k,) [rad/s] for a command that requests no speed: all are infinite; read-only."""
@@ -94,8 +94,8 @@ class JointMap:
 
     def per_servo(self, values: Array, position: Array) -> Array:
         """Returns the rates (k,) of the servos for the rates `values` (m,) of the joints `ids`, at `position`
-        (n_servos,) [rad]. In a synergy, these are the rates with the least squared error. Raises the errors
-        that `slope` raises."""
+        (n_servos,) [rad]. In a synergy, the rates may not produce `values` exactly; they minimise the squared
+        error of `values`. Raises the errors that `slope` raises."""
         slope = self.slope(position)
         if self.exact:
             return np.array(np.linalg.solve(slope, values))
@@ -122,8 +122,8 @@ class JointMap:
         """Returns the speed (k,) [rad/s] at which each of `servos` may move to a target.
 
         At these speeds, and with all servos at `position` (n_servos,) [rad], no generic joint exceeds its
-        speed in the description. In a retargeted shoulder, the speed in the description is that of the servo
-        itself, because this speed is defined in every posture.
+        speed in the description. In a retargeted shoulder, the speeds in the description limit the servos,
+        not the generic joints, because generic angles jump near 90 degrees of abduction.
         """
         if self._limits is not None:
             return self._limits

@@ -1,4 +1,5 @@
-"""Measured properties of a robot in JSON files next to its description."""
+"""Reads and writes measured properties of a robot. The properties are in JSON files, in the folder of the
+robot's description."""
 
 from __future__ import annotations
 

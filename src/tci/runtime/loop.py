@@ -64,7 +64,7 @@ class Tick:
     """Reading of the robot."""
     perception: Perception
     """Perception for the capability. If the skin frames of this reading do not fit the robot's description,
-    the perception of the previous tick."""
+    this is the perception of the previous tick."""
     commands: tuple[Order, ...]
     """Orders that the capability returned in this tick."""
     sent: SafeCommand

@@ -20,7 +20,7 @@ MOVED = float(np.deg2rad(1.0))
 """A servo counts as moved if its angle changed by at least this value [rad] during the run. Assumed: gravity
 turns a servo at rest by a smaller angle."""
 SHOWN = 6
-"""Largest number of servos that the summary of a run lists, and largest number of refusals, clamps and holds.
+"""Largest number of entries in each list (moved servos, refusals, clamps, holds) of the summary of a run.
 Assumed: users do not read longer lists."""
 
 Memory = TypeVar("Memory")

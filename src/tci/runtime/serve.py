@@ -42,8 +42,8 @@ def serve(
     """Serves the robot of `server.driver` for `duration` [s], or until the user interrupts the process.
 
     If the driver is not armed, clients can read but not command the robot. If an order does not fit the
-    robot, the server refuses the order, and the robot does not move. `clock` is the clock of the clients, by
-    default the machine's clock. Raises the errors of `run`.
+    robot, the server refuses the order, and the robot does not move. The server uses `clock`, by default the
+    machine's clock, to notice that this process stood still. Raises the errors of `run`.
     """
     orders = _Orders(server, served if served is not None else Served(), clock or MonotonicClock())
 

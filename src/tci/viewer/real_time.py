@@ -8,8 +8,8 @@ AHEAD = 0.03
 """Time [s] that a simulation may run ahead of real time before it waits. Assumed: the time of one picture.
 The processor needs less time if several periods are computed at once, without a wait after each period."""
 LATE = 0.1
-"""Largest delay [s] behind real time that a simulation compensates by faster steps. Assumed: three
-pictures."""
+"""Largest delay [s] behind real time that a simulation makes up for by faster steps. A larger delay is not
+made up for. Assumed: the time of three pictures."""
 
 
 class RealTime:

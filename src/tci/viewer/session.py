@@ -41,8 +41,8 @@ FRESH = 0.01
 IDLE = 0.02
 """Time [s] between two checks of a robot whose loop has ended. Assumed: shorter than one picture."""
 QUIET = 0.3
-"""Pause [s] between two touches or commands, after which the second one is shown as a new event. Assumed:
-bridges short interruptions of one touch."""
+"""A touch or command is shown as a new event if the pause before it is longer than this time [s]. Assumed:
+short interruptions of one touch last less."""
 GAP = 0.01
 """Distance [m] from which the finger approaches. Assumed: large enough, so that a person can see the
 approach."""
@@ -52,14 +52,15 @@ began to touch. Assumed: long enough for a person to see the touch."""
 
 
 class _Closed(Exception):
-    """Ends the session: the loop brings the robot to rest and returns."""
+    """Raised to end the session: the loop then brings the robot to rest and returns."""
 
 
 class Session:
     """A running robot, real or simulated. Any thread may call the methods."""
 
     def __init__(self, driver: Driver, capability: Capability[Any], *, about: dict[str, str]) -> None:
-        """Stores `about` for recordings. `start` begins the control loop, and `close` ends the loop."""
+        """Stores `about`, facts that each recording will contain. `start` begins the control loop, and
+        `close` ends the loop."""
         self.robot = driver.robot
         self._patches = [patch.name for patch in driver.robot.patches]
         self.driver = FaultInjector(driver, [])
@@ -282,7 +283,7 @@ class Session:
             self.say(rehearsal.words)
 
     def _tell_moves(self, tick: Tick) -> None:
-        """Adds an event for each contact and each command before which there was a pause."""
+        """Adds an event for each contact and each command that follows a pause longer than QUIET."""
         for contact in tick.perception.contacts:
             if tick.now - self._noted.get(contact.patch, -np.inf) > QUIET:
                 self.say(touched(contact, self.fields))

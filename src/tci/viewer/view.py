@@ -34,9 +34,9 @@ class View:
     contacts: Sequence[Contact]
     """Contacts on the skin."""
     state: GateState | None
-    """State of the gate, or None if nothing is commanded."""
+    """State of the gate, or None if TCI only reads the robot."""
     reason: str
-    """Reason for which the gate holds or has stopped. If nothing is commanded: reason for which the joint
+    """Reason for which the gate holds or has stopped. If TCI only reads the robot: reason for which the joint
     data can't be used."""
     response: float
     """Largest servo speed [rad/s] in the command that was sent."""

@@ -39,13 +39,13 @@ def robot_number(robot: Robot) -> int:
 
 
 def facts_bytes(robot: Robot) -> bytes:
-    """Returns a facts_t with the facts about the robot as bytes."""
+    """Encodes the facts about the robot as the bytes of a facts_t."""
     json = zlib.compress(query(robot).model_dump_json().encode())
     return _sealed(facts_t, robot=robot_number(robot), size=len(json), json=json)
 
 
 def state_bytes(robot: Robot, state: State) -> bytes:
-    """Returns a state_t with the state as bytes."""
+    """Encodes a state as the bytes of a state_t."""
     joints, effort = state.joints, state.joints.torque
     modes = () if joints.modes is None else joints.modes
     powered = () if joints.powered is None else joints.powered.tolist()
@@ -97,7 +97,7 @@ def to_state(robot: Robot, data: bytes) -> State:
 
 
 def frame_bytes(robot: Robot, message: SessionFrame) -> bytes:
-    """Returns a skin_t with the skin frame as bytes."""
+    """Encodes a skin frame as the bytes of a skin_t."""
     frame = message.frame
     data = np.ascontiguousarray(frame.values).tobytes()
     return _sealed(
@@ -124,7 +124,7 @@ def to_skin(robot: Robot, data: bytes) -> SessionFrame:
 
 
 def orders_bytes(robot: Robot, message: Orders) -> bytes:
-    """Returns an orders_t with the orders as bytes."""
+    """Encodes orders as the bytes of an orders_t."""
     return _sealed(
         orders_t, robot=robot_number(robot), session=message.session, seen=message.seen,
         client=message.client, name=message.name, sequence=message.sequence,

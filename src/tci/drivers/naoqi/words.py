@@ -27,7 +27,7 @@ MIDDLEWARE = "naoqi"
 CYCLE = 0.02
 """ALMotion's own period [s] (Aldebaran's documentation of ALMotion, 50 Hz)."""
 TYPES: dict[str, np.dtype[Any]] = {"u1": np.dtype("u1"), "i4": np.dtype("<i4"), "f4": np.dtype("<f4")}
-"""Types of packed values."""
+"""Types of the values in a packed frame, by their name in the text of the frame."""
 LONGEST = 1_000_000
 """Length [characters] of the longest packed frame that is decoded."""
 REFUSED = object()
@@ -50,15 +50,17 @@ def packed_key(key: str) -> str:
 
 
 def sequence_key(key: str) -> str:
-    """Returns the key of the frame's number, which increases by one per frame. ALMemory may lack this key."""
+    """Returns the key of the sequence number of the frame at `key`, which increases by one per frame.
+    ALMemory may lack this key."""
     return f"{key}/Sequence"
 
 
 def find_keys(keys: Mapping[str, tuple[str, ...]], attempt: Callable[[str], Any]) -> dict[str, list[str]]:
     """Finds the keys to request for each patch.
 
-    The first choice is the frame as text, the second the vector with its number, and the third the vector
-    alone. For a patch of switches, the keys of all its switches are requested.
+    The first choice is the frame as text. The second choice is the vector together with the key of the
+    sequence number, and the third choice is the vector alone. For a patch of switches, the keys of all its
+    switches are requested.
 
     `attempt` requests a single key, since some NAOqi versions refuse a whole list of keys if one key is
     missing. `attempt` returns the value of the key, None if there is no value, or REFUSED.

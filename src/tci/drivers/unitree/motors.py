@@ -29,9 +29,9 @@ MOTORS = len(NAMES)
 SIDES = ("left", "right")
 FINGER_MOTORS = tuple(f"{finger}_{joint}" for finger, joints in (("thumb", 3), ("middle", 2), ("index", 2))
                       for joint in range(joints))  # fmt: skip
-"""Motors of a Dex3, in the vendor's order for both hands. In other sources, the index finger is before the
-middle finger on the right hand. Therefore `tci check --hardware` moves each motor and asks the operator which
-finger moved."""
+"""Motors of a Dex3 hand. In this order of the vendor, the middle finger is before the index finger on both
+hands. Other sources have the opposite order on the right hand. Therefore `tci check --hardware` moves each
+motor and asks the operator which finger moved."""
 FINGER_GAINS = np.array([1.5, 0.1])
 """Gains (2,) [N m/rad], [N m s/rad] of full stiffness and damping of fingers, from the vendor's example."""
 UPPER = range(12, MOTORS)

@@ -47,8 +47,8 @@ class ServedHand:
         self._press: Any = np.zeros(count, PRESS)
 
     def orders(self) -> tuple[list[Order], int]:
-        """Returns an order for the fingers from the latest command, and the number of commands that are
-        invalid."""
+        """Returns orders for the fingers from the commands that arrived since the last call, and the number
+        of invalid commands."""
         found: list[Order] = []
         wrong = 0
         for sample in latest(self._commands):

@@ -22,7 +22,8 @@ class SetPoints:
         self._share = np.ones((2, MOTORS))
 
     def of(self, safe: SafeCommand) -> tuple[NDArray[np.bool_], Array]:
-        """Returns a mask (29,) of the motors under command, and the targets (5, 29) of these motors."""
+        """Returns a mask (29,) of the motors under command, and the targets (5, 29) of these motors. The rows
+        of the targets are angle, velocity, torque, stiffness and damping (q, dq, tau, kp, kd)."""
         own = self._slots[safe.servos] >= 0
         slots = self._slots[safe.servos[own]]
         for row, shares in enumerate((safe.stiffness, safe.damping)):
@@ -40,8 +41,8 @@ class SetPoints:
         return chosen, targets
 
     def here(self, posture: Array) -> tuple[NDArray[np.bool_], Array]:
-        """Returns a mask (29,) of all motors, and targets (5, 29) for which the motors keep the `posture`
-        (29,) [rad]."""
+        """Returns a mask (29,) of all motors, and targets (5, 29) with which the motors hold `posture` (29,)
+        [rad]. The rows of the targets are those of `of`."""
         targets = np.zeros((ROWS, MOTORS))
         targets[Q], targets[KP:] = posture, self._gains
         return np.ones(MOTORS, dtype=bool), targets

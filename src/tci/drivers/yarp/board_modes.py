@@ -43,7 +43,7 @@ STREAMING = {
 """Control modes in which a joint accepts streamed set-points, by the kind of the set-points."""
 
 JointMode = tuple[Vocab, bool]
-"""Control mode of a joint, and True if it is compliant."""
+"""Control mode of a joint, and True if the joint is compliant."""
 
 
 class BoardModes:

@@ -117,7 +117,7 @@ class OrderBook:
 
 
 def _joined(reasons: Collection[Reason]) -> Reason:
-    """Returns one reason with the texts of all reasons, and with the code of the first."""
+    """Returns one reason with the texts of all reasons, and with the code of the first reason."""
     if not reasons:
         return Reason(Code.OTHER, "the gate did not accept it")
     return Reason(next(iter(reasons)).code, "; ".join(reason.text for reason in reasons))

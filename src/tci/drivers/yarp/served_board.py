@@ -33,8 +33,8 @@ FULL_STIFFNESS = 1.0
 """Stiffness [N m/deg] on YARP that corresponds to the full stiffness of a servo. Assumed: the value has no
 effect, since TCI sets only fractions of the full stiffness, but YARP needs a value with a unit."""
 FULL_DAMPING = 0.1
-"""Damping [N m s/deg] on YARP that corresponds to the full damping of a servo. Assumed as for
-FULL_STIFFNESS."""
+"""Damping [N m s/deg] on YARP that corresponds to the full damping of a servo. Assumed: the value has no
+effect, for the reason given at FULL_STIFFNESS."""
 SPEED = 10.0
 """Speed [deg/s] of a joint's moves until a client sets another speed; equal to iCub's."""
 ACCELERATION = 50.0
@@ -42,8 +42,8 @@ ACCELERATION = 50.0
 effect, since the gate uses the limits in the description."""
 OVERTAKES = 0.005
 """Longest time [s] for which streamed set-points wait for the call that switches the joint to their mode. The
-call arrives on another connection, possibly after the set-points. Assumed: half of a board's period on iCub.
-"""
+call arrives on another connection, possibly after the set-points. Assumed: the call arrives within half of a
+period of iCub's boards."""
 ARRIVED = 1e-4
 """Largest distance [rad] between a joint's target and reference at which the joint counts as arrived.
 Assumed: an encoder does not resolve this distance."""

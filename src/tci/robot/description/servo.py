@@ -1,4 +1,5 @@
-"""Joints of the robot with its own names and numbers (DS in eq. 1), their limits and couplings."""
+"""Joints of the robot (DS in eq. 1) with the robot's own names and numbers, limits, and couplings between
+joints."""
 
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ class Limits(Description):
     torque: float | None = None
     """Largest torque [N m]."""
     assumed: tuple[str, ...] = ()
-    """Names of the limits above with assumed values, because the true values are not published."""
+    """Names of those limits above that are assumed, because the true values are not published."""
 
 
 class Mimic(Description):

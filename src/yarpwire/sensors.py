@@ -25,7 +25,7 @@ KINDS = (
 """Kinds of sensors, in the order of their lists in a message."""
 SKIN = KINDS.index("SkinPatches")
 MEASURES, METADATA = "/measures:o", "/rpc:o"
-"""Ends of the names of the two ports of a device."""
+"""Endings of the port names of a device, which has one port for measures and one for metadata."""
 MOST = 1000
 """Largest number of sensors of a kind in one message. Assumed: this bounds the memory; an iCub has a few
 sensors of a kind."""

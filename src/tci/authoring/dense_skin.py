@@ -1,4 +1,4 @@
-"""Variants of a robot's skin for tests of scaling: more taxels and patches, or another frame rate."""
+"""Creates variants of a robot's skin, to test how TCI scales: more taxels, more patches, another rate."""
 
 from __future__ import annotations
 

@@ -32,9 +32,10 @@ CLEAR = np.deg2rad(25.0)
 than this value, the finger bends in the direction with the larger range. Otherwise the bending direction is
 in doubt."""
 APART = 0.1
-"""For each finger, the least cosine between the bending axes of all other fingers is computed. The finger
-with the largest of these cosines is the thumb, if its cosine is larger than each other one by at least APART.
-Otherwise no finger counts as the thumb. Assumed: fingers that fan out change the cosine by less than this."""
+"""Each finger is left out once, and the least cosine between the bending axes of the remaining fingers is
+computed. The finger without which this cosine is largest is the thumb, if the second largest cosine is
+smaller by at least APART. Otherwise no finger counts as the thumb. Assumed: fingers that fan out change the
+cosine by less than this."""
 BESIDE = 0.3
 """Least distance between a thumb and the middle of the palm, if the thumb is on one side of the palm. The
 distance is a fraction of half the palm's width. At a smaller distance the thumb counts as attached in the

@@ -59,7 +59,7 @@ class SelfTouch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mount:
-    """Correction of the place of a skin on its link, found from touches."""
+    """Correction that moves a skin to its true place on its link, computed from touches."""
 
     correction: Array
     """Pose (4, 4) in the frame of the link. The corrected pose of the skin is this pose times the pose in the
@@ -189,7 +189,7 @@ def self_touches(body: GenericBody, patch: str, perceptions: Iterable[Perception
 
 
 def moved_patch(robot: Robot, patch: str, correction: Array) -> Robot:
-    """Returns the robot with `patch` moved in its link by the pose `correction` (4, 4)."""
+    """Returns the robot with `patch` moved relative to its link by the pose `correction` (4, 4)."""
     own = robot.patch(patch)
     mount = correction @ mount_of(own)
     moved = own.model_copy(update={"xyz": tuple(mount[:3, 3].tolist()), "rpy": rpy_of(mount[:3, :3])})

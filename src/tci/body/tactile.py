@@ -169,8 +169,8 @@ def shear_force(contact: Contact, body: GenericBody) -> ShearForce | None:
 class TouchEvent:
     """Beginning, slip, end or return of a contact.
 
-    A contact that vanishes for a moment and keeps its identity (see `TrackSettings.linger`) ends, and then
-    returns.
+    If a contact vanishes for a moment and keeps its identity (see `TrackSettings.linger`), there are two
+    events: the end of the contact, and later its return.
     """
 
     kind: Literal["onset", "slip", "end", "return"]

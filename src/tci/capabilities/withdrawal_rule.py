@@ -46,8 +46,8 @@ def withdraw_all(
         body: The generic body.
         refractory: The touch of a part ends when there has been no wish for the part for this time [s].
         mode: Control mode of the motions.
-        forbids: Further check: a function of a part and its target (n,) [rad] that returns the reason why the
-            part must not move to this target, or an empty text if the part may move.
+        forbids: Further check. Receives a part and its target (n,) [rad]. Returns the reason why the part
+            must not move to this target, or an empty text if the part may move.
 
     Raises CommandError if a touched part has another number of joints than the base motion of its field.
     """

@@ -1,7 +1,8 @@
 """Identifies the friction of a joint by slow sweeps in both directions, at two speeds.
 
 The torque of friction changes its sign with the direction of motion. Wrong masses in the model cause a torque
-error that has equal signs in both directions, so this error cancels.
+error that has equal signs in both directions, so this error cancels in the difference between the two
+directions.
 """
 
 from __future__ import annotations

@@ -19,7 +19,8 @@ _open: dict[int, tuple[Domain, str, int]] = {}
 def open_domain(number: int, settings: str, user: str) -> None:
     """Opens the DDS domain `number`. `settings` is the configuration of Cyclone. `user` is the part of TCI
     that uses the domain, for example `ROS 2`. If the domain is open for `user` already, only counts the call.
-    Raises DriverError if Cyclone refuses the settings, or if another user has the domain open."""
+    Raises DriverError if Cyclone refuses the settings, or if the domain is open for another user than `user`.
+    """
     if number in _open:
         domain, other, count = _open[number]
         if other != user:

@@ -113,7 +113,7 @@ class Driver(ABC):
         """Sends `safe`, which must be the latest command of this driver's gate. Returns `safe`.
 
         Raises DriverError in these cases: the driver is closed or not armed; the command is not the latest
-        command of the gate, or was sent before; another process commands the robot.
+        command of the gate, or has already been sent; another process commands the robot.
         """
         self._check_open()
         if not self.armed:

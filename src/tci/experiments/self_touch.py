@@ -48,9 +48,9 @@ the limits."""
 
 FACING, OBLIQUE = 0.003, 0.8
 """In an ideal touch, the normals of the two taxels are opposite. The deviation is the length of the sum of
-the two unit normals. FACING: the search for a posture multiplies the deviation by this weight [m], and adds
-its square to that of the distance. OBLIQUE: largest deviation for which a posture is accepted. Assumed: up to
-47 degrees (a deviation of 0.8), the skins still touch with their surfaces."""
+the two unit normals. FACING: the search for a posture multiplies the deviation by this weight [m], to
+compare it with the distance of the taxels. OBLIQUE: largest deviation for which a posture is accepted.
+Assumed: up to 47 degrees (a deviation of 0.8), the skins still touch with their surfaces."""
 
 
 class _Places(NamedTuple):

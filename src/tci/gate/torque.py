@@ -122,8 +122,8 @@ class TorqueLimiter:
         return self._given()
 
     def again(self, *, trust: Array | float) -> Array:
-        """Returns the torques (k,) [N m] of the last step, reduced if `trust` (0..1) is lower now. This
-        method is for calls between that step and the next step."""
+        """Returns the torques (k,) [N m] of the last step, reduced if `trust` (0..1) is lower now than in
+        that step. This method is for calls between that step and the next step."""
         trust = np.minimum(trust, self._trust)
         share = np.divide(trust, self._trust, out=np.zeros(len(trust)), where=self._trust > 0.0)
         self._memory[at.RISEN : at.GIVEN + 1, self.servos] *= share

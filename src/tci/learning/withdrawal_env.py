@@ -256,7 +256,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         return float(max(largest)) / self.pain
 
     def _observe(self, seen: Perception, took: float) -> Observation:
-        """Returns the observation. The time since the previous observation is `took` [s]."""
+        """Returns the observation. `took` [s] is the time since the previous observation."""
         posture = seen.posture[self.part.name]
         velocity = (posture - self._before) / took
         self._before = posture

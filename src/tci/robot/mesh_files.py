@@ -99,8 +99,8 @@ def _most_alike(wanted: Path, files: list[Path]) -> Path | None:
 
 
 def _other_case(places: list[Path]) -> str:
-    """Returns a hint with the name of a file that differs only in upper and lower case; an empty text if
-    there is no such file."""
+    """Returns a hint with the name of a file that differs from the name of the missing file only in upper and
+    lower case; an empty text if there is no such file."""
     for place in places:
         if place.parent.is_dir():
             for file in place.parent.iterdir():
@@ -118,7 +118,7 @@ def is_readable(path: Path) -> bool:
 
 
 def _faces(path: Path) -> int:
-    """Returns the number of faces in a binary STL file; 0 if the file is in another form."""
+    """Returns the number of faces in a binary STL file; 0 if the file is not a binary STL file."""
     with path.open("rb") as file:
         head = file.read(_HEADER)
     faces = int.from_bytes(head[_HEADER - 4 :], "little")

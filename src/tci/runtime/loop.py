@@ -217,7 +217,8 @@ class _Loop(Generic[Memory]):
         self.report.work.add(time.perf_counter() - begin)
 
     def end(self, duration: float | None) -> None:
-        """Counts the missed periods between the last tick and the end of the run after `duration` [s]."""
+        """Counts the missed periods between the last tick and the end of the run. The run ends `duration` [s]
+        after its start."""
         if duration is None or self._before is None:
             return
         missed = math.ceil(duration / self._period - ROUNDING) - self._period_of(self._before) - 1

@@ -19,7 +19,7 @@ class RealTime:
         self._zero: tuple[float, float] | None = None
 
     def forget(self) -> None:
-        """Starts to count real time anew, after the simulation stood still."""
+        """Forgets the past delay. Call this after the simulation has stood still."""
         self._zero = None
 
     def wait(self, now: float, pace: float) -> None:

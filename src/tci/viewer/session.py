@@ -273,7 +273,7 @@ class Session:
         self._between(tick.now)
 
     def _rehearse(self, tick: Tick) -> None:
-        """Records the gate's answer to a fault, and adds an event when the fault is over."""
+        """Records the gate's answer to the injected fault, and adds an event when the fault is over."""
         rehearsal = self.rehearsal
         if rehearsal is None or rehearsal.over:
             return

@@ -1,4 +1,5 @@
-"""Data shared by the loop of a served robot and its NAOqi services, which run in threads of `qi`."""
+"""Data that two users share: the loop of a served robot, and the robot's NAOqi services, which run in threads
+of `qi`."""
 
 from __future__ import annotations
 

@@ -50,8 +50,8 @@ def packed_key(key: str) -> str:
 
 
 def sequence_key(key: str) -> str:
-    """Returns the key of the sequence number of the frame at `key`, which increases by one per frame.
-    ALMemory may lack this key."""
+    """Returns the key of the sequence number of the frame at `key`. This number increases by one per
+    frame. ALMemory may lack the key."""
     return f"{key}/Sequence"
 
 

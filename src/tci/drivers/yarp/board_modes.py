@@ -91,7 +91,7 @@ class BoardModes:
     def with_words(self, joints: Sequence[int], words: Sequence[Vocab]) -> list[JointMode]:
         """Returns the modes that joints (k,) have after a switch to the control modes `words`.
 
-        Raises CallError if a joint can't be switched to its mode.
+        Raises CallError if a joint can't be switched to the requested mode.
         """
         wanted = [IDLE if word == FORCE_IDLE else word for word in words]
         return self._checked(joints, [(w, self._set[j][1]) for j, w in zip(joints, wanted, strict=True)])

@@ -36,7 +36,7 @@ FULL_DAMPING = 0.1
 """Damping [N m s/deg] on YARP that corresponds to the full damping of a servo. Assumed: the value has no
 effect, for the reason given at FULL_STIFFNESS."""
 SPEED = 10.0
-"""Speed [deg/s] of a joint's moves until a client sets another speed; equal to iCub's."""
+"""Speed [deg/s] of a joint's moves until a client sets another speed. The value is that of an iCub."""
 ACCELERATION = 50.0
 """Acceleration [deg/s2] that clients read until they set another acceleration. Assumed: the value has no
 effect, since the gate uses the limits in the description."""
@@ -48,8 +48,8 @@ ARRIVED = 1e-4
 """Largest distance [rad] between a joint's target and reference at which the joint counts as arrived.
 Assumed: an encoder does not resolve this distance."""
 AT_REST = float(np.deg2rad(1.0))
-"""Speed [rad/s] below which a joint counts as resting and may change its mode. Assumed: smaller than the
-gate's bound, since the gate uses another estimate of the speed."""
+"""Speed [rad/s] below which a joint counts as resting and may change its mode. Assumed: below the speed at
+which the gate counts a joint as resting, since the gate estimates the speed in another way."""
 COMES_TO_REST = 1.5
 """Longest time [s] that a change of mode waits for moving joints to stop. Assumed: the arms of iCub and NAO
 stop from full speed in less time, and clients wait longer for an answer."""
@@ -237,7 +237,8 @@ class ServedBoard(BoardService):
     def _asked(
         self, joints: Sequence[int] | None, words: Sequence[Any], valid: Collection[Vocab]
     ) -> tuple[list[int], list[Vocab]]:
-        """Returns the joints of a call that can be moved, and the requested mode of each."""
+        """Returns those joints named in a call that can be moved, and the mode that the call requests for
+        each of these joints."""
         chosen = self.joints(joints)
         found = call_arguments.modes(words, len(chosen), self.part, valid)
         obeying = self._obeying(chosen)

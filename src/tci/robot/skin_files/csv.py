@@ -87,7 +87,8 @@ def _all() -> str:
 
 
 def _header(cells: list[str], line: int, faults: Faults) -> dict[str, tuple[int, float]]:
-    """Returns, for each column, its index and the factor that converts its values to SI units."""
+    """Returns, for each column, the column's index and the factor that converts the column's values to SI
+    units."""
     columns: dict[str, tuple[int, float]] = {}
     for place, cell in enumerate(cells):
         found = _HEAD.fullmatch(cell.strip())

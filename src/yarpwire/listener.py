@@ -31,7 +31,7 @@ class Listener:
         self._threads: set[threading.Thread] = set()
         self._wrong = 0
         self.last_error = ""
-        """Error for which the last connection was dropped."""
+        """Error that ended the connection that was dropped last."""
         try:
             self._socket = socket.create_server((host, port), backlog=MOST)
         except OSError as error:

@@ -1,4 +1,4 @@
-"""Creates variants of a robot's skin, to test how TCI scales: more taxels, more patches, another rate."""
+"""Creates variants of a robot's skin, to test how TCI scales: more taxels or patches, another frame rate."""
 
 from __future__ import annotations
 

@@ -79,7 +79,7 @@ class GenericBody:
     skin: Skin = field(init=False, repr=False)
     """Skin of the robot: surfaces with the positions of the taxels."""
     layout: SkinLayout = field(init=False, repr=False)
-    """Data of all taxels in arrays, in the order of the arrays of a perception."""
+    """Arrays with the data of all taxels. The order of the taxels is that in the arrays of a perception."""
     joint_maps: Mapping[str, JointMap] = field(init=False, repr=False)
     """Transforms between generic joints and servos, by name of the generic part."""
     _parts: Mapping[Kind, tuple[str, ...]] = field(init=False, repr=False)

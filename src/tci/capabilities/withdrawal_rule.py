@@ -94,7 +94,7 @@ def new_targets(
 
 
 def blind_field(part: str, fields: Iterable[Field], shares: Array) -> Reason | None:
-    """Returns a reason to stop for the first blind field, or None if no field is blind.
+    """Returns a reason to stop that names the first blind field; None if no field is blind.
 
     `shares` (m,) are the fractions of healthy taxels of the `fields`.
     """

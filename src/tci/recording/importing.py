@@ -53,11 +53,11 @@ def import_frames(
     """Writes a recording that contains only skin frames.
 
     Returns the number of periods, which is the number of items in `frames`. If `robot` is given, the recorded
-    joints rest at the robot's initial posture, so that the recording can be replayed and drawn. With `twice`,
-    two successive items may have equal times, since some senders repeat the time of their own input. Raises
-    RecordingError in three cases: there are no frames, the times do not increase, or a frame does not fit.
-    With a robot, frames must fit the robot's patches. Without a robot, all frames of a patch must have equal
-    sizes.
+    joints rest at the robot's initial posture, so that the recording can be replayed and drawn. If `twice` is
+    True, two successive items may have equal times, since some senders repeat the time of their own input.
+    Raises RecordingError in three cases: there are no frames, the times do not increase, or a frame does not
+    fit. With a robot, frames must fit the robot's patches. Without a robot, all frames of a patch must have
+    equal sizes.
     """
     items = _checked(frames, robot, twice=twice)
     first = list(islice(items, FIRST))

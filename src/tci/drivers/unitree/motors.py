@@ -33,7 +33,8 @@ FINGER_MOTORS = tuple(f"{finger}_{joint}" for finger, joints in (("thumb", 3), (
 hands. Other sources have the opposite order on the right hand. Therefore `tci check --hardware` moves each
 motor and asks the operator which finger moved."""
 FINGER_GAINS = np.array([1.5, 0.1])
-"""Gains (2,) [N m/rad], [N m s/rad] of full stiffness and damping of fingers, from the vendor's example."""
+"""Gains (2,) of a finger's motor for full stiffness [N m/rad] and full damping [N m s/rad], from the vendor's
+example."""
 UPPER = range(12, MOTORS)
 """Slots of waist and arms, which rt/arm_sdk moves."""
 VARIANTS: dict[int, tuple[int, tuple[int, ...]]] = {
@@ -46,10 +47,10 @@ ALL_GAINS = np.array([
     [60, 60, 60, 100, 40, 40] * 2 + [60, 40, 40] + [40] * 14,
     [1, 1, 1, 2, 1, 1] * 2 + [1] * 17,
 ], dtype=float)  # fmt: skip
-"""Gains (2, 29) [N m/rad], [N m s/rad] of full stiffness and damping over rt/lowcmd, from the vendor's
+"""Gains (2, 29) over rt/lowcmd for full stiffness [N m/rad] and full damping [N m s/rad], from the vendor's
 example."""
 ARM_GAINS = np.repeat(np.array([[60.0], [1.5]]), MOTORS, axis=1)
-"""Gains (2, 29) [N m/rad], [N m s/rad] of full stiffness and damping over rt/arm_sdk, from the vendor's
+"""Gains (2, 29) over rt/arm_sdk for full stiffness [N m/rad] and full damping [N m s/rad], from the vendor's
 example."""
 
 

@@ -97,7 +97,7 @@ class BoardModes:
         return self._checked(joints, [(w, self._set[j][1]) for j, w in zip(joints, wanted, strict=True)])
 
     def with_interactions(self, joints: Sequence[int], words: Sequence[Vocab]) -> list[JointMode]:
-        """Returns the modes that joints (k,) have after they are made stiff or compliant.
+        """Returns the modes of joints (k,) after a client has made these joints stiff or compliant.
 
         Raises CallError if a joint can't be made compliant.
         """

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from packaging.requirements import Requirement
 
 OWN = "tci.cli.main:main"
-"""Value of an entry point that identifies distributions of TCI."""
+"""Value of the entry point `tci`. A distribution with this value is a distribution of TCI."""
 
 
 def own_distribution() -> Distribution | None:
@@ -70,8 +70,8 @@ def installed_by(extra: str) -> dict[str, str]:
 
 
 def _names(need: Requirement, extra: str) -> bool:
-    """Returns True if a requirement belongs to an extra, whatever the machine for which the requirement
-    applies."""
+    """Returns True if a requirement belongs to an extra, even if the requirement does not apply to this
+    machine."""
     return f'extra == "{extra}"' in str(need.marker)
 
 

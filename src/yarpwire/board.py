@@ -103,7 +103,7 @@ class Board(ABC):
 
     @abstractmethod
     def name(self, joint: int) -> str:
-        """Returns the board's name of a joint."""
+        """Returns the name that the board gives to a joint."""
 
     @abstractmethod
     def limits(self, joint: int) -> AxisLimits:
@@ -144,7 +144,8 @@ class Board(ABC):
 
     def settle(self, patience: float = 0.0) -> bool:
         """Returns True if all calls of `send_call` are answered. Waits at most `patience` [s] for each
-        answer. Raises PortError if a call was refused, or was not answered within PATIENCE."""
+        answer. Raises PortError if the board refused a call, or did not answer within the time PATIENCE
+        after the call."""
         while self._open_calls:
             call, since = self._open_calls[0]
             if not self._rpc.is_answered(patience) and time.monotonic() - since < PATIENCE:
@@ -197,8 +198,8 @@ class BoardV3(Board):
     """Control board of YARP 3.12.
 
     Calls consist of vocabularies, such as `[get] [llim] 3`. The board answers `[is] [llim] data [tsta] n t
-    [ok]`, with the sequence number n and the time t [s]. It answers a call that fails with `[fail]`, and an
-    unknown call with `[nak]`.
+    [ok]`, with the sequence number n and the time t [s]. The answer is `[fail]` if the call failed, and
+    `[nak]` if the board does not know the call.
     """
 
     dialect = V3
@@ -258,7 +259,7 @@ def _words(*items: Any) -> list[Any]:
 
 class BoardV4(Board):
     """Control board of YARP 4.0. A call begins with the name of a method. The answer is `([ok]) data` or
-    `[ok]`; after a failure it has another vocabulary instead of `[ok]`."""
+    `[ok]`. The answer to a failed call has another vocabulary in place of `[ok]`."""
 
     dialect = V4
     port = "/nws/rpc:i"

@@ -113,9 +113,9 @@ class Feed(Generic[Value]):
         return self._came.wait(seconds)
 
     def await_due(self, until: float, longer: float) -> None:
-        """Waits for the next message if it is due before `until` [s]. Otherwise a program that reads shortly
-        before the message arrives would get the message one period late. Does not wait if the interval
-        between messages is at most `longer` [s]."""
+        """Waits for the next message if it is due before `until` [s]. Without this wait, a program that
+        reads shortly before a message arrives would get this message one period later. Does not wait if the
+        interval between messages is at most `longer` [s]."""
         before, due, now = self.recent, self._arrived + self._every, time.monotonic()
         if self._every <= longer or not now - LATE <= due <= until:
             return

@@ -25,12 +25,13 @@ LONGEST_NAME = 1000
 """Largest length [bytes] of a name in a header, including the final NUL. YARP has an equal limit."""
 MOST_BLOCKS = 255
 DATA, CALL, ADMIN, QUIT = "D", "d", "a", "q"
-"""Kinds of commands: data, a call (data that needs a reply), an order to the port itself, and the end."""
+"""Kinds of commands: data, a call (data that needs a reply), an order to the port itself, and the end
+of the connection."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stamp:
-    """The envelope of a message."""
+    """The envelope of a message: a number and a time."""
 
     count: int
     """Number of the message, which increases by one with each message."""
@@ -48,11 +49,11 @@ class Command:
     kind: str
     """DATA, CALL, ADMIN, QUIT, or another letter of YARP's text commands."""
     rest: str = ""
-    """Text after the letter. For data, the text is the envelope."""
+    """Text after the letter `kind`. If the kind is DATA, the text is the envelope."""
 
     @property
     def stamp(self) -> Stamp | None:
-        """The envelope as a Stamp; None if the envelope has another form."""
+        """The envelope as a Stamp; None if the envelope is not a number and a time."""
         words = self.rest.split()
         try:
             stamp = Stamp(int(words[0]), float(words[1]))

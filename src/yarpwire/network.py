@@ -89,7 +89,7 @@ class Network(ABC):
 
     @abstractmethod
     def list(self) -> list[Contact]:
-        """Returns the contacts of all ports."""
+        """Returns the address of every port."""
 
     def lives(self, name: str) -> bool:
         """Returns True if a port is registered and answers."""
@@ -97,7 +97,7 @@ class Network(ABC):
 
     @abstractmethod
     def query(self, name: str) -> Contact:
-        """Returns the contact of a port. Raises UnknownNameError if the port is not registered."""
+        """Returns the address of a port. Raises UnknownNameError if the port is not registered."""
 
     @abstractmethod
     def port(

@@ -19,10 +19,10 @@ from yarpwire.values import Array, Float32, Vocab
 OK, FAIL = Vocab("ok"), Vocab("fail")
 JOINTS = ("position", "velocity", "acceleration", "motor_position", "motor_velocity", "motor_acceleration")
 QUANTITIES = (*JOINTS, "torque", "duty_cycle", "current", "modes", "interactions", "temperature")
-"""Quantities in the order of the message. 3.x has no temperature."""
+"""Quantities in the order of the message. A board of YARP 3.x sends no temperatures."""
 MOST_JOINTS = 256
-"""Largest number of joints of a board. Assumed: this bounds the memory; an iCub's boards have up to 16
-joints."""
+"""Largest number of joints of a board, to bound the used memory. Assumed: robots have far fewer joints per
+board; an iCub has at most 16."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -88,8 +88,9 @@ def _leg(joints: Sequence[Joint], chain: Sequence[int], side: Side, slanted: flo
 
 
 def _first_aside(joints: Sequence[Joint], chain: Sequence[int], sign: float) -> int | None:
-    """Returns the index of the first joint in a chain that carries only joints of the side `sign` (1: left).
-    Returns None if there is no such joint.
+    """Returns the place in `chain` of the first joint that carries only joints of one side.
+
+    `sign` is 1 for the left side, -1 for the right side. Returns None if there is no such joint.
     """
     for place, one in enumerate(chain):
         if all(

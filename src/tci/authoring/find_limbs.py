@@ -48,9 +48,9 @@ class FoundLimbs:
     head: tuple[int, ...]
     """Joints from the torso to the head."""
     R_RH: Array
-    """Rotation (3, 3) of the frame H in the model's root R."""
+    """Rotation (3, 3) of the frame H (x forward, y left, z up) in the model's root frame R."""
     T_ET: Array
-    """Pose (4, 4) [m] of the torso frame T in its link E."""
+    """Pose (4, 4) [m] of the torso frame T in the frame E of `torso_link`."""
 
     def behind(self, joint: int) -> list[int]:
         """Returns `joint` and all joints that it carries."""
@@ -190,10 +190,10 @@ def _kind(joints: Sequence[Joint], pair: Pair, points: LinkPoints, R_RH: Array) 
 def _ended(
     model: Model, joints: Sequence[Joint], side: str, limb: Limb, points: LinkPoints, R_RH: Array
 ) -> Limb:
-    """Returns the limb with the end of its forearm: at a joint, or else at a fixed hand or at the end of the
-    forearm's geometry.
+    """Returns the limb, with the end of its forearm added if `limb` lacks this end.
 
-    Raises DescriptionError if the model contains none of these.
+    The added end is at a fixed hand, or else at the end of the forearm's geometry. Raises DescriptionError if
+    the model contains neither.
     """
     if not limb.ends_nowhere:
         return limb
@@ -232,8 +232,10 @@ def _shifted(joints: Sequence[Joint], median: float) -> tuple[Joint, ...]:
 
 
 def _points(limb: Limb, median: float) -> dict[str, Any]:
-    """Returns the points of a limb relative to the model's root; the points of `limb` are relative to the
-    median plane at y = `median` [m]."""
+    """Returns the points of a limb relative to the model's root.
+
+    The points in `limb` are relative to a root that is shifted by `median` [m] along y into the median plane.
+    """
     away = np.array([0.0, median, 0.0])
     return {name: getattr(limb, name) + away for name in ("centre", "middle", "wrist")}
 
@@ -292,8 +294,8 @@ def _own_line(joints: Sequence[Joint], limb: Limb, trunk: tuple[int, ...]) -> li
 
 
 def _shared_link(model: mujoco.MjModel, bodies: list[int], path: str) -> str:
-    """Returns the first link that carries both of two bodies. Raises DescriptionError if only the world
-    carries both bodies."""
+    """Returns the link nearest to two bodies that carries both of them. Raises DescriptionError if only the
+    world carries both bodies."""
     lines = []
     for body in bodies:
         line = []

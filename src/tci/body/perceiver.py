@@ -1,4 +1,5 @@
-"""Perception of one robot: from readings of the driver to perceptions for capabilities (Fig. 2, L3)."""
+"""Perception of one robot: from readings of the driver to perceptions for capabilities (layer L3 in
+the paper's Fig. 2)."""
 
 from __future__ import annotations
 

@@ -233,7 +233,9 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
 
     @cached_property
     def _tables(self) -> list[tuple[tuple[int, ...], Sequence[ReceptiveField], Array]]:
-        """Returns one row for `fields` and one for `surround`, unless they are empty. A row contains the
-        ranks of the responses, the fields, and the fields as numbers (`field_table`)."""
+        """Returns a row for `fields`, then a row for `surround`. A row without fields is left out.
+
+        A row contains the ranks of the responses (0 is tried first), the fields, and their `field_table`.
+        """
         sets = ((0,), self.fields), ((1, 2), self.surround or ())
         return [(ranks, fields, field_table(fields)) for ranks, fields in sets if fields]

@@ -70,8 +70,8 @@ HISTORY = 50
 """Largest number of readings that an observation stores, to limit the used memory. Assumed: enough readings
 for statistics of values."""
 ENOUGH = 1.5
-"""Least ratio of the rate of `read` calls to the frame rate at which missing frames count as lost. Assumed:
-`read` calls are irregular, so some calls must be in excess."""
+"""Frames that were not read count as lost only if there are at least this many `read` calls per frame.
+Assumed: with fewer calls, which are irregular, two frames may arrive between two calls without a fault."""
 
 
 class _Count:

@@ -57,20 +57,19 @@ class SameTouch:
     force_n: float
     """Median [N] of the perceived forces. The perceived force is 0 for a touch that is not detected."""
     gain: float
-    """Median of the reflex's gains."""
+    """Median of the reflex's gains. The gain is 0 for a touch to which the reflex does not respond."""
     heavy: bool
-    """True if the touch causes at least FELT counts on the coarsest skin of all compared robots. A touch with
-    fewer counts can't be detected on this skin."""
+    """True if the peak pressure of the touch corresponds to at least FELT counts on every skin. A skin can't
+    detect a touch with fewer counts."""
 
 
 def same_touch(
     bodies: Sequence[GenericBody], reflex: WithdrawalReflex, *, seed: int = 0
 ) -> tuple[SameTouch, ...]:
-    """Computes equal touches at corresponding points of each robot's left arm, in the inner half of each
-    receptive field.
+    """Computes how each robot perceives equal touches at corresponding points of its left arm.
 
-    The points are those of the generic limb at which every compared robot has skin. Robots without any skin
-    on the left arm are left out.
+    The touched points are in the inner half of each receptive field, where every compared robot has skin.
+    Robots without any skin on the left arm are left out.
     """
     arms, chance = [Arm(body, reflex) for body in bodies if _has_sleeve(body)], np.random.default_rng(seed)
     places = [place for field in reflex.fields for place in places_on(arms, field, chance)]
@@ -136,7 +135,7 @@ class Arm:
             patch.name: normal_channels(patch, body.skin.surfaces[patch.name]) for patch in robot.skin
         }
         self.resolution = max(abs(sleeve[0].sensor.pascal_per_count) for sleeve in self._sleeves.values())
-        """Pressure [Pa] that corresponds to one count on the coarsest patch."""
+        """Largest pressure [Pa] that corresponds to one count on any patch of the arm."""
         for _ in range(LEARN):
             self._perceive(self._rest, 1.0 / RATE)
 
@@ -163,8 +162,8 @@ class Arm:
         return bool(apart[nearest] <= 0.75 * np.sqrt(self._sleeves[place[0]][4][nearest]))
 
     def pressure(self, place: Place, radius: float) -> tuple[Place, Array]:
-        """Returns the point, and the mean pressure (taxels,) [Pa per N] of a touch at this point on each
-        taxel."""
+        """Returns `place`, and the mean pressure (taxels,) [Pa per N] that a touch at `place` causes on each
+        taxel. `radius` [m] is the radius of the touch."""
         along, across = self._offsets(place)
         sizes, sigma = np.sqrt(self._sleeves[place[0]][4] / np.pi), radius / 1.5
         result = np.zeros(len(along))
@@ -188,7 +187,7 @@ class Arm:
     def answers(self, contacts: Sequence[Contact | None]) -> Array:
         """Returns one row (contacts, 2) for each contact: its force [N] and the gain of the reflex.
 
-        A row without a contact is zero.
+        The row is zero if the contact is None, which means that the touch was not detected.
         """
         result = np.zeros((len(contacts), 2))
         felt = [(row, contact) for row, contact in enumerate(contacts) if contact is not None]

@@ -35,7 +35,7 @@ class Bounds:
     jerk: Array
     """Jerk limits (n,) [rad/s3]."""
     coupling: Array
-    """Coefficients (m, n) of linear inequalities coupling_lower <= coupling @ q <= coupling_upper."""
+    """Coefficients (m, n) of the couplings: coupling_lower <= coupling @ q <= coupling_upper for angles q."""
     coupling_lower: Array
     """Lower bounds (m,) [rad] of the couplings."""
     coupling_upper: Array

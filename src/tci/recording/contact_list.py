@@ -71,7 +71,8 @@ def _frames(
 ) -> tuple[SkinFrame, ...]:  # fmt: skip
     """Returns the frames of a contact list.
 
-    Contacts on none of the `live` taxels are appended to `left_out`.
+    `live` contains the numbers of each patch's taxels. A contact with none of these taxels is appended to
+    `left_out`.
     """
     values = {name: np.full(patch.channels, patch.sensor.rest) for name, patch in patches.items()}
     for contact in found:

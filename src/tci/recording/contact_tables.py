@@ -29,8 +29,8 @@ MOST = 0.9
 """Least fraction of the contacts that must agree with a table. Assumed: 98 % of the contacts agree with the
 right table of an iCub's hand, and 27 % with the table of the other hand."""
 PLACES = 10
-"""Least number of different centres for which a change of frame between skin and table is also estimated.
-Assumed: these centres have five times as many coordinates as a frame has parameters."""
+"""Least number of different centres from which a change of frame between skin and table is estimated.
+Assumed: ten centres are enough, since they have 30 coordinates, and a frame has only six parameters."""
 
 Verdict = Literal["fits", "wrong", "unknown", "no patch"]
 

@@ -13,8 +13,8 @@ from tci.robot.xml.model import MAX_MODEL_BYTES
 def model_format(path: Path) -> Literal["urdf", "mjcf"]:
     """Returns the format of a model file, detected from its first element.
 
-    Raises DescriptionError if the file is missing, or is neither a URDF nor an MJCF file: for example, a
-    xacro macro.
+    Raises DescriptionError if the file is missing, or is neither a URDF nor an MJCF file, for
+    example if it is a xacro macro.
     """
     if not path.is_file():
         raise DescriptionError(str(path), [Fault(0, "no such file; valid: a URDF or MJCF file")])

@@ -176,12 +176,12 @@ class Shoulder:
 
     def generic(self, R_TU: Array, R_TM: Array) -> Array:
         """Returns the generic angles (3,) [rad] of an upper arm with the rotation `R_TU` (3, 3). `R_TM` (3,
-        3) is the mount rotation of the arm (R' = B^T R)."""
+        3) is the rotation of the arm's mount."""
         return shoulder_angles(R_TM.T @ R_TU, self.side)
 
     def wanted(self, generic: Array, R_TM: Array) -> Array:
-        """Returns `R_TU` (3, 3) of the upper arm at the angles `generic` (3,) [rad]. `R_TM` (3, 3) is the
-        mount rotation of the arm."""
+        """Returns the rotation `R_TU` (3, 3) of the upper arm at the angles `generic` (3,) [rad]. `R_TM` (3,
+        3) is the rotation of the arm's mount."""
         rotation: Array = R_TM @ upper_arm_rotation(generic, self.side, axial=True)
         return rotation
 
@@ -197,8 +197,8 @@ class Shoulder:
 
 
 def nearest_point(on_first: Array, on_second: Array, first: Array, second: Array) -> Array:
-    """Returns the point (3,) of the first line that is nearest to the second line. Each line is given by a
-    point (3,) on it and a unit direction (3,)."""
+    """Returns the point (3,) on the first line with the least distance to the second line. Each line is given
+    by one of its points (3,) and a unit direction (3,)."""
     offset, slant = on_second - on_first, float(first @ second)
     along = (float(first @ offset) - slant * float(second @ offset)) / (1.0 - slant**2)
     result: Array = on_first + along * first

@@ -31,8 +31,8 @@ TURN = 0.0001
 """Time [s] after which Python switches between busy threads. Assumed: far shorter than a control period.
 Python's default is 5 ms."""
 STOOD = 0.3
-"""Delay [s] of a period above which the process counts as stalled. Assumed: delays that other programs cause
-are shorter."""
+"""Time [s] between two periods above which the process counts as stalled. Assumed: delays that other programs
+cause are shorter."""
 PILED_UP = 0.3
 """Time [s] for which the robot holds after a stall, while the loop reads all queued data. Assumed: as long as
 the shortest stall that is detected."""

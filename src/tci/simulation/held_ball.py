@@ -135,7 +135,7 @@ def _waiting(
 def _paths(
     robot: Robot, part: str, palm: str, tips: Mapping[str, Surface], open_hand: Array
 ) -> dict[str, _Path]:
-    """Returns the path of each fingertip while all fingers bend from an open hand (10,) [rad]."""
+    """Returns the path of each fingertip while all fingers bend from the posture `open_hand` (10,) [rad]."""
     chain, joints, bends = KinematicChain(robot), joint_map(robot, part), list(FLEXIONS)
     links = (palm, *(tip.link for tip in tips.values()))
     angles, poses = [], []

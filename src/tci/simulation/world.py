@@ -227,8 +227,8 @@ class World:
         self._servos.set_stiffness(servos, share)
 
     def set_damping(self, servos: ArrayLike, share: ArrayLike) -> None:
-        """Sets fractions (k,) 0..1 of damping that is added to the critical damping. Raises CommandError for
-        an invalid servo or fraction."""
+        """Sets the additional damping of `servos` (k,). A fraction `share` (k,) of 1 doubles the critical
+        damping, 0 adds none. Raises CommandError for an invalid servo or fraction."""
         self._servos.set_damping(servos, share)
 
     def joints(self) -> JointReading:

@@ -110,7 +110,7 @@ class PatchEstimator:
         return pressure
 
     def masked(self) -> MappingProxyType[int, str]:
-        """Returns the reason for each taxel that is not in use, by index: `dead`, `stuck` or `noisy`."""
+        """Returns why taxels are not used, by taxel index. Each reason is `dead`, `stuck` or `noisy`."""
         state = self.health.state
         return MappingProxyType({int(i): Health(state[i]).name.lower() for i in np.flatnonzero(state)})
 
@@ -134,7 +134,8 @@ class PatchEstimator:
         return window, before, raised
 
     def _is_step(self, raised: NDArray[np.bool_], elapsed: float) -> bool:
-        """Returns True if pressure on nearly all taxels has lasted so long that it is the new rest value.
+        """Returns True if pressure on nearly all taxels has lasted so long that TCI takes it for a shift of the
+        rest values.
 
         `raised` (n,) are the taxels with pressure in the last `elapsed` [s]. For a sole the result is always
         False, since the robot's weight presses all its taxels while the robot stands.

@@ -44,8 +44,8 @@ _LATTICE = {
 }  # fmt: skip
 """Place of each taxel on a module, in steps along two lattice axes 60 degrees apart. Taxel 3 is the centre.
 
-Channels 6 and 10 are thermal pads. The places were derived from the positions in pyCub. Every module fits
-within 0.03 mm."""
+Channels 6 and 10 are thermal pads. The places were derived from the positions in pyCub. These places
+agree with pyCub's positions of every module within 0.03 mm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,8 +73,8 @@ class Surface:
     All taxels are corners, so the projection of a taxel onto the surface is the taxel itself. The simulation
     uses the convex hull of the faces for collisions. If all taxels are on one line, there are no faces."""
     tangents: Array | None = None
-    """Unit x axes (n, 3) of three-axis taxels, in the frame of the link. The y axis is normal x tangent. None
-    means the default, `tangents`."""
+    """Unit x axes (n, 3) of three-axis taxels, in the frame of the link. The y axis is the cross product of
+    normal and x axis. None means the axes that the function `tangents` returns."""
 
     def project(self, points: Array) -> tuple[Array, Array]:
         """Returns the points of the surface that are nearest to `points` (k, 3) [m].
@@ -150,8 +150,8 @@ def surfaces_of(robot: Robot) -> tuple[Surface, ...]:
 
 
 def mount_of(patch: Patch) -> Array:
-    """Returns the transform (4, 4) that moves the taxels of a patch by its `xyz` and `rpy`, in the frame of
-    the patch's link."""
+    """Returns the transform (4, 4) with the `xyz` and `rpy` of a patch. This transform moves the patch's
+    taxels in the frame of the link."""
     return transform(rotation_rpy(*patch.rpy), np.array(patch.xyz))
 
 
@@ -192,7 +192,7 @@ def _cone(cone: TruncatedCone) -> tuple[Array, Array, Array, NDArray[np.intp]]:
 def _ring_strips(rings: int, per_ring: int) -> NDArray[np.intp]:
     """Returns triangles (f, 3) between each ring of a cone and the next ring.
 
-    The next ring is shifted by half a step.
+    The taxels of the next ring are shifted by half the distance between two taxels of a ring.
     """
     if rings < 2 or per_ring < 2:
         return np.zeros((0, 3), np.intp)  # taxels on one line, or in one plane across

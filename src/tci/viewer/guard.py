@@ -172,7 +172,7 @@ class LoopEvent(asyncio.Event):
 
 
 def close_server(server: viser.ViserServer) -> None:
-    """Closes the page without printing."""
+    """Stops the server, and suppresses the text that viser would print."""
     with redirect_stdout(StringIO()):
         server.stop()
 

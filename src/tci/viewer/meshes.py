@@ -102,8 +102,8 @@ _SIDES = np.array([
 
 
 def _turned(profile: Array) -> tuple[Array, NDArray[np.intp]]:
-    """Returns the surface of revolution around the z axis of a `profile` (k, 2), which contains radius and z
-    [m]. The profile begins at the top and ends at the bottom. Both ends of the profile are on the z axis."""
+    """Returns the surface that `profile` (k, 2) covers when it turns about the z axis. Each row of the
+    profile contains radius and z [m]. The profile runs from top to bottom; both ends are on the z axis."""
     angle = 2.0 * np.pi * np.arange(ROUND) / ROUND
     radius, z = profile[:, :1], profile[:, 1:]
     rings = np.stack([radius * np.cos(angle), radius * np.sin(angle), z + 0.0 * angle], axis=2)

@@ -55,8 +55,8 @@ class Stream:
     def send(self, motion: Any, safe: SafeCommand, ahead: Array, measured: Array) -> None:
         """Sends targets to the servos (k,) of a command. A target that has not changed is not sent again.
 
-        `ahead` (k,) [rad] are the positions of these servos that are planned for AHEAD later. `measured` (n,)
-        [rad] are the measured positions of all servos.
+        `ahead` (k,) [rad] are the positions that the gate has planned for these servos for the time AHEAD
+        after now. `measured` (n,) [rad] are the measured positions of all servos.
         """
         servos, now = safe.servos, safe.stamp
         target = np.clip(ahead, self.lower[servos], self.upper[servos])

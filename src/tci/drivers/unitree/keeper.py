@@ -53,8 +53,8 @@ GRACE = 0.1
 own controller may have sent a last command before it was switched off. Assumed: DDS discovery jitters by less
 than this time."""
 LAST = 5
-"""Number of times that the keeper sends the last command, which has the weight zero. Assumed: at most four
-commands are lost."""
+"""Number of times that the keeper sends its last command. This command has the weight zero, which hands the
+motors back. Assumed: at most four of these messages are lost."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,7 +202,7 @@ class Keeper:
         self.handover.take(self.health.posture, now)
 
     def _address(self, state: Any) -> None:
-        """Sets the fields of commands that depend on the variant of the robot that sent `state`."""
+        """Copies the robot's variant from `state` to the command. Excludes motors that this variant lacks."""
         gone = absent(int(state["mode_machine"]), simulation=True)
         self._commanded = np.setdiff1d(self._commanded, gone)
         self._command["mode_pr"], self._command["mode_machine"] = state["mode_pr"], state["mode_machine"]

@@ -20,13 +20,13 @@ HEAD = b"\0\1\0\0"
 SLOTS = 35
 """Number of slots for motors in a message. A G1 uses at most 29 slots."""
 WEIGHT = 29
-"""Slot without a motor. In a message of rt/arm_sdk, its field `q` contains the weight: with 0, the motors
-follow only the robot's own controller, with 1 only the message's targets."""
+"""Index of a slot without a motor. In a message of rt/arm_sdk, the field `q` of this slot contains the
+weight: with 0, the motors follow only the robot's own controller, with 1 only the message's targets."""
 TAXELS = 12
 """Number of values that one press sensor measures."""
 MOST_ITEMS = 64
-"""Largest number of motors or press sensors of a hand. Assumed: this number bounds the memory; a Dex3 has 7
-motors and 9 press sensors."""
+"""Largest number of motors or press sensors of a hand, to bound the used memory. Assumed: hands have far
+fewer; a Dex3 has 7 motors and 9 press sensors."""
 
 
 def _record(size: int, **fields: tuple[Any, int]) -> np.dtype[np.void]:

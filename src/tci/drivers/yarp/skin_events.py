@@ -23,8 +23,8 @@ SEGMENTS = {"hand": (6, 1), "forearm": (4, 2), "upper_arm": (2, 3)}
 """Numbers of the link and of the left skin part for each segment. The number of a right skin part is higher
 by three."""
 MOST = 1000
-"""Largest number of contacts in one event. Assumed: this number bounds the memory; an iCub has only a few
-contacts at a time."""
+"""Largest number of contacts in one event, to bound the used memory. Assumed: an iCub has only a few contacts
+at a time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

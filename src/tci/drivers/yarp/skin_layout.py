@@ -58,7 +58,7 @@ class SkinLayout:
     def from_port(self, values: Array, source: str) -> Array:
         """Returns the values of the patch's channels from the `values` of the port.
 
-        Raises WireError with the text `source` if the number of values is wrong.
+        `source` names the port in messages. Raises WireError if the number of values is wrong.
         """
         if len(values) != self.count:
             raise WireError(f"{source} sends {len(values)} values; valid: {self.count} by the description")
@@ -68,8 +68,8 @@ class SkinLayout:
 def check_order(layout: SkinLayout, patch: Patch, prefix: str, network: Network) -> None:
     """Raises DriverError if the order of a patch's taxels on the robot at `prefix` is unknown.
 
-    If a binding lists modules of skin, TCI assumes the order of the modules. The order is certain only on a
-    robot that TCI serves. On all other robots, the order counts as unknown.
+    If the robot's binding lists modules for this patch, TCI only assumes the order of the modules. This order
+    is certain if TCI serves the robot; otherwise the order of the taxels counts as unknown.
     """
     if layout.places is not None and not network.lives(facts_port(prefix)):
         raise DriverError(

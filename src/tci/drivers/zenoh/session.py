@@ -38,9 +38,9 @@ def is_file(address: RemoteAddress) -> bool:
 
 
 def open_session(address: RemoteAddress, does: Literal["listen", "connect"]) -> zenoh.Session:
-    """Opens a session of Zenoh. If the address is no configuration file, the session connects only to the
-    endpoint. Raises DriverError if the file or endpoint is invalid, if the port is in use, or if no process
-    answers at the endpoint.
+    """Opens a session of Zenoh. If the address is no configuration file, the session uses only the
+    endpoint in the address. Raises DriverError if the file or endpoint is invalid, if the port is in use, or
+    if no process answers at the endpoint.
     """
     zenoh.init_log_from_env_or("off")
     try:

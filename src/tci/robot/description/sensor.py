@@ -60,7 +60,7 @@ class Sensor(Description):
 
 
 THROUGH_JOINTS = Sensor(rest=0.0, pascal_per_count=1.0, lowest=0.0, highest=1.0, joints=True)
-"""Sensor of a surface without taxels, which sends no frames."""
+"""Sensor of a surface without taxels. Such a surface sends no frames: joint torques show its touches."""
 
 
 def _along(values: Array, nodes: Array, results: Array) -> Array:

@@ -1,5 +1,4 @@
-"""Reader and checks of transforms of generic servos that are not linear: tables, couplings, retargeted
-shoulders."""
+"""Reads and checks nonlinear transforms of generic servos: tables, couplings, retargeted shoulders."""
 
 from __future__ import annotations
 
@@ -120,8 +119,8 @@ def check_synergy(node: Node, generic: Sequence[GenericServo], faults: Faults) -
 
 
 def separable(coupled: Sequence[GenericServo]) -> bool:
-    """Returns True if the joints `coupled` combine only their own servos, and if the matrix of the factors is
-    invertible. `coupled` must not be empty."""
+    """Returns True if the coupled joints of a part combine only the servos of these joints, and if the matrix
+    of the factors is invertible. `coupled` contains at least one joint."""
     own = [joint.servo for joint in coupled]
     if any(term.servo not in own for joint in coupled for term in joint.terms):
         return False

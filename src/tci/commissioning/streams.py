@@ -35,9 +35,9 @@ class Stream:
     older: int
     """Number of frames that arrived after a newer frame."""
     age: float
-    """Median age [s] that the newest frame had when `read` was called."""
+    """Median, over all calls of `read`, of the age [s] of the newest frame."""
     oldest: float
-    """Largest age [s] that the newest frame had when `read` was called."""
+    """Maximum, over all calls of `read`, of the age [s] of the newest frame."""
 
     def to_json(self) -> dict[str, object]:
         """Returns the statistics as JSON values. Ages are in [ms]."""

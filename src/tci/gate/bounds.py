@@ -105,8 +105,7 @@ def _stopping_speed(room: Array, acceleration: Array, jerk: Array) -> Array:
     """Returns the speed (n,) [rad/s] from which a jerk-limited stop needs at most the distance `room` (n,)
     [rad], with a reserve.
 
-    At speed v, a stop that ramps the acceleration up to a and down with the jerk j needs the distance v^2 /
-    2a + v a / 2j.
+    At speed v, a stop with the largest deceleration a and the jerk j needs the distance v^2 / 2a + v a / 2j.
     """
     a, j = APPROACH * acceleration, APPROACH * jerk
     lost = a * a / (2.0 * j)

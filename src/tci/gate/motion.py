@@ -193,7 +193,7 @@ class Motion:
         """Returns the torque (k,) [N m] of each servo of `reference` at `now` [s].
 
         The torque is 0 for servos that are off and for servos in another mode than torque mode. If no step is
-        `due`, the torques do not change, except that they decrease with the trust in the joint data.
+        `due`, the torques do not change, except that they become smaller as joint data grows old.
         """
         others = self.groups.count
         if not self._torque.servos.size:

@@ -26,8 +26,8 @@ NEAR = 1e-3
 """Largest distance [m] at which a recorded centre agrees with a table. Assumed: tables are rounded to 0.5 mm,
 and tables of two versions of an iCub's forearm differ by 2 mm or more (median)."""
 MOST = 0.9
-"""Least fraction of the contacts that must agree with a table. Assumed: 98 % of the contacts agree with the
-right table of an iCub's hand, and 27 % with the table of the other hand."""
+"""Least fraction of the contacts that must agree with a table. Assumed: 98 % of the contacts agree with
+the right table of an iCub's hand, and 27 % with the table of the other hand; this value is between them."""
 PLACES = 10
 """Least number of different centres from which a change of frame between skin and table is estimated.
 Assumed: ten centres are enough, since they have 30 coordinates, and a frame has only six parameters."""

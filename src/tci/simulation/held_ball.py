@@ -76,8 +76,8 @@ class _Meeting:
     """Flexion [rad] at which the finger waits without touching the ball."""
     faces: float
     """Cosine of the angle between the skin's outward normal and the direction to the ball's centre, at the
-    first contact. If the finger pushes the ball out of the palm, the cosine of this push is subtracted. The
-    value is 0 for a finger that can't hold the ball."""
+    first contact. If the finger pushes the ball out of the palm, the cosine of the angle between this push
+    and the palm's outward normal is subtracted. The value is 0 for a finger that can't hold the ball."""
 
 
 def held_ball(robot: Robot, part: str, *, opposition: float = 1.2) -> HeldBall:

@@ -134,7 +134,7 @@ class PatchEstimator:
         return window, before, raised
 
     def _is_step(self, raised: NDArray[np.bool_], elapsed: float) -> bool:
-        """Returns True if pressure on nearly all taxels has lasted so long that TCI takes it for a shift of the
+        """Returns True if pressure on nearly all taxels has lasted so long that it counts as a shift of the
         rest values.
 
         `raised` (n,) are the taxels with pressure in the last `elapsed` [s]. For a sole the result is always

@@ -40,7 +40,7 @@ from tci.robot.description import Robot
 
 STATES, FRAMES = 99, 100
 """Indices of opaque devices for TCI processes. Device STATES has the robot's states, and device FRAMES has
-the skin frames of the first patch. Each next patch has the next index."""
+the skin frames of the first patch. The devices after FRAMES have the skin frames of the other patches."""
 WAIT = 5.0
 """Time [s] that a new driver waits for joints and skin. Assumed: a server sends joints and skin in every
 period."""

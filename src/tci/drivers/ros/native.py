@@ -63,7 +63,7 @@ class NativeRobot:
         return self.joints.latest is not None and all(received)
 
     def reading(self) -> Reading:
-        """Returns the latest data. Raises DriverError if data of some joint has not arrived yet."""
+        """Returns the latest data. Raises DriverError until data of every joint has arrived."""
         if self.joints.latest is None:
             raise DriverError(f"no joints of {self.robot.name} yet")
         frames = (arrivals.latest for arrivals in self.skin.values())

@@ -234,8 +234,8 @@ class Keeper:
 
 
 def keep(keeper: Keeper, driver: socket.socket, period: float) -> None:
-    """Executes a step once per `period` [s], and immediately when a message arrives, until the motors are
-    handed back."""
+    """Executes a step of the keeper once per `period` [s], and immediately when a message arrives, until the
+    motors are handed back."""
     poll = select.poll()
     poll.register(driver, select.POLLIN)
     due = time.monotonic()

@@ -115,5 +115,5 @@ def read_robot_facts(robot: str, address: str = "") -> RobotFacts:
 
 
 def facts_port(prefix: str) -> str:
-    """Returns the name of the port that answers queries of the robot's facts."""
+    """Returns the name of the port that answers questions about the robot."""
     return f"/{prefix}/facts/rpc:i"

@@ -17,8 +17,8 @@ Key = tuple[str, int]
 """Robot part and id, which together identify a servo in a file."""
 
 _RADIANS_LIKE = math.radians(2.0 * math.pi)
-"""2 pi degrees, in radians. If all limits in a file with degrees are smaller than this, the limits were
-probably written in radians."""
+"""Angle [rad] that a full turn becomes if a file with degrees gives it as 2 pi. If no limit in such a file is
+larger than this, the limits were probably written in radians."""
 
 
 class Servos:

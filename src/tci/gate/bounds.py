@@ -117,21 +117,24 @@ def bounds_of(robot: Robot, servos: Sequence[int], *, speed_share: float) -> tup
     """Returns the bounds of `servos` (n,), and coefficients (m, n_servos). The bounds contain each coupling
     in which one of these servos occurs.
 
-    All limits of the servos must be known. The coefficients are those of all other servos in the couplings:
-    the angles of these other servos shift the bounds of the couplings.
+    An unknown limit is NaN. The coefficients are those of all other servos in the couplings: the angles of
+    these other servos shift the bounds of the couplings.
     """
     limits = [robot.servos[servo].limits for servo in servos]
     rows, lowest, highest = robot.coupling_rows
+    lower, upper, velocity, acceleration, jerk = np.array(
+        [[one.lower, one.upper, one.velocity, one.acceleration, one.jerk] for one in limits], np.float64
+    ).T.copy()
     named = rows[:, list(servos)].any(axis=1)
     terms = np.array(rows[named])
     inside = terms[:, list(servos)]
     terms[:, list(servos)] = 0.0
     bounds = Bounds(
-        lower=np.array([limit.lower for limit in limits]),
-        upper=np.array([limit.upper for limit in limits]),
-        velocity=speed_share * np.array([limit.velocity for limit in limits]),
-        acceleration=np.array([limit.acceleration for limit in limits]),
-        jerk=np.array([limit.jerk for limit in limits]),
+        lower=lower,
+        upper=upper,
+        velocity=speed_share * velocity,
+        acceleration=acceleration,
+        jerk=jerk,
         coupling=inside,
         coupling_lower=lowest[named],
         coupling_upper=highest[named],

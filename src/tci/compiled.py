@@ -55,7 +55,8 @@ def compiled(*signatures: Any, allocates: bool = False) -> Callable[[Callable[..
 
 
 class _OnlyMachineCode(CompileResultCacheImpl):
-    """Converts a compiled loop to the data in the cache, without what nobody reads: bitcode and annotations.
+    """Converts a compiled loop to the data in the cache. Leaves out bitcode and annotations, which nobody
+    reads.
 
     Numba needs the bitcode of a loop only to link it into other loops. TCI's loops call only `inlined` loops,
     which are not cached. Parsing the bitcode took half of the time for loading a loop.
@@ -90,8 +91,8 @@ class _Cache(FunctionCache):
     def load_overload(self, signature: Any, context: Any) -> Any:
         """Returns the loop for a signature, or None if it is not in the cache.
 
-        If the cache lacks the loop, all loops are compiled first. Numba's own function would load all that
-        Numba can compile before, SciPy among it: half a second.
+        If the cache lacks the loop, all loops are compiled first. Numba's own method would first load
+        everything that Numba can compile, also SciPy, which takes half a second.
         """
         load: Callable[..., Any] = self._load_overload
         found = load(signature, context)

@@ -23,8 +23,8 @@ ROOM = 0.1
 TURNED = float(np.deg2rad(120.0))
 """Largest rotation [rad] of a shoulder's joint from its rest (the model's zero, or the middle of its range).
 
-This rotation counts as a limit. Without this limit, an arm such as Baxter's, with an elbow that bends down
-while the arm points forward, would get a twisted posture.
+This rotation counts as a limit of the joint. Otherwise an arm such as Baxter's, whose elbow bends down while
+the arm points forward, would get a twisted posture.
 """
 
 

@@ -63,10 +63,10 @@ class LinkPoints:
 
         The segment begins at `start` (3,) [m] on `link`. The end of the segment is the mean of its farthest
         surface points: the tenth of all points with the largest distances from `start`. If the model is read
-        without meshes, the end is at twice the distance of the centre of mass from `start`. There is one
-        exception: another link, such as a hand, is fixed to `link`, and its origin lies in the outer half of
-        the way from `start` to this end. The end is then this origin. Returns None if the model contains none
-        of these points.
+        without meshes, the end is at twice the distance of the centre of mass from `start`. Exception: if
+        another link, such as a hand, is fixed to `link`, and its origin lies in the outer half of the way
+        from `start` to this end, the end is this origin. Returns None if the model contains none of these
+        points.
         """
         body = self._model.body(link).id
         points = self.of([link])

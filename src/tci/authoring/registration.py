@@ -29,7 +29,7 @@ OFFSETS = (-0.04, 0.0, 0.04)
 least one start pose is near the solution."""
 SEARCH = ((3, 120), (9, 25))
 """For each stage of the search: number of steps, and number of best poses that the next stage continues.
-Assumed: with fewer poses the solution may be missed, more poses take longer."""
+Assumed: with fewer poses, the solution may be missed; with more poses, the search takes longer."""
 REFINED = 3
 """Number of poses that are refined with all points. These are the best poses after a refinement with only
 some of the points. Assumed: the best pose of all is among them."""
@@ -193,8 +193,9 @@ def _right_angles() -> list[Array]:
 def _starts(points: Array, surface: LinkSurface) -> Array:
     """Returns poses (s, 4, 4) to start from.
 
-    The first pose is the identity. The other poses combine each rotation by right angles with each offset in
-    OFFSETS. An offset is the distance between the centre of the points and the centre of the surface.
+    The first pose is the identity. The other poses combine each of the 24 rotations by multiples of 90
+    degrees with each combination of three offsets in OFFSETS. The offsets shift the centre of the points away
+    from the centre of the surface.
     """
     centre, theirs = points.mean(axis=0), surface.points.mean(axis=0)
     return np.array(

@@ -44,17 +44,18 @@ class SiteNumbers(NamedTuple):
     segment: NDArray[np.int64]
     """Index of the segment in SEGMENTS; -1 for a segment that SEGMENTS lacks."""
     merged: NDArray[np.int64]
-    """Number of the site's part, if the touches on this part count together (see `site_numbers`); else -1."""
+    """Number of the site's part, if touches on this part count as one touch (see `site_numbers`); -1 for all
+    other parts."""
     limbs: tuple[str, ...]
-    """Names of the parts with a segment in SEGMENTS: only on these parts a field contains a contact."""
+    """Names of the parts with a segment in SEGMENTS. Only on these parts can a field contain a contact."""
 
 
 @lru_cache(maxsize=64)
 def site_numbers(sites: tuple[Site, ...], merged: frozenset[str] = frozenset()) -> SiteNumbers:
     """Returns the properties of `sites` as numbers for the compiled loop.
 
-    `merged` are the names of the parts whose touches count together: of all contacts on such a part in one
-    field, only the one with the strongest response counts."""
+    `merged` are the names of the parts on which all contacts in one field count as one: only the contact with
+    the strongest response is used."""
     parts = tuple([site.part for site in sites])
     segments = [SEGMENTS.index(s.segment) if s.segment in SEGMENTS else -1 for s in sites]
     numbers = [parts.index(part) if part in merged else -1 for part in parts]

@@ -45,8 +45,9 @@ def solid_spec(robot: Robot, *, shown: bool = False, mimics: bool = True) -> muj
 
     If `shown` is True, the model contains everything that pictures need; otherwise it contains only the geoms
     that collide, as convex hulls. Joints that no servo drives are fixed at 0. If `mimics` is False, joints
-    that only follow a servo are fixed at 0 too. No force acts on any joint. Raises DescriptionError if the
-    robot has no model, and the errors that `load_spec` raises.
+    that only follow a servo are fixed at 0 too. The model contains no actuators, sensors, tendons and
+    equality constraints. Raises DescriptionError if the robot has no model, and the errors that `load_spec`
+    raises.
     """
     if robot.model is None:
         raise DescriptionError(robot.source, [Fault(0, NO_MODEL)])

@@ -2,7 +2,7 @@
 
 The path to a link is a sequence of steps, which a compiled loop follows. On a revolute joint at angle q, a
 step is the pose K0 + K1 cos q + K2 sin q, by Rodrigues' formula R = a a^T + (1 - a a^T) cos q + [a] sin q
-about the axis a through a given point. On a prismatic joint, it is K0 + K1 q.
+about the axis a through a given point. On a prismatic joint, the step is the pose K0 + K1 q.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class KinematicChain:
     """Kinematics of one robot. The object is immutable, so several threads may use it. Callers may change
     returned arrays.
 
-    Joints of the model that no servo moves stay at zero. For a joint that follows a servo (a mimic joint),
-    the steps use an additional servo: its angle is appended to the angles of the servos.
+    Joints of the model that no servo moves stay at zero. A joint that follows a servo (a mimic joint) has a
+    step with an additional servo, whose angle is appended to the angles of the servos.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -102,8 +102,8 @@ class KinematicChain:
         return self.pose_and_jacobian(position, link, point=point)[1]
 
     def pose_and_jacobian(self, position: Array, link: str, *, point: Array = _ORIGIN) -> tuple[Array, Array]:
-        """Returns `T_TP` (4, 4), which is the orientation of the link and the position of `point`, and the
-        Jacobian. One call is faster than calls of both functions."""
+        """Returns the pose `T_TP` (4, 4) and the Jacobian. The pose has the orientation of the link and the
+        position of `point`. One call is faster than calls of `pose_array` and `jacobian`."""
         if np.shape(point) != (3,):
             raise CommandError(f"point of shape {np.shape(point)}; valid: (3,)")
         found = self._jacobians.get(link)
@@ -139,11 +139,12 @@ class KinematicChain:
         return np.array([self._after[body] for body in bodies], np.int64)
 
     def path(self, ends: Iterable[int]) -> Indices:
-        """Returns the steps (k, 2) to the torso and to the links at the ends of the steps `ends`, parents
-        first.
+        """Returns a table (k, 2) of the steps to the torso and to the links at the ends of the steps `ends`,
+        parents first.
 
-        The second column is 1 for a servo that moves the first of these links relative to the torso, -1 for a
-        servo between root and torso that moves the torso instead, and 0 for other servos.
+        The first column is the index of the step. The second column is 1 for a servo that moves the first of
+        these links relative to the torso, -1 for a servo between root and torso that moves the torso instead,
+        and 0 for other servos.
         """
         above = [self._above(end) for end in ends]
         torso = self._above(self.torso)
@@ -292,7 +293,8 @@ def written(model: Model) -> int:
 
 @lru_cache(maxsize=16)
 def _bare_model(model: Model, _: int) -> mujoco.MjModel:
-    """Returns the model of a file written at a time [ns]. Cached, because an iCub's model takes 60 ms."""
+    """Returns the model of a file that was written at a given time [ns]. The result is cached, because
+    reading an iCub's model takes 60 ms."""
     spec = load_spec(model)
     useless = (spec.sensors, spec.actuators, spec.equalities, spec.tendons, spec.pairs, spec.excludes)
     for element in [element for group in (*useless, spec.geoms, spec.meshes) for element in group]:

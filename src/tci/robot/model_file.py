@@ -177,7 +177,8 @@ def _read_mjcf(model: Model) -> mujoco.MjSpec:
 
 
 def _place_meshes(spec: mujoco.MjSpec, model: Model) -> None:
-    """Finds the meshes of an MJCF model. Only called if meshes are needed; kinematics do not need them."""
+    """Finds the files of the meshes of an MJCF model. The model for kinematics contains no meshes here,
+    because kinematics do not need them."""
     meshes = MeshFiles(Path(model.path), model.meshes)
     converted: dict[str, bytes] = {}
     for mesh in spec.meshes:
@@ -245,8 +246,8 @@ def _is_of_a_mesh(error: ValueError, spec: mujoco.MjSpec) -> bool:
 
 
 def _flat(spec: mujoco.MjSpec) -> str:
-    """Returns the names of links with geometry of size 0; an empty text if there are none. MuJoCo's own
-    message contains only a number."""
+    """Returns a text that names the links with geometry of size 0; an empty text if there are none. MuJoCo's
+    own message contains only a number instead of the names."""
     sized = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
     links = [geom.parent.name for geom in spec.geoms if geom.type not in sized and not geom.size[0] > 0.0]
     return f" (the shape of {', '.join(dict.fromkeys(links))}; valid: above 0)" if links else ""

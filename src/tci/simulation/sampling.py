@@ -18,7 +18,7 @@ FOUND, FORCE, POSITION, NORMAL, TANGENT = 0, 1, 4, 7, 10
 number is the number of contacts on the patch. Four vectors follow, with 3 numbers each: force (along normal,
 tangent and the third axis), position, normal and tangent."""
 NUMBERS = 13
-"""Numbers per slot."""
+"""Number of values in a slot."""
 WIDE = 0.02
 """Width [m] of a kernel above which its shares are computed twice, see `_share`. Assumed: this is far above
 the width of a taxel."""
@@ -76,7 +76,7 @@ SKIN = returns(
 Arrays = tuple[Array, ...]
 _SLACK = 1.0
 """Distance [widths] that a contact may move before the list of taxels around it is renewed (Verlet 1967).
-Assumed. A larger distance makes the lists longer. A smaller distance renews them more often."""
+Assumed: a larger distance makes the lists longer; with a smaller distance, lists are renewed more often."""
 
 
 @inlined
@@ -129,7 +129,8 @@ def _share(
 
 @inlined
 def _feels(normal: Array, count: int, taxels: Array, lists: Array, work: Array) -> bool:
-    """Returns True if taxels measure a contact with this outward `normal` (3,): if they face it, see `SIDE`.
+    """Returns True if taxels measure a contact with this outward `normal` (3,): if the angle between this
+    normal and their normals is small enough, see `SIDE`.
 
     The taxels are in the row `NEAR` of `lists`. The normal of a taxel is the cross product of its
     tangents."""

@@ -42,8 +42,8 @@ ACTIVE, BEGIN, SPEED, DEPTH, LEADS, PATH, END, FORCE, FIRST, LOST, PEAK = range(
 - `FORCE`, `PEAK`: contact force, and largest contact force.
 - `FIRST`, `LOST`: times [s] of the first contact, and of its latest loss."""
 TIP, TIP_SENSOR, TRACED, AHEAD = range(4)
-"""Indices of the integers: the finger's actuator, the finger's sensor, the number of steps in the trace, and
-the number of the step that is already half computed."""
+"""Indices of the array of integers (`Physics.whole`): the finger's actuator, the finger's sensor, the number
+of steps in the trace, and the number of the step of which `_look_ahead` has already computed a part."""
 MOVED = returns(reads(1), reads(1), writes(1), reads(1), reads(1))
 """Numba types of the arrays on which the next step depends: MuJoCo's `qpos`, `qvel`, `ctrl`, `qfrc_applied`
 and `xfrc_applied`, each as one row of numbers."""
@@ -159,7 +159,7 @@ def _look_ahead(
 ) -> None:
     """Updates contacts and sensors to the current joint angles.
 
-    All of the next step is computed for this, except the motion.
+    To do this, computes the whole next step except the motion.
     """
     qpos, qvel, ctrl, applied, pushed = moved
     _step1(model, data)

@@ -39,7 +39,8 @@ COVER = 0.012
 ABOVE = 0.0008
 """Height [m] above the skin at which taxels are drawn."""
 MOVED = 1e-5
-"""Smallest change of a body's pose [m, or fraction of a turn] that is sent to the page."""
+"""Smallest change of a body's pose that is sent to the page: of a coordinate [m] of its position, or of a
+number of its quaternion."""
 TURNED = np.deg2rad(1.0)
 """Change [rad] of a joint after which the receptive field of each taxel is computed again."""
 _INK = (225, 60, 50)
@@ -50,7 +51,8 @@ class Figure:
     """Draws the views of one robot. Only one thread may use it."""
 
     def __init__(self, server: viser.ViserServer, robot: Robot, key: str) -> None:
-        """Adds the robot as `key`. Raises DescriptionError for a robot without a model."""
+        """Adds the robot to the page, under the name `key`. Raises DescriptionError for a robot without a
+        model."""
         if robot.model is None:
             raise DescriptionError(robot.source, [Fault(0, NO_MODEL)])
         self.robot = robot

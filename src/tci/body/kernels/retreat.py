@@ -29,32 +29,33 @@ class Chain(NamedTuple):
     steps: NDArray[np.int64]
     sums: Array
     ends: NDArray[np.int64]
-    """Step (p,) at whose end the link of each patch is."""
+    """Index (p,) of the step that ends at the link of each patch."""
 
 
 class Touched(NamedTuple):
     """Points of the skin that are touched."""
 
     after: NDArray[np.int64]
-    """Step (c,) at whose end the link of each point is."""
+    """Index (c,) of the step that ends at the link of each touched point."""
     points: Array
-    """Points (c, 3) [m] in these links."""
+    """Touched points (c, 3) [m], each in the frame of its link."""
     normals: Array
-    """Outward normals (c, 3) in these links."""
+    """Outward normals (c, 3), each in the frame of its point's link."""
 
 
 class Room(NamedTuple):
-    """Work space."""
+    """Work space of `retreats`, for c touched points, p patches and s steps."""
 
     work: Array
-    """Pose (s, 3, 4) after each step."""
+    """Poses (s, 3, 4) in the world frame after each of the s steps of `Chain.steps`, for the current
+    posture."""
     first: Array
     """Initial points and normals (c, 3, 2) in the world frame."""
     near: Array
     """State (c, p, 5) of each sphere relative to each patch: centre (3,) [m] in the patch's link, FREE and
     LIMIT."""
     found: Array
-    """Nearest point and its normal (2, 3)."""
+    """Surface point nearest to the sphere's centre, and the normal at this point (2, 3)."""
 
 
 CHAIN = record(Chain, reads(2, int64), reads(2, int64), reads(4), reads(1, int64))
@@ -132,8 +133,9 @@ def _depth(centre: Vector, p: int, layout: LayoutArrays, radius: float, near: Ar
     its last position to `centre` [m].
 
     The positions are given in the patch's link. `near` (5,) is the row of `Room.near` for this sphere and
-    patch, and is updated. No point of the path that is closer to its predecessor than the skin to the sphere
-    needs to be examined (sphere tracing, Hart 1996).
+    patch, and is updated. If a point of the path is closer to the last examined point than the skin was to
+    the sphere there, the skin can't touch the sphere, so this point is not examined (sphere tracing, Hart
+    1996).
     """
     x, y, z = near[0], near[1], near[2]
     u, v, w = centre[0] - x, centre[1] - y, centre[2] - z

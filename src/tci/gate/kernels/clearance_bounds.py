@@ -37,12 +37,12 @@ In this order:
 """
 Arrays = tuple[Array, ...]
 SPARE, WIDER = 0.002, 0.5
-"""A box of angles is checked with a reserve on each side, so that later boxes inside it need no check: this
-angle [rad], plus this fraction of the width. Assumed: above the noise of encoders; a moving joint stays in
-the reserve for about ten periods."""
+"""Reserve on each side of a checked box of angles: SPARE [rad] plus the fraction WIDER of the box's width.
+Later boxes inside the enlarged box need no check. Assumed: SPARE is above the noise of encoders; a moving
+joint stays in the reserve for about ten periods."""
 PAUSE = 16
-"""If a check fails only because of this reserve, the next checks, this many, are made without a reserve.
-Assumed: then the second check takes little time on average."""
+"""Number of checks without this reserve that follow a failed check with the reserve. The first of them
+repeats the failed check. Assumed: with this pause, the repeated checks take little time on average."""
 
 
 @inlined
@@ -188,9 +188,9 @@ def come_near(
     Writes the indices of these pairs into `known`, and updates the bounds in `known` for the middle of the
     box. Writes the joint angles at both ends of the box into `ends` (2, j), as `to_joints` does.
 
-    Between the joint angles `safe` (2, j) [rad] no pair comes near; a box inside needs no check. After a
-    check, `safe` is larger than the box. `pause` (1,) is the number of checks until such a larger box is
-    tried again.
+    Within the joint angles `safe` (2, j) [rad] no pair comes near, so a box inside `safe` needs no check. If
+    no pair comes near within the box plus a reserve (see `SPARE`), this larger box becomes `safe`. `pause`
+    (1,) is the number of checks until a larger box is tried again.
     """
     to_joints(servos, zero, box, ends)
     inside = True

@@ -11,11 +11,11 @@ from tci.compiled import compiled, inlined, views, writes
 from tci.frames import Array
 
 MARGIN = 1e-6
-"""Distance [rad] that targets keep from limits and from bounds of couplings. Assumed: above ruckig's rounding
-errors."""
+"""Distance [rad] that targets keep from limits and from bounds of couplings. Assumed: larger than ruckig's
+rounding errors."""
 SWEEPS = 50
-"""Largest number of sweeps over all couplings in the search for a nearest point. This number bounds the time
-of the search. Assumed: later sweeps change little."""
+"""Largest number of sweeps over all couplings in `project`. This number bounds the time of a call. Assumed:
+later sweeps change little."""
 
 
 @inlined
@@ -28,7 +28,7 @@ def project(
 
     The point keeps a margin from all bounds. If two bounds are too close together for this margin, the point
     is in the middle between them. The point differs from `target` only for servos that are `free` (n,). The
-    method projects onto each violated half-space in turn (Bregman 1965), and onto the limits.
+    function projects the point onto each violated half-space and each violated limit in turn (Bregman 1965).
     """
     for i in range(len(target)):
         point[i] = target[i]
@@ -91,10 +91,11 @@ def box_keeps(span: Array, coupling: Array, lows: Array, highs: Array) -> bool:
 
 @compiled(void(views(2), views(1), views(1), views(1), writes(1), writes(1)))
 def shift(outside: Array, measured: Array, lows: Array, highs: Array, lower: Array, upper: Array) -> None:
-    """Writes the bounds `lower` and `upper` (m,) of the couplings: `lows` and `highs` (m,) minus the
-    contribution of servos outside the group.
+    """Writes the bounds `lower` and `upper` (m,) of the couplings that remain for the servos in the group:
+    `lows` and `highs` (m,) minus the contribution of the servos outside the group.
 
-    These servos are at `measured` (n_servos,) [rad] and have the coefficients `outside` (m, n_servos).
+    The servos outside the group are at `measured` (n_servos,) [rad] and have the coefficients `outside` (m,
+    n_servos).
     """
     for m in range(len(lows)):
         taken = 0.0

@@ -25,8 +25,8 @@ ANGLE, SPEED, ANGLE_BEFORE, SPEED_BEFORE = range(4)
 """Rows of two successive readings (4, n_servos): angles [rad] and velocities [rad/s] of this reading, then of
 the reading before."""
 FOLLOWED, LOOSE = range(2)
-"""Rows of a table (2, k) of the servos' control modes: 1 for a servo whose angle must follow a reference, and
-1 for a servo in torque mode."""
+"""Rows of a table (2, k) of the servos' control modes. `FOLLOWED`: True for a servo whose angle must follow a
+reference. `LOOSE`: True for a servo in torque mode. All other values are False."""
 LATE_SINCE, OPPOSED_SINCE, REPEATS_SINCE, ORIGIN = range(4)
 """Rows of the memory (4, n_servos). Each of the first three rows is the time [s] since which a condition is
 true without interruption, or infinity if the condition is false. The last row is the reference [rad] at the
@@ -37,7 +37,8 @@ DRIFT, WEAKEST, STRONGEST, PUSHED_SINCE = range(4)
 - deviation [rad] of the integrated velocity from the angle
 - least torque [N m] since angle and velocity repeat
 - largest torque [N m] since angle and velocity repeat
-- time [s] since when these two torques differ enough to move the joint
+- time [s] at which the difference of these two torques became large enough to move the joint; infinity while
+  the difference is smaller
 """
 TORQUE_LIMIT, ACCELERATION, FASTEST = range(3)
 """Rows of the limits (3, n_servos) of the joints: torque [N m], acceleration [rad/s2] and speed [rad/s]."""
@@ -59,7 +60,7 @@ def all_finite(values: Array) -> bool:
 
 @inlined
 def _jump(readings: Array, limits: Array, step: float, elapsed: float, worst: Array) -> bool:
-    """Returns True if an angle changed by more than its speed limit allows in `elapsed` [s], plus a `step`
+    """Returns True if an angle changed by more than its speed limit allows in `elapsed` [s], plus `step`
     [rad].
 
     Writes the index of the servo with the largest excess and the change [rad] of its angle into `worst` (2,).
@@ -201,8 +202,8 @@ def judge_reading(
     """Checks a reading of all `angles` [rad] and `speeds` [rad/s] (n_servos,), made at time `now` [s].
 
     Returns the first fault found by `_jump`, `judge_velocity` and `judge_motion`. `elapsed` [s] is the time
-    since the reading before; if it is not above 0, the reading is only stored. The references of `servos`
-    (k,) are `position` [rad], `velocity` [rad/s] and `torque` [N m] (k,).
+    since the previous reading. If `elapsed` is 0 or less, the reading is only stored. `position` [rad],
+    `velocity` [rad/s] and `torque` [N m] (k,) are the references of `servos` (k,).
     """
     limits, settings, readings, memory, drifts, worst = monitor
     for i in range(len(angles)):

@@ -83,9 +83,9 @@ def take_targets(
     to `servos` (k,). A command consists of `servos`, `values` and `speeds`; the types of a `group` are in
     GROUP.
 
-    Returns the largest distance [rad] of a target from its requested value. Returns INVALID or FAR_OFF, and
-    writes nothing, unless the whole command passes `is_acceptable` and `is_far_off`; the arguments `box`,
-    `far` and `slowest` are described there.
+    Returns the largest distance [rad] of a target from its requested value. Returns INVALID if the command
+    fails `is_acceptable`, or FAR_OFF if `is_far_off` is True for it; in both cases the function writes
+    nothing. The arguments `box`, `far` and `slowest` are described there.
 
     Writes into `aims` (3, n) the targets [rad], which are inside `limits` and couplings, and the `speeds`
     (k,) [rad/s], clipped to the speeds in `limits` (3, n). Writes into `sent` (k,) [rad] the targets of the

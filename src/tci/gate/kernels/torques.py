@@ -14,8 +14,8 @@ LOWER, UPPER, VELOCITY, CREEP, ACCELERATION, APPROACH, TORQUE = range(7)
 its limits returns. APPROACH is the deceleration [rad/s2] that is assumed to be available before a limit."""
 POSITION, SPEED, SLOPE, SINCE_SPEED, SINCE_SLOPE = range(5)
 """Rows of the measurements (5, n_servos): angles [rad]; velocities [rad/s]; mean speeds [rad/s] computed from
-angles, NaN if unknown; impulses [N m s] of the torques that were sent since the velocity, and since the mean
-speed, was measured."""
+angles, NaN if unknown; impulses [N m s] of the torques that were sent: SINCE_SPEED since the velocity was
+measured, SINCE_SLOPE since the mean speed was measured."""
 WANTED, RISEN, GIVEN, CALM, BEFORE = range(5)
 """Rows of the memory (5, n_servos):
 
@@ -26,23 +26,23 @@ WANTED, RISEN, GIVEN, CALM, BEFORE = range(5)
 - speed [rad/s] at which this fraction was chosen
 """
 MARGIN = 1e-6
-"""Least divisor [rad/s] in the computation of braking torques: smaller speeds are replaced by this one."""
+"""Least divisor [rad/s] in the computation of braking torques. Where a smaller speed would be the divisor,
+MARGIN is used instead."""
 RISE = 0.02
 """Time [s] in which a torque may rise from zero to its limit. Assumed: a sudden change of torque would jerk
 the joint."""
 BAND = 0.1
-"""Least excess over the allowed speed at which the full braking torque acts, as a fraction of the allowed
-speed. Assumed: with a smaller value, the torque chatters; with a larger value, a joint exceeds its limit by
-more."""
+"""A servo that exceeds the allowed speed by at least this fraction of the allowed speed is braked with the
+full braking torque. Assumed: with a smaller value, the torque chatters; with a larger value, a joint exceeds
+its limit by more."""
 SETTLE = 2.0
 """A servo is slow if its acceleration limit allows it to stop within this number of data delays. A slow servo
 is braked by a torque proportional to its speed. Assumed: with full torque, a servo at rest at a limit would
 tremble because of the noise of its velocity."""
 CALMER, BOLDER, LEAST = 0.5, 1.5, 1.0 / 64.0
-"""Three numbers that adapt the braking torque to the joint. The torque is multiplied by the first number
-after it has reversed the joint, and by the second number otherwise; the third number is the least fraction of
-the torque. Assumed: with full braking torque, a joint that is much lighter than its limits imply would
-oscillate."""
+"""Three numbers that adapt the braking torque to the joint. CALMER: factor of the braking torque after this
+torque has reversed the joint. BOLDER: factor otherwise. LEAST: least fraction of the full braking torque.
+Assumed: with full braking torque, a joint that is much lighter than its limits imply would oscillate."""
 FADE = float(np.deg2rad(2.0))
 """Distance [rad] from a limit below which a torque towards the limit decreases to zero. Assumed: with a
 shorter distance, joints are pushed into their limits; with a longer distance, more of their range is lost."""

@@ -1,4 +1,4 @@
-"""Pose of the frame S of a limb segment, for compiled loops."""
+"""Poses of links in the frame S of a limb segment, for compiled loops."""
 
 from __future__ import annotations
 
@@ -53,7 +53,8 @@ def _turned(x: Vector, y: Vector, c: float, s: float) -> tuple[Vector, Vector]:
 
 @inlined
 def _origin(T_TL: Array, T_TG: Array, limb: Array, k: int) -> float:
-    """Returns component `k` [m] of the vector from the origin of the segment to the origin of the link."""
+    """Returns component `k` [m], in the torso frame, of the vector from the origin of the segment to the
+    origin of the link."""
     p = T_TL[k, 3] - T_TG[k, 3]
     for axis in range(3):
         p -= T_TG[k, axis] * limb[9 + axis]
@@ -62,7 +63,7 @@ def _origin(T_TL: Array, T_TG: Array, limb: Array, k: int) -> float:
 
 @inlined
 def _row(T_TL: Array, limb: Array, axis: Vector, p: Vector) -> Row:
-    """Returns the row of T_SL for an axis of S. The axis is given in the mount frame M."""
+    """Returns the row of T_SL that belongs to `axis`, an axis of S given in the mount frame M."""
     a = limb[0] * axis[0] + limb[1] * axis[1] + limb[2] * axis[2]
     b = limb[3] * axis[0] + limb[4] * axis[1] + limb[5] * axis[2]
     c = limb[6] * axis[0] + limb[7] * axis[1] + limb[8] * axis[2]

@@ -36,8 +36,8 @@ class BaselineArrays(NamedTuple):
     """Estimates of the taxels (n,) of one patch."""
 
     offset: Array
-    """Rest value [counts] relative to the rest value in the description. The sign is such that pressure
-    increases a value."""
+    """Rest value [counts] relative to the rest value in the description. If pressure decreases the sensor's
+    raw values, the sign of this number is reversed."""
     noise: Array
     """Standard deviation [counts] of the noise."""
     threshold: Array
@@ -50,7 +50,8 @@ class BaselineArrays(NamedTuple):
     """True for taxels that fluctuate at rest but were constant in the latest window. Windows of these taxels
     are not used for estimates."""
     followed: Array
-    """Change [counts] of the rest value in the latest window, beyond the common drift."""
+    """Change [counts] of the rest value in the latest window, minus the drift that all taxels have in
+    common."""
 
 
 class Window(NamedTuple):

@@ -59,9 +59,8 @@ STAMP, ELAPSED, FRAMES, IN_WINDOW, DIFFERENCES, DROPPED, CONSTANT, DUE, LEAST = 
 - `FRAMES`: number of frames seen, counted up to 2.
 - `IN_WINDOW`, `DIFFERENCES`: numbers of frames and of second differences in the window.
 - `DROPPED`: number of values dropped so far.
-- `CONSTANT`: number of successive frames, each equal to the frame before in all values, that are only counted
-  so far and not yet added to the statistics; or the mark -1, which means that the next frame must be
-  processed even if it is equal.
+- `CONSTANT`: number of successive frames that equal the frame before in all values. They are counted, but not
+  yet added to the statistics. The mark -1 means that the next frame must be processed even if it is equal.
 - `DUE`, `LEAST`: length [s] of the window, and its least number of frames."""
 ROWS, BLOCK_COLUMNS, PATCH_COLUMNS = 6, 4, 9
 GAP = 1.0
@@ -292,9 +291,10 @@ def condition(
 
     If the raw values of a block of 64 taxels equal those of the previous frame, the block is not computed
     again: only the number of such frames is counted. The sums of the block are updated later, when its values
-    change or the estimation window ends. The result is equal. `raw` (c,) contains all channels. `last` (c,)
-    are the raw values of the previous frame. `stamps` (k,) [s] are the times of the frames. `latency` [s] is
-    the time constant of the low-pass filter. Returns the number of patches whose estimation window has ended.
+    change or the estimation window ends. The result is the same as if each frame were added at once. `raw`
+    (c,) contains all channels. `last` (c,) are the raw values of the previous frame. `stamps` (k,) [s] are
+    the times of the frames. `latency` [s] is the time constant of the low-pass filter. Returns the number of
+    patches whose estimation window has ended.
     """
     ended = 0
     for k in range(len(which)):

@@ -35,9 +35,9 @@ from tci.skin.kernels.nearest import nearest
 FORCE, PEAK, AREA_SUM, U, THETA, Y, Z, POINT, NORMAL, SUMMARY = 0, 1, 2, 3, 4, 5, 6, 7, 10, 13
 """Columns of the summary of a contact. `SUMMARY` is the number of columns."""
 NARROW = 0.5
-"""Least width of a touch [distances of neighbouring taxels]. A smaller width can't be measured, since few
-taxels respond. Assumed: on skins with distances of 6 to 10 mm between taxels, touches of 3 to 5 mm width then
-get about the right width."""
+"""Smallest width of a touch [distances of neighbouring taxels] in the computation of the fill factor. On a
+narrower touch, too few taxels respond to measure the width, and this width is used instead. Assumed: on skins
+with distances of 6 to 10 mm between taxels, touches of 3 to 5 mm width then get about the right width."""
 LEAST_FILL = 0.15
 """Least fill factor by which forces are divided. A smaller factor is replaced by this value. Assumed: on
 sparser skin the correction of the force would be unreliable."""
@@ -73,9 +73,9 @@ def _grow(
     seed: int, limits: Limits, number: int, onset: Array, layout: LayoutArrays,
     clusters: Clusters,
 ) -> tuple[int, bool]:  # fmt: skip
-    """Labels all active taxels that are connected with a first taxel.
+    """Labels the taxel `seed`, and all active taxels that a chain of active neighbours connects with it.
 
-    Returns the number of these taxels, and True if their forces are large enough for a contact (see
+    Returns the number of labelled taxels, and True if their forces are large enough for a contact (see
     `cluster`).
     """
     force, label, queue, graph = clusters.force, clusters.label, clusters.queue, layout.graph
@@ -232,9 +232,9 @@ def _summarise(
 
 @inlined
 def _precedes(one: Array, other: Array) -> bool:
-    """Returns True if a contact is stronger than another contact.
+    """Returns True if contact `one` is stronger than contact `other`.
 
-    If both are equally strong, returns True if the first is nearer to the beginning of the limb.
+    If both are equally strong, returns True if `one` is nearer to the proximal end of the limb.
     """
     for column, sign in ((FORCE, -1.0), (U, 1.0), (THETA, 1.0)):
         a, b = sign * one[column], sign * other[column]

@@ -57,7 +57,7 @@ def _is_beside(
 ) -> bool:
     """Returns True if another active taxel of the patch is within twice the reach.
 
-    One touch across a gap in the skin may then press both.
+    One touch across a gap in the skin may press both taxels.
     """
     taxels = layout.taxel
     x, y, z = taxels[taxel, 0], taxels[taxel, 1], taxels[taxel, 2]
@@ -84,7 +84,7 @@ def _was_touched(taxel: int, before: Places) -> bool:
 
 @inlined
 def _wait_on(place: int, stamp: float, force: float, waiting: Array, now: Array) -> bool:
-    """Writes the row `now` (WAITING,) of an isolated taxel, which the taxel needs in the next frame.
+    """Writes the state of an isolated taxel into the row `now` (WAITING,). The next frame needs this row.
 
     Returns False if the taxel has just become active.
     """

@@ -1,6 +1,6 @@
 """Gives each contact an identity, in compiled loops.
 
-An identity stays constant from the contact's first frame to its last.
+The identity stays constant from the contact's first frame to its last.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def _assign(
 ) -> None:
     """Assigns the contacts of one patch (indices from `begin` to `end` - 1) to the patch's tracks.
 
-    The nearest pairs are matched first.
+    Of all pairs of a contact and a track, the pair with the smallest distance is assigned first.
     """
     for c in range(begin, end):
         best[c, 0] = 0.0
@@ -78,8 +78,8 @@ def _assign(
 
 @inlined
 def _first_new(out: ContactArrays, best: Array, begin: int, end: int) -> int:
-    """Returns the next contact to be numbered: of the contacts without a track, the contact whose first taxel
-    has the lowest index.
+    """Returns the contact that gets the next new identity: of the contacts without a track, the contact whose
+    first taxel has the lowest index.
 
     Returns -1 if all contacts have tracks.
     """
@@ -103,11 +103,11 @@ def track(
 ) -> tuple[int, int]:
     """Writes identity, onset and displacement of each contact.
 
-    Contacts of a patch are matched with tracks of the patch that were seen within the last `linger` [s]. The
-    nearest pairs are matched first, up to a distance of `reach` [m]. Contacts without a match are new and are
-    numbered from `fresh` on. `old` (t, TRACK) are the previous tracks. `stamps` (p,) [s] are the times of the
-    patches' frames. The new tracks are written to `tracks` (t + c, TRACK). `best` (c, 3) is work space.
-    Returns the next free identity and the number of rows in use in `tracks`.
+    Contacts of a patch are matched with tracks of the patch that were seen within the last `linger` [s]. Of
+    all pairs with a distance of at most `reach` [m], the nearest pair is matched first. Contacts without a
+    match are new and are numbered from `fresh` on. `old` (t, TRACK) are the previous tracks. `stamps` (p,)
+    [s] are the times of the patches' frames. The new tracks are written to `tracks` (t + c, TRACK). `best`
+    (c, 3) is work space. Returns the next free identity and the number of rows in use in `tracks`.
     """
     used, contacts, begin = 0, len(out.site), 0
     for i in range(len(old)):  # tracks of patches without contacts wait for the next one

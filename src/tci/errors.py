@@ -37,7 +37,7 @@ class Fault:
     line: int
     """Line in the file, from 1; 0 for a fault without a line."""
     message: str
-    """One sentence that names the fault and what would be valid."""
+    """One sentence that names the fault and says what would be valid."""
 
     def __str__(self) -> str:
         return f"line {self.line}: {self.message}" if self.line else self.message

@@ -123,8 +123,8 @@ class BodyWithdrawal(Capability[BodyMemory]):
     def _wishes(self, perception: Perception, body: GenericBody) -> dict[str, list[Wish[BodyField]]]:
         """Returns the requested responses (wishes) of the contacts, by part.
 
-        A wish consists of a field and its gain. Of all fields that contain a contact, the field with the
-        closest centre is used.
+        A wish consists of a field and its gain. Of all fields that contain a contact, the field whose centre
+        is nearest to the contact is used.
         """
         wishes: dict[str, list[Wish[BodyField]]] = {}
         for index, touch in enumerate(perception.contacts):

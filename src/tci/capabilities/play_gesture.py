@@ -1,7 +1,7 @@
 """Playback of a gesture (the paper's second example of a capability), which a reflex may interrupt.
 
-While the reflex moves a part, the gesture is paused. Afterwards all parts return to the posture of the
-gesture at the pause, and the gesture continues from this posture.
+While the reflex moves a part, the gesture is paused. Then all parts return to the posture at which the
+gesture was paused, and the gesture continues from this posture.
 """
 
 from __future__ import annotations

@@ -155,7 +155,7 @@ def _dh_table(robot: Robot, facts: DHTable) -> Table:
 
 
 def _pose(matrix: Matrix) -> str:
-    """Formats a pose (4, 4) as origin [mm] and rotation vector [degrees]."""
+    """Returns a pose (4, 4) as text: origin [mm] and rotation vector [degrees]."""
     import numpy as np
     from scipy.spatial.transform import Rotation
 

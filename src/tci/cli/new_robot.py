@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from tci.robot.description import Robot
 
 MODELS = (".urdf", ".xml", ".mjcf")
-"""Suffixes of the model files for which an installed package is searched."""
+"""Suffixes of model files. In an installed package, only files with these suffixes are considered."""
 
 COMMENT = """Proposed by tci new-robot from {file}: review it.
 From that file: joints; limits of position, speed and torque, except those marked assumed.

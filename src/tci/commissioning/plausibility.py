@@ -35,8 +35,9 @@ than the error of rounding to degrees."""
 FORWARD = np.deg2rad([90.0, 0.0, 0.0, 0.0, 0.0])
 """Angles [rad] of the generic joints of an arm that is stretched out forward."""
 APART = 0.012
-"""Largest distance [m] between a point on the left side and the mirror image of the corresponding point on
-the right side. Assumed: larger than the asymmetry of real arms, and smaller than any relevant error."""
+"""A point on the left side counts as symmetric if it is at most this distance [m] from the mirror image of
+the corresponding point on the right side. Assumed: larger than the asymmetry of real arms, and smaller than
+any relevant error."""
 WIDER = 1.25
 """Largest ratio between the sizes of a left patch and the corresponding right patch. Assumed: the sizes of
 real patches differ by a few percent."""

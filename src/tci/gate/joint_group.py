@@ -75,8 +75,8 @@ class JointGroup:
         return farthest
 
     def look_outside(self, measured: Array) -> None:
-        """Shifts the bounds of the couplings by the contribution of the servos outside the group, which are
-        at `measured` (n_servos,) [rad]."""
+        """Shifts the bounds of the couplings by the contribution of the servos outside the group. `measured`
+        (n_servos,) [rad] are the angles of all servos."""
         lower, upper = self.bounds.coupling_lower, self.bounds.coupling_upper
         shift(self.outside, measured, lower, upper, self.ends[0], self.ends[1])
 

@@ -187,8 +187,8 @@ def _leading(robot: Robot, part: str, gesture: Gesture, positions: Array) -> Arr
 def _fit_part(
     robot: Robot, part: GenericPart, angles: Array, positions: Array, missed: dict[str, float], *, exact: bool
 ) -> None:
-    """Writes the servo angles [rad] of one part into `positions` (k, n_servos), and the errors into
-    `missed`."""
+    """Writes the servo angles [rad] of one part into `positions` (k, n_servos), and the largest error [rad]
+    of each joint into `missed`."""
     joints = joint_map(robot, part.name)
     limits = [robot.servos[servo].limits for servo in joints.servos]
     lower = np.array([-np.inf if limit.lower is None else limit.lower for limit in limits])

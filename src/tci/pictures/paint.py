@@ -17,26 +17,27 @@ from tci.robot.limb import generic_limb_distance
 
 # The colours and sizes below are chosen by eye.
 PRESSURE_COLOURS = ((0.50, 0.58, 0.67), (0.87, 0.34, 0.29), (0.97, 0.58, 0.16), (1.00, 0.94, 0.50))
-"""Colours for pressures from 0 to full scale, evenly spaced. With pressure the colours become warmer and
-lighter, on dark skin."""
+"""Colours for pressures from 0 to full scale, evenly spaced. A higher pressure has a warmer and lighter
+colour, since the skin itself is dark."""
 FIELD_COLOURS = (
     (0.25, 0.60, 0.95), (0.45, 0.80, 0.30), (0.10, 0.80, 0.76), (0.74, 0.55, 0.98), (0.85, 0.88, 0.92)
 )  # fmt: skip
-"""Colours of the receptive fields. The list is repeated if there are more fields. The colours are cool, since
-the colours of pressure are warm."""
+"""Colours of the receptive fields. If there are more fields than colours, the colours repeat. They are cool,
+since the colours of pressure are warm."""
 SKIN_COLOUR = (0.30, 0.32, 0.36)
 """Colour of links that carry skin."""
 FULL_SCALE = 40e3
 """Pressure [Pa] that has the last colour of PRESSURE_COLOURS."""
 _SWELL = 1.0
-"""Relative increase of a dot's radius from no pressure to full scale, so that a small contact is visible."""
+"""Relative increase of a dot's radius from pressure 0 to FULL_SCALE. The increase makes small contacts
+visible."""
 _LEVEL = 0.010
 """Largest distance [m] above or below a taxel at which the taxel's dot colours a surface."""
 
 
 def pressure_colours(pressure: ArrayLike, full_scale: float) -> Array:
     """Returns the colours (n, 3), 0 to 1, of `pressure` (n,) [Pa]. Pressures above `full_scale` [Pa] have the
-    last colour."""
+    last colour of PRESSURE_COLOURS."""
     share = np.clip(np.asarray(pressure, dtype=float) / full_scale, 0.0, 1.0)
     anchors = np.array(PRESSURE_COLOURS)
     places = np.linspace(0.0, 1.0, len(anchors))

@@ -35,7 +35,7 @@ class InverseSettings:
     slides: int = 4
     """Largest number of attempts to find a solution nearer to the present posture."""
     damping: float = 1e-8
-    """Damping [m2/rad2] that remains when the error is zero."""
+    """Damping [m2/rad2] of the least-squares steps at zero error. A larger error increases the damping."""
     length: float = 0.1
     """Characteristic length [m]: an angle error of 1 rad has as much weight as a position error of this
     length."""

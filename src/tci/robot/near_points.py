@@ -1,6 +1,6 @@
 """Distances between points of a skin.
 
-A few points are compared all with all in NumPy. For more points SciPy's k-d tree is faster, but the import of
+For a few points, NumPy computes all distances. For more points SciPy's k-d tree is faster, but the import of
 SciPy takes 0.2 s, a fifth of the start of a program. So SciPy is imported only for skins with many taxels.
 """
 

@@ -161,7 +161,7 @@ def _put(out: bytearray, kind: MessageType, item: str, value: Any) -> None:
 
 
 class _Reader:
-    """Reading position in the bytes of one message."""
+    """Reads the bytes of one message from front to back."""
 
     def __init__(self, data: memoryview, name: str) -> None:
         self._data, self._name, self._at = data, name, 0
@@ -177,7 +177,8 @@ class _Reader:
         return STRUCTS[item].unpack(self._take(SIZES[item], SIZES[item]))[0]
 
     def count(self, least: int) -> int:
-        """Reads the declared number of items, of which each needs at least `least` bytes."""
+        """Reads the declared number of items. Raises RecordingError if too few bytes remain for items of
+        `least` bytes each."""
         count = int(self.number("uint32"))
         if count * least > len(self._data) - self._at:
             raise RecordingError(f"{self._name}: {count} items declared, too few bytes for them")

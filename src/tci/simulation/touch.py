@@ -74,8 +74,8 @@ def add_skin(spec: mujoco.MjSpec, surface: Surface, *, axes: int, step: float, f
     """Adds a patch to the scene: a geom through its taxels, and a sensor of the contacts on this geom.
 
     MuJoCo uses a mesh's convex hull for collisions. The mesh's faces are used only in pictures. The skin has
-    friction with the finger only if the patch has three `axes`. With `floor`, contacts with the floor have a
-    separate sensor.
+    friction with the finger only if the patch has three `axes`. If `floor` is True, a second sensor measures
+    the contacts with the floor.
     """
     name = skin_geom(surface.patch)
     points, faces = _solid(surface)
@@ -124,7 +124,7 @@ def floor_sensor(patch: str) -> str:
 
 
 def _solid(surface: Surface) -> tuple[Array, NDArray[np.intp]]:
-    """Returns vertices (v, 3) [m] and faces (f, 3) of a body that has this surface.
+    """Returns vertices (v, 3) [m] and faces (f, 3) of a body with the surface `surface`.
 
     If there are no faces, MuJoCo uses the faces of the convex hull.
 

@@ -22,9 +22,9 @@ REACH = 2.5
 """Distance [standard deviations] at which the Gaussians are cut off. Assumed: the part beyond this distance
 has 4 % of the weight of a Gaussian."""
 SPARSE = 2
-"""Least number of neighbours within `NEIGHBOUR_DISTANCE` of a taxel on a dense skin. A taxel with fewer
-neighbours measures a single place (switches, bumpers, load cells). The fill factor of such a taxel is 1.
-`IsolatedSettings` uses an equal bound for isolated taxels."""
+"""On a dense skin, each taxel has at least this many neighbours within `NEIGHBOUR_DISTANCE`. A taxel with
+fewer neighbours measures a single place (switches, bumpers, load cells). The fill factor of such a taxel is
+1. `IsolatedSettings` uses an equal bound for isolated taxels."""
 _CHUNK = 8192
 
 

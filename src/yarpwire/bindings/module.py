@@ -30,8 +30,8 @@ _open: dict[int, Any] = {}
 
 
 def load() -> Any:
-    """Imports the module and suppresses its messages about success. Raises BindingsError if that fails; the
-    error says how to install the module."""
+    """Imports the module `yarp`, and suppresses the messages with which YARP reports success. Raises
+    BindingsError if the import fails; the error says how to install the module."""
     os.environ.setdefault("YARP_QUIET", "1")
     try:
         yarp = importlib.import_module("yarp")
@@ -51,7 +51,8 @@ def version(yarp: Any) -> tuple[str, Dialect]:
 
 
 def importable() -> str:
-    """Returns version and dialect of the bindings as text; empty if they can't be imported."""
+    """Returns version and dialect of the bindings as text; an empty text if the bindings can't be
+    imported."""
     try:
         name, dialect = version(load())
     except (PortError, BindingsError):

@@ -87,8 +87,8 @@ class BindingsPort:
         close_port(self._port)
 
     def _is_free(self) -> bool:
-        """Returns True if the previous message is sent. Waits up to SENT, since that message may be of the
-        present period."""
+        """Returns True if YARP has sent the previous message. Waits for this up to SENT, since the previous
+        message may have been written in the present period."""
         until = time.monotonic() + (0.0 if self._stuck else SENT)
         while self._port.isWriting():
             self._stuck = time.monotonic() >= until
@@ -120,7 +120,8 @@ class BindingsPort:
         return True
 
     def _answer(self, writer: Any, answer: Sequence[Any] | str | bytes) -> None:
-        """Writes the answer as bytes, since a Bottle of YARP can't express all replies of 4.x."""
+        """Writes the answer as bytes, since YARP's class Bottle can't express all replies of the dialect
+        4.x."""
         if not isinstance(answer, bytes):
             answer = encode_bottle([answer] if isinstance(answer, str) else answer, self._dialect)
         words, rest = divmod(len(answer), 4)

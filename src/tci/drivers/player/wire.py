@@ -154,7 +154,7 @@ def geometry(limits: Sequence[tuple[float, float, float, float]]) -> bytes:
     """Returns the geometry of an actarray as bytes.
 
     Each joint has four values: its lowest, highest and initial position [rad], and its largest speed [rad/s].
-    Player's values for lengths and axes of links are zero, since the robot's facts describe the links.
+    Player's values for lengths and axes of links are zero; clients get the links with the request FACTS.
     """
     joints = b"".join(
         struct.pack(">If6d5fI", ROTARY, 0.0, *([0.0] * 6), low, (low + high) / 2, high, home, speed, 0)

@@ -40,7 +40,8 @@ conditioning detects that the patch is dead."""
 WINDOW = 1.0
 """Length [s] of the time window that determines the normal delay of the transport. The normal delay is the
 shortest delay of all states that arrived in the window. A state with a longer delay has arrived late. A pause
-between two states counts as at most the gate's `stale_after`. Assumed: many states arrive in this time."""
+that is longer than the gate's `stale_after` counts as a pause of this length. Assumed: many states arrive in
+this time."""
 
 
 class RemoteDriver(Driver):

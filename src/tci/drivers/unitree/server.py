@@ -39,13 +39,13 @@ WARM, SUPPLY = 30, 50.0
 """Temperature [C] and voltage [V] that the served motors report. Assumed: a robot at rest has these
 values."""
 AHEAD = 0.01
-"""Time [s] by which set-points are extrapolated with their speed. Without this, each set-point would be a
-motion from rest to rest, and the robot would begin to move 12 ms late. Assumed: with this time, a stop
-overshoots by less than 2 mrad."""
+"""Time [s] by which set-points are extrapolated with their speed. Without extrapolation, the robot would come
+to rest at each set-point, and would begin to move 12 ms late. Assumed: with this time, a stop overshoots by
+less than 2 mrad."""
 ELSEWHERE = 2e-3
 """A received set-point counts as a command if it differs by more than this angle [rad] from the set-point of
-the simulated controller. Assumed: for a joint that must not move, a program sends the measured angle, which
-has errors by noise and by gravity."""
+the simulated controller. Assumed: for a joint that must not move, a program sends the measured angle. This
+angle differs from the set-point because of noise and gravity."""
 
 
 class UnitreeServer(Server):

@@ -36,7 +36,7 @@ class Faults:
         self._found: dict[Fault, None] = {}
         self._more = 0
         self.angles = self.implausible = 0
-        """Number of angles that were read, and number of these angles that are implausible in their unit."""
+        """Number of angles that were read, and number of these angles that are too large for their unit."""
 
     def add(self, line: int, message: str) -> None:
         """Records a fault on `line`. The first line is 1; 0 means that the fault belongs to no line."""
@@ -58,7 +58,7 @@ class Faults:
 
 
 def refuse(source: str, line: int, message: str) -> DescriptionError:
-    """Returns the error for a file that can't be read further because of one fault."""
+    """Returns the error to raise for a fault after which the rest of the file can't be read."""
     return DescriptionError(source, [Fault(line, message)])
 
 

@@ -33,8 +33,8 @@ class Node:
     """Text of the element, converted to its type, for example a number in SI units; None if the element has
     no valid text."""
     fields: dict[str, Any] = field(default_factory=dict)
-    """Values of those attributes and children for which the type `Element.describes` has a field, by the name
-    of the field."""
+    """Values of attributes and children, by name of a field. Contains only those for which the type
+    `Element.describes` has a field."""
     children: dict[str, list[Node]] = field(default_factory=dict)
     misspelt: bool = False
     """True if the element has an unknown attribute or child. In this case, an attribute or child that seems

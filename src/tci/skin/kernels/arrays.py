@@ -90,8 +90,8 @@ class Estimates(NamedTuple):
     fluctuating: NDArray[np.bool_]
     """True for taxels with so much noise that their values never stay constant for long."""
     onset: Array
-    """Pressure [Pa] of two counts, at which a light touch begins. The value is infinite while the taxel's
-    noise is unknown."""
+    """Pressure [Pa] that a deviation of two counts means. A light touch begins at this pressure. The value is
+    infinite while the taxel's noise is unknown."""
     hidden: Array
     """Pressure [Pa] below which the edge of a touch is not measured. The value is 0 for sheets and switches,
     on which a touch has no gradual edge."""
@@ -208,4 +208,4 @@ CONTACTS = record(
     ContactArrays, writes(1, int64), writes(1, int64), _C, _C, _C, _C, _C, _V, _V, _V, _V, _V, _C, _C, _V,
     writes(1, int64), writes(1, int64), _C, _V,
 )  # fmt: skip
-"""Numba types of the fields of these tuples. Fields that are not listed are `float64`."""
+"""Numba types of the fields of the named tuples above. Fields that are not listed are `float64`."""

@@ -61,4 +61,4 @@ INJECTORS: dict[str, type[Injector]] = {
     "thread-fails": ThreadFails,
     "link-lost": ConnectionLost,
 }
-"""All injectors by name."""
+"""The class of each fault injector, by the fault's name."""

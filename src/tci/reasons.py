@@ -200,7 +200,7 @@ class Notice:
         return f"{self.count} x, first at {self.time:.3f} s: {self.words}"
 
     def to_json(self) -> dict[str, Any]:
-        """Returns plain values for JSON."""
+        """Returns the notice as plain values for JSON."""
         return {
             "words": self.words,
             "time_s": round(self.time, 4),

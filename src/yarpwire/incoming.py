@@ -77,7 +77,7 @@ class Incoming:
         self.sender = ""
         """Name of the port at the other end."""
         self.carrier: Carrier = TEXT
-        """Carrier of the connection."""
+        """Format of the messages on the connection (YARP's "carrier")."""
         self.count = 0
         """Number of messages so far."""
         self._socket, self._connection = sock, connection

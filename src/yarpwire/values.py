@@ -27,7 +27,7 @@ class Vocab(int):
 
     @property
     def word(self) -> str:
-        """The letters."""
+        """Letters of the vocabulary."""
         return _letters(self, 4)
 
     def __repr__(self) -> str:
@@ -42,7 +42,7 @@ class Vocab64(int):
 
     @property
     def word(self) -> str:
-        """The letters."""
+        """Letters of the vocabulary."""
         return _letters(self, 8)
 
 

@@ -110,7 +110,8 @@ class Reach:
     def _place_in_link(self) -> tuple[str, Array]:
         """Returns the link that carries the point, and the point (3,) [m] in this link.
 
-        A rotation of a segment about its own axis does not move a point on this axis.
+        A point on the axis of a segment is computed at the initial posture. The result holds at every
+        posture, since a rotation of the segment about this axis does not move the point.
         """
         if self.actuator.link is not None:
             return self.actuator.link, np.array(self.actuator.xyz)
@@ -123,7 +124,8 @@ class Reach:
 
 
 def cartesian_to_platform(robot: Robot, command: CartesianCommand, position: Array) -> PlatformCommand:
-    """Returns the command in the robot's own joints, which are at `position` (n_servos,) [rad].
+    """Converts a Cartesian command to a command in the robot's own joints. `position` (n_servos,) [rad] are
+    the present angles of the servos.
 
     Raises CommandError if the target is out of reach, unless `command.nearest` is set; the message contains
     the nearest place in reach. Also raises the errors of Reach.

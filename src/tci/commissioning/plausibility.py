@@ -24,7 +24,8 @@ from tci.robot.mesh_files import NO_MESHES
 from tci.skin.surfaces import build_surface
 
 MIDDLE = {"pitch": (0.0, 1.0, 0.0), "roll": (1.0, 0.0, 0.0), "yaw": (0.0, 0.0, 1.0)}
-"""Axes of positive rotation of head and torso, in the torso frame."""
+"""Rotation axis of each generic joint of head and torso, in the torso frame. The rotation about this axis is
+positive."""
 CONTRARY = -0.5
 """If the cosine of the angle between the axis of a robot's joint and the axis of its generic joint is below
 this value, the sign of the joint counts as wrong. Assumed: axes of hips and necks may be slanted by 30

@@ -111,7 +111,7 @@ class Gate:
 
     @property
     def counts(self) -> GateCounts:
-        """Counters since the gate was created."""
+        """Numbers of steps, holds, stops, refusals and clamps since the gate was created."""
         return self._tally.counts
 
     @property

@@ -20,7 +20,7 @@ class GateState(Enum):
     """State of the gate."""
 
     RUN = "run"
-    """Commands pass, within the limits."""
+    """The gate executes commands, within the limits."""
     HOLD = "hold"
     """Joint data is too old or not usable, or the control loop asked for a hold: the robot stops and keeps
     its position. The state ends when the cause ends."""
@@ -31,7 +31,7 @@ class GateState(Enum):
 
 @dataclass(frozen=True, slots=True)
 class GateToken:
-    """Token that proves a `SafeCommand` was created by a gate."""
+    """Token that proves that a gate created the `SafeCommand`."""
 
     robot: str
     """Name of the robot for which the gate was created."""

@@ -15,7 +15,7 @@ from tci.skin.kernels.baseline import NOISE_GAIN, Window
 
 
 class Health(IntEnum):
-    """State of a taxel."""
+    """Health of a taxel: the reason for which the taxel is masked, or HEALTHY."""
 
     HEALTHY = 0
     """The taxel is in use."""
@@ -32,7 +32,7 @@ class Health(IntEnum):
     On a patch without noise, only a taxel at the end of its range, without an active neighbour, is stuck.
     """
     NOISY = 3
-    """The taxel is masked because it is much noisier than its patch."""
+    """The taxel is masked because it is much noisier than the other taxels of its patch."""
 
 
 _HEALTHY, _DEAD, _STUCK, _NOISY = map(int, Health)

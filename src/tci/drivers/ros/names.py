@@ -20,7 +20,8 @@ class Names:
     """
 
     def __init__(self, robot: Robot, middleware: str, namespace: str) -> None:
-        """Finds the names in the robot's binding to `middleware`; `namespace` is a result of `namespace_of`.
+        """Reads the names from the robot's binding to `middleware`. `namespace` is a result of
+        `namespace_of`.
 
         Raises DriverError if two servos, two parts or two patches would have equal names in ROS.
         """

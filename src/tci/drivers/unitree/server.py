@@ -143,7 +143,7 @@ class UnitreeServer(Server):
         self._node.close()
 
     def _command(self, data: bytes) -> Any:
-        """Returns the command in a message if the command is valid for this robot, or None."""
+        """Returns the command in a message; None if the command is not valid for this robot."""
         try:
             command, right = decode_command(data)
         except FrameError:

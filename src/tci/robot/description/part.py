@@ -23,7 +23,8 @@ class Term(Description):
 
 
 class GenericServo(Description):
-    """One joint of a generic part: GS = scale * DS + offset (eq. 1), or another transform."""
+    """One joint of a generic part. The transform gives its angle GS, for example GS = scale * DS + offset
+    (eq. 1) with the servo angle DS."""
 
     id: int
     """Index in the generic part, from 0."""

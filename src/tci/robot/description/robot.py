@@ -28,7 +28,7 @@ class Attachment(Description):
     xyz: Vector = (0.0, 0.0, 0.0)
     """Origin [m] of the additional model's frame, in the frame of the link."""
     rpy: Vector = (0.0, 0.0, 0.0)
-    """Orientation [rad] of the additional model's frame, in the frame of the link."""
+    """Roll, pitch and yaw [rad] of the additional model's frame, in the frame of the link."""
 
 
 class Model(Description):
@@ -46,7 +46,8 @@ class Model(Description):
     torso_link: str
     """Link to which the torso frame is fixed."""
     torso_rpy: Vector = (0.0, 0.0, 0.0)
-    """Orientation [rad] of the torso frame (x forward, y left, z up), in the frame of the torso link."""
+    """Roll, pitch and yaw [rad] of the torso frame (x forward, y left, z up), in the frame of the torso
+    link."""
     torso_xyz: Vector = (0.0, 0.0, 0.0)
     """Origin [m] of the torso frame, in the frame of the torso link."""
     attachments: tuple[Attachment, ...] = ()

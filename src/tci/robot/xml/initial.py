@@ -116,7 +116,7 @@ def _transforms(generic: Sequence[GenericServo]) -> list[Transform]:
 
 
 def _angles(transform: Transform, generic: Sequence[GenericServo]) -> dict[int, float]:
-    """Returns the angles [rad] of the servos of a transform, by the index of the servo."""
+    """Returns the initial angles [rad] of the servos of a transform, by the index of the servo."""
     initial = {joint.id: joint.initial for joint in generic}
     angles = np.array([initial[id] for id in transform.ids.tolist()])
     found = transform.robot(angles, np.zeros(len(angles)))

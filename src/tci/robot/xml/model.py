@@ -118,8 +118,8 @@ def beside(node: Node, source: Path, what: str, faults: Faults) -> Path | None:
 
 
 def packaged(package: str, file: str) -> Path | None:
-    """Returns the file of an installed package with a path that ends in `file`; None if there is no such
-    file.
+    """Returns the path of a package's installed file, of which `file` is the end; None if the package has no
+    such file.
 
     Raises PackageNotFoundError if the package is not installed.
     """

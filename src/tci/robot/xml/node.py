@@ -80,7 +80,7 @@ def read_node(element: etree._Element, grammar: Element, unit: Unit, faults: Fau
 
 
 def listed(names: Iterable[str], *, most: int = 40) -> str:
-    """Returns a list of valid names as messages show it."""
+    """Returns valid names as text for a message, separated by commas."""
     names = list(names)
     more = f", and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more or "(none)"

@@ -28,9 +28,9 @@ from tci.robot.xml.transforms import check_coupled, check_retarget, check_synerg
 from tci.robot.xml.values import in_unit
 
 NAMES = {"arm": JOINTS, "fingers": generic_fingers.JOINTS}
-"""Names of all generic joints, for the kinds of parts that must have all of these joints."""
+"""Names of all generic joints of a part, by the part's kind. Parts of other kinds may lack joints."""
 PIECES = {"arm": SEGMENTS, "fingers": (*generic_fingers.FINGERS, generic_fingers.PALM)}
-"""Names of the segments that parts of these kinds may have."""
+"""Names of the segments that a part may have, by the part's kind."""
 _SLACK = 1e-9
 """Rounding error [rad] of an angle that was converted between units."""
 

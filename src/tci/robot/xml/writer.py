@@ -63,7 +63,7 @@ def write_robot(
 
 
 class _Written:
-    """One element that is being written, with its part of the grammar."""
+    """One element that is being written, and the rules of the grammar for this element."""
 
     def __init__(self, node: etree._Element, grammar: Element) -> None:
         self.node = node

@@ -97,7 +97,7 @@ class FrameError(TciError):
 
 
 class DriverError(TciError):
-    """Driver that can't be opened, is closed, or got a command that its gate did not create."""
+    """Driver that can't be opened, that is closed, or that got a command which its gate did not create."""
 
 
 class WireError(TciError):

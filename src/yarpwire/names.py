@@ -74,7 +74,7 @@ def namespace() -> str:
 
 
 def config_file(space: str) -> Path:
-    """Returns the file with the address of a namespace's name server."""
+    """Returns the path of the file that contains the address of the name server of a namespace."""
     return config_folder() / ("yarp.conf" if space == ROOT else re.sub(r"[^0-9A-Za-z]", "_", space) + ".conf")
 
 

@@ -123,7 +123,7 @@ class PlayGesture(Capability[GestureMemory]):
         return orders + self._lead(time, 0.0 if done else pace), memory
 
     def notes(self, memory: GestureMemory) -> tuple[str, ...]:
-        """Returns the messages of the reflex for a person."""
+        """Returns the reflex's notes for a person."""
         return () if self.reflex is None else self.reflex.notes(memory.reflex)
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:

@@ -44,7 +44,7 @@ class Grasp:
     peak: float
     """Largest force [N] on a finger before the pull."""
     opened: bool
-    """True if the hand opened because of the pull."""
+    """True if the hand opened when the ball was pulled."""
     refused: tuple[str, ...]
     """Reasons for which the gate refused a command or held the robot."""
 

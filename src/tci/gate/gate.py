@@ -171,7 +171,8 @@ class Gate:
         """Ends the command of all servos, for a driver that has lost the connection to its robot.
 
         Each servo waits at its position for a new command. The control modes do not change. The state STOP
-        does not end. If the gate has found the joint data untrustworthy, it still does not use this data.
+        does not end. If the gate has found the joint data untrustworthy, the gate continues to ignore this
+        data.
         """
         if self._monitor is not None:
             self._monitor.forget()

@@ -73,7 +73,7 @@ class SafeCommand:
     refusals: tuple[Reason, ...]
     """Reasons why commands were refused in this step."""
     reason: Reason | None = None
-    """Reason why the gate holds or has stopped; None in the state RUN."""
+    """Reason for the state HOLD or STOP of the gate; None in the state RUN."""
     orders: tuple[PlatformOrder, ...] = ()
     """Orders that were accepted in this step. A driver that is connected to another TCI process sends these
     orders to that process instead of positions, because the gate of that process plans the motion."""

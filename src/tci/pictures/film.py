@@ -23,7 +23,7 @@ FORMATS = ("gif", "webp", "png", VIDEO)
 `video`."""
 # The times, sizes and directions below are chosen by eye.
 EVERY = 0.02
-"""Time [s] in the run between two pictures of the film."""
+"""Time [s] of the simulated run that passes between two pictures of the film."""
 SHOWN = 0.06
 """Time [s] for which the film shows each picture. With this time the film plays at a third of real-time
 speed."""

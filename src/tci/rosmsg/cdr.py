@@ -103,7 +103,7 @@ def _fields(
 
 
 def item_of(type_: str) -> tuple[str, int | None]:
-    """Splits a field type into the type of the items and the number of items.
+    """Returns the type of the items and the number of items of a field's type.
 
     The number is None for a single value, 0 for a sequence, and the length for an array.
     """

@@ -1,6 +1,5 @@
 """Encodes and decodes Player's messages over TCP. A message has a header of 40 bytes, then a body in
-big-endian XDR. The functions have no side effects. They check every length that a message contains before
-they use the length.
+big-endian XDR. The functions have no side effects, and check every length in a message before they use it.
 """
 
 from __future__ import annotations

@@ -273,8 +273,9 @@ class RemoteDriver(Driver):
         self._shift = state.sent + self._delays[0][1] - state.now
 
     def _process_entry(self, commander: Commander) -> None:
-        """Reads the entry for this driver in a state from the robot's process, and removes acknowledged
-        orders."""
+        """Reads this driver's entry in a state that the robot's process sent. Removes the orders that the
+        entry acknowledges from the pending orders, and raises DriverError if another process commands the
+        robot."""
         while self._pending and self._next - len(self._pending) <= commander.acknowledged:
             self._pending.popleft()
         if commander.refused > self._refused:

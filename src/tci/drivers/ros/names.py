@@ -63,17 +63,19 @@ class Names:
 
     @property
     def state(self) -> str:
-        """Topic of std_msgs/UInt8MultiArray with states for other TCI processes (`tci.drivers.remote`)."""
+        """Topic on which other TCI processes (`tci.drivers.remote`) receive the robot's states, as
+        std_msgs/UInt8MultiArray."""
         return self.topic("tci/state")
 
     @property
     def orders(self) -> str:
-        """Topic of std_msgs/UInt8MultiArray with orders of other TCI processes (`tci.drivers.remote`)."""
+        """Topic on which other TCI processes (`tci.drivers.remote`) send orders, as
+        std_msgs/UInt8MultiArray."""
         return self.topic("tci/orders")
 
     def frames(self, patch: str) -> str:
-        """Returns the topic of std_msgs/UInt8MultiArray with a patch's skin frames for other TCI processes
-        (`tci.drivers.remote`)."""
+        """Returns the topic on which other TCI processes (`tci.drivers.remote`) receive a patch's skin
+        frames, as std_msgs/UInt8MultiArray."""
         return self.topic(f"tci/frames/{token(patch)}")
 
     def topic(self, name: str) -> str:

@@ -84,7 +84,7 @@ class Estimates(NamedTuple):
     threshold: Single
     """Deviation [counts] above which a taxel is active."""
     muted: NDArray[np.bool_]
-    """Taxels whose values are ignored."""
+    """True for taxels whose values are ignored."""
     least: Array
     """Pressure [Pa] above which a taxel is active. The value is infinite if the taxel is masked."""
     fluctuating: NDArray[np.bool_]

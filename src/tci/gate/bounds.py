@@ -122,9 +122,8 @@ def bounds_of(robot: Robot, servos: Sequence[int], *, speed_share: float) -> tup
     """
     limits = [robot.servos[servo].limits for servo in servos]
     rows, lowest, highest = robot.coupling_rows
-    lower, upper, velocity, acceleration, jerk = np.array(
-        [[one.lower, one.upper, one.velocity, one.acceleration, one.jerk] for one in limits], np.float64
-    ).T.copy()
+    known = [(one.lower, one.upper, one.velocity, one.acceleration, one.jerk) for one in limits]
+    lower, upper, velocity, acceleration, jerk = np.array(known, np.float64).reshape(-1, 5).T.copy()
     named = rows[:, list(servos)].any(axis=1)
     terms = np.array(rows[named])
     inside = terms[:, list(servos)]

@@ -6,11 +6,11 @@ The original programs move back and forth without end. These programs end after 
 
 from __future__ import annotations
 
-import threading
+import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from drivers.yarp.show import Show
+from drivers.yarp.show import Show, until
 from yarpwire.board import COMPLIANT, POSITION, STIFF
 from yarpwire.dialect import V3
 from yarpwire.rpc import Rpc
@@ -40,13 +40,15 @@ class ArmClient:
         self._dialect = show.dialect
         port = "rpc:i" if show.dialect is V3 else "nws/rpc:i"
         self._rpc = Rpc(show.names.query(f"/icub/right_arm/{port}"), "/test/client/rpc:o", show.dialect)
+        self._clock = show.driver.clock
         self._state: BoardState | None = None
-        self._came = threading.Event()
+        self._stamp = -math.inf
         self._port = show.listen("/icub/right_arm/stateExt:o", self._see)
 
     def _see(self, delivery: Any) -> None:
         self._state = decode_state(delivery.items(self._dialect), self._dialect)
-        self._came.set()
+        assert delivery.stamp is not None
+        self._stamp = delivery.stamp.time
 
     def call(self, method: str, *items: Any) -> bool:
         """Calls a method. Returns True if the board executed the call."""
@@ -66,8 +68,10 @@ class ArmClient:
         return (said[2] if len(said) > 2 else None), said[-1] == Vocab("ok")
 
     def encoders(self) -> list[float]:
-        """Returns the angles [deg]. Waits for the first state message."""
-        assert self._came.wait(30.0)
+        """Returns the angles [deg]. Waits for a state that is measured after the call: the served robot moves
+        faster than real time, so older states may still be on their way."""
+        now = self._clock.now()
+        assert until(lambda: self._stamp >= now)
         assert self._state is not None
         return [float(angle) for angle in self._state.position]
 

@@ -108,6 +108,27 @@ def test_all_parts_are_seen_at_the_same_time() -> None:
     ) > 0
 
 
+def test_a_part_that_moves_later_in_a_period_stops_a_period_later() -> None:
+    driven, watched = both_arms()
+    chains = driven.gate._motion.groups.chains
+    right = next(chain for chain in chains if INDEX["RElbowRoll"] in chain.servos)
+    later = right.limiter.stop_at(np.array([PERIOD]))[0]
+    assert np.abs(later - right.limiter.position).max() > 1e-9
+    watched.ways.clear()
+    driven.step()
+    assert watched.ways[0][1, right.index] == pytest.approx(later, abs=1e-12)
+
+
+def test_a_joint_that_is_off_its_reference_takes_the_room_of_its_whole_stop_there() -> None:
+    driven, watched = both_arms(away=-0.03)
+    chains = driven.gate._motion.groups.chains
+    left = next(chain for chain in chains if INDEX["LShoulderPitch"] in chain.servos)
+    place = left.servos.index(INDEX["LShoulderPitch"])
+    # The right arm was checked last, after the step of the left arm.
+    lowest = watched.boxes[-1][0, INDEX["LShoulderPitch"]]
+    assert lowest == pytest.approx(left.limiter.span[0, place] - 0.03, abs=1e-9)
+
+
 def test_the_measured_way_counts_beside_the_told_one() -> None:
     _, watched = both_arms(away=0.03)
     left = INDEX["LShoulderPitch"]

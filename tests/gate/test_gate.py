@@ -584,6 +584,7 @@ def test_a_loop_at_a_rate_of_its_own_is_told_at_its_second_late_call(
     (said,) = called_at(late, caplog)
     assert "called every 20.1 ms and plans for 2 ms: motions take 10 times as long; valid: " in said
     assert "a step in each of driver.ticks(), or connect to 'sim' with rate=49.75" in said
+    assert said.endswith("other drivers have the rate of their binding in the robot's description")
     assert len(called_at([0.02 * number for number in range(100)], caplog)) == 1
 
 

@@ -162,6 +162,7 @@ def test_14_a_reading_that_comes_again_under_fresh_stamps_is_told() -> None:
     assert first * PERIOD == pytest.approx(0.2 + 0.1 + PERIOD)
     assert "reading 20 comes again under fresh stamps" in str(told[first])
     assert {fault.code for fault in told[first:]} == {Code.JOINTS_REPEATED}
+    assert monitor.misled
 
 
 def test_14_is_told_in_time_though_the_first_stamp_came_twice() -> None:

@@ -321,6 +321,18 @@ def limiter() -> TorqueLimiter:
     return made
 
 
+def test_another_servo_in_torque_mode_changes_no_torque_and_starts_at_zero_itself() -> None:
+    made = limiter()
+    made.ask(np.array([2]), np.array([2.0]))
+    for _ in range(20):
+        made.step(*states(0.5, 0.0))
+    made.set_servos([2, 3])
+    assert made.step(*states(0.5, 0.0)).tolist() == [2.0, 0.0]
+    made.set_servos([3])
+    made.set_servos([2, 3])
+    assert made.step(*states(0.5, 0.0)).tolist() == [0.0, 0.0], "a servo that comes back starts anew"
+
+
 def states(angle: float, speed: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Returns angles, velocities, and mean speeds that are computed from the angles."""
     position, velocity = np.zeros(6), np.zeros(6)

@@ -115,6 +115,15 @@ def test_45_a_robot_that_nobody_moves_is_not_brought_to_rest(world: World) -> No
         assert driver.gate.counts.steps == 5
 
 
+def test_45_a_robot_that_was_not_armed_is_not_brought_to_rest(world: World) -> None:
+    world.reset()
+    with SimulatedDriver(world.robot, world=world, arm=False) as driver:
+        with pytest.raises(DriverError) as raised:
+            run(driver, Swing(), duration=1.0)
+        assert not hasattr(raised.value, "__notes__")
+        assert driver.gate.counts.steps == 1
+
+
 def test_45_a_driver_that_fails_to_read_in_any_way_is_still_brought_to_rest(
     driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -237,6 +246,7 @@ def test_a_run_that_is_over_leaves_no_joint_in_motion(
     report = LoopReport()
     run(driver, capability, duration=0.1, until=until, report=report)
     assert (report.ticks, report.ended, report.cut_short) == (50, "done", True)
+    assert report.to_json()["cut_short"] is True
     assert np.abs(sent[49].velocity).max() > 0.2
     assert not sent[-1].velocity.any()
     assert [(safe.state, safe.reason) for safe in sent[-2:]] == [
@@ -733,6 +743,10 @@ def test_a_capability_gets_the_body_of_its_robot_in_each_step(driver: SimulatedD
     bodies: list[GenericBody] = []
 
     class Asks(Still):
+        def begin(self, perception: Perception, body: GenericBody) -> tuple[()]:
+            bodies.append(body)
+            return ()
+
         def step(
             self, memory: int, perception: Perception, body: GenericBody
         ) -> tuple[tuple[GenericCommand, ...], int]:
@@ -744,7 +758,7 @@ def test_a_capability_gets_the_body_of_its_robot_in_each_step(driver: SimulatedD
             return None
 
     run(driver, Asks(), duration=0.01)
-    assert [body.robot for body in bodies] == [driver.robot] * 10
+    assert [body.robot for body in bodies] == [driver.robot] * 11
 
 
 def test_45_a_robot_at_rest_gets_the_last_command_more_often_than_messages_are_missed(

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import threading
+from typing import Any
+
+import mujoco
 import numpy as np
 import pytest
 
@@ -147,3 +151,22 @@ def test_bad_input_says_what_is_valid(nao: World) -> None:
     for name, value in (("speed", 0.0), ("depth", -0.001), ("gap", np.inf)):
         with pytest.raises(CommandError, match=f"{name} {value}"):
             nao.finger.poke(patch, 0, **{name: value})
+
+
+def test_another_thread_does_not_step_during_a_poke(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    """MuJoCo lets other threads run while it computes poses. A step at this time crashed Python."""
+    patch, forward, times = world.robot.patches[0].name, mujoco.mj_forward, []
+    stepper = threading.Thread(target=world.advance, args=[world.time + 0.02])
+
+    def slow(model: Any, data: Any) -> None:
+        if stepper.ident is None:
+            stepper.start()
+            stepper.join(0.2)
+        forward(model, data)
+        times.append(world.time)
+
+    monkeypatch.setattr(mujoco, "mj_forward", slow)
+    world.finger.poke(patch, middle(world, patch))
+    stepper.join()
+    assert set(times) == {times[0]}
+    assert world.time > times[0]

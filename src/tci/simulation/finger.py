@@ -13,7 +13,7 @@ from tci.errors import CommandError, TciError
 from tci.frames import Array
 from tci.robot.collisions import SKIN
 from tci.simulation import stepping as at
-from tci.simulation.physics import Physics
+from tci.simulation.physics import Physics, exclusive
 from tci.simulation.posed_skin import PosedSkin
 from tci.simulation.touch import FINGER_PRIORITY, FINGER_TIP, stiff
 
@@ -120,6 +120,7 @@ class Finger:
         """Ring buffer of the rows of `trace`."""
         self.retire()
 
+    @exclusive
     def retire(self) -> None:
         """Removes the finger at once and clears its measurements."""
         data = self._physics.data
@@ -180,6 +181,7 @@ class Finger:
             return self.traced[:count].copy()
         return np.roll(self.traced, -count, axis=0)
 
+    @exclusive
     def poke(
         self,
         patch: str,
@@ -203,6 +205,7 @@ class Finger:
         self._start(point, outward, speed, depth, gap)
         self._check_way(patch, gap)
 
+    @exclusive
     def poke_at(
         self,
         point: Array,
@@ -219,6 +222,7 @@ class Finger:
         point, outward = self._skin.from_torso(point, normal)
         self._start(point, outward, speed, depth, gap)
 
+    @exclusive
     def pull(self, way: float) -> None:
         """Moves the finger's base at once by `way` [m] out of the skin, opposite to the direction of the
         poke."""

@@ -9,7 +9,7 @@ from tci.frames import Array, read_only
 from tci.robot.description import Robot
 from tci.robot.gravity import Gravity
 from tci.robot.kinematics import joints_of
-from tci.simulation.physics import Physics
+from tci.simulation.physics import Physics, exclusive
 
 
 class JointTorques:
@@ -30,6 +30,7 @@ class JointTorques:
         self._inertia, self._damping = np.zeros((2, physics.model.nv, physics.model.nv))
         self._rows = np.repeat(np.arange(physics.model.nv), physics.model.D_rownnz)
 
+    @exclusive
     def measured(self, position: Array) -> Array:
         """Returns the torques (n_servos,) [N m] of the latest step.
 

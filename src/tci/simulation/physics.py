@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from functools import wraps
+from threading import RLock
+from typing import Any, ParamSpec, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +16,23 @@ from tci.frames import Array, transform
 from tci.simulation import stepping
 
 _march = entry(stepping.march)
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def exclusive(method: Callable[P, R]) -> Callable[P, R]:
+    """Makes a method of an object with `_physics` keep other threads from this physics until it returns.
+
+    MuJoCo's Python module lets other threads run while MuJoCo computes. A step by another thread at this time
+    would damage MuJoCo's memory.
+    """
+
+    @wraps(method)
+    def run(*args: P.args, **named: P.kwargs) -> R:
+        with cast(Any, args[0])._physics.lock:
+            return method(*args, **named)
+
+    return run
 
 
 class Physics:
@@ -29,6 +49,8 @@ class Physics:
         """Length of a step [s]."""
         self.steps = 0
         """Number of steps since the start or the last reset."""
+        self.lock = RLock()
+        """Held by the thread that steps, changes or reads the data."""
         self._fresh = -1
         data = self.data
         self.qpos, self.qvel, self.ctrl, self.sensors = data.qpos, data.qvel, data.ctrl, data.sensordata
@@ -65,18 +87,20 @@ class Physics:
 
         `others` are the arrays of servos, finger and taxels, see `stepping.march`.
         """
-        self.steps = _march(self._engine, self.steps, until, self.step, self._moved, self._kept, *others)
+        with self.lock:
+            self.steps = _march(self._engine, self.steps, until, self.step, self._moved, self._kept, *others)
 
     def refresh(self) -> None:
         """Updates poses, contacts and sensors to the current joint angles. Nothing else changes."""
-        if self._fresh == self.steps:
-            return
-        # The solver starts from its previous result. This result is restored, so that later steps are not
-        # affected.
-        warm = self.data.qacc_warmstart.copy()
-        mujoco.mj_forward(self.model, self.data)
-        self.data.qacc_warmstart[:] = warm
-        self._fresh = self.steps
+        with self.lock:
+            if self._fresh == self.steps:
+                return
+            # The solver starts from its previous result. This result is restored, so that later steps are not
+            # affected.
+            warm = self.data.qacc_warmstart.copy()
+            mujoco.mj_forward(self.model, self.data)
+            self.data.qacc_warmstart[:] = warm
+            self._fresh = self.steps
 
     def touch(self) -> None:
         """Marks poses, contacts and sensors as out of date. Call this method after a change of joints or
@@ -85,5 +109,6 @@ class Physics:
 
     def pose(self, body: int) -> Array:
         """Returns `T_WB` (4, 4), the current pose of a body in the world frame."""
-        self.refresh()
-        return transform(self.data.xmat[body].reshape(3, 3), np.array(self.data.xpos[body]))
+        with self.lock:
+            self.refresh()
+            return transform(self.data.xmat[body].reshape(3, 3), np.array(self.data.xpos[body]))

@@ -14,7 +14,7 @@ from tci.robot.description import Patch
 from tci.simulation import sampling as at
 from tci.simulation.imperfection import Imperfection, ImperfectTaxels
 from tci.simulation.kernel import ROWS, width
-from tci.simulation.physics import Physics
+from tci.simulation.physics import Physics, exclusive
 from tci.simulation.touch import floor_sensor, skin_geom
 from tci.skin.fill_factor import WIDTHS, fill_factors
 from tci.skin.layout import normal_channels
@@ -172,6 +172,7 @@ class Taxels:
         pressed = sign * (counts[channels] - patch.sensor.rest)
         counts[channels] = patch.sensor.rest + sign * self._imperfect[number].signal(pressed, now)
 
+    @exclusive
     def vectors(self, patch: str) -> Array:
         """Returns the current force (taxels, 3) [N] on each taxel of a patch.
 
@@ -186,6 +187,7 @@ class Taxels:
         self._load[:] = 0.0
         return vectors
 
+    @exclusive
     def unfelt(self) -> list[str]:
         """Returns the names of the patches that are touched now, but only at places without taxels."""
         self._physics.refresh()

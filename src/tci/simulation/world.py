@@ -19,7 +19,7 @@ from tci.robot.joint_map import joint_map
 from tci.simulation.finger import RADIUS, Finger
 from tci.simulation.imperfection import Imperfection
 from tci.simulation.joint_torques import JointTorques
-from tci.simulation.physics import Physics
+from tci.simulation.physics import Physics, exclusive
 from tci.simulation.posed_skin import PosedSkin
 from tci.simulation.scene import build_scene
 from tci.simulation.servos import Servos
@@ -40,8 +40,8 @@ class World:
     """A physical simulation of one robot with servos, skin and a finger.
 
     The robot is on a fixed base or stands on a floor. Each world has a separate clock. With equal arguments,
-    equal calls and the same version of MuJoCo, results are equal bit for bit. Only one thread may use a
-    world.
+    equal calls and the same version of MuJoCo, results are equal bit for bit. One thread may step
+    a world while another thread reads or pokes it.
     """
 
     def __init__(
@@ -149,6 +149,7 @@ class World:
         """Time since the start [s]."""
         return self._physics.time
 
+    @exclusive
     def reset(self, *, seed: int | None = None) -> None:
         """Resets time to 0, restores the posture and full stiffness, and removes the finger.
 
@@ -252,12 +253,14 @@ class World:
         """Returns the latest frame of every patch, in the description's order of patches."""
         return self._taxels.frames()
 
+    @exclusive
     def contact_truth(self, patch: str) -> ContactTruth:
         """Returns the current contacts on a patch from the physics. Raises UnknownNameError for an unknown
         patch."""
         self._skin.surface(patch)
         return contact_truth(self._physics, patch, self._skin.torso)
 
+    @exclusive
     def skin_point(
         self, patch: str, place: int | ArrayLike, normal: ArrayLike | None = None
     ) -> tuple[Array, Array]:
@@ -273,6 +276,7 @@ class World:
         """Transforms a point (3,) [m] and a direction (3,) from the world frame to the torso frame."""
         return self._skin.to_torso(point, normal)
 
+    @exclusive
     def skin_point_in_world(
         self, patch: str, place: int | ArrayLike, normal: ArrayLike | None = None
     ) -> tuple[Array, Array]:

@@ -13,6 +13,7 @@ from tci.errors import CommandError
 from tci.frames import read_only
 from tci.gate.gate import Gate, GateState
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformSwitch
+from tci.reasons import Code
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 
@@ -178,6 +179,7 @@ def test_stiffness_does_not_throw_a_limp_joint_back_to_its_equilibrium() -> None
         [share(Mode.STIFFNESS, 2, 0.6)], reading(driven.angles, driven.time), driven.time + PERIOD
     )
     assert "from its equilibrium; valid: no more stiffness than 0.00 there" in safe.refusals[0].text
+    assert safe.refusals[0].code is Code.LIMITS_EXCEEDED
     assert safe.stiffness == {}
 
 

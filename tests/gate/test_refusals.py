@@ -193,6 +193,10 @@ def test_joint_data_is_too_old_or_too_new_beyond_exactly_what_is_allowed(side: f
     assert fault_of_reading(ROBOT, reading(ZERO), side * STALE, STALE) is None
     old = fault_of_reading(ROBOT, reading(ZERO), np.nextafter(side * STALE, side), STALE)
     assert old == Reason(Code.JOINTS_STALE, f"joint data is {side * 50:.0f} ms old; valid: at most 50 ms")
+    late = fault_of_reading(ROBOT, reading(ZERO), side * 2.0, 1.0)
+    assert late == Reason(
+        Code.JOINTS_STALE, f"joint data is {side * 2000:.0f} ms old; valid: at most 1000 ms"
+    )
 
 
 @pytest.mark.parametrize(

@@ -15,11 +15,12 @@ from gate.plant import Plant
 from tci.frames import read_only
 from tci.gate import freshness
 from tci.gate.freshness import Freshness
-from tci.gate.gate import Gate, GateState, SafeCommand
+from tci.gate.gate import Gate, GateSettings, GateState, SafeCommand
 from tci.gate.kernels import torques as torque
 from tci.gate.speeds import Slope
 from tci.gate.torque import CREEP, TorqueLimiter
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
+from tci.reasons import Code, Reason
 from tci.robot.catalogue import load_robot
 from tci.robot.joint_map import initial_position
 
@@ -249,6 +250,14 @@ def test_ordinary_positions_hold_at_the_same_age_as_ever() -> None:
     for age, state in ((0.0, GateState.RUN), (0.0499, GateState.RUN), (0.0501, GateState.HOLD)):
         assert gate.step([], joints, 1.0 + age).state is state
         assert gate.step([], joints, 1.0 + age).state is state
+
+
+def test_the_age_of_repeated_data_is_told_in_milliseconds() -> None:
+    gate = Gate(ROBOT, period=PERIOD, stale_after=0.05, settings=GateSettings(monitor=None))
+    joints = JointReading(0.0, 7, read_only(np.zeros(6)), read_only(np.zeros(6)))
+    gate.step([], joints, 0.0)
+    safe = gate.step([], replace(joints, stamp=2.0), 2.0)
+    assert safe.reason == Reason(Code.JOINTS_STALE, "no new joint data for 2000 ms")
 
 
 def reading(stamp: float, sequence: int) -> JointReading:

@@ -94,6 +94,15 @@ def test_what_is_refused_among_what_is_not_leaves_the_result_true(driver: Simula
     assert (result.accepted, result.refusals[0].count) == (1, 9)
 
 
+def test_the_first_orders_of_a_run_do_not_count_as_accepted(driver: SimulatedDriver) -> None:
+    class Begins(Ask):
+        def begin(self, perception: tci.Perception, body: tci.GenericBody) -> tuple[tci.GenericCommand, ...]:
+            return (self.command(0),)
+
+    result = tci.run(driver, Begins(lambda _: head(0.1, 0.0, 0.0)), duration=0.02)
+    assert (result.report.ticks, result.accepted) == (10, 9)
+
+
 def test_clamps_are_counted_and_the_first_is_logged(
     driver: SimulatedDriver, caplog: pytest.LogCaptureFixture
 ) -> None:

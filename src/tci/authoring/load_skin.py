@@ -142,7 +142,7 @@ class _LoadSession:
         """Prepares a session.
 
         Args:
-            driver: Open driver of the robot.
+            driver: The robot's driver, which is open.
             patch: Name of the patch.
             channels: Channels (taxels,) of the forces in the raw frame.
             ask: Called with a request to the person; returns when the person has done it.

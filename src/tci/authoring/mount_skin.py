@@ -51,7 +51,7 @@ class SelfTouch:
     """Place (3,) [m] of the touch as reported by the skin to be located, in the frame of the link that
     carries this skin."""
     normal: Array
-    """Outward unit normal (3,) of the skin to be located, at `reported`."""
+    """Outward unit normal (3,) of the skin at the place `reported`, in the same frame."""
     met: Array
     """Place (3,) [m] of the touch as reported by the other skin, in the frame of the link that carries the
     skin to be located."""

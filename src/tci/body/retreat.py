@@ -141,8 +141,8 @@ class Retreat:
         """Returns the displacement [m] of each contact point in k postures: (3, k, c) as in `along`, or (2,
         k, c) if `radius` is 0.
 
-        The first row of `angles` (k + 1, n_servos) [rad] is the posture from which displacements count; the
-        other rows are the k postures. `radius` [m] is that of the touching objects.
+        The first row of `angles` (k + 1, n_servos) [rad] is the reference posture, from which displacements
+        are measured; the other rows are the k postures. `radius` [m] is that of the touching objects.
         """
         count, steps, patches = len(contacts), len(self._chain.steps), len(self._links.ends)
         result = np.zeros((3 if radius else 2, len(angles) - 1, count))

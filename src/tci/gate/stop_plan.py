@@ -36,7 +36,7 @@ the backlash of joints."""
 
 
 class StopTrajectory:
-    """A planned stop of n servos, and the step that leads to the beginning of this stop."""
+    """The planned motion of n servos in the next period, and a planned stop that begins after this period."""
 
     __slots__ = ("duration", "here", "span", "way")
 
@@ -44,7 +44,7 @@ class StopTrajectory:
         self.way = np.zeros((STOP_ROWS, count))
         """Data of the stop, in rows as defined in `kernels.stops`."""
         self.here = self.way[HERE]
-        """Angles (n,) [rad] before the step that leads to the beginning of the stop."""
+        """Angles (n,) [rad] one period before the stop begins."""
         self.span = self.way[LEAST : MOST + 1]
         """Least and largest angles (2, n) [rad] of the stop."""
         self.duration = 0.0

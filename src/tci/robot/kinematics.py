@@ -139,8 +139,8 @@ class KinematicChain:
         return np.array([self._after[body] for body in bodies], np.int64)
 
     def path(self, ends: Iterable[int]) -> Indices:
-        """Returns a table (k, 2) of the steps to the torso and to the links at the ends of the steps `ends`,
-        parents first.
+        """Returns a table (k, 2) of the steps on the ways from the root to the torso and to the links that
+        the steps `ends` lead to. A link's parent comes before the link.
 
         The first column is the index of the step. The second column is 1 for a servo that moves the first of
         these links relative to the torso, -1 for a servo between root and torso that moves the torso instead,

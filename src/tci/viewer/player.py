@@ -43,7 +43,7 @@ class Player:
         self, recording: Recording, robot: Robot, *, progress: Callable[[float], None] = lambda now: None
     ) -> None:
         """Computes the perceptions of the recording again. During the computation, `progress` is called with
-        the recorded time [s] up to which perceptions are computed.
+        the recorded time [s] up to which perceptions have been computed.
 
         Raises RecordingError if the recording has no periods or is too long.
         """

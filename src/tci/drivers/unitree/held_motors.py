@@ -29,8 +29,8 @@ from tci.errors import DriverError
 from tci.frames import Array
 
 WAIT = 10.0
-"""Longest time [s] for taking the motors or handing them back. The time in which the weight changes does not
-count. Assumed: a busy machine starts a process within a few seconds."""
+"""Longest time [s] for taking the motors or handing them back. The time in which the weight of TCI's targets
+gradually rises or falls is not included. Assumed: a busy machine starts a process within a few seconds."""
 LONGEST = 1024
 """Largest length [bytes] of a status message."""
 

@@ -20,7 +20,8 @@ FOLLOWS, LATE, OPPOSED, FROZEN, DISAGREES, DEAF, JUMPED = range(7)
 - an angle jumps
 """
 FOLLOWING_ERROR, LAG, PATIENCE, OPPOSING, LEAST_SPEED, LONGEST_REPEAT, TRAVEL, FORGETS, PUSH, STEP = range(10)
-"""Indices of the numbers in `settings`, which `JointMonitor` fills from its settings."""
+"""Indices into the array `settings`. `JointMonitor` copies the values of its `MonitorSettings` into this
+array."""
 ANGLE, SPEED, ANGLE_BEFORE, SPEED_BEFORE = range(4)
 """Rows of two successive readings (4, n_servos): angles [rad] and velocities [rad/s] of this reading, then of
 the reading before."""

@@ -137,7 +137,7 @@ def test_the_first_process_compiles_side_by_side_and_says_so(tmp_path: Path) -> 
 
     silent, told = sorted(use("one", "other"))
     assert silent == ""
-    assert "compiling its loops for this processor, once after installing it: one or two minutes" in told
+    assert "compiling its loops for this processor, once after installing it: about half a minute" in told
     assert "compiled its loops in" in told
     assert use("one") == [""]
     package.joinpath("one", "loops.py").write_text(LOOPS.replace("2.0", "3.0"))

@@ -110,7 +110,7 @@ def _show_progress(claims: Path, workers: list[subprocess.Popen[bytes]]) -> None
     """Shows the workers' progress on stderr until they end: in one line on a terminal, else every 10 s."""
     begin, terminal = time.monotonic(), sys.stderr.isatty()
     back, end, pause = ("\r", "", 0.2) if terminal else ("", "\n", 10.0)
-    print("tci: compiling its loops for this processor, once after installing it: one or two minutes on two "
+    print("tci: compiling its loops for this processor, once after installing it: about half a minute on two "
           "processors", file=sys.stderr, flush=True)  # fmt: skip
     shown = begin
     while any(worker.poll() is None for worker in workers):
@@ -127,8 +127,7 @@ def _state(claims: Path, now: float) -> str:
     """Returns a line for the user: the number of loops that are compiled `now` [s] after the start, and the
     estimated remaining time.
 
-    The remaining time is estimated under the assumption that compile time is proportional to the length of
-    the bytecode.
+    The remaining time is estimated under the assumption that compile time is proportional to `_length`.
     """
     if not (claims / "all").exists():
         return "finding its loops"
@@ -158,10 +157,10 @@ def work() -> None:
     # fifth of the time, so here it runs more rarely.
     gc.freeze()
     gc.set_threshold(50_000, 10, 10)
-    # Long bytecode mostly takes long to compile, and the longest loop must not be the last one.
-    loops = sorted(waiting, key=lambda loop: -len(loop[0].py_func.__code__.co_code))
+    # The longest loop must not be the last one.
+    loops = sorted(waiting, key=lambda loop: -_length(loop[0]))
     names = [f"{loop.py_func.__module__}.{loop.py_func.__name__}" for loop, _ in loops]
-    sizes = [len(loop.py_func.__code__.co_code) for loop, _ in loops]
+    sizes = [_length(loop) for loop, _ in loops]
     lines = "".join(f"{name} {size}\n" for name, size in zip(names, sizes, strict=True))
     complete = claims / f"all-{os.getpid()}"
     complete.write_text(lines)
@@ -174,3 +173,11 @@ def work() -> None:
         for signature in signatures:
             loop.compile(signature)
         (claims / f"{name}.done").touch()
+
+
+def _length(loop: Any) -> int:
+    """Returns the length [bytes] of the bytecode of a loop and of all loops that are inserted into it. Long
+    bytecode mostly takes long to compile."""
+    function = loop.py_func
+    inserted = (function.__globals__.get(name) for name in function.__code__.co_names)
+    return len(function.__code__.co_code) + sum(_length(one) for one in inserted if hasattr(one, "py_func"))

@@ -12,8 +12,8 @@ ALIKE = 0.96
 """Least cosine between the axis of a knee or ankle and the y axis. Assumed: the two axes differ by at most 16
 degrees."""
 SLANTED = 0.8
-"""Least cosine between the axis of hip pitch and the y axis. Assumed: the two axes differ by at most 37
-degrees, because the hips of some humanoids are slanted by 30 degrees."""
+"""Least cosine between the axis of hip pitch and the y axis. The angle between them is then at most 37
+degrees. Assumed: the hips of some humanoids are slanted by 30 degrees, and a margin is needed."""
 TALL = 0.1
 """Least height of a hip above its ankle, as a fraction of the extent of all joints. Assumed: in every
 humanoid the hip is higher than that."""

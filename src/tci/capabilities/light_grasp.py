@@ -65,8 +65,8 @@ class LightGrasp(Capability[Grips]):
     touch: float = 0.3
     """Smallest force [N] on the palm that lets the hand close."""
     pull: float = 2.5
-    """Smallest pulling force [N] on a finger that lets the hand open. The hand also opens when a held object
-    leaves the palm."""
+    """Least force [N] with which a person must pull a finger to make the hand open. The hand also opens when
+    a held object leaves the palm."""
     speed: float = 0.3
     """Speed [rad/s] of the flexion until a finger presses. Assumed: a faster finger would press too much
     before its skin measures the contact."""

@@ -46,7 +46,7 @@ class StopTrajectory:
         self.here = self.way[HERE]
         """Angles (n,) [rad] one period before the stop begins."""
         self.span = self.way[LEAST : MOST + 1]
-        """Least and largest angles (2, n) [rad] of the stop."""
+        """Least and largest angles (2, n) [rad] that the servos pass during the stop."""
         self.duration = 0.0
         """Duration [s] of the stop."""
 
@@ -125,7 +125,8 @@ class StopPlanner:
 
     @property
     def span(self) -> Array:
-        """Least and largest angles (2, n) [rad] of the stored stop."""
+        """Least and largest angles (2, n) [rad] that the servos pass while they brake according to the stored
+        stop."""
         return self._kept.span
 
     @property

@@ -157,7 +157,14 @@ def test_a_torque_needs_a_limit_that_is_one(limit: float) -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("lower", np.nan), ("upper", np.inf), ("velocity", np.inf), ("jerk", np.nan), ("acceleration", -1.0)],
+    [
+        ("lower", np.nan),
+        ("lower", -np.inf),
+        ("upper", np.inf),
+        ("velocity", np.inf),
+        ("jerk", np.nan),
+        ("acceleration", -1.0),
+    ],
 )
 def test_a_limit_that_is_none_moves_nothing(name: str, value: float) -> None:
     safe = Driven(make_robot(limits=LIMITS.model_copy(update={name: value})), ZERO).step(
@@ -165,6 +172,14 @@ def test_a_limit_that_is_none_moves_nothing(name: str, value: float) -> None:
     )
     assert "joint2 can't be moved" in safe.refusals[0].text
     assert safe.servos.size == 0
+
+
+@pytest.mark.parametrize(
+    "changes", [{"velocity": 0.5, "acceleration": 0.5, "jerk": 0.5}, {"lower": 0.1, "upper": 0.1}]
+)
+def test_limits_may_be_small_and_equal(changes: dict[str, float]) -> None:
+    driven = Driven(make_robot(coupled=False, limits=LIMITS.model_copy(update=changes)), [0.1] * 6)
+    assert not driven.step(position_command([2], [0.1])).refusals
 
 
 def test_stiffness_does_not_throw_a_limp_joint_back_to_its_equilibrium() -> None:

@@ -370,6 +370,19 @@ def test_41_periods_that_are_missed_at_the_end_are_counted(
     run(driver, Swing(after, oversleep), duration=0.3, report=report)
     assert report.ticks + report.missed == 150
     assert (report.missed, report.overruns) == (missed, missed > 0)
+    assert 0.0 < report.work.largest < 30.0
+
+
+def test_41_periods_that_are_missed_during_a_run_and_at_its_end_are_added(driver: SimulatedDriver) -> None:
+    report = LoopReport()
+
+    def oversleep(tick: Tick) -> None:
+        if report.ticks in (50, 139):
+            driver.world.advance(driver.world.time + 8.5 * driver.period)
+
+    run(driver, Still(), duration=0.3, report=report, observe=oversleep)
+    assert report.overruns == 2
+    assert report.ticks + report.missed == 150
 
 
 @pytest.mark.parametrize("missed", [2, 3])
@@ -554,7 +567,7 @@ def test_15_skin_that_does_not_fit_is_not_seen_and_stops_the_robot_only_if_that_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     driver, report, wrong = SimulatedDriver(tci.load_robot("nao")), LoopReport(), [False]
-    read, steps, states = driver.read, [], []
+    read, begins, steps, states = driver.read, [], [], []
 
     def cut() -> Reading:
         reading = read()
@@ -563,6 +576,10 @@ def test_15_skin_that_does_not_fit_is_not_seen_and_stops_the_robot_only_if_that_
         return replace(reading, skin=tuple(replace(frame, values=frame.values[1:]) for frame in reading.skin))
 
     class Watch(Swing):
+        def begin(self, perception: Perception, body: GenericBody) -> tuple[()]:
+            begins.append(driver.world.time)
+            return ()
+
         def step(
             self, memory: int, perception: Perception, body: GenericBody
         ) -> tuple[tuple[GenericCommand, ...], int]:
@@ -578,6 +595,7 @@ def test_15_skin_that_does_not_fit_is_not_seen_and_stops_the_robot_only_if_that_
     run(driver, Watch(), duration=0.3, observe=observe, report=report)
     assert 0.6 * spoilt / driver.period < report.rejected <= spoilt / driver.period + 1
     assert len(steps) == report.ticks - report.rejected, "the capability sees none of it"
+    assert len(begins) == 1, "the capability does not begin again"
     assert set(states) == {GateState.RUN}
     states.clear()
     begin, spoilt = driver.world.time, 1.0
@@ -743,6 +761,10 @@ def test_a_capability_gets_the_body_of_its_robot_in_each_step(driver: SimulatedD
     bodies: list[GenericBody] = []
 
     class Asks(Still):
+        def init(self, body: GenericBody) -> int:
+            bodies.append(body)
+            return 0
+
         def begin(self, perception: Perception, body: GenericBody) -> tuple[()]:
             bodies.append(body)
             return ()
@@ -758,7 +780,28 @@ def test_a_capability_gets_the_body_of_its_robot_in_each_step(driver: SimulatedD
             return None
 
     run(driver, Asks(), duration=0.01)
-    assert [body.robot for body in bodies] == [driver.robot] * 11
+    assert [body.robot for body in bodies] == [driver.robot] * 12
+
+
+def test_a_tick_has_the_orders_of_the_capability(driver: SimulatedDriver) -> None:
+    ticks: list[Tick] = []
+    run(driver, Swing(), duration=0.01, observe=ticks.append)
+    assert [len(tick.commands) for tick in ticks] == [1, 0, 0, 0, 0]
+    assert ticks[0].commands[0].part == "head"
+
+
+def test_skin_of_a_sender_that_omits_equal_frames_is_seen_as_if_none_were_omitted() -> None:
+    seen: list[list[list[int]]] = []
+    for keep_alive in (None, 0.2):
+        with tci.connect("nao", "sim", arm=True, keep_alive=keep_alive) as driver:
+            seen.append([])
+            run(
+                driver,
+                Still(),
+                duration=0.3,
+                observe=lambda tick: seen[-1].append(tick.skin.sequence.tolist()),
+            )
+    assert seen[0] == seen[1]
 
 
 def test_45_a_robot_at_rest_gets_the_last_command_more_often_than_messages_are_missed(

@@ -74,6 +74,7 @@ def test_silence_is_as_long_as_driver_and_senders_allow(
     assert not silence.fault(here, 5.0)
     assert not silence.fault(here, 5.0 + longest)
     assert silence.fault(here, 5.0 + longest + 1e-6)
+    assert "for 9000 ms" in str(silence.fault(here, 14.0))
 
 
 def test_a_patch_that_the_robot_lacks_is_nobodys_silence() -> None:

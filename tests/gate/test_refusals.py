@@ -10,7 +10,7 @@ import pytest
 
 from gate.gate_checks import LIMITS, PERIOD, Driven, make_robot, position_command, reading
 from tci.errors import CommandError, DriverError, TciError
-from tci.gate.acceptance import OUTSIDE, fault_of_reading, is_likely_degrees, refuse_far
+from tci.gate.acceptance import OUTSIDE, by_servo, fault_of_reading, is_likely_degrees, refuse_far
 from tci.gate.bounds import bounds_of
 from tci.gate.gate import Gate, GateSettings, GateState
 from tci.gate.stop_plan import StopTrajectory
@@ -291,6 +291,20 @@ def test_an_angle_at_its_limit_is_not_a_wrong_one(end: float) -> None:
     robot = robot.model_copy(update={"servos": tuple(servos)})
     with pytest.raises(CommandError, match=r"joint3 at 0\.3 rad"):
         refuse_far(robot, position_command([2, 3], [end, 0.3]))
+
+
+def test_an_unknown_limit_is_not_a_number_among_bounds() -> None:
+    robot = make_robot(coupled=False, limits=LIMITS.model_copy(update={"upper": None, "jerk": None}))
+    bounds, _ = bounds_of(robot, [0, 1], speed_share=0.5)
+    assert np.isnan([bounds.upper, bounds.jerk]).all()
+    assert bounds.lower.tolist() == [LIMITS.lower] * 2
+    assert bounds.velocity.tolist() == [0.5 * LIMITS.velocity] * 2
+
+
+def test_each_servo_has_one_value() -> None:
+    assert by_servo(np.array([3, 1]), np.array([0.5, 0.25])) == {3: 0.5, 1: 0.25}
+    with pytest.raises(ValueError, match="longer"):
+        by_servo(np.array([3]), np.array([0.5, 0.25]))
 
 
 def guarded(guard: Callable[[StopTrajectory], Reason | None]) -> OnlineTrajectory:

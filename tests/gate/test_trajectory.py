@@ -70,6 +70,23 @@ def test_halts_and_new_targets_on_straight_ways_keep_the_bounds() -> None:
     assert_within_bounds(np.array(path))
 
 
+def test_a_new_target_after_a_halt_is_approached_on_a_straight_line() -> None:
+    bounds, _ = bounds_of(make_robot(coupled=False), [0, 1, 2], speed_share=0.9)
+    limiter = OnlineTrajectory(bounds, np.zeros(3), PERIOD)
+    limiter.aim(np.array([0.5, 0.2, -0.3]), bounds.velocity)
+    for _ in range(10):
+        limiter.step()
+    limiter.halt()
+    while not limiter.rests:
+        limiter.step()
+    here, target = limiter.position.copy(), np.array([-0.4, 0.4, 0.1])
+    limiter.aim(target, bounds.velocity)
+    path = np.array([limiter.step() for _ in range(300)])
+    way = (path - here) / (target - here)
+    np.testing.assert_allclose(way[-1], 1.0, atol=1e-6)
+    assert np.ptp(way, axis=1).max() < 1e-3
+
+
 @pytest.mark.parametrize("since", [None, 0, 1])
 def test_what_lies_ahead_is_where_the_servos_then_are(since: int | None) -> None:
     """The limiter is in motion, and a halt was requested some steps before."""

@@ -19,7 +19,7 @@ from tci.gate.kernels.motion import all_finite
 from tci.gate.kernels.targets import is_acceptable
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformSwitch
 from tci.reasons import Code, Reason
-from tci.robot.description import Limits, Robot, Servo
+from tci.robot.description import Robot, Servo
 
 NEEDED = ("lower", "upper", "velocity", "acceleration", "jerk")
 """Limits that are required to move a servo."""
@@ -125,30 +125,23 @@ def refuse_far(robot: Robot, command: PlatformCommand) -> NoReturn:
     """Raises CommandError for a command with angles that are far outside their limits. The message asks
     whether the angles were given in degrees, unless only one angle of several is wrong and this angle exceeds
     a full turn."""
-    names = [robot.servos[servo].name for servo in command.servos]
-    ranges = [robot.servos[servo].limits for servo in command.servos]
+    servos = [robot.servos[servo] for servo in command.servos]
+    names = [servo.name for servo in servos]
+    lower, upper = np.array([(servo.limits.lower, servo.limits.upper) for servo in servos]).T
     angles = np.abs(command.values)
-    wrong = np.array(
-        [not _is_inside(value, limits) for value, limits in zip(command.values, ranges, strict=True)]
-    )
+    wrong = ~((lower <= command.values) & (command.values <= upper))
     worst = int(np.argmax(np.where(wrong, angles, -1.0)))
-    limits = ranges[worst]
     words = f"{command.mode.value} of {', '.join(names)}: {names[worst]} at {command.values[worst]:g} rad"
-    ends = f"{limits.lower:.2f} .. {limits.upper:.2f} rad"
+    ends = f"{lower[worst]:.2f} .. {upper[worst]:.2f} rad"
     if is_likely_degrees(command.values, wrong) or angles[worst] <= 2.0 * np.pi:
         words = f"{words}, limits {ends}; degrees? valid: radians, as from np.deg2rad"
         raise CommandError(words, code=Code.LIKELY_DEGREES)
     raise CommandError(f"{words} is more than a full turn; valid: {ends}", code=Code.LIMITS_EXCEEDED)
 
 
-def _is_inside(value: float, limits: Limits) -> bool:
-    """Returns True if an angle [rad] is between two known limits.
-
-    The caller must make sure that both limits are known.
-    """
-    assert limits.lower is not None
-    assert limits.upper is not None
-    return limits.lower <= value <= limits.upper
+def by_servo(servos: NDArray[np.intp], values: Array) -> dict[int, float]:
+    """Returns `values` (k,) by the index of their servo in `servos` (k,)."""
+    return dict(zip(servos.tolist(), values.tolist(), strict=True))
 
 
 def check_switch(robot: Robot, switch: PlatformSwitch) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 
 from tci.errors import CommandError, DriverError, TciError
 from tci.frames import Array
-from tci.gate.acceptance import check_command, fault_of_reading
+from tci.gate.acceptance import by_servo, check_command, fault_of_reading
 from tci.gate.joint_monitor import JointMonitor
 from tci.gate.motion import Motion
 from tci.gate.safe_command import GateState as GateState
@@ -47,7 +47,6 @@ STEADY = 0.1
 runs at another rate. Assumed: on a busy machine, two delays differ by a larger fraction."""
 SHARES = (Mode.STIFFNESS, Mode.DAMPING)
 _log = logging.getLogger("tci")
-_NONE: MappingProxyType[int, float] = MappingProxyType({})
 
 
 class Gate:
@@ -82,11 +81,11 @@ class Gate:
         self._motion = Motion(robot, period=period, settings=self._settings, tally=self._tally)
         monitor = self._settings.monitor
         self._monitor = None if monitor is None else JointMonitor(robot, monitor)
-        self._reference, self._torque = self._motion.reference, np.zeros(0)
         self._stopped: Reason | None = None
         self._held: Reason | None = None
         self._credit, self._before = 1.0, -np.inf
         self._pace: float | None = 0.0  # latest delay of a loop that was never on time [periods]
+        self.drop()
 
     @property
     def robot(self) -> Robot:
@@ -238,8 +237,8 @@ class Gate:
             position=reference.position,
             velocity=reference.velocity,
             torque=self._torque,
-            stiffness=MappingProxyType(stiffness) if stiffness else _NONE,
-            damping=MappingProxyType(damping) if damping else _NONE,
+            stiffness=MappingProxyType(stiffness),
+            damping=MappingProxyType(damping),
             clamped=tuple(clamped),
             refusals=tuple(refusals),
             reason=reason,
@@ -329,5 +328,5 @@ class Gate:
         if command.mode is Mode.STIFFNESS:
             self._motion.check_stiffness(command)
         sent = np.clip(command.values, 0.0, 1.0)
-        shares.update(zip(command.servos.tolist(), sent.tolist(), strict=True))
-        return self._motion.clamps(command, sent.tolist(), command.mode.value)
+        shares.update(by_servo(command.servos, sent))
+        return self._motion.clamps(command, sent, command.mode.value)

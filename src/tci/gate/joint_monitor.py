@@ -145,8 +145,8 @@ class JointMonitor:
         `reference` and `torque` (k,) [N m] must be the values that were valid when the reading was taken.
         Call this method once per control period.
         """
-        before, self._before = self._before, joints
-        elapsed = 0.0 if before is None else joints.stamp - before.stamp
+        before, self._before = self._before or joints, joints
+        elapsed = joints.stamp - before.stamp
         if reference.modes is not self._modes:
             self._sort(reference.modes)
         pushed = np.zeros(len(reference.servos)) if torque is None else torque
@@ -154,7 +154,7 @@ class JointMonitor:
             self._arrays, reference.servos, self._kinds, reference.position, reference.velocity, pushed,
             joints.position, joints.velocity, joints.stamp, elapsed,
         )  # fmt: skip
-        if before is None or not elapsed > 0.0:
+        if not elapsed > 0.0:
             self._fresh = min(self._fresh, joints.stamp)
             return self._fault_of_state(joints, reference)
         if joints.sequence != before.sequence:
@@ -191,18 +191,19 @@ class JointMonitor:
         if joints.powered is not None and not joints.powered[servos].all():
             off = servos[int(np.argmin(joints.powered[servos]))]
             return Reason(Code.SERVO_OFF, f"{self._names[off]} is under command and its servo is off")
-        others = 0
-        for servo, mode in zip(servos.tolist(), reference.modes, strict=True):
+        well = True
+        for place, servo in enumerate(servos.tolist()):
+            mode = reference.modes[place]
             reported = None if joints.modes is None else joints.modes[servo]
             if reported is None or reported is mode:
                 self._other_mode[servo] = np.inf
                 continue
-            others += 1
+            well = False
             self._other_mode[servo] = min(self._other_mode[servo], joints.stamp)
             if joints.stamp - self._other_mode[servo] > self.settings.mode_change:
                 words = f"{self._names[servo]} reports mode {reported.value}; commanded in {mode.value}"
                 return Reason(Code.SERVO_MODE, words)
-        if not others:
+        if well:
             self._well = seen
         return None
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,15 @@ from numpy.typing import NDArray
 
 from tci.errors import CommandError
 from tci.frames import Array, frozen
-from tci.gate.acceptance import FAR_OFF, check_command, check_limits, check_switch, is_usual, refuse_far
+from tci.gate.acceptance import (
+    FAR_OFF,
+    by_servo,
+    check_command,
+    check_limits,
+    check_switch,
+    is_usual,
+    refuse_far,
+)
 from tci.gate.bounds import MARGIN
 from tci.gate.commanded_groups import CommandedGroups
 from tci.gate.freshness import Freshness
@@ -46,7 +53,6 @@ class Motion:
         """Starts without servos under command; `period` [s] is the period of the control loop. Raises the
         errors that SelfCollision raises."""
         self.robot = robot
-        self._period = period
         self._settings = settings
         self._tally = tally
         limits = [servo.limits for servo in robot.servos]
@@ -164,7 +170,7 @@ class Motion:
             check_command(self.robot, command)
         if farthest < 0.0:
             refuse_far(self.robot, command)
-        return [] if farthest <= 2 * MARGIN else self.clamps(command, sent.tolist(), "rad")
+        return [] if farthest <= 2 * MARGIN else self.clamps(command, sent, "rad")
 
     def step(self, now: float) -> list[Reason]:
         """Moves the servos by one period. Returns the reasons for motions that were ended to avoid
@@ -216,7 +222,7 @@ class Motion:
     def _push(self, command: PlatformCommand) -> list[Reason]:
         """Sets the torques of servos in torque mode. Returns the reasons for clamped values."""
         sent = self._torque.ask(command.servos, command.values)
-        return self.clamps(command, sent.tolist(), "N m")
+        return self.clamps(command, sent, "N m")
 
     def _check_modes(self, servos: NDArray[np.intp], mode: Mode) -> None:
         """Raises CommandError unless all limits of `servos` (k,) are known and all of these servos are in
@@ -241,18 +247,18 @@ class Motion:
         values = command.values.astype(float)
         fastest = np.max(np.minimum(np.abs(values), FASTEST) / most, initial=1.0)
         sent = np.clip(values, -FASTEST, FASTEST) / fastest
-        wanted = dict(zip(servos, sent.tolist(), strict=True))
+        wanted = by_servo(command.servos, sent)
         for chain in self.groups.moving(servos):
             mine = [servo for servo in chain.servos if servo in wanted]
             chain.limiter.drive_at(chain.places(mine), np.array([wanted[servo] for servo in mine]))
-        return self.clamps(command, sent.tolist(), "rad/s")
+        return self.clamps(command, sent, "rad/s")
 
     def check_stiffness(self, command: PlatformCommand) -> None:
         """Raises CommandError if the command raises the stiffness of a joint that has yielded to an outside
         force. A stiffer joint would jump back to its equilibrium."""
         reference = self.reference
         place = {servo: index for index, servo in enumerate(reference.servos.tolist())}
-        for servo, share in zip(command.servos.tolist(), command.values.tolist(), strict=True):
+        for servo, share in by_servo(command.servos, command.values).items():
             if servo not in place or self.modes[servo] is not Mode.IMPEDANCE or share <= self._shares[servo]:
                 continue
             deviation = abs(float(reference.position[place[servo]] - self.groups.measured[servo]))
@@ -265,11 +271,13 @@ class Motion:
                 )
         self._shares[command.servos] = np.clip(command.values, 0.0, 1.0)
 
-    def clamps(self, command: PlatformCommand, sent: Sequence[float], unit: str) -> list[Reason]:
-        """Counts the servos whose accepted value differs from the requested value, and returns a reason for
-        each of these servos."""
+    def clamps(self, command: PlatformCommand, sent: Array, unit: str) -> list[Reason]:
+        """Counts the servos whose accepted value in `sent` (k,) differs from the requested value, and returns
+        a reason for each of these servos."""
         clamped: list[Reason] = []
-        for servo, asked, allowed in zip(command.servos.tolist(), command.values.tolist(), sent, strict=True):
+        accepted = by_servo(command.servos, sent)
+        for servo, asked in by_servo(command.servos, command.values).items():
+            allowed = accepted[servo]
             if abs(asked - allowed) > 2 * MARGIN:
                 name = self.robot.servos[servo].name
                 self._tally.clamps[name] += 1

@@ -62,12 +62,12 @@ class Speeds:
     def step(self, joints: JointReading) -> Array:
         """Returns the speeds (n,) [rad/s] at a new reading. If the measured speed of a servo is NaN, its
         speed is estimated."""
-        before, self._before = self._before, joints
+        before, self._before = self._before or joints, joints
         if _all_finite(joints.velocity):
             self._guess = joints.velocity
             return joints.velocity
-        passed = 0.0 if before is None else joints.stamp - before.stamp
-        if before is not None and passed > 0.0:
+        passed = joints.stamp - before.stamp
+        if passed > 0.0:
             share = passed / (passed + SMOOTHING)
             slope = (joints.position - before.position) / passed
             self._guess = (1.0 - share) * self._guess + share * slope

@@ -47,7 +47,7 @@ class StopTrajectory:
         """Angles (n,) [rad] one period before the stop begins."""
         self.span = self.way[LEAST : MOST + 1]
         """Least and largest angles (2, n) [rad] that the servos pass during the stop."""
-        self.duration = 0.0
+        self.duration: float
         """Duration [s] of the stop."""
 
     def states(self, times: Array) -> Array:
@@ -70,7 +70,7 @@ class StopPlanner:
         self._checked = self._limits, bounds.coupling, bounds.coupling_lower, bounds.coupling_upper
         self._kept, self.planned = StopTrajectory(count), StopTrajectory(count)
         self._since = np.zeros(1)
-        self.outside = False
+        self.outside: bool
         """True if the state from which the latest stop was planned is outside the limits."""
         state = np.zeros((3, count))
         state[0] = position

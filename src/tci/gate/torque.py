@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
+from types import EllipsisType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,13 +40,11 @@ class TorqueLimiter:
         self._share = speed_share
         count = len(robot.servos)
         self._memory = np.zeros((5, count))
-        self._memory[at.CALM] = 1.0
         self._pushed = deque([np.zeros(count)], maxlen=1 + math.ceil(REMEMBERED / period))
         self._halts = False
         self.servos: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
         """Indices (k,) of the servos in torque mode."""
-        self._limits = np.zeros((7, 0))
-        self._trust = np.zeros(0)
+        self.set_servos(())
 
     def set_servos(self, servos: Sequence[int]) -> None:
         """Sets the servos in torque mode. All limits of these servos must be known. New servos start at zero
@@ -73,9 +72,9 @@ class TorqueLimiter:
         self._memory[at.WANTED, servos] = wanted
         return wanted
 
-    def relax(self, servos: NDArray[np.intp] | None = None) -> None:
+    def relax(self, servos: NDArray[np.intp] | EllipsisType = ...) -> None:
         """Sets the commanded torque of some servos, or of all servos, to zero. Braking torques continue."""
-        self._memory[at.WANTED, slice(None) if servos is None else servos] = 0.0
+        self._memory[at.WANTED, servos] = 0.0
 
     def halt(self) -> None:
         """Sets all commanded torques to zero, and brakes any motion in the next step."""

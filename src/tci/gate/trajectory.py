@@ -45,7 +45,7 @@ class OnlineTrajectory:
         count = len(position)
         self.bounds = bounds
         self._guard = guard
-        self.ended: Reason | None = None
+        self.ended: Reason | None
         """Reason why the guard ended the motion in the latest step; None if the guard did not end it."""
         self.aims: Array = np.array([bounds.inside(position), bounds.velocity, np.zeros(count)])
         """Array (3, n) for the present motion. Row 0: targets [rad], which are always inside the limits. Row
@@ -58,15 +58,14 @@ class OnlineTrajectory:
         """Velocity (n,) [rad/s] at which each servo is driven; NaN for a servo that moves to a target."""
         self.drives: bool
         """True if any servo is driven at a velocity."""
-        self._stopping = self._returns = False
-        self._told: Code | None = None
-        self._barred: Reason | None = None  # why the way inside is not tried until the next command
-        self._hindrance = OUTSIDE
+        self._returns = False
+        self._hindrance: Reason
+        self._begin()
         self._resting = True
         self.found, self.measured = np.array(position), position
         """Measured angles (n,) [rad]: when the servos came under command, and now."""
         self._led = False  # True if the latest state is a result of ruckig's present plan for these servos
-        self._asked = self._creeps = True
+        self._creeps: bool  # True if the planner's targets are those of slow motion outside the limits
         self._straight = False
         self._planner = MotionPlanner(count, period)
         self._planner.set_limits(bounds.acceleration, bounds.jerk)
@@ -149,15 +148,14 @@ class OnlineTrajectory:
         """
         self.drive[places] = velocity
         self.target[places] = self.bounds.inside(self.position)[places]
-        self._asked = True
-        if not np.array_equal(self._driven, np.isfinite(self.drive)):
-            self._set_interfaces()
+        self._set_interfaces()
         self._begin()
 
     def _begin(self) -> None:
         """Permits motions again that were refused. Every new command calls this method."""
         self._stopping = self._resting = False
-        self._told = self._barred = None
+        self._told: Code | None = None
+        self._barred: Reason | None = None  # why the way inside is not tried until the next command
 
     def halt(self) -> None:
         """Drops all commanded targets and velocities, and brings all servos to rest as fast as the bounds
@@ -166,7 +164,6 @@ class OnlineTrajectory:
         if not self._stopping:
             self.target[:] = self.bounds.inside(self._stopper.end)
             self.drive[self._driven] = 0.0
-            self._asked = True
         self._stopping = True
 
     @property

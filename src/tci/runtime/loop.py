@@ -168,7 +168,7 @@ class _Loop(Generic[Memory]):
         self.account = Account(driver)
         self._begun = False
         self._before: float | None = None
-        self._start = 0.0
+        self._start: float
         self._silence = SkinWatchdog(
             driver.robot, stale_after=driver.gate.stale_after, keep_alive=driver.info.keep_alive
         )

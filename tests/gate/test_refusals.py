@@ -241,6 +241,14 @@ def test_data_that_repeats_is_as_old_as_its_first_copy() -> None:
     assert safe.reason == Reason(Code.JOINTS_STALE, "no new joint data for 60 ms")
 
 
+def test_a_gate_that_has_never_had_good_data_says_so() -> None:
+    gate = Gate(ROBOT, period=PERIOD, stale_after=STALE)
+    bad = reading([*ZERO[1:], np.nan])
+    assert "not finite" in str(gate.step((), bad, 0.0).reason)
+    again = replace(bad, position=np.zeros(6), stamp=PERIOD)
+    assert gate.step((), again, PERIOD).reason == Reason(Code.JOINTS_STALE, "no new joint data yet")
+
+
 def test_a_time_that_goes_back_stops_the_robot() -> None:
     gate = Gate(ROBOT, period=PERIOD, stale_after=STALE)
     gate.step((), reading(ZERO, 1.0), 1.0)

@@ -123,7 +123,8 @@ class Motion:
         age = self._freshness.age(now)
         if age <= stale_after:
             return None
-        return Reason(Code.JOINTS_STALE, f"no new joint data for {age * 1e3:.0f} ms")
+        since = f"for {age * 1e3:.0f} ms" if age < np.inf else "yet"
+        return Reason(Code.JOINTS_STALE, f"no new joint data {since}")
 
     def halt(self) -> None:
         """Stops all servos within their limits, and removes all targets, velocities and commanded torques."""

@@ -31,9 +31,9 @@ HERE = Path(__file__).parent
 CLAIMS = "TCI_COMPILE_CLAIMS"
 """Environment variable of a worker: the folder in which the workers create a file for each loop that they
 compile, so that no two workers compile the same loop."""
-MOST = 8
-"""Largest number of workers. Assumed: each worker needs 250 MB, and the longest loop takes a tenth of the
-whole time, so more workers would hardly be faster."""
+MOST = 4
+"""Largest number of workers. A worker needs up to 400 MB, and the longest loop takes a quarter of the whole
+time, so more workers would hardly be faster."""
 
 Loop = tuple[Any, tuple[Any, ...]]
 """A numba function that is not compiled yet, and its signatures."""

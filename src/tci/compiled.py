@@ -110,7 +110,8 @@ def inlined(loop: Callable[..., Any]) -> Any:
     Inserted machine code (inlining) is faster than a call: a call would pass seven numbers or more for each
     array.
     """
-    # Nothing but loops calls this one in a worker, so it needs no wrapper for calls from Python there.
+    # In a worker only loops call this one, so it needs no wrapper for calls from Python there. Without the
+    # wrapper, a call from Python would crash.
     return _jit(loop, _nrt=False, forceinline=True, no_cpython_wrapper=is_worker())
 
 

@@ -3,8 +3,12 @@ move separately."""
 
 from __future__ import annotations
 
-from gate.gate_checks import make_robot
-from tci.gate.joint_group import groups_of
+import numpy as np
+import pytest
+
+from gate.gate_checks import LIMITS, make_robot
+from tci.errors import CommandError
+from tci.gate.joint_group import groups_of, make_chain
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 from tci.robot.joint_map import joint_map
@@ -38,3 +42,12 @@ def test_fingers_on_the_board_of_an_arm_are_another_group() -> None:
     assert fingers
     arms = {one.index for one in robot.servos if "arm" in one.robot_part} - fingers
     assert not {groups[servo] for servo in fingers} & {groups[servo] for servo in arms}
+
+
+def test_servos_without_limits_form_no_group() -> None:
+    robot = make_robot(coupled=False, limits=LIMITS.model_copy(update={"jerk": None}))
+    with pytest.raises(CommandError, match="without limits"):
+        make_chain(
+            robot, [0, 1], np.zeros(6), old=None, fresh=(), period=0.01, speed_share=1.0,
+            guard=lambda stop: None,
+        )  # fmt: skip

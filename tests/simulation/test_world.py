@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -453,3 +454,38 @@ def test_a_refused_target_changes_no_target(nao: World, angle: float) -> None:
         nao.set_position_targets(np.array([servos[0], 999]), np.array([0.5, 0.5]))
     nao.advance(0.1)
     assert np.allclose(nao.joints().position, before, atol=1e-6)
+
+
+def test_readers_in_other_threads_leave_the_noise_of_the_skin_as_it_is() -> None:
+    seen = []
+    for readers in (0, 2):
+        world, done = World(load_robot("nao"), noise=2.0, seed=5), threading.Event()
+
+        def read(world: World = world, done: threading.Event = done) -> None:
+            while not done.is_set():
+                world.frames()
+                world.refresh()
+
+        threads = [threading.Thread(target=read) for _ in range(readers)]
+        for thread in threads:
+            thread.start()
+        values = []
+        for tick in range(1, 200):
+            world.advance(0.01 * tick)
+            values.append([frame.values.tolist() for frame in world.frames()])
+        done.set()
+        for thread in threads:
+            thread.join()
+        seen.append(values)
+    assert seen[0] == seen[1]
+
+
+def test_poses_are_computed_without_a_change_of_the_measured_torques(nao: World) -> None:
+    arm = arm_servos(nao)
+    home = nao.joints().position[arm]
+    for tick in range(1, 50):
+        nao.set_position_targets(arm, home + 0.05 * np.sin(0.1 * tick))
+        nao.advance(0.002 * tick)
+        before = nao.joints().torque
+        nao.refresh()
+        np.testing.assert_array_equal(nao.joints().torque, before)

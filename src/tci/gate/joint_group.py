@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.compiled import entry
+from tci.errors import CommandError
 from tci.frames import Array
 from tci.gate.acceptance import FAR_OFF, SLOWEST
 from tci.gate.bounds import Bounds, bounds_of
@@ -22,6 +23,7 @@ from tci.gate.immovable import is_movable
 from tci.gate.kernels.couplings import shift
 from tci.gate.kernels.targets import take_targets
 from tci.gate.trajectory import Guard, OnlineTrajectory
+from tci.reasons import Code
 from tci.robot.description import Robot
 from tci.robot.joint_map import joint_map
 
@@ -103,6 +105,9 @@ def make_chain(
     """
     union = sorted(servos)
     bounds, outside = bounds_of(robot, union, speed_share=speed_share)
+    known = bounds.lower, bounds.upper, bounds.velocity, bounds.acceleration, bounds.jerk
+    if not np.isfinite(known).all():  # the caller has checked this, but NaN would pass all later comparisons
+        raise CommandError("a servo without limits can't be moved", code=Code.LIMITS_UNKNOWN)
     ends = np.array([bounds.coupling_lower, bounds.coupling_upper])
     limits = np.array([bounds.lower, bounds.upper, bounds.velocity])
     own = replace(bounds, coupling_lower=ends[0], coupling_upper=ends[1])

@@ -3,7 +3,6 @@ finger."""
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -43,8 +42,8 @@ class Moment:
 
 def keep_moment(world: World, reading: Reading) -> Moment:
     """Copies the current state of a world. The copy has no effect on the world's simulation."""
-    world.refresh()
-    return Moment(world.time, reading, copy.copy(world.data))
+    time, data = world.moment()
+    return Moment(time, reading, data)
 
 
 class Portrait:

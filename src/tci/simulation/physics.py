@@ -50,7 +50,7 @@ class Physics:
         self.steps = 0
         """Number of steps since the start or the last reset."""
         self.lock = RLock()
-        """Held by the thread that steps, changes or reads the data."""
+        """Held by a thread that steps the model, calls MuJoCo or reads values that belong together."""
         self._fresh = -1
         data = self.data
         self.qpos, self.qvel, self.ctrl, self.sensors = data.qpos, data.qvel, data.ctrl, data.sensordata
@@ -95,17 +95,17 @@ class Physics:
         with self.lock:
             if self._fresh == self.steps:
                 return
-            # The solver starts from its previous result. This result is restored, so that later steps are not
-            # affected.
-            warm = self.data.qacc_warmstart.copy()
+            # The solver starts from its previous result, and readings contain the torques of the latest step.
+            kept = self.data.qacc_warmstart.copy(), self.motors.copy()
             mujoco.mj_forward(self.model, self.data)
-            self.data.qacc_warmstart[:] = warm
+            self.data.qacc_warmstart[:], self.motors[:] = kept
             self._fresh = self.steps
 
     def touch(self) -> None:
         """Marks poses, contacts and sensors as out of date. Call this method after a change of joints or
         servos."""
-        self._fresh = self.whole[stepping.AHEAD] = -1
+        with self.lock:
+            self._fresh = self.whole[stepping.AHEAD] = -1
 
     def pose(self, body: int) -> Array:
         """Returns `T_WB` (4, 4), the current pose of a body in the world frame."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Collection, Mapping, Sequence
 from functools import partial
@@ -124,7 +125,7 @@ class World:
 
     @property
     def model(self) -> mujoco.MjModel:
-        """MuJoCo's model, for direct access."""
+        """MuJoCo's model, for direct access by the thread that steps the world."""
         return self._physics.model
 
     def shown_model(self) -> mujoco.MjModel:
@@ -137,7 +138,7 @@ class World:
 
     @property
     def data(self) -> mujoco.MjData:
-        """MuJoCo's data.
+        """MuJoCo's data, for direct access by the thread that steps the world.
 
         Contacts and poses belong to the joint angles before the latest step. Call `refresh` to update
         contacts and poses.
@@ -172,6 +173,12 @@ class World:
         """Updates poses and contacts in `data` to the current joint angles. Later steps are not affected."""
         self._physics.refresh()
 
+    @exclusive
+    def moment(self) -> tuple[float, mujoco.MjData]:
+        """Returns the time [s] and a copy of MuJoCo's data with current poses and contacts."""
+        self.refresh()
+        return self.time, copy.copy(self.data)
+
     def advance(self, until: float) -> None:
         """Steps the physics until `time` is at least `until` [s].
 
@@ -182,7 +189,7 @@ class World:
             end = min(last, self._taxels.due) if self._taxels.noisy else last
             self._physics.advance(end, *self._arrays)
             if self._taxels.noisy or self._physics.steps < end:
-                self._taxels.frames()
+                self.frames()
 
     def set_position_targets(self, servos: ArrayLike, angles: ArrayLike) -> None:
         """Sends targets `angles` (k,) [rad] to `servos` (k,), which are indices into `Robot.servos`.
@@ -232,6 +239,7 @@ class World:
         damping, 0 adds none. Raises CommandError for an invalid servo or fraction."""
         self._servos.set_damping(servos, share)
 
+    @exclusive
     def joints(self) -> JointReading:
         """Returns exact current angles and velocities of all servos.
 
@@ -249,6 +257,7 @@ class World:
             powered=self._servos.powered,
         )
 
+    @exclusive
     def frames(self) -> tuple[SkinFrame, ...]:
         """Returns the latest frame of every patch, in the description's order of patches."""
         return self._taxels.frames()

@@ -35,12 +35,11 @@ class CommandedGroups:
         self._robot, self._period, self._settings = robot, period, settings
         self._group_of = groups_of(robot)
         self._chains: dict[int, JointGroup] = {}
-        self.chains: list[JointGroup] = []
+        self.chains: list[JointGroup]
         """All groups, in the order in which `reference` lists their servos. When a group changes, a new list
         replaces this list."""
-        self.count = 0
+        self.count: int
         """Number of servos that the groups move."""
-        self._leaning: list[JointGroup] = []
         self._found: dict[bytes, tuple[Mode, list[JointGroup]]] = {}
         self._others: dict[int, list[JointGroup]] = {}
         self.modes = [servo.modes[0] for servo in robot.servos]
@@ -52,8 +51,8 @@ class CommandedGroups:
         self.body = None if body is None else BodyGuard(body, period=period)
         """Check of planned stops for self-collision; None if the check is disabled."""
         self._shown: Reference | None = None
-        self._states: list[Array] = []
-        self._shown_of: list[JointGroup] | None = None
+        self._states: list[Array]
+        self._note_change()
 
     def look(self, measured: Array) -> None:
         """Stores the `measured` angles (n_servos,) [rad]. If a coupling of a group contains servos outside
@@ -72,7 +71,7 @@ class CommandedGroups:
         self.chains = list(self._chains.values())
         self._leaning = [chain for chain in self.chains if chain.leans]
         self.count = sum(len(chain.servos) for chain in self.chains)
-        self._shown_of = None
+        self._shown_of: list[JointGroup] | None = None
         self._found.clear()
         self._others.clear()
 

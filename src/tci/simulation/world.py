@@ -239,28 +239,28 @@ class World:
         damping, 0 adds none. Raises CommandError for an invalid servo or fraction."""
         self._servos.set_damping(servos, share)
 
-    @exclusive
     def joints(self) -> JointReading:
         """Returns exact current angles and velocities of all servos.
 
         The angle of a servo without a joint is its target. Torques are the motors' torques. If the robot
         detects touches through joint torques, the torques are those at the joints' outputs.
         """
-        found = self._servos.measured()
-        return JointReading(
-            stamp=self.time,
-            sequence=self._physics.steps,
-            position=found[0],
-            velocity=found[1],
-            torque=found[2] if self._outputs is None else self._outputs.measured(found[0]),
-            modes=self._servos.modes,
-            powered=self._servos.powered,
-        )
+        with self._physics.lock:
+            found = self._servos.measured()
+            return JointReading(
+                stamp=self.time,
+                sequence=self._physics.steps,
+                position=found[0],
+                velocity=found[1],
+                torque=found[2] if self._outputs is None else self._outputs.measured(found[0]),
+                modes=self._servos.modes,
+                powered=self._servos.powered,
+            )
 
-    @exclusive
     def frames(self) -> tuple[SkinFrame, ...]:
         """Returns the latest frame of every patch, in the description's order of patches."""
-        return self._taxels.frames()
+        with self._physics.lock:
+            return self._taxels.frames()
 
     @exclusive
     def contact_truth(self, patch: str) -> ContactTruth:

@@ -157,6 +157,12 @@ def test_a_servo_whose_limits_are_equal_stays_exactly_there(angle: float) -> Non
         assert not fixed.allowed_velocity(np.full(3, angle), np.full(3, away)).any()
 
 
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+def test_outside_a_range_that_is_narrower_than_the_margins_its_middle_is_nearest(way: float) -> None:
+    narrow = replace(FREE, lower=np.zeros(3), upper=np.full(3, MARGIN))
+    assert narrow.inside(np.full(3, way)) == pytest.approx(np.full(3, MARGIN / 2), rel=1e-6)
+
+
 def test_an_angle_at_its_limit_is_inside() -> None:
     assert np.array_equal(FREE.inside(FREE.upper), FREE.upper)
     assert np.array_equal(FREE.inside(FREE.lower), FREE.lower)

@@ -20,7 +20,7 @@ from gate.gate_checks import (
     reading,
 )
 from tci.errors import CommandError, DriverError, TciError
-from tci.gate.acceptance import SLOWEST, is_likely_degrees
+from tci.gate.acceptance import SLOWEST, is_likely_degrees, is_usual
 from tci.gate.gate import Gate, GateSettings, GateState, SafeCommand
 from tci.messages import GenericCommand, Mode, PlatformCommand, PlatformSwitch
 from tci.reasons import Code
@@ -87,8 +87,26 @@ def test_joint_data_that_are_no_doubles_are_an_error(name: str) -> None:
     """Compiled loops would read the bytes of other numbers as doubles."""
     gate, joints = Gate(make_robot(), period=PERIOD, stale_after=0.05), reading(ZERO)
     wrong = dataclasses.replace(joints, **{name: np.zeros(6, np.int64)})
-    with pytest.raises(TypeError, match="valid: float64"):
+    types = {"position": "float64", "velocity": "float64", name: "int64"}
+    words = f"joint angles of type {types['position']}, velocities of {types['velocity']}; valid: float64"
+    with pytest.raises(TypeError, match=words):
         gate.step((), wrong, 0.0)
+
+
+def test_only_arrays_that_compiled_loops_read_are_usual() -> None:
+    usual = position_command([2, 4], [0.5, -0.25])
+    assert is_usual(usual)
+    single = usual.speed.astype(np.float32)
+    for wrong in (
+        {"values": usual.values.astype(np.float32)},
+        {"speed": single},
+        {"values": single, "speed": single},
+        {"servos": usual.servos.astype(np.int16)},
+        {"values": np.zeros(3)},
+        {"speed": np.ones(1)},
+        {"servos": usual.servos[None], "values": usual.values[None], "speed": usual.speed[None]},
+    ):
+        assert not is_usual(dataclasses.replace(usual, **wrong)), wrong
 
 
 @ANGLES
@@ -586,6 +604,7 @@ def test_a_loop_at_a_rate_of_its_own_is_told_at_its_second_late_call(
     assert "a step in each of driver.ticks(), or connect to 'sim' with rate=49.75" in said
     assert said.endswith("other drivers have the rate of their binding in the robot's description")
     assert len(called_at([0.02 * number for number in range(100)], caplog)) == 1
+    assert len(called_at([0.004 * number for number in range(3)], caplog)) == 1
 
 
 @pytest.mark.parametrize(

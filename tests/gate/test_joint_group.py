@@ -9,6 +9,7 @@ import pytest
 from gate.gate_checks import LIMITS, make_robot
 from tci.errors import CommandError
 from tci.gate.joint_group import groups_of, make_chain
+from tci.reasons import Code
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 from tci.robot.joint_map import joint_map
@@ -46,8 +47,9 @@ def test_fingers_on_the_board_of_an_arm_are_another_group() -> None:
 
 def test_servos_without_limits_form_no_group() -> None:
     robot = make_robot(coupled=False, limits=LIMITS.model_copy(update={"jerk": None}))
-    with pytest.raises(CommandError, match="without limits"):
+    with pytest.raises(CommandError, match="^a servo without limits can't be moved$") as raised:
         make_chain(
             robot, [0, 1], np.zeros(6), old=None, fresh=(), period=0.01, speed_share=1.0,
             guard=lambda stop: None,
         )  # fmt: skip
+    assert raised.value.code is Code.LIMITS_UNKNOWN

@@ -181,6 +181,23 @@ def test_23_a_mode_that_comes_right_again_in_time_is_no_fault() -> None:
         assert monitor.step(replace(joints, modes=modes), reference(still, joints.stamp)) is None
 
 
+def test_23_a_mode_that_goes_wrong_later_is_told() -> None:
+    monitor = JointMonitor(ROBOT)
+    told = []
+    for joints in readings(still, duration=1.0):
+        modes = (Mode.TORQUE if joints.stamp > 0.1 else Mode.POSITION,) * 6
+        told.append(monitor.step(replace(joints, modes=modes), reference(still, joints.stamp)))
+    assert [fault is not None for fault in told] == [PERIOD * index > 0.615 for index in range(len(told))]
+
+
+def test_a_servo_without_a_limit_of_speed_may_be_as_fast_as_it_likes() -> None:
+    limits = ROBOT.servos[0].limits.model_copy(update={"velocity": None})
+    monitor = JointMonitor(make_robot(limits=limits))
+    far = replace(next(readings(still)), stamp=PERIOD, sequence=1, position=read_only(np.ones(6)))
+    for joints in (next(readings(still)), far):
+        assert monitor.step(joints, Reference(SERVOS[:0], (), np.zeros(0), np.zeros(0))) is None
+
+
 def test_22_a_servo_that_is_off_is_told_at_once() -> None:
     powered = np.ones(6, dtype=bool)
     powered[[3, 5]] = False
@@ -222,7 +239,7 @@ def test_angles_of_a_faulty_encoder_are_trusted_again_only_after_a_reset(
     monitor.forget()
     assert monitor.misled is misled
     monitor.reset()
-    assert not monitor.misled
+    assert monitor.misled is False
 
 
 def test_an_angle_that_stays_while_its_velocity_does_not_is_told() -> None:

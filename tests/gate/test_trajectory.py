@@ -266,12 +266,18 @@ def test_a_way_that_takes_longer_than_can_be_planned_is_not_begun() -> None:
 def test_what_rests_stays_where_it_is() -> None:
     start = BOUNDS.nearest(np.full(len(ARM), 0.1), FREE)
     limiter = OnlineTrajectory(BOUNDS, start, PERIOD)
+    assert np.array_equal(limiter.span, [start, start])
     times = np.array([0.0, 0.5, 7.0])
     for _ in range(2):
+        state = limiter.whole_state
+        assert limiter.rests is True
+        assert limiter.step() is limiter.position
+        assert limiter.whole_state is state
         assert np.array_equal(limiter.stop_at(times), [limiter.state[0]] * 3)
         assert np.array_equal(limiter.ahead(0.5), limiter.state[0])
         assert limiter.remaining == 0.0
         limiter.aim(BOUNDS.nearest(start + 0.05, FREE), BOUNDS.velocity)
+        assert limiter.rests is False
         for _ in range(200):
             limiter.step()
     assert limiter.state[0] == pytest.approx(limiter.target, abs=1e-9)

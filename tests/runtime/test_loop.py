@@ -27,7 +27,7 @@ from tci.reasons import Code, Reason
 from tci.robot.joint_map import initial_position
 from tci.runtime.lease import lease
 from tci.runtime.loop import MISSED, PERSISTS, REST, Tick, _Loop, run
-from tci.runtime.loop_report import Histogram, LoopReport
+from tci.runtime.loop_report import FINEST, Histogram, LoopReport
 from tci.runtime.watchdogs import LEAST_SILENCE, frozen_garbage, interruptions
 from tci.simulation.world import World
 
@@ -731,6 +731,14 @@ def test_41_lateness_is_counted_from_the_beginning_of_the_period(driver: Simulat
         loop._timing(BEGIN + (number + 0.25) * period)
     assert report.lateness.largest == pytest.approx(0.25 * period, rel=1e-3)
     assert report.lateness.quantile(0.5) == pytest.approx(0.25 * period, rel=0.05)
+
+
+def test_times_above_the_finest_one_are_told_apart() -> None:
+    times = Histogram()
+    for share in (1.0, 1.5, 2.5):
+        times.add(share * FINEST)
+    assert times.quantile(0.3) == FINEST
+    assert times.quantile(0.6) == pytest.approx(1.5 * FINEST, rel=0.05)
 
 
 def test_a_time_beyond_all_bins_is_counted_in_the_last_one() -> None:

@@ -47,7 +47,7 @@ def test_fingers_on_the_board_of_an_arm_are_another_group() -> None:
 
 def test_servos_without_limits_form_no_group() -> None:
     robot = make_robot(coupled=False, limits=LIMITS.model_copy(update={"jerk": None}))
-    with pytest.raises(CommandError, match="^a servo without limits can't be moved$") as raised:
+    with pytest.raises(CommandError, match=r"^a servo without limits can't be moved$") as raised:
         make_chain(
             robot, [0, 1], np.zeros(6), old=None, fresh=(), period=0.01, speed_share=1.0,
             guard=lambda stop: None,

@@ -46,8 +46,9 @@ def propose(
         path: URDF or MJCF file.
         name: Name of the robot.
         package: Installed Python package that contains the model.
-        mount: For a shoulder that differs from the generic shoulder only by a small rotation. True: the
-            shoulder is described by eq. 1 on a mount. False: it is retargeted in the torso frame.
+        mount: Selects the description of a shoulder whose axes are slightly rotated against those of the
+            generic shoulder. True: eq. 1 in a rotated frame, the mount. False: the shoulder is retargeted in
+            the torso frame.
         meshes: Folder with the meshes, if they are not at the paths in the model; "none" to do without
             meshes.
         arms: Names of the first joints of the left and the right shoulder, if the arms are in doubt.

@@ -258,8 +258,13 @@ class OnlineTrajectory:
         return self.bounds.inward(self.position, self._creeping)
 
     def _set_velocities(self, back: Array | None, *, inward: bool) -> None:
-        """Sets the target velocities of driven servos. Servos with a velocity `back` (n,) [rad/s] other than
-        0 get this velocity if `inward` is True; otherwise these servos stop."""
+        """Sets the target velocities of driven servos.
+
+        Args:
+            back: Velocity (n,) [rad/s] with which each servo outside its limits moves inward; 0 for a servo
+                inside its limits. None if all servos are inside.
+            inward: True: driven servos outside their limits move inward at `back`. False: they stop.
+        """
         allowed = self.bounds.allowed_velocity(self.position, np.nan_to_num(self.drive))
         if back is not None:
             allowed = np.where(self._driven & (back != 0.0), back if inward else 0.0, allowed)

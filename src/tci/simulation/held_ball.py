@@ -57,11 +57,11 @@ class HeldBall:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Path:
-    """Positions of one fingertip's taxels while the hand closes, in the frame of the palm's link. There are b
-    flexions and k taxels."""
+    """Positions of one fingertip's k taxels at b successive moments while the hand closes, in the frame of
+    the palm's link."""
 
     angles: Array
-    """Flexion (b,) [rad] of the finger."""
+    """Flexions (b,) [rad] of the finger at these moments."""
     positions: Array
     """Positions (b, k, 3) [m] of the taxels."""
     normals: Array

@@ -4,6 +4,7 @@ effects."""
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from itertools import pairwise, permutations
 
 import numpy as np
@@ -329,6 +330,16 @@ def test_the_same_frame_seen_again_changes_nothing() -> None:
     assert len(play(REFLEX, *frames)) == 1
 
 
+def test_a_frame_that_lasts_is_answered_by_a_wide_field_once_the_withdrawal_has_ended() -> None:
+    wide = one_field(name="wide", radius=0.6, motion=(0.1, 0.1, 0.0, 0.1, 0.0))
+    reflex = WithdrawalReflex(fields=(FIELD,), surround=(wide,))
+    beside = see(touch(FIELD.u + FIELD.radius + 0.05, 0.0, [3.0]))
+    after = [replace(beside, stamp=0.1 * tick) for tick in range(1, 10)]
+    assert reflex.answer(beside.contacts[0]) == WithdrawalReflex(fields=(wide,)).answer(beside.contacts[0])
+    assert len(play(reflex, see(poke(FIELD, 2.0)), *after[:4])) == 1
+    assert len(play(reflex, see(poke(FIELD, 2.0)), *after)) == 2
+
+
 def test_a_command_is_the_posture_at_the_trigger_plus_the_gain_times_the_base_motion() -> None:
     ((command,), memory) = REFLEX.step(REFLEX.init(BODY), see(poke(FIELD, 2.0), stamp=3.0), BODY)
     assert (command.part, command.mode) == ("left_arm", Mode.POSITION)
@@ -372,14 +383,16 @@ def bits(memory: WithdrawalMemory) -> dict[str, tuple[object, ...]]:
 
 @given(st.lists(st.lists(contacts, max_size=3), min_size=1, max_size=5))
 def test_the_same_inputs_give_the_same_outputs_bit_for_bit(course: list[list[Contact]]) -> None:
-    """The outputs are also equal for another object with equal settings, and from a stored memory."""
-    reflex, twin = WithdrawalReflex(), WithdrawalReflex()
+    """The outputs are also equal for a new object with equal settings, and from a stored memory. Each skin
+    frame lasts for several steps, as on a robot."""
+    reflex = WithdrawalReflex()
     memory = reflex.init(BODY)
-    for tick, touches in enumerate(course):
-        perception = see(*touches, stamp=0.1 * tick)
+    frames = [see(*touches) for touches in course for _ in range(2)]
+    for tick, frame in enumerate(frame for frame in frames for _ in range(3)):
+        perception = replace(frame, stamp=0.05 * tick)
         before = bits(memory)
         commands, after = reflex.step(memory, perception, BODY)
-        again, after_again = twin.step(pickle.loads(pickle.dumps(memory)), perception, BODY)
+        again, after_again = WithdrawalReflex().step(pickle.loads(pickle.dumps(memory)), perception, BODY)
         assert bits(memory) == before
         assert bits(after) == bits(after_again)
         assert [(c.part, c.values.tobytes()) for c in commands] == [

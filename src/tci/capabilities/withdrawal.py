@@ -52,6 +52,9 @@ class Answer:
     """Gain phi(F) psi(d) of the response (eq. 5), above 0 and at most 1."""
 
 
+_Asked = tuple[Contacts, frozenset[str], frozenset[str]]
+"""Contacts, the parts on which all contacts in one field count as one, and the touched arms for which fields
+of `surround` may respond."""
 WithdrawalMemory = Withdrawals[ReceptiveField]
 """Current withdrawals by generic part, and the reasons for which other touched arms do not move."""
 
@@ -85,6 +88,10 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     softness: float = 0.4
     """Stiffness of the arms in impedance mode, relative to full stiffness. Assumed: soft enough to yield to a
     hand, stiff enough to reach the target against gravity."""
+    _latest: tuple[_Asked | None, dict[str, list[Wish[ReceptiveField]]]] = field(
+        default=(None, {}), init=False, repr=False, compare=False
+    )
+    """Wishes that were computed last, and the values from which they were computed."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fields", tuple(self.fields))
@@ -140,7 +147,13 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
             # A moving part responds to the strongest touch of each field. Weaker touches have no effect.
             moving = frozenset([part for part, one in memory.motions.items() if not one.quiet])
             numbers = site_numbers(contacts.sites, moving)
-            wishes = self._wishes(contacts, numbers, self._asking(memory, contacts, numbers))
+            asked = contacts, moving, self._asking(memory, contacts, numbers)
+            # Skin frames arrive less often than steps are taken, so the contacts are often those of the
+            # previous step.
+            if asked != (latest := self._latest)[0]:
+                latest = asked, self._wishes(contacts, numbers, asked[2])
+                object.__setattr__(self, "_latest", latest)
+            wishes = latest[1]
         after = withdraw_all(memory, wishes, perception, body, refractory=self.refractory, mode=self.mode)
         if self.mode is not Mode.VELOCITY:
             return new_targets(memory, after, self.mode), after
@@ -186,7 +199,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
             found[wish.contact] = Answer(wish.field, wish.gain)
         return found
 
-    def _asking(self, memory: WithdrawalMemory, contacts: Contacts, numbers: SiteNumbers) -> Collection[str]:
+    def _asking(self, memory: WithdrawalMemory, contacts: Contacts, numbers: SiteNumbers) -> frozenset[str]:
         """Returns the touched arms for which fields of `surround` may respond.
 
         These are the arms at rest, and the arms that a field of `surround` already moves. `numbers` are the
@@ -195,8 +208,8 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         own = memory.motions
         asking = [p for p in numbers.limbs if p not in own or own[p].field.name in self._around]
         if not asking:
-            return ()
-        return {numbers.part[site] for site in {*contacts.site.tolist()}}.intersection(asking)
+            return frozenset()
+        return frozenset([numbers.part[site] for site in {*contacts.site.tolist()}]).intersection(asking)
 
     @cached_property
     def _around(self) -> frozenset[str]:

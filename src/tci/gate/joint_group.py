@@ -19,7 +19,6 @@ from tci.errors import CommandError
 from tci.frames import Array
 from tci.gate.acceptance import FAR_OFF, SLOWEST
 from tci.gate.bounds import Bounds, bounds_of
-from tci.gate.immovable import is_movable
 from tci.gate.kernels.couplings import shift
 from tci.gate.kernels.targets import take_targets
 from tci.gate.trajectory import Guard, OnlineTrajectory
@@ -137,25 +136,3 @@ def groups_of(robot: Robot) -> list[int]:
         tied = {groups[parts[servo]] for servo in coupling.servos}
         groups = {part: min(tied) if group in tied else group for part, group in groups.items()}
     return [groups[part] for part in parts]
-
-
-def rehearse(robot: Robot, box: Array, *, period: float, speed_share: float) -> None:
-    """Moves a group of servos by one period without sending anything, and discards this motion.
-
-    The first motion of a process loads code and memory that the process has not used before, which takes 0.4
-    ms. After a rehearsal, no period of the control loop is delayed in this way. `box` (2, n_servos) [rad]
-    contains the limits of all servos.
-    """
-    groups = groups_of(robot)
-    movable = [servo.index for servo in robot.servos if is_movable(servo)]
-    servos = [servo for servo in movable if groups[servo] == groups[movable[0]]]
-    if not servos:
-        return
-    middle = np.nan_to_num(box.mean(axis=0))
-    chain = make_chain(
-        robot, servos, middle, old=None, fresh=(), period=period, speed_share=speed_share,
-        guard=lambda stop: None,
-    )  # fmt: skip
-    speeds = np.ones(len(servos))
-    chain.aim(chain.index, (middle + box[1])[chain.index] / 2.0, speeds, box, np.empty(len(servos)))
-    chain.limiter.step()

@@ -22,10 +22,10 @@ from tci.gate.bounds import MARGIN
 from tci.gate.commanded_groups import CommandedGroups
 from tci.gate.freshness import Freshness
 from tci.gate.immovable import Immovable
-from tci.gate.joint_group import rehearse
 from tci.gate.joint_monitor import Reference
 from tci.gate.kernels.targets import INVALID, is_far_off
 from tci.gate.settings import GateSettings, Tally
+from tci.gate.spare_motion import SpareMotion
 from tci.gate.speeds import Slope, Speeds
 from tci.gate.torque import TorqueLimiter
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
@@ -71,7 +71,7 @@ class Motion:
         self._immovable = Immovable(robot)
         self._shares = np.zeros(len(robot.servos))
         self._none = frozen(np.zeros(0))
-        rehearse(robot, self._box, period=period, speed_share=settings.speed_share)
+        SpareMotion(robot, period=period, speed_share=settings.speed_share).step()
 
     @property
     def modes(self) -> list[Mode]:

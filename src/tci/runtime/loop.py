@@ -22,7 +22,7 @@ from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
 from tci.capabilities.capability import Capability
 from tci.capabilities.orders import begin_of, step_of
-from tci.clock import ROUNDING
+from tci.clock import ROUNDING, MonotonicClock
 from tci.drivers.driver import Driver
 from tci.errors import CommandError, FrameError
 from tci.gate.gate import GateState, SafeCommand
@@ -32,6 +32,7 @@ from tci.runtime.arguments import as_capability, as_driver, check_duration
 from tci.runtime.lease import commanding
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.result import Account, RunResult
+from tci.runtime.warm_up import WARM_UP, WarmUp
 from tci.runtime.watchdogs import SkinWatchdog, frozen_garbage, interruptions
 
 MISSED = 3
@@ -127,6 +128,7 @@ def run(
                 interruption.raise_it()
                 if until is not None and until(loop.memory):
                     break
+                loop.warm_up(now)
             else:
                 loop.end(duration)
             loop.finish()
@@ -176,6 +178,9 @@ class _Loop(Generic[Memory]):
         self._perception: Perception | None = None
         self._joints: JointReading | None = None
         self._sent: SafeCommand | None = None
+        # a simulated clock waits for the loop, so saved time at the next command would be no gain
+        real = isinstance(driver.clock, MonotonicClock)
+        self._warm_up = WarmUp(self.body, driver.gate) if real and write else None
 
     def begin(self, now: float) -> None:
         """Sets the start of the first period to the time `now` [s]."""
@@ -215,6 +220,14 @@ class _Loop(Generic[Memory]):
             self.observe(Tick(now, reading, self._perception, commands, sent))
         self.report.ticks += 1
         self.report.work.add(time.perf_counter() - begin)
+
+    def warm_up(self, now: float) -> None:
+        """Keeps the code of a command in the processor's caches. Does so once in `WARM_UP` periods, and only
+        if half of the period that began at `now` [s] is left."""
+        if self._warm_up is None or self.report.ticks % WARM_UP:
+            return
+        if self.driver.clock.now() - now < self._period / 2:
+            self._warm_up.step()
 
     def end(self, duration: float | None) -> None:
         """Counts the missed periods between the last tick and the end of the run. The run ends `duration` [s]

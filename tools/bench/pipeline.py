@@ -127,14 +127,14 @@ class Pipeline:
         self.warm_up = WarmUp(self.body, self.gate)
         self.frames = touched(self.robot, contacts, dtype=dtype, towards=towards)
         self.position = np.array(initial_position(self.robot))
-        self.every, self.count, self.moved = every, 0, 0
+        self.every, self.count = every, 0
         self.taxels = sum(patch.channels for patch in self.robot.patches)
         for _ in range(WARM):
             self()
-        self.moved = 0
+        moved = 0.0
         for _ in range(RARE):
             self()
-        moved = self.moved / RARE
+            moved += bool(np.any(np.abs(self.sent.velocity) > STILL)) / RARE
         assert moved > 0.9 if 0 < every <= TURN else every or not moved, moved
         self.contacts = len(self.seen.contacts)
 
@@ -146,9 +146,8 @@ class Pipeline:
         self.seen = self.perceiver.step(Reading(joints, skin), now)
         commands, self.memory = self.capability.step(self.memory, self.seen, self.body)
         platform, refused = self.body.to_platform(commands, joints)
-        safe = self.gate.step(platform, joints, now, refused=refused)
+        safe = self.sent = self.gate.step(platform, joints, now, refused=refused)
         self.position[safe.servos] = safe.position
-        self.moved += bool(np.any(np.abs(safe.velocity) > STILL))
         return safe
 
     def rare(self) -> float:

@@ -21,8 +21,9 @@ module. Assumed: far above 0.07, the fraction for the pads on an iCub's foot."""
 def live_channels(values: Array, *, per_module: int = PER_MODULE) -> NDArray[np.bool_]:
     """Returns a mask (channels,) of the channels that are taxels, from frames (n, channels) with touches.
 
-    If no channel of a module ever changes, its channels are not counted as taxels. The module is then absent
-    or its board sends no data; the values don't distinguish between these cases. Thermal pads have the same
+    A skin consists of modules, which are boards with `per_module` channels each. If no channel of a module
+    ever changes, its channels are not counted as taxels. The module is then absent or sends no data; the
+    values don't distinguish between these cases. Thermal pads have the same
     channel number (0 to 11) in all modules: the numbers of those channels whose values vary little in most
     modules. Raises TciError for frames that do not divide into modules, that contain values that are not
     finite, or in which no value changes.

@@ -125,8 +125,8 @@ class CommandedGroups:
         return list(chains.values())
 
     def switch(self, servos: Sequence[int], mode: Mode, loose: set[int]) -> None:
-        """Switches `servos` to `mode` at their present positions. After the switch, the servos `loose` are in
-        torque mode.
+        """Switches `servos` to `mode` at their present positions. After the switch, all servos of the robot
+        that are in torque mode are those in `loose`.
 
         Raises CommandError if some servos can't be switched; in this case nothing changes.
         """

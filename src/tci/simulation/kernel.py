@@ -118,9 +118,9 @@ def _weigh(u: float, v: float, count: int, work: Array, row: int) -> float:
 def _centre(count: int, work: Array) -> None:
     """Writes shares proportional to exp(logarithms + offsets . tilt).
 
-    The tilt is chosen so that the weighted mean of the taxels is at the point of the force. Newton's method
-    finds this tilt as the minimum of the convex function log(sum) + softness / 2 * tilt^2, whose gradient is
-    the weighted mean offset plus softness * tilt.
+    The tilt is chosen so that the weighted mean of the taxels is near the point of the force. A larger
+    softness keeps the tilt smaller. Newton's method finds the tilt as the minimum of the convex function
+    log(S) + softness / 2 * tilt^2, where S is the sum of the exponentials above over all taxels.
     """
     tilt_u = tilt_v = 0.0
     row, other = SHARE, _TRIAL

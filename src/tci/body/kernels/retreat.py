@@ -133,9 +133,9 @@ def _depth(centre: Vector, p: int, layout: LayoutArrays, radius: float, near: Ar
     its last position to `centre` [m].
 
     The positions are given in the patch's link. `near` (5,) is the row of `Room.near` for this sphere and
-    patch, and is updated. If a point of the path is closer to the last examined point than the skin was to
-    the sphere there, the skin can't touch the sphere, so this point is not examined (sphere tracing, Hart
-    1996).
+    patch, and is updated. Only some points of the path are examined. If the skin is at a distance d from the
+    sphere at one point, it can't touch the sphere at points that are closer than d, so these are skipped
+    (sphere tracing, Hart 1996).
     """
     x, y, z = near[0], near[1], near[2]
     u, v, w = centre[0] - x, centre[1] - y, centre[2] - z

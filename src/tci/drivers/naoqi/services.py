@@ -19,7 +19,7 @@ SETTLED = 0.01
 """Largest distance [rad] from the target at which a joint counts as arrived in a blocking motion. Assumed:
 0.6 degrees; because of backlash, a joint may never come closer to its target."""
 LONGEST = 1000
-"""Largest number of joints or keys in one call."""
+"""Largest number of joint names, or of keys of ALMemory, in one call."""
 
 
 @qi.multiThreaded()

@@ -69,7 +69,7 @@ class SkinLayout:
 
     @property
     def taxels(self) -> NDArray[np.intp]:
-        """Channels that are taxels with a position: all `valid` channels except pads."""
+        """Channels that are taxels with a position: all `valid` channels except thermal pads."""
         return np.flatnonzero(self.valid & ~self.pads)
 
     def moved(self, T_LF: Array) -> SkinLayout:

@@ -58,8 +58,8 @@ class _OnlyMachineCode(CompileResultCacheImpl):
     """Converts a compiled loop to the data in the cache. Leaves out bitcode and annotations, which nobody
     reads.
 
-    Numba needs the bitcode of a loop only to link it into other loops. TCI's loops call only `inlined` loops,
-    which are not cached. Parsing the bitcode took half of the time for loading a loop.
+    Numba needs the bitcode of a loop only if another loop calls this loop. TCI's loops call only `inlined`
+    loops, which are not cached. Parsing the bitcode took half of the time for loading a loop.
     """
 
     def reduce(self, result: Any) -> tuple[Any, ...]:

@@ -37,10 +37,10 @@ limb and carries its weight."""
 JERK = 100.0
 """Ratio of the proposed jerk limit to the proposed acceleration limit [1/s]."""
 TORQUE, FINGER_TORQUE, STRONGEST = 40.0, 1.0, 1e4
-"""Torques [N m]. TORQUE, FINGER_TORQUE: limits of a joint, and of a joint of a finger, for which the file
-gives no limit. STRONGEST: a limit in the file of at least this value counts as a placeholder. A motor of a
-finger reaches about 1 N m; with 40 N m, the fingers of an Allegro hand pressed on a ball with 11 N before
-their skin reported the touch."""
+"""Torques [N m]. TORQUE is the limit that a joint gets if the file has none; FINGER_TORQUE is the same for a
+joint of a finger. A limit in the file of STRONGEST or more counts as a placeholder. A motor of a finger
+reaches about 1 N m; with 40 N m, the fingers of an Allegro hand pressed on a ball with 11 N before their skin
+reported the touch."""
 
 
 @dataclass(frozen=True, slots=True)

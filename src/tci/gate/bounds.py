@@ -114,11 +114,11 @@ def _stopping_speed(room: Array, acceleration: Array, jerk: Array) -> Array:
 
 
 def bounds_of(robot: Robot, servos: Sequence[int], *, speed_share: float) -> tuple[Bounds, Array]:
-    """Returns the bounds of `servos` (n,), and coefficients (m, n_servos). The bounds contain each coupling
-    in which one of these servos occurs.
+    """Returns the bounds of `servos` (n,), with all m couplings in which one of these servos occurs, and the
+    coefficients (m, n_servos) of all other servos in these couplings.
 
-    An unknown limit is NaN. The coefficients are those of all other servos in the couplings: the angles of
-    these other servos shift the bounds of the couplings.
+    An unknown limit is NaN. The coefficients are necessary because the angles of the other servos shift the
+    bounds of the couplings.
     """
     limits = [robot.servos[servo].limits for servo in servos]
     rows, lowest, highest = robot.coupling_rows

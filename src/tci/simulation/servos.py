@@ -210,7 +210,8 @@ class Servos:
 
     @property
     def stiffness(self) -> Array:
-        """Full stiffness (n,) [N m/rad] of each servo. 0 for a servo without a joint."""
+        """Stiffness (n,) [N m/rad] of each servo at the stiffness fraction 1. 0 for a servo whose joint the
+        simulated model lacks."""
         result = np.zeros(len(self._home))
         np.add.at(result, self.moving, self.state[at.RATIO] ** 2 * self._kp)
         return result

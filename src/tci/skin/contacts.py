@@ -253,12 +253,12 @@ def centre_of_pressure(positions: Array, forces: Array) -> Array:
 def weighted_force(contact: Contact, radius: float, *, measure: Measure = "weighted") -> float:
     """Returns F-bar [N] of eq. 7, a weighted mean of the taxel forces.
 
-    The weight of a taxel is 2 r minus the distance between the taxel P_t and the centre P. `radius` r [limb
-    lengths] is the radius of the receptive field. Eq. 7 gives negative weights to taxels farther than 2 r
-    from the centre. These taxels are left out. If no taxel has a positive weight, the result is 0. The
-    weighted mean decreases when weak taxels are added to a strong one, and it is proportional to the area of
-    one taxel. The total force (`measure` "total") has neither property. The peak force ("peak") is
-    proportional to the area of one taxel. Raises UnknownNameError for another measure.
+    The weight of a taxel is 2 r minus the distance [limb lengths] between the taxel and the contact's centre.
+    `radius` r [limb lengths] is the radius of the receptive field. Eq. 7 gives negative weights to taxels
+    farther than 2 r from the centre. These taxels are left out. If no taxel has a positive weight, the result
+    is 0. The weighted mean decreases when weak taxels are added to a strong one, and it is proportional to
+    the area of one taxel. The total force (`measure` "total") has neither property. The peak force ("peak")
+    is proportional to the area of one taxel. Raises UnknownNameError for another measure.
     """
     if measure == "total":
         return contact.force

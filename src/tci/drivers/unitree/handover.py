@@ -35,10 +35,10 @@ largest age of a usable state."""
 LONGEST = 0.02
 """Largest time [s] by which one step advances the handover. Without this bound, the weight would jump after a
 pause of the process. Assumed: five periods are enough for normal delays."""
-LEFT = 0.1
-"""A motor has left its target if its distance from the target has grown by more than this [rad] during a gap
-in the states. Assumed: the robot's own controller moves a motor by this angle in 0.2 s, if that controller's
-posture is 1 rad away."""
+MOVED_AWAY = 0.1
+"""A motor has moved away from its target if its distance from the target has grown by more than this [rad]
+during a gap in the states. Assumed: the robot's own controller moves a motor by this angle in 0.2 s, if that
+controller's posture is 1 rad away."""
 ROWS = 5
 Q, DQ, TAU, KP, KD = range(ROWS)
 """Rows of targets (5, 29): angle, velocity, torque and gains of each motor."""
@@ -120,14 +120,14 @@ class Handover:
         """Begins to hand back the motors of a robot whose posture changed from `before` to `posture` (29,)
         [rad] while no states arrived.
 
-        If a motor's distance from its target has grown by more than LEFT, the motor's new target is its
-        present angle: the old target would cause a step. Other targets do not change, since a loaded motor is
-        always at a small distance from its target.
+        If a motor is now farther from its target than before the gap, by more than MOVED_AWAY, its present
+        angle becomes its new target: the old target would cause a step. Other targets do not change, since a
+        loaded motor is always at a small distance from its target.
         """
         self.give()
         goal = self._goal[Q]
-        left = np.abs(posture - goal) > np.abs(before - goal) + LEFT
-        goal[left] = posture[left]
+        away = np.abs(posture - goal) > np.abs(before - goal) + MOVED_AWAY
+        goal[away] = posture[away]
 
     def step(self, now: float) -> Array:
         """Advances the handover to the time `now` [s]. Returns the targets (5, 29) to send."""

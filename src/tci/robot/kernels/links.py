@@ -13,8 +13,8 @@ BEFORE, SERVO, SLIDES = range(3)
 """Columns of the table `steps`: index of the step before, index of the servo, and 1 if the joint slides.
 `KinematicChain.steps` has the details."""
 STEP, SIGN = range(2)
-"""Columns of a path: index of a step, and factor of the step's servo in a Jacobian. The factor is 1 or -1, or
-0 for a step that does not change the Jacobian."""
+"""Columns of a path, the table that `KinematicChain.path` returns: a row in `steps`, and the sign of the
+step's servo in a Jacobian (1, -1, or 0 for a step that does not change the Jacobian)."""
 
 
 @inlined

@@ -215,7 +215,7 @@ class _Mimics:
 
 
 class _Steps:
-    """The steps that lead to all bodies of a model."""
+    """The steps (see the top of this file) of the paths from the root of a model to all its bodies."""
 
     def __init__(self, robot: Robot, model: mujoco.MjModel) -> None:
         servos, _, columns = joints_of(robot, model)

@@ -306,9 +306,9 @@ class _Loop(Generic[Memory]):
             cause.add_note(f"and the robot could not be brought to rest: {error}")
 
     def _rest(self, halt: Callable[[], None] | None = None) -> None:
-        """Writes commands until the commanded speeds and torques of all joints are zero. Calls `halt`, if
-        given, in each period. Writes for more than `MISSED` periods, so that other processes receive the last
-        commands.
+        """Writes commands until the commanded speeds and torques of all joints are zero, but for at least
+        `MISSED` + 1 periods, so that a process that missed `MISSED` commands receives the last one. Calls
+        `halt`, if given, in each period.
         """
         for count, sent in enumerate(self._writes(halt), start=1):
             if count > MISSED and not _moves(sent):

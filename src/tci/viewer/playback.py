@@ -21,8 +21,8 @@ STEP = 0.01
 
 
 class Playback:
-    """Controls of all players. The controls are added to the container that is open in viser. The method
-    `advance` executes a person's requests."""
+    """Controls, such as play and pause, for all recordings on the page. The controls are added to the
+    container that is open in viser. The method `advance` executes a person's requests."""
 
     def __init__(self, server: viser.ViserServer, players: Sequence[Player]) -> None:
         self._server = server

@@ -60,8 +60,8 @@ from yarpwire.connection_limit import AcceptedConnection, ConnectionLimit
 
 BACKLOG = 128
 """Two limits of connections: how many may wait until the server accepts them, and how many the server accepts
-in one period. The limits keep a period short if very many clients connect. Assumed: fewer clients connect at
-once."""
+in one period. The limits keep a period short if very many clients connect. Assumed: in normal use, the number
+of clients that connect at the same time is below these limits."""
 MOST_WAITING = 1 << 16
 """Largest number of bytes that may wait until a slow client reads them. While more bytes wait, the server
 drops further data for this client. Assumed: the limit keeps the memory small, and the data that the client

@@ -67,7 +67,7 @@ class State:
     gate: str
     """State of the gate: run, hold or stop."""
     reason: Reason | None
-    """Reason for the gate's state hold or stop. The value is None in the state run."""
+    """Reason why the gate holds or stops the robot; None in the state `run`."""
     commanders: tuple[Commander, ...]
 
 

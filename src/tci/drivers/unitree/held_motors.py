@@ -155,7 +155,7 @@ class HeldMotors:
             theirs.close()
             with mine:
                 keeper = Keeper(self._orders, self._node, mine)
-                keeper.succeed(state, goal, weight, time.monotonic())
+                keeper.take_over(state, goal, weight, time.monotonic())
                 self._successor = keeper
                 keep(keeper, mine, self._orders.period)
 

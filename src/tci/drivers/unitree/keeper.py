@@ -93,8 +93,9 @@ class Keeper:
         self._reason = ""
         self._told = b""
 
-    def succeed(self, state: Any, goal: Array, weight: float, now: float) -> None:
-        """Begins to hand back the motors of another keeper that was killed.
+    def take_over(self, state: Any, goal: Array, weight: float, now: float) -> None:
+        """Takes over from a keeper that was killed, and begins to hand the motors back to the robot's own
+        controller.
 
         `goal` (5, 29) and `weight` are the last targets and the weight of that keeper; `state` is the robot's
         latest state.

@@ -102,8 +102,8 @@ class KinematicChain:
         return self.pose_and_jacobian(position, link, point=point)[1]
 
     def pose_and_jacobian(self, position: Array, link: str, *, point: Array = _ORIGIN) -> tuple[Array, Array]:
-        """Returns the pose `T_TP` (4, 4) and the Jacobian. The pose has the orientation of the link and the
-        position of `point`. One call is faster than calls of `pose_array` and `jacobian`."""
+        """Returns the pose `T_TP` (4, 4) and the Jacobian, see `jacobian`. The pose has the orientation of the
+        link and the position of `point`. One call is faster than calls of `pose_array` and `jacobian`."""
         if np.shape(point) != (3,):
             raise CommandError(f"point of shape {np.shape(point)}; valid: (3,)")
         found = self._jacobians.get(link)
@@ -293,8 +293,9 @@ def written(model: Model) -> int:
 
 @lru_cache(maxsize=16)
 def _bare_model(model: Model, _: int) -> mujoco.MjModel:
-    """Returns the model of a file that was written at a given time [ns]. The result is cached, because
-    reading an iCub's model takes 60 ms."""
+    """Returns MuJoCo's form of a model, reduced to what kinematics need. The result is cached, because
+    reading an iCub's model takes 60 ms. The second argument, the time [ns] at which the file was written,
+    makes the cache read a changed file again."""
     spec = load_spec(model)
     useless = (spec.sensors, spec.actuators, spec.equalities, spec.tendons, spec.pairs, spec.excludes)
     for element in [element for group in (*useless, spec.geoms, spec.meshes) for element in group]:

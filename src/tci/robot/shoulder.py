@@ -136,11 +136,10 @@ class Shoulder:
 
     @cached_property
     def _seen(self) -> tuple[Array, list[Vector]]:
-        """Constant vectors for `_solve`.
+        """Constant vectors for `_solve`, made of the shoulder's axes a1, a2 and a3 with all servos at zero.
 
-        The first result (3, 2) is in the frame of the upper arm with all servos at zero: the third axis, and
-        its cross product with the second axis. The second result is in the torso frame: the three axes, the
-        cross product of third and second axis, and the cross product of first and second axis.
+        The first result (3, 2) has the columns a3 and a3 x a2 in the frame of the upper arm. The second
+        result is a list of five vectors in the torso frame: a1, a2, a3, a3 x a2 and a1 x a2.
         """
         first, second, third = self.axes
         vectors = first, second, third, np.cross(third, second), np.cross(first, second)

@@ -21,7 +21,7 @@ from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface, tangents
 
 _NEVER = int(np.iinfo(np.int64).max)
-"""Step number that no world ever reaches, for a world in which no further frame is due."""
+"""Number of the step with the next frame, for a world without skin. No world reaches this number."""
 
 
 class Taxels:

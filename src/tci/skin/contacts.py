@@ -150,7 +150,8 @@ class ContactFinder:
         return _limb_angles(self.layout.parts, posture)
 
     def _turn(self, made: ContactArrays, state: SkinState, vectors: Array, poses: Array) -> None:
-        """Computes f_T of the contacts on three-axis taxels from the measured `vectors` of these taxels."""
+        """Computes the force vectors f_T of contacts on three-axis taxels, from the forces `vectors` (k, 3)
+        [N] that these taxels measured."""
         for row, p in enumerate(made.site.tolist()):
             if self.layout.patches[p].description.sensor.axes == AXES:
                 own = slice(*state.begin[p : p + 2])

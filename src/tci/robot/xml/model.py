@@ -118,7 +118,7 @@ def beside(node: Node, source: Path, what: str, faults: Faults) -> Path | None:
 
 
 def packaged(package: str, file: str) -> Path | None:
-    """Returns the path of a package's installed file, of which `file` is the end; None if the package has no
+    """Returns the path of a package's installed file whose path ends in `file`; None if the package has no
     such file.
 
     Raises PackageNotFoundError if the package is not installed.

@@ -119,8 +119,9 @@ def check_synergy(node: Node, generic: Sequence[GenericServo], faults: Faults) -
 
 
 def separable(coupled: Sequence[GenericServo]) -> bool:
-    """Returns True if the coupled joints of a part combine only the servos of these joints, and if the matrix
-    of the factors is invertible. `coupled` contains at least one joint."""
+    """Returns True if a part's angles can be converted back to servo angles. Each of the joints `coupled` is
+    a weighted sum of servo angles. These sums must contain only the joints' own servos, and the matrix of the
+    weights must be invertible. `coupled` contains at least one joint."""
     own = [joint.servo for joint in coupled]
     if any(term.servo not in own for joint in coupled for term in joint.terms):
         return False

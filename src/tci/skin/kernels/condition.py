@@ -67,8 +67,8 @@ GAP = 1.0
 """Upper bound [s] on the frame interval that is added to the length of an estimation window. Assumed: during
 a longer pause the patch was not observed."""
 _STEP, _FEW = 256, 8
-"""Numbers of values that are examined at once: in the comparison of two frames, and in the search for active
-taxels."""
+"""Numbers of values that are examined at once: _STEP in the comparison of two frames, _FEW in the search for
+active taxels."""
 
 
 @inlined

@@ -46,7 +46,7 @@ MOST_HIDDEN = 0.5
 would be unreliable."""
 _FIRST, _LAST = float(WIDTHS[0]), len(WIDTHS) - 1
 _NONE, _ONE = np.uint64(0), np.uint64(1)
-"""Unsigned indices. With these, numba omits the check for negative (wrap-around) indices."""
+"""0 and 1 as unsigned integers. For unsigned indices, Numba omits the check for negative indices."""
 
 
 @inlined

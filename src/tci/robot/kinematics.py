@@ -102,8 +102,8 @@ class KinematicChain:
         return self.pose_and_jacobian(position, link, point=point)[1]
 
     def pose_and_jacobian(self, position: Array, link: str, *, point: Array = _ORIGIN) -> tuple[Array, Array]:
-        """Returns the pose `T_TP` (4, 4) and the Jacobian, see `jacobian`. The pose has the orientation of the
-        link and the position of `point`. One call is faster than calls of `pose_array` and `jacobian`."""
+        """Returns the pose `T_TP` (4, 4) and the Jacobian, see `jacobian`. The pose has the orientation of
+        the link and the position of `point`. One call is faster than calls of `pose_array` and `jacobian`."""
         if np.shape(point) != (3,):
             raise CommandError(f"point of shape {np.shape(point)}; valid: (3,)")
         found = self._jacobians.get(link)

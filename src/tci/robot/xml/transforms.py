@@ -84,8 +84,8 @@ def read_terms(part: Node, node: Node, kind: str, servos: Servos, faults: Faults
 
 
 def check_coupled(node: Node, generic: Sequence[GenericServo], faults: Faults) -> None:
-    """Checks that the coupled joints of a part combine only the servos of these joints, and that the matrix
-    of the factors is invertible."""
+    """Checks that the coupled joints of a part, which are weighted sums of servo angles, contain only the
+    joints' own servos, and that the matrix of the weights is invertible."""
     coupled = [joint for joint in generic if joint.transform == "coupled" and joint.servo is not None]
     own = [joint.servo for joint in coupled]
     for joint in coupled:

@@ -63,7 +63,7 @@ class LightGrasp(Capability[Grips]):
     force: float = 1.0
     """Force [N] with which each finger presses: enough to measure a held object, and harmless."""
     touch: float = 0.3
-    """Smallest force [N] on the palm that lets the hand close."""
+    """Smallest force [N] on the palm that makes the hand close."""
     pull: float = 2.5
     """Least force [N] with which a person must pull a finger to make the hand open. The hand also opens when
     a held object leaves the palm."""

@@ -52,9 +52,9 @@ class Answer:
     """Gain phi(F) psi(d) of the response (eq. 5), above 0 and at most 1."""
 
 
-_Asked = tuple[Contacts, frozenset[str], frozenset[str]]
-"""Contacts, the parts on which all contacts in one field count as one, and the touched arms for which fields
-of `surround` may respond."""
+_WishInputs = tuple[Contacts, frozenset[str], frozenset[str]]
+"""All values on which the wishes depend: the contacts, the parts on which all contacts in one field count as
+one, and the touched arms for which fields of `surround` may respond."""
 WithdrawalMemory = Withdrawals[ReceptiveField]
 """Current withdrawals by generic part, and the reasons for which other touched arms do not move."""
 
@@ -88,7 +88,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     softness: float = 0.4
     """Stiffness of the arms in impedance mode, relative to full stiffness. Assumed: soft enough to yield to a
     hand, stiff enough to reach the target against gravity."""
-    _latest: tuple[_Asked | None, dict[str, list[Wish[ReceptiveField]]]] = field(
+    _latest: tuple[_WishInputs | None, dict[str, list[Wish[ReceptiveField]]]] = field(
         default=(None, {}), init=False, repr=False, compare=False
     )
     """Wishes that were computed last, and the values from which they were computed."""
@@ -147,11 +147,11 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
             # A moving part responds to the strongest touch of each field. Weaker touches have no effect.
             moving = frozenset([part for part, one in memory.motions.items() if not one.quiet])
             numbers = site_numbers(contacts.sites, moving)
-            asked = contacts, moving, self._asking(memory, contacts, numbers)
+            inputs = contacts, moving, self._asking(memory, contacts, numbers)
             # Skin frames arrive less often than steps are taken, so the contacts are often those of the
             # previous step.
-            if asked != (latest := self._latest)[0]:
-                latest = asked, self._wishes(contacts, numbers, asked[2])
+            if inputs != (latest := self._latest)[0]:
+                latest = inputs, self._wishes(contacts, numbers, inputs[2])
                 object.__setattr__(self, "_latest", latest)
             wishes = latest[1]
         after = withdraw_all(memory, wishes, perception, body, refractory=self.refractory, mode=self.mode)

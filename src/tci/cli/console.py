@@ -21,8 +21,8 @@ def print_json(value: Any) -> None:
 
 @contextmanager
 def told_here() -> Iterator[None]:
-    """Hides the log messages of TCI inside the block. This is needed for a command that prints the logged
-    events itself."""
+    """Hides the log messages of TCI inside the `with` block. This is needed for a command that prints the
+    logged events itself."""
     log, quiet = logging.getLogger("tci"), logging.NullHandler()
     log.addHandler(quiet)
     try:

@@ -33,7 +33,7 @@ class RunView:
         self._live = None if quiet else Live(console=console, refresh_per_second=10, transient=True)
 
     def shown(self) -> AbstractContextManager[object]:
-        """Returns a context manager that shows the line with the current state inside the block."""
+        """Returns a context manager that shows the line with the current state inside the `with` block."""
         return self._live or nullcontext()
 
     def event(self, event: Event) -> None:

@@ -19,10 +19,10 @@ def real_time(*, priority: int = PRIORITY, processor: int | None = None) -> Iter
     """Gives the thread of the `with` block real-time priority (SCHED_FIFO).
 
     The system then runs this thread before all threads without real-time priority. If `processor` is given,
-    the thread runs only on this processor. Threads and processes that are started inside the block inherit
-    the priority. A capability that does not return then blocks the thread's processor for all other programs.
-    Raises TciError if the system does not permit real-time priority. In this case the thread's priority does
-    not change.
+    the thread runs only on this processor. Threads and processes that are started inside the `with` block
+    inherit the priority. A capability that does not return then blocks the thread's processor for all other
+    programs. Raises TciError if the system does not permit real-time priority. In this case the thread's
+    priority does not change.
     """
     if sys.platform != "linux":
         raise TciError(f"real time on {sys.platform}; valid: on Linux")

@@ -43,8 +43,8 @@ own. Python 3.12 itself freezes 375 objects. A program that calls `gc.freeze` fr
 
 @contextmanager
 def attentive() -> Iterator[None]:
-    """Makes Python switch threads after `TURN` [s] inside the block, so that other threads also run while the
-    loop computes."""
+    """Makes Python switch threads after `TURN` [s] inside the `with` block, so that other threads also run
+    while the loop computes."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(min(before, TURN))
     try:
@@ -194,9 +194,9 @@ class Interruption:
 
 @contextmanager
 def interruptions() -> Iterator[Interruption]:
-    """Catches signals and the exceptions of all threads inside the block. Signals are caught only if the
-    block runs in the main thread. The first signal is only stored, so that the loop can bring the robot to
-    rest. A second signal interrupts a capability that does not return, but never the motion to rest.
+    """Catches signals and the exceptions of all threads inside the `with` block. Signals are caught only if
+    the block runs in the main thread. The first signal is only stored, so that the loop can bring the robot
+    to rest. A second signal interrupts a capability that does not return, but never the motion to rest.
     """
     found = Interruption()
 
@@ -249,8 +249,8 @@ def _leave_threads(found: Interruption) -> None:
 
 @contextmanager
 def frozen_garbage() -> Iterator[None]:
-    """Excludes all existing objects from garbage collection inside the block. Otherwise, in a program with
-    many objects, each garbage collection would stop the loop for a long time.
+    """Excludes all existing objects from garbage collection inside the `with` block. Otherwise, in a program
+    with many objects, each garbage collection would stop the loop for a long time.
     """
     if gc.get_freeze_count() > FROZEN_BY_PYTHON:
         yield

@@ -98,7 +98,7 @@ class RclpyNode(RosNode):
 
 @contextmanager
 def _ranging(reach: str) -> Iterator[None]:
-    """Inside the block, sets the environment variable for the range of discovery.
+    """Inside the `with` block, sets the environment variable for the range of discovery.
 
     rclpy reads the variable only at the start of a context.
     """

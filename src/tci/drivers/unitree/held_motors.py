@@ -91,7 +91,7 @@ class HeldMotors:
                     self.status = Status(Phase(phase), lasting, weight, reason)
                 else:
                     self._ended = True
-                    self._succeed()
+                    self._hand_back()
             if self._successor is not None:
                 fading = self._successor.handover
                 self.status = self.status._replace(phase=fading.phase, weight=fading.weight)
@@ -139,7 +139,7 @@ class HeldMotors:
         self._process.wait()
         self.poll()
 
-    def _succeed(self) -> None:
+    def _hand_back(self) -> None:
         """Hands the motors back, in a thread, if the keeper ended while it controlled the motors."""
         with suppress(subprocess.TimeoutExpired):
             if self._process.wait(1.0) == 0 or self.status.phase is Phase.WAITING:

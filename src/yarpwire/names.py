@@ -1,4 +1,4 @@
-"""The name server's client, and the files with the name server's address.
+"""Client of the name server, and reader and writer of the files with the name server's address.
 
 The file `yarp.conf` contains the address, for example `127.0.0.1 10000 yarp`. The file is in
 $YARP_CONFIG_HOME if this variable is set, otherwise in $XDG_CONFIG_HOME/yarp, otherwise in ~/.config/yarp.

@@ -19,9 +19,9 @@ def with_dense_skin(robot: Robot, taxels: int, *, patches: int | None = None, pi
     """Returns the robot with about `taxels` taxels in `patches` patches, which lie on cones around its limbs.
 
     The cones are fitted to the present skin of the limbs. If there are more new patches than present ones,
-    the limbs are divided lengthwise. If the taxels would lie closer together than `pitch` [m], the cones are
-    made wider than the limbs. Raises TciError for a robot without skin on limbs, or for fewer than 9 taxels
-    in a patch.
+    each cone is divided along its axis into sections, one per patch. If the taxels would lie closer together
+    than `pitch` [m], the cones are made wider than the limbs. Raises TciError for a robot without skin on
+    limbs, or for fewer than 9 taxels in a patch.
     """
     own = [patch for patch in robot.patches if robot.limb_segment(patch)]
     count = len(own) if patches is None else patches

@@ -19,8 +19,8 @@ WIDTHS = 2e-3 * 2.0 ** np.arange(4)
 twice the previous one. Assumed: they range from the sharpest touch that taxels at distances of 5 mm can
 resolve to the touch of a palm."""
 REACH = 2.5
-"""Distance [standard deviations] at which the Gaussians are cut off. Assumed: the part beyond this distance
-has 4 % of the weight of a Gaussian."""
+"""Distance [standard deviations] at which the Gaussians are cut off. Assumed: the error is small, since only
+4 % of the weight of a Gaussian lies beyond this distance."""
 SPARSE = 2
 """On a dense skin, each taxel has at least this many neighbours within `NEIGHBOUR_DISTANCE`. A taxel with
 fewer neighbours measures a single place (switches, bumpers, load cells). The fill factor of such a taxel is

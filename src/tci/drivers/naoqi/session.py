@@ -70,8 +70,8 @@ def parse_address(text: str) -> Address:
 
 
 class _Login:
-    """User name and password in the form that `qi` requires: a factory that makes an authenticator. This
-    class is both."""
+    """User name and password for `qi`, which requires two objects: an authenticator, and a factory that makes
+    the authenticator. This object is both."""
 
     def __init__(self, user: str, password: str) -> None:
         self._words = {"user": user, "token": password}

@@ -29,7 +29,7 @@ class Source(Protocol):
 
 
 class Memory:
-    """Bytes in memory as a source."""
+    """A source that takes its bytes from memory."""
 
     def __init__(self, data: bytes) -> None:
         self._data, self._at = data, 0
@@ -45,8 +45,8 @@ class Memory:
 
 
 class SocketSource:
-    """A socket as a source. For each message, it reads at most the number of bytes that `allow` has set (the
-    budget). The socket's own timeout limits each wait."""
+    """A source that receives its bytes from a socket. For each message, it reads at most the number of bytes
+    that `allow` has set (the budget). The socket's own timeout limits each wait."""
 
     def __init__(self, sock: socket.socket) -> None:
         self._socket = sock

@@ -72,7 +72,8 @@ class LinkSurface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Registration:
-    """Distances of points from the surface of a link, before and after the best rigid correction found."""
+    """Distances of points, such as taxels, from the surface of a link: before and after the rigid motion (the
+    correction) that brings the points closest to the surface."""
 
     mean: float
     """Mean distance [m] of the points from the surface, without correction."""
@@ -87,12 +88,12 @@ class Registration:
 
     @property
     def fits(self) -> bool:
-        """True if the points lie on the link without correction."""
+        """True if the points are on the link without correction: the mean distance is at most FITS."""
         return self.mean <= FITS
 
     @property
     def mends(self) -> bool:
-        """True if the points lie on the link only after the correction."""
+        """True if the points are on the link only after the correction."""
         return not self.fits and self.corrected_mean <= FITS
 
 

@@ -40,9 +40,10 @@ SETTLE = 2.0
 is braked by a torque proportional to its speed. Assumed: with full torque, a servo at rest at a limit would
 tremble because of the noise of its velocity."""
 CALMER, BOLDER, LEAST = 0.5, 1.5, 1.0 / 64.0
-"""Three numbers that adapt the braking torque to the joint. CALMER: factor of the braking torque after this
-torque has reversed the joint. BOLDER: factor otherwise. LEAST: least fraction of the full braking torque.
-Assumed: with full braking torque, a joint that is much lighter than its limits imply would oscillate."""
+"""Three numbers that adapt the braking torque to the joint. CALMER: factor by which the braking torque is
+multiplied after it has reversed the joint's motion. BOLDER: factor by which it is multiplied otherwise.
+LEAST: the braking torque is never reduced below this fraction of the full braking torque. Assumed: with full
+braking torque, a joint that is much lighter than its limits imply would oscillate."""
 FADE = float(np.deg2rad(2.0))
 """Distance [rad] from a limit below which a torque towards the limit decreases to zero. Assumed: with a
 shorter distance, joints are pushed into their limits; with a longer distance, more of their range is lost."""

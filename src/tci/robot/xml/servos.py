@@ -17,8 +17,8 @@ Key = tuple[str, int]
 """Robot part and id, which together identify a servo in a file."""
 
 _RADIANS_LIKE = math.radians(2.0 * math.pi)
-"""The angle 6.28 degrees, in [rad]. In radians, 6.28 (2 pi) is a full turn. If no limit of a file with degrees
-is larger than 6.28, the limits were probably written in radians."""
+"""The angle 6.28 degrees, in [rad]. In radians, 6.28 (2 pi) is a full turn. If a file is in degrees and no
+limit is larger than 6.28, the limits were probably written in radians."""
 
 
 class Servos:

@@ -137,8 +137,9 @@ def _off_skin(centres: Array, taxels: list[NDArray[np.intp]], positions: Array) 
     """Returns the distances [m] of the recorded centres (k, 3) from the mean positions of the contacts'
     taxels.
 
-    If these distances are large, the best change of frame is applied first, because the frame in a
-    description may differ from the frame in the recorded table.
+    If these distances are large, the mean positions are first moved by the rigid motion that brings them
+    closest to the centres, because the frame in a description may differ from the frame in the recorded
+    table.
     """
     means = _means(taxels, positions)
     known = np.isfinite(means).all(axis=1)

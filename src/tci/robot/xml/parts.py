@@ -28,7 +28,8 @@ from tci.robot.xml.transforms import check_coupled, check_retarget, check_synerg
 from tci.robot.xml.values import in_unit
 
 NAMES = {"arm": JOINTS, "fingers": generic_fingers.JOINTS}
-"""Names of all generic joints of a part, by the part's kind. Parts of other kinds may lack joints."""
+"""For each kind whose parts must list all generic joints in the file: the names of these joints. Parts of
+other kinds may list fewer joints."""
 PIECES = {"arm": SEGMENTS, "fingers": (*generic_fingers.FINGERS, generic_fingers.PALM)}
 """Names of the segments that a part may have, by the part's kind."""
 _SLACK = 1e-9

@@ -202,8 +202,8 @@ def _is_near(points: Array, normals: Array, point: Array, normal: Array) -> NDAr
 def _around(surface: Surface, point: Array, normal: Array) -> tuple[NDArray[np.intp], Array]:
     """Returns taxels (k,) around a point with the normal `normal` (3,), and path lengths (k,) [m] to them.
 
-    These are the taxels that are directly connected to the point, and the corners of the face on which the
-    point lies.
+    The result contains the taxels that are directly connected to the point, and the corners of the face on
+    which the point lies.
     """
     near = np.flatnonzero(_is_near(surface.positions, surface.normals, point, normal))
     corners = nearest_on_faces(surface.positions, surface.faces, point[None])[0][0]

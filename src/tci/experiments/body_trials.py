@@ -22,7 +22,7 @@ from tci.simulation.world import World
 def answerable(body: GenericBody, field: BodyField) -> list[str]:
     """Returns the parts of a robot that can respond to touches in the receptive field `field`.
 
-    Such a part has skin in the field, and a servo for at least one joint of the field's motion.
+    A part can respond if it has skin in the field, and a servo for at least one joint of the field's motion.
     """
     found = []
     for part in body.robot.parts:

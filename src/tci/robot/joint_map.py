@@ -133,8 +133,9 @@ class JointMap:
     def driven_speeds(self, position: Array) -> Array:
         """Returns the speeds (k,) [rad/s] for servos in velocity control.
 
-        These speeds also keep the generic joints of a retargeted shoulder within their described speeds; the
-        result of `speeds` does not. Raises the errors that `slope` raises.
+        At these speeds, no generic joint exceeds its speed in the description. This also holds for a
+        retargeted shoulder, for which the result of `speeds` does not ensure it. Raises the errors that
+        `slope` raises.
         """
         if self._slope is not None:
             return self.speeds(position)

@@ -183,8 +183,8 @@ def within(
 ) -> tuple[int, float]:
     """Finds the taxels near a point, among the taxels with the indices `among` (k,).
 
-    Such a taxel is at most `reach` [widths] farther from the point than the nearest taxel. Writes these
-    taxels into `near`. Returns their number, and the distance [widths] of the nearest taxel.
+    A taxel counts as near if it is at most `reach` [widths] farther from the point than the nearest taxel.
+    Writes these taxels into `near`. Returns their number, and the distance [widths] of the nearest taxel.
     """
     least, scale = np.inf, 1.0 / (sigma * sigma)
     px, py, pz = point[0], point[1], point[2]

@@ -131,8 +131,8 @@ class World:
     def shown_model(self) -> mujoco.MjModel:
         """Builds MuJoCo's model with additional parts that only pictures need.
 
-        These are full meshes, and geoms that never collide. Bodies and joints are those of `model`, so this
-        model can show the states of `model`.
+        The additional parts are full meshes, and geoms that never collide. Bodies and joints are those of
+        `model`, so this model can show the states of `model`.
         """
         return self._build(shown=True)
 

@@ -34,8 +34,8 @@ class SendOnDelta:
     def select(self, frames: Iterable[SkinFrame]) -> tuple[SkinFrame, ...]:
         """Returns the `frames` that must be sent.
 
-        These frames differ from the last sent frame of their patch, or are due because `keep_alive` has
-        passed.
+        A frame must be sent if it differs from the last sent frame of its patch, or if `keep_alive` [s] have
+        passed since that frame.
         """
         return tuple(frame for frame in frames if self._is_due(frame))
 

@@ -16,8 +16,9 @@ Row = tuple[float, float, float, float]
 def limb_numbers(part: GenericPart, segment: Segment) -> Array:
     """Returns the numbers (15,) that describe a limb segment to compiled loops.
 
-    They are, in this order: the rotation R_TM of the limb's mount (9 numbers), the origin (3,) [m] in the
-    segment's link, the length [m], the side (+1 left, -1 right), and the index of the segment in SEGMENTS."""
+    The numbers are, in this order: the rotation R_TM of the limb's mount (9 numbers), the origin (3,) [m] in
+    the segment's link, the length [m], the side (+1 left, -1 right), and the index of the segment in
+    SEGMENTS."""
     assert part.side is not None  # as `Robot.limb_segment` says
     place = [segment.length, side_sign(part.side), SEGMENTS.index(segment.name)]
     return np.concatenate([part.R_TM.ravel(), segment.origin, place])

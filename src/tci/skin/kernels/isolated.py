@@ -21,14 +21,15 @@ from tci.skin.kernels.arrays import (
     Places,
 )
 
-PLACE, SINCE, FORCE, CHANGED, LEFT, WAITING = range(6)
+PLACE, SINCE, FORCE, CHANGED, LAST, WAITING = range(6)
 """Columns of `waiting`, a table with one row per isolated taxel (active without active neighbours). `WAITING`
 is the number of columns.
 
 - `PLACE`: index of the taxel within the whole skin.
 - `SINCE`: time [s] at which the taxel became active alone.
 - `FORCE`, `CHANGED`: its force [N], and how often this force has changed since then.
-- `LEFT`: 1 if the taxel remains from a contact."""
+- `LAST`: 1 if the taxel is the last pressed taxel of a contact whose other taxels have been released;
+  otherwise 0."""
 ALIVE = 2
 """Least number of changes of an isolated taxel's force after which the taxel counts as healthy. One change is
 not enough, since a new estimate of the rest value can cause it."""
@@ -88,12 +89,12 @@ def _wait_on(place: int, stamp: float, force: float, waiting: Array, now: Array)
 
     Returns False if the taxel has just become active.
     """
-    now[PLACE], now[SINCE], now[FORCE], now[CHANGED], now[LEFT] = place, stamp, force, 0.0, 0.0
+    now[PLACE], now[SINCE], now[FORCE], now[CHANGED], now[LAST] = place, stamp, force, 0.0, 0.0
     for w in range(len(waiting)):
         if int(waiting[w, PLACE]) == place:
             now[SINCE] = min(waiting[w, SINCE], stamp)
             now[CHANGED] = waiting[w, CHANGED] + (waiting[w, FORCE] != force)
-            now[LEFT] = waiting[w, LEFT]
+            now[LAST] = waiting[w, LAST]
             return True
     return False
 
@@ -149,14 +150,14 @@ def reject_isolated(
                     now, stamp = fresh[waits], state.stamp[p]
                     waits += 1
                     if not _wait_on(i, stamp, force, waiting, now):
-                        now[LEFT] = _was_touched(i, before)
+                        now[LAST] = _was_touched(i, before)
                     full = end[p] * layout.gain[i] * layout.taxel[i, AREA]
                     must_change = estimates.fluctuating[i] or force >= full
                     alive = now[CHANGED] >= ALIVE or not must_change or wait[p] <= 0.0
                     if stamp - now[SINCE] >= wait[p]:
                         keep = alive
                     else:
-                        keep = now[LEFT] > 0.0 or _is_beside(i, p, state, layout, reach, floor)
+                        keep = now[LAST] > 0.0 or _is_beside(i, p, state, layout, reach, floor)
             if keep:
                 for k in range(begin, until):
                     member[filled], forces[filled] = member[k], forces[k]

@@ -117,9 +117,9 @@ class HandState(NamedTuple):
     """State of one Dex3 hand."""
 
     motors: NDArray[np.void]
-    """Records (m,) of MOTOR_STATE."""
+    """States of the motors (m,), as records MOTOR_STATE."""
     pads: NDArray[np.void]
-    """Records (p,) of PRESS."""
+    """States of the press sensors (p,), as records PRESS."""
     errors: NDArray[np.uint32]
     """Error codes (2,) that the hand reports; 0 means no error."""
 

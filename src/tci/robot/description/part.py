@@ -78,7 +78,7 @@ class Segment(Description):
     """A part of a limb that carries skin, given by its proximal point and its length."""
 
     name: str
-    """`upper_arm` or `forearm`."""
+    """Name of the segment: `upper_arm` or `forearm`."""
     link: str
     """Link of the kinematic model. `origin` is given in the frame of this link."""
     origin: Vector = (0.0, 0.0, 0.0)
@@ -126,7 +126,7 @@ class GenericPart(Description):
     """A part of the generic humanoid, such as an arm or the head (eq. 2)."""
 
     name: str
-    """`left_arm`, `head`, ..."""
+    """Name of the part, for example `left_arm` or `head`."""
     kind: Kind = "other"
     side: Literal["left", "right"] | None = None
     servos: tuple[GenericServo, ...]

@@ -101,11 +101,11 @@ class SkinMemory(NamedTuple):
     """Statistics of the current estimation windows, and the data from which they are computed."""
 
     statistics: Single
-    """Per taxel (6, n), see `kernels.condition`."""
+    """Six values per taxel (6, n); `kernels.condition` explains the rows."""
     blocks: Indices
-    """Per block (b, 4), see `kernels.condition`."""
+    """Four values per block (b, 4); `kernels.condition` explains the columns."""
     patches: Array
-    """Per patch (p, 9), see `kernels.condition`."""
+    """Nine values per patch (p, 9); `kernels.condition` explains the columns."""
     smoothed: Array
     """Filtered pressure (n,) [Pa] of the previous frame. The shape is (0,) if pressures are not filtered."""
     room: Single

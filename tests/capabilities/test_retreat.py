@@ -207,6 +207,25 @@ def test_a_withdrawal_does_not_grow_into_a_touch() -> None:
     assert REFLEX.notes(after)
 
 
+def test_a_refused_growth_is_told_in_a_period_that_brings_a_new_contact_too() -> None:
+    _, memory = REFLEX.step(REFLEX.init(BODY), *seen(Room({1: (0.01, 0.02)}), *touches(1, force=2.0)))
+    far = np.abs(memory["left_arm"].target - POSTURE).max() + 1e-6
+
+    class Wall(Room):
+        def retreat(
+            self, perception: Perception, part: str, target: Array, mode: Mode, *, driven: bool
+        ) -> Array:
+            room = Room(
+                {one: (0.01, -0.02 if np.abs(target - POSTURE).max() > far else 0.02) for one in (1, 2)}
+            )
+            return room.retreat(perception, part, target, mode, driven=driven)
+
+    _, after = REFLEX.step(memory, *seen(Wall({}), *touches(1, 2), stamp=0.01))
+    assert after["left_arm"].gain == memory["left_arm"].gain
+    assert after["left_arm"].met == {1, 2}
+    assert REFLEX.notes(after)
+
+
 def test_a_soft_arm_between_two_touches_stays_and_says_so() -> None:
     jacobian = np.eye(3, 5)
     for mode in (Mode.VELOCITY, Mode.TORQUE):

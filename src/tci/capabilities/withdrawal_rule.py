@@ -94,7 +94,8 @@ def new_targets(
 
 
 def blind_field(part: str, fields: Iterable[Field], shares: Array) -> Reason | None:
-    """Returns a reason to stop that names the first blind field; None if no field is blind.
+    """Returns a reason to stop that names the first blind field: the first with a healthy fraction below
+    LEAST_COVERAGE. Returns None if no field is blind.
 
     `shares` (m,) are the fractions of healthy taxels of the `fields`.
     """
@@ -203,14 +204,15 @@ def _meet(
     mode: Mode,
     reason: str,
 ) -> tuple[Withdrawal[F], str]:
-    """Ends a withdrawal at the present posture if its remaining motion would press one of the contacts `met`.
+    """Ends a withdrawal at the present posture if its remaining motion would press skin into a touching
+    object. `met` are the identities of all present contacts.
 
     Returns the withdrawal, and the reason for which the withdrawal was ended. If the withdrawal was not
     ended, the second value is `reason`.
     """
-    if reason := why_not(perception, body, part, withdrawal.target, mode=mode):
-        return replace(withdrawal, ended=frozen(perception.posture[part].copy())), reason
-    return replace(withdrawal, met=met), ""
+    if why := why_not(perception, body, part, withdrawal.target, mode=mode):
+        return replace(withdrawal, ended=frozen(perception.posture[part].copy())), why
+    return replace(withdrawal, met=met), reason
 
 
 def _is_same(one: F, other: F) -> bool:

@@ -1,10 +1,10 @@
 """Compiles all loops in parallel before the first loop is used. The compilation happens once per installation
 and processor.
 
-Numba compiles one loop after another, each for a second or more, without any output. Here one worker process
-per processor compiles loops into Numba's cache on disk. Each loop is compiled by one worker, and a line on
-stderr shows the progress. The process that started the workers waits for them, and then loads the machine
-code from the cache. Every later process does so too.
+Numba compiles one loop after another, each for a second or more, without any output. Here several worker
+processes (one per processor, at most MOST) compile loops into Numba's cache on disk. Each loop is compiled by
+one worker, and a line on stderr shows the progress. The process that started the workers waits for them, and
+then loads the machine code from the cache. Every later process also loads the machine code from the cache.
 """
 
 from __future__ import annotations
@@ -127,7 +127,8 @@ def _state(claims: Path, now: float) -> str:
     """Returns a line for the user: the number of loops that are compiled `now` [s] after the start, and the
     estimated remaining time.
 
-    The remaining time is estimated under the assumption that compile time is proportional to `_length`.
+    The estimate assumes that the compile time of a loop is proportional to the length of the loop's bytecode
+    (`_length`).
     """
     if not (claims / "all").exists():
         return "finding its loops"

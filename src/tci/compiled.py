@@ -2,8 +2,9 @@
 
 Loops are compiled once. Their machine code is cached on disk until a source file that they depend on changes.
 
-Numba itself compares only the date of the file with the loop: after a change in a file with a called loop, it
-would run old machine code. TCI compares a hash of that file and of all files that it imports.
+Numba itself checks only the date of the file that contains the loop. If a loop in another file, which this
+loop calls, has changed, Numba would run old machine code. TCI checks a hash of the loop's file and of all
+files that this file imports, directly or indirectly.
 
 By default, compiled loops count references to arrays with atomic instructions, which took most of the time of
 small loops. TCI switches this off for loops that allocate no array, with Numba's option `_nrt`. Numba uses
@@ -136,8 +137,8 @@ def _content(file: Path) -> bytes:
 
 
 def _sources(file: Path) -> set[Path]:
-    """Returns the files that a loop may depend on: all files from which its module imports, directly or
-    indirectly."""
+    """Returns the files that a loop in `file` may depend on: `file`, all files of TCI that it imports,
+    directly or indirectly, and this module."""
     found, new = {Path(__file__)}, [file]
     while new:
         found.add(one := new.pop())

@@ -118,9 +118,9 @@ class Contacts(Frozen, Sequence["Contact"]):
     taxel_point: Array
     """Position (k, 3) [limb lengths] of each taxel on the generic limb; NaN if the patch is not on a limb."""
     certainty: Array | None = None
-    """Probability (c,) that the estimated place of a contact is wrong by less than 5 cm. The value is 1 for
-    contacts that skin measured, and lower for touches that were estimated from joint torques. None means that
-    skin measured all contacts."""
+    """Probability (c,) that the true place of a contact is less than 5 cm from the estimated place. The value
+    is 1 for contacts that skin measured, and lower for touches that were estimated from joint torques. None
+    means that skin measured all contacts."""
 
     def __len__(self) -> int:
         return len(self.site)
@@ -238,7 +238,7 @@ class Contact:
 
     @property
     def certainty(self) -> float:
-        """Probability (0..1) that the contact's estimated place is wrong by less than 5 cm: 1 if skin
+        """Probability (0..1) that the contact's true place is within 5 cm of the estimated place: 1 if skin
         measured the contact, lower if it was estimated from joint torques."""
         return 1.0 if self.table.certainty is None else float(self.table.certainty[self.row])
 

@@ -97,7 +97,8 @@ class FrameError(TciError):
 
 
 class DriverError(TciError):
-    """Driver that can't be opened, that is closed, or that got a command which its gate did not create."""
+    """Driver or server that can't be opened, is closed or fails; or a command that the driver's gate did not
+    create."""
 
 
 class WireError(TciError):

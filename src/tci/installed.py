@@ -93,7 +93,8 @@ of mujoco-core 4."""
 
 
 def clashes() -> tuple[Clash, ...]:
-    """Returns the known clashes that exist in this installation."""
+    """Returns the clashes in this installation: distributions of different releases that use the folder of
+    one module. Only the modules in CURES are checked."""
     return tuple(found for found in map(clash, CURES) if found is not None)
 
 

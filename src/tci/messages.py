@@ -78,7 +78,8 @@ class JointReading:
     torque: Array | None = None
     """Torques (n,) [N m] of the joints; None if the robot does not report them."""
     modes: tuple[Mode | None, ...] | None = None
-    """Control mode (n,) that each servo reports; None if the robot does not report them."""
+    """Control mode (n,) that each servo reports, or None for a servo with an unknown mode. None in place of
+    the tuple if the robot reports no modes."""
     powered: NDArray[np.bool_] | None = None
     """True (n,) for each servo that is switched on; None if the robot does not report this."""
     gravity: Array | None = None
@@ -165,8 +166,8 @@ class Landmark:
     segment: str
     """Segment of the part that carries the skin; empty for skin without a segment."""
     towards: tuple[float, float, float]
-    """Direction (3,) of the ray while the part's generic joints are at zero: x forward, y left (for parts of
-    the right side: right), z up."""
+    """Direction (3,) of the ray from the middle of the part's skin to the landmark, while the part's generic
+    joints are at zero: x forward, y left (for parts of the right side: right), z up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +191,8 @@ class Support:
     margin: float
     """Distance [m] of the centre of mass, projected along the normal of the support polygon, from the edge of
     the polygon. The distance is positive inside and negative outside. The corners of the polygon are on the
-    loaded soles of the other legs. If no sole is loaded, or the model has no masses, the value is -inf."""
+    loaded soles of all legs except the moved leg. If no such sole is loaded, if these soles span no area, or
+    if the model has no masses, the value is -inf."""
 
 
 @quick
@@ -312,6 +314,7 @@ class PlatformCommand:
 Command = GenericCommand | CartesianCommand | SwitchMode
 """Types of command that a capability may return."""
 PlatformOrder = PlatformCommand | PlatformSwitch
-"""Types of command that the gate accepts."""
+"""Types of order that the gate checks: commands in the robot's own joints, and requests to switch their
+control mode."""
 Order = Command | PlatformOrder
 """Types of command from a capability or, through a server, from another program."""

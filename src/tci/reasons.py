@@ -13,7 +13,7 @@ MOST = 100
 FIGURES = re.compile(r"\b\d[\d.]*")
 """Pattern that finds the numbers in a text, but not the digits in names."""
 OTHERS = "other reasons"
-"""Name of the one kind that contains all reasons after the first MOST kinds."""
+"""Name under which all reasons are counted that belong to none of the first MOST kinds."""
 
 
 @unique
@@ -101,11 +101,11 @@ class Code(IntEnum):
     COMMANDER_SILENT = 601
     """A process that commands the robot stopped sending."""
     COMMANDER_HOLDS = 602
-    """The gate of a process that commands the robot holds."""
+    """A process that commands the robot requests that the robot holds."""
     COMMANDER_LEFT = 603
     """A process that commanded the robot has disconnected."""
     OWNER_HOLDS = 604
-    """The gate of the process that owns the robot holds."""
+    """The gate in the process that owns the robot is in the state HOLD or STOP."""
     OWNER_REFUSES = 605
     """The process that owns the robot refused a command."""
     OWNER_SILENT = 606
@@ -231,7 +231,7 @@ class ReasonCounter:
         return is_new
 
     def notices(self) -> tuple[Notice, ...]:
-        """Returns one notice per kind, in the order of first occurrence."""
+        """Returns one notice for each kind of reason, in the order of first occurrence."""
         return tuple(
             Notice(words, self._begun[words][0], count, self._begun[words][1])
             for words, count in self.counts.items()

@@ -97,7 +97,8 @@ class TouchedRobot:
         return self._perceiver.step(Reading(joints, tuple(frames)), now)
 
     def _press(self, values: Array, patch: Patch, taxel: int | None, force: float) -> None:
-        """Adds a touch to the raw `values` (channels,) of a patch."""
+        """Adds a touch to the raw `values` (channels,) of a patch. `taxel` and `force` are those of
+        `perceive`."""
         if not 0.0 <= force < np.inf:
             raise CommandError(f"a touch of {force} N; valid: 0 or more, finite")
         surface, sensor = self.body.skin.surfaces[patch.name], patch.sensor

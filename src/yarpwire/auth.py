@@ -31,8 +31,8 @@ def accept(sock: socket.socket, source: SocketSource, key: bytes) -> None:
 
 
 def connect(sock: socket.socket, source: SocketSource, key: bytes) -> None:
-    """Authenticates at the end that opened the connection. Raises WireError if the other end lacks the
-    key."""
+    """Executes the authentication for the end that opened the connection. Raises WireError if the other end
+    lacks the key."""
     first = _receive(source, key, b"")
     second = secrets.token_bytes(NONCE)
     sock.sendall(second + _mac(key, first + second))

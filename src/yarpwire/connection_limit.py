@@ -36,13 +36,13 @@ class AcceptedConnection:
     """Address of the connection's other end."""
 
     def mark_verified(self, now: float | None = None) -> None:
-        """Records a valid message."""
+        """Records a valid message that arrived at `now` [s]; None is the present time."""
         self.verified, self.last_message = True, time.monotonic() if now is None else now
 
 
 def surplus(connections: Iterable[AcceptedConnection], now: float, most: int) -> list[AcceptedConnection]:
-    """Returns the connections to close, in the order of closing, so that at most `most` remain. Unknown
-    connections that are older than PATIENCE are always closed."""
+    """Returns the connections to close, in the order of closing, so that at most `most` remain. Connections
+    that have sent no valid message within PATIENCE are always closed."""
     oldest_first = sorted(connections, key=lambda one: (one.verified, one.last_message))
     late = sum(not one.verified and now - one.last_message > PATIENCE for one in oldest_first)
     return oldest_first[: max(late, len(oldest_first) - most)]

@@ -24,7 +24,8 @@ MOST_PROPERTIES = 16
 """Largest number of properties of a name. Assumed: this bounds the memory; YARP's ports set four
 properties."""
 LONGEST_REQUEST = 2000
-"""Largest number of characters of a request. Assumed: twice the longest name, which bounds the memory."""
+"""Largest number of characters of a request. Assumed: twice the length of the longest name is enough. The
+limit bounds the memory."""
 
 USAGE = (
     "Here are some ways to use the name server:",

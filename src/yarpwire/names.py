@@ -54,7 +54,8 @@ class Contact:
 
 
 def parse_contact(line: str) -> Contact | None:
-    """Returns the contact in a line from a name server; None if the line has no contact."""
+    """Returns the contact (address of a port) in a line from a name server; None if the line has no valid
+    contact."""
     found = RECORD.match(line)
     if found is None or found[3] == "none" or not 0 < int(found[3]) < 65536:
         return None

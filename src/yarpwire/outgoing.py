@@ -40,7 +40,8 @@ def dial(
     contact: Contact, sender: str, carrier: Carrier, key: bytes | None, *, patience: float = PATIENCE
 ) -> tuple[socket.socket, SocketSource, int]:
     """Connects to a port and sends the sender's name. Returns the socket, its source of bytes, and the number
-    in the port's answer: for udp, the UDP port that receives the datagrams.
+    in the port's answer. For udp, this number is the UDP port that receives the datagrams. For a text
+    carrier, whose answer contains no number, it is 0.
 
     Raises PortError if nothing answers, or if the answer is not that of a YARP port.
     """

@@ -94,8 +94,8 @@ class SocketSource:
         return self._at < len(self._buffer)
 
     def await_next(self) -> None:
-        """Waits for the beginning of the next message, and sets the budget to LONGEST. Raises EOFError at the
-        end of the connection, and TimeoutError after the socket's timeout."""
+        """Waits for the beginning of the next message, and sets this message's largest length, the budget, to
+        LONGEST. Raises EOFError at the end of the connection, and TimeoutError after the socket's timeout."""
         self._budget = LONGEST
         if self._at >= len(self._buffer):
             self._need(1)

@@ -34,8 +34,8 @@ in doubt."""
 APART = 0.1
 """Each finger is left out once, and the least cosine between the bending axes of the remaining fingers is
 computed. The finger without which this cosine is largest is the thumb, if the second largest cosine is
-smaller by at least APART. Otherwise no finger counts as the thumb. Assumed: fingers that fan out change the
-cosine by less than this."""
+smaller by at least APART. Otherwise the thumb can only be found by its name. Assumed: fingers that fan out
+change the cosine by less than this."""
 BESIDE = 0.3
 """Least distance between a thumb and the middle of the palm, if the thumb is on one side of the palm. The
 distance is a fraction of half the palm's width. At a smaller distance the thumb counts as attached in the

@@ -44,7 +44,8 @@ class FoundLimbs:
     trunk: tuple[int, ...]
     """Joints between the base and the torso. The joint nearest to the torso is first."""
     trunk_below: bool
-    """True if the torso carries the trunk's joints, as in a model whose root is its torso."""
+    """True if the model's tree leads from the torso over the trunk's joints to the legs, as in a model whose
+    root is its torso."""
     head: tuple[int, ...]
     """Joints from the torso to the head."""
     R_RH: Array
@@ -177,8 +178,8 @@ def _arms_of(
 
 
 def _kind(joints: Sequence[Joint], pair: Pair, points: LinkPoints, R_RH: Array) -> Vote:
-    """Returns the kind of a pair of limbs, from their place and their names. Returns None if place and names
-    contradict each other, or if neither place nor names determine the kind.
+    """Returns "arm" or "leg" for a pair of limbs, from their place and their names. Returns None if place and
+    names contradict each other, or if neither place nor names determine the kind.
     """
     moved = [joints[limb.ball[0]].link for limb in pair.values()]
     centre = points.centre_of_mass_without(moved)

@@ -26,7 +26,7 @@ THIN, THICK, USUAL = 0.006, 0.014, 0.009
 """Least radius and largest radius [m] of a finger tip, and the radius of a finger tip for which the model has
 no geometry."""
 ROUND = 0.012
-"""Radius [m] of the pad. The pad is a cylinder whose axis is parallel to the palm."""
+"""Radius [m] of the palm's skin (the pad), which is a cylinder whose axis is parallel to the palm."""
 HEIGHT = 0.015
 """Height [m] of the palm's surface above the wrist's joint, if the model has no geometry for the palm."""
 PITCH = 0.006

@@ -29,9 +29,11 @@ the arm points forward, would get a twisted posture.
 
 
 def with_initial(draft: Robot, part: GenericPart) -> GenericPart:
-    """Returns an arm with the first of POSTURES at which its servos are far enough from their limits.
+    """Returns an arm whose initial posture is the first of POSTURES at which its servos are at least ROOM
+    from their limits.
 
-    If no posture is far enough from the limits, the posture with the largest distance from limits is used.
+    If there is none, uses the posture with the largest distance from limits. If this posture is beyond a
+    limit, uses the nearest posture inside the limits.
     """
     robot = draft.model_copy(update={"parts": (part,), "digest": f"{part.name} {part.servos[3].scale}"})
     joints = joint_map(robot, part.name)

@@ -25,8 +25,8 @@ ACCELERATION = np.deg2rad((400.0, 2400.0))
 """Range [rad/s2] of proposed acceleration limits. Within this range, the proposed limit is an acceleration
 that the joint reaches with a quarter of its torque, when it moves its largest inertia."""
 MOST_TORQUE = 0.35
-"""Largest fraction of a joint's torque that the proposed acceleration limit may need. The fraction is above a
-quarter only if a quarter of the torque does not give the least acceleration in ACCELERATION."""
+"""Largest fraction of a joint's torque that the proposed acceleration limit may need. The limit needs more
+than a quarter of the torque only if a quarter is too little for the lower end of ACCELERATION."""
 SLOWEST = float(np.deg2rad(30.0))
 """Least acceleration [rad/s2] that an arm's joint must reach with its full torque, while it moves its largest
 inertia. Real arms reach more than 10 rad/s2. If a joint does not reach SLOWEST, a value in the file has a
@@ -37,10 +37,10 @@ limb and carries its weight."""
 JERK = 100.0
 """Ratio of the proposed jerk limit to the proposed acceleration limit [1/s]."""
 TORQUE, FINGER_TORQUE, STRONGEST = 40.0, 1.0, 1e4
-"""Torques [N m]. TORQUE is the limit that a joint gets if the file has none; FINGER_TORQUE is the same for a
-joint of a finger. A limit in the file of STRONGEST or more counts as a placeholder. A motor of a finger
-reaches about 1 N m; with 40 N m, the fingers of an Allegro hand pressed on a ball with 11 N before their skin
-reported the touch."""
+"""Torques [N m]. TORQUE is the limit that a joint gets if the file has none; a joint of a finger gets
+FINGER_TORQUE instead. If a limit in the file is STRONGEST or more, it counts as a placeholder. A motor of a
+finger reaches about 1 N m; with 40 N m, the fingers of an Allegro hand pressed on a ball with 11 N before
+their skin reported the touch."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ class JointFacts:
     multiplier: float = 1.0
     """Change of this joint's angle per change of the leading joint's angle."""
     offset: float = 0.0
-    """Angle [rad] of this joint while the leading joint is at 0."""
+    """Angle [rad] of this joint while the joint that it `follows` is at 0."""
     stuck: bool = False
     """True for a joint whose range is a single angle."""
     friction: float = 0.0

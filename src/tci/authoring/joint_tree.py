@@ -26,7 +26,8 @@ class Joint:
 
 
 def read_joints(model: mujoco.MjModel, data: mujoco.MjData, R_RH: Array) -> tuple[Joint, ...]:
-    """Returns all revolute joints in the frame H; a parent precedes its children."""
+    """Returns all revolute joints in the frame H (origin at the model's root, x forward, y left, z up). A
+    parent precedes its children. `R_RH` is the rotation of H in the root's frame."""
     turning = [j for j in range(model.njnt) if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE]
     last: dict[int, int] = {0: -1}
     joints: list[Joint] = []

@@ -41,8 +41,9 @@ def named_side(name: str) -> str | None:
 
 
 def is_named_so(joints: Sequence[Joint], pair: Pair) -> bool:
-    """Returns False if the name of a limb's first joint contains the other side. The names are ignored if
-    both name the same side, such as `_r0` and `_r1`."""
+    """Returns False if the name of a limb's first joint contains the opposite side, for example `right` for
+    the left limb. Returns True if both names contain one side, such as `_r0` and `_r1`: such names say
+    nothing."""
     named = {side: named_side(joints[limb.ball[0]].name) for side, limb in pair.items()}
     return len(set(named.values())) == 1 or all(told in (None, side) for side, told in named.items())
 
@@ -51,7 +52,8 @@ def hangs_as(pair: Pair, centre_of_mass: float | None) -> Vote:
     """Returns the kind of a pair of limbs from `centre_of_mass`: the height [m] of the centre of mass of all
     bodies that the pair does not move.
 
-    Arms begin above the centre of mass, legs below it.
+    Arms begin above the centre of mass, legs below it. Returns None if the limbs begin near this height
+    (CLEAR), or if `centre_of_mass` is None.
     """
     if centre_of_mass is None:
         return None
@@ -63,7 +65,8 @@ def hangs_as(pair: Pair, centre_of_mass: float | None) -> Vote:
 
 
 def named_as(joints: Sequence[Joint], pair: Pair) -> Vote:
-    """Returns the kind that most names of a pair's joints and links suggest."""
+    """Returns "arm" or "leg", the kind that more names of the pair's joints and links suggest; None if
+    equally many names suggest each kind."""
     names = [
         name
         for limb in pair.values()
@@ -82,6 +85,7 @@ def is_named_as(kind: str, name: str) -> bool:
 
 
 def listed(joints: Sequence[Joint], pairs: Iterable[Pair]) -> str:
-    """Returns the names of each pair's first joints, in the format of the option --arms."""
+    """Returns, for each pair of limbs, the name of the left limb's first joint and of the right limb's first
+    joint, in the format of the option --arms."""
     names = [",".join(joints[pair[side].ball[0]].name for side in ("left", "right")) for pair in pairs]
     return " or ".join(names)

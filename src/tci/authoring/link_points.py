@@ -62,11 +62,10 @@ class LinkPoints:
         """Returns the end (3,) [m] of a limb's last segment, in the root's frame.
 
         The segment begins at `start` (3,) [m] on `link`. The end of the segment is the mean of its farthest
-        surface points: the tenth of all points with the largest distances from `start`. If the model is read
-        without meshes, the end is at twice the distance of the centre of mass from `start`. Exception: if
-        another link, such as a hand, is fixed to `link`, and its origin lies in the outer half of the way
-        from `start` to this end, the end is this origin. Returns None if the model contains none of these
-        points.
+        surface points: the 10 % of its points that are farthest from `start`. If the model is read without
+        meshes, the end is at twice the distance of the centre of mass from `start`. Exception: if another
+        link, such as a hand, is fixed to `link`, and its origin lies in the outer half of the way from
+        `start` to this end, the end is this origin. Returns None if the model contains none of these points.
         """
         body = self._model.body(link).id
         points = self.of([link])
@@ -206,7 +205,9 @@ def cone_around(points: Array, origin: Array, axis: Array, begin: float, end: fl
 
 
 def _outermost(points: Array, origin: Array, axis: Array) -> Array:
-    """Returns the outermost point (k, 3) of each piece of the limb's surface."""
+    """Returns the outermost of `points` (n, 3) [m] in each piece of the limb's surface, as an array (k, 3)
+    [m]. A piece is a sector around the limb's axis and a section along it. Returns an empty array for fewer
+    than SECTORS points."""
     if len(points) < SECTORS:
         return np.zeros((0, 3))
     side = np.linalg.svd(axis[None])[2][1:]

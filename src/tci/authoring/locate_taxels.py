@@ -36,7 +36,7 @@ CENTRE, SHIFT, SURFACE = 0.0005, 0.002, 0.0015
 """
 LOGARITHM = 0.15
 """Standard deviation of the errors in log(response), for the taxel that responds most strongly to a touch.
-Taxels with weaker responses to that touch get a larger error."""
+The standard deviation is larger for taxels that respond more weakly to that touch."""
 ROUNDS = 40
 LONGEST_STEP = 0.004
 """Largest displacement [m] of a taxel in one iteration."""
@@ -117,8 +117,8 @@ def locate_taxels(touches: Sequence[ProbeTouch], initial: Array) -> LocatedTaxel
 class _Problem:
     """Least-squares problem of `locate_taxels`.
 
-    The unknowns of this problem are the positions (n, 3) of the taxels, the peaks c_t (t, 3), the logarithms
-    (t,) of A_t, and 1 / (2 w^2).
+    The unknowns are the positions (n, 3) of the taxels, the peak c_t and the logarithm of A_t for each touch
+    t, and 1 / (2 w^2). `locate_taxels` explains c_t, A_t and w.
     """
 
     def __init__(
@@ -137,7 +137,7 @@ class _Problem:
         self.shares = weights / total[rows]
 
     def solve(self) -> tuple[Array, float]:
-        """Returns positions (n, 3) [m] and the width [m]."""
+        """Returns the positions (n, 3) [m] of the taxels, and the width w [m] of the responses to a touch."""
         n, t = len(self.x), len(self.points)
         for _ in range(ROUNDS):
             jacobian, residual = self._linear()

@@ -112,7 +112,7 @@ def arm(
     draft: Robot, body: FoundLimbs, side: Side, points: LinkPoints, index: Mapping[str | None, int], *,
     sense: Sign, mount: bool = False,
 ) -> GenericPart:  # fmt: skip
-    """Returns the generic arm of one side: transforms, segments, and an initial posture that fits.
+    """Returns the generic arm of one side: transforms, segments, and an initial posture within the limits.
 
     `sense` is the direction in which the elbow's joint bends the arm.
     """
@@ -151,8 +151,8 @@ def _segments(body: FoundLimbs, limb: Limb, points: LinkPoints) -> tuple[Segment
 
 
 def _linear_where_exact(draft: Robot, part: GenericPart, *, mount: bool) -> GenericPart:
-    """Returns the arm with a shoulder that is converted by eq. 1, if eq. 1 is exact in the torso frame or on
-    a mount.
+    """Returns the arm with eq. 1 as the transform of its shoulder, if eq. 1 is exact in the torso frame or,
+    with `mount`, in another mount frame.
 
     If eq. 1 is not exact, the arm is returned unchanged.
     """

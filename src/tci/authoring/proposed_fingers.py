@@ -23,8 +23,8 @@ from tci.robot.generic_arm import Side
 from tci.robot.generic_fingers import JOINTS, PALM
 
 Trust = Literal["names", "places", "none"]
-"""Rule for fingers in doubt. "names": the names of the fingers decide. "places": the places of the fingers
-decide. "none": the hand is described without fingers."""
+"""Rule for hands whose fingers have names that contradict their places. "names": the names decide. "places":
+the places decide. "none": every hand is described without fingers."""
 SHORTEST = 0.005
 """Least plausible length [m] of a finger's last link. If the geometry of the link gives a shorter length,
 this length is not used. Assumed: shorter than any finger tip."""
@@ -43,8 +43,8 @@ class _Drive(NamedTuple):
 def find_hands(
     body: FoundLimbs, facts: Mapping[str, JointFacts], points: LinkPoints, path: str, *, trust: Trust | None
 ) -> Hands:
-    """Returns the fingers of both hands. Raises DescriptionError for fingers in doubt, if `trust` does not
-    decide."""
+    """Returns the fingers of both hands. Raises DescriptionError if the fingers of a hand can't be identified
+    with the rule `trust`."""
     hands: dict[Side, tuple[Finger, ...]] = {}
     for name, limb in body.arms.items():
         side: Side = "left" if name == "left" else "right"
@@ -194,7 +194,8 @@ def _generic(
 
 
 def _near_zero(servo: Servo) -> float:
-    """Returns the angle [rad] nearest to 0 that keeps a distance from the limits of the servo."""
+    """Returns the angle [rad] nearest to 0 that is at least ROOM [rad] away from the limits of the servo. If
+    the range is narrow, 0.4 of the range is enough."""
     lower, upper = servo.limits.lower or 0.0, servo.limits.upper or 0.0
     room = min(ROOM, 0.4 * (upper - lower))
     return float(np.clip(0.0, lower + room, upper - room))

@@ -1,4 +1,5 @@
-"""Proposes legs, hands, head and torso: linear joints, matched by the directions of their axes.
+"""Proposes legs, hands, head and torso. The joints of the model are matched to generic joints by the
+directions of their axes, and the transforms are linear.
 
 At generic angles of zero, the robot stands with straight legs, level feet and hanging arms. The offset of a
 joint is its generic angle in the zero posture of the model file.

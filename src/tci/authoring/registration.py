@@ -40,9 +40,9 @@ STILL = 1e-5
 """Refinement ends when a step moves the pose by less than this angle [rad] and distance [m]. Assumed: far
 below the distances between points."""
 ALIKE = 0.0005
-"""If the mean distances after two corrections differ by at most this length [m], the smaller correction is
-used. Assumed: this is the accuracy of meshes. For example, a flat sole fits its link equally well
-when it is turned by 180 degrees."""
+"""If two corrections lead to mean distances of the taxels from the mesh that differ by at most this length
+[m], the smaller correction is used. Assumed: this is the accuracy of meshes. For example, a flat sole fits
+its link equally well when it is turned by 180 degrees."""
 FITS = 0.005
 """Mean distance [m] up to which a skin fits its link. Assumed: covers are a few millimetres thick."""
 
@@ -52,7 +52,7 @@ class LinkSurface:
     """Points sampled on the meshes of one link."""
 
     points: Array
-    """Points (m, 3) [m] in the link."""
+    """Points (m, 3) [m] in the frame of the link."""
     normals: Array
     """Normals (m, 3) of the faces that the points lie on."""
     tree: cKDTree

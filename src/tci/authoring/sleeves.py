@@ -116,7 +116,7 @@ def slender(length: float) -> float:
 
 def assumed_skins(robot: Robot) -> list[str]:
     """Returns a note on patches whose radius was estimated from the length of their segment, because the
-    model has no geometry for this segment. The text is empty if there are no such patches.
+    model has no geometry for this segment. The list is empty if there are no such patches.
     """
     found = []
     for patch in robot.patches:

@@ -26,8 +26,9 @@ SETTINGS = InverseSettings(starts=6)
 """Settings of the inverse kinematics. The search starts from fewer postures than in motion planning, so that
 a target out of reach is recognised sooner."""
 WAYPOINTS = 9
-"""Number of postures on the path at which the speed of the point is computed and limited. Assumed: between
-two postures a joint turns by a few degrees, which changes its lever arm by a few percent."""
+"""Number of postures on the path at which the speed of the actuator's point is computed. The largest of these
+speeds is limited. Assumed: between two postures a joint turns by a few degrees, which changes its lever arm
+by a few percent."""
 
 
 class Reach:
@@ -49,7 +50,8 @@ class Reach:
         self.actuator = actuators[point]
         """Description of the actuator."""
         self.length = 1.0
-        """Length [m] of one unit of the targets: of the arm (upper arm plus forearm), or 1 m."""
+        """Length [m] of one unit of the targets: the length of the arm (upper arm plus forearm) if targets
+        are relative to the shoulder, otherwise 1."""
         self.unit = "m"
         """Name of the targets' unit: "arm lengths" or "m"."""
         self._origin, self._rotation = np.zeros(3), np.eye(3)
@@ -91,9 +93,9 @@ class Reach:
         """Returns the speed limits (k,) [rad/s] of the part's servos on the way from `start` to `end`.
 
         Both postures are servo angles (n_servos,) [rad]. The limits follow from the speed limits of the
-        generic joints. If the actuator has a speed limit, the limits of the servos are reduced further, until
-        the point keeps the actuator's limit. This assumes that all servos move at speeds proportional to
-        their distances.
+        generic joints. If the Cartesian actuator has a speed limit, the limits of the servos are reduced
+        further, so that the actuator's point does not exceed it. This assumes that all servos move at speeds
+        proportional to their distances.
         """
         limits = self._joints.speeds(start)
         if self.actuator.speed is None:

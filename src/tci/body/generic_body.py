@@ -219,10 +219,11 @@ class GenericBody:
         return self._retreat.along(position, perception.contacts, part, target, mode, driven=driven)
 
     def retreat_at_ends(self, perception: Perception, part: str, targets: Array) -> Array:
-        """Returns the displacement (2, m, c) [m] of c contact points at the ends of m motions of `part`.
+        """Returns the normal and the tangential displacement (2, m, c) [m] of c contact points at the ends of
+        m motions of `part`.
 
-        For each row of `targets` (m, n) [rad], the displacement equals the first two rows of `retreat` at the
-        end of the motion, but needs much less computing time.
+        The motions go to the rows of `targets` (m, n) [rad]. The result equals the first two rows that
+        `retreat` returns for the end of a motion, but needs much less computing time.
         """
         return self._retreat.at_ends(_joints(perception).position, perception.contacts, part, targets)
 

@@ -66,8 +66,8 @@ class Landmarks:
         return reach.place
 
     def around(self, part: str, landmark: Landmark, radius: float) -> tuple[str, NDArray[np.bool_]] | None:
-        """Returns the patch of a landmark, and a mask (n,) of the patch's taxels nearer than `radius` [m].
-        Returns None if the part has no skin at this landmark.
+        """Returns the patch of a landmark, and a mask (n,) of the patch's taxels that are nearer than
+        `radius` [m] to the landmark. Returns None if the part has no skin at this landmark.
         """
         reach = self._reach(part, landmark)
         return None if reach is None else (reach.place.patch, reach.distances < radius)

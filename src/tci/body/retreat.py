@@ -107,25 +107,27 @@ class Retreat:
         *,
         driven: bool = False,
     ) -> Array:
-        """Returns displacements (3, k, c) [m] for each contact at k times while `part` moves to `target`
-        (n,).
+        """Returns displacements (3, k, c) [m] of c contacts while `part` moves to `target` (n,) [rad]. The k
+        times are EARLY, then the fractions SHARES of the motion's duration.
 
         Row 0 of the result is the displacement of the contact point along the inward normal, negative towards
-        the object. Row 1 is the length of its displacement perpendicular to the normal. Row 2 is the depth by
-        which any skin enters the object since the previous time, in addition to the depth at the start. The
-        object is assumed to be a sphere of the radius OBJECT that touches the contact point from outside, and
-        that does not move. The motion starts at `position`
-        (n_servos,) [rad]. In position and impedance mode, all servos arrive at one time; in other modes, each
-        servo moves as fast as it can. If the part is `driven` by a velocity that its capability commands anew
-        in each period, the target is the present angles plus AHEAD times this velocity, and the servos move
-        no farther than they can in the time AHEAD. Raises UnknownNameError for an unknown part.
+        the object. Row 1 is the length of its displacement perpendicular to the normal. Row 2 is the largest
+        depth by which skin of any patch enters the object since the previous time. The depth at the start is
+        subtracted. The object is assumed to be a sphere of the radius OBJECT that touches the contact point
+        from outside, and that does not move. The motion starts at `position` (n_servos,) [rad]. In position
+        and impedance mode, all servos of the part arrive at the same time; in other modes, each servo moves
+        as fast as it can. If the part is `driven` by a velocity that its capability commands anew in each
+        period, the target is the present angles plus AHEAD times this velocity, and the servos move no
+        farther than they can in the time AHEAD. Raises UnknownNameError for an unknown part.
         """
         motion = self._motion(part)
         angles = self._angles(motion, position, target, mode, driven)
         return self._displacements(angles, motion, contacts, OBJECT)
 
     def at_ends(self, position: Array, contacts: Contacts, part: str, targets: Array) -> Array:
-        """Returns the displacement (2, m, c) [m] of each contact point at the end of each of m motions.
+        """Returns the displacement (2, m, c) [m] of each of c contact points at the end of each of m motions:
+        along the inward normal (row 0, negative towards the object), and its length perpendicular to the
+        normal (row 1).
 
         The motions go to `targets` (m, n) [rad]. The result equals the displacement that `along` returns for
         the end of a motion, but needs less computing time, because no motion is planned. Raises
@@ -138,8 +140,8 @@ class Retreat:
         return self._displacements(angles, motion, contacts, 0.0)
 
     def _displacements(self, angles: Array, motion: _Motion, contacts: Contacts, radius: float) -> Array:
-        """Returns the displacement [m] of each contact point in k postures: (3, k, c) as in `along`, or (2,
-        k, c) if `radius` is 0.
+        """Returns the displacement [m] of each of c contact points in k postures: (3, k, c) as in `along`, or
+        only its rows 0 and 1 (2, k, c) if `radius` is 0.
 
         The first row of `angles` (k + 1, n_servos) [rad] is the reference posture, from which displacements
         are measured; the other rows are the k postures. `radius` [m] is that of the touching objects.
@@ -174,8 +176,8 @@ class Retreat:
         return motions[part]
 
     def _goals(self, motion: _Motion, position: Array, targets: Array) -> Array:
-        """Returns the angles (m, k) [rad] of a part's k servos at the ends of m motions to `targets` (m,
-        n)."""
+        """Returns the angles (m, k) [rad] of a part's k servos at the ends of m motions to `targets` (m, n)
+        [rad], the angles of its n generic joints."""
         joints, bounds = motion.joints, motion.bounds
         if motion.inverse is None or len(targets) == 1:
             goals: Array = np.array([joints.to_robot(target, position) for target in targets])
@@ -228,8 +230,8 @@ class Retreat:
         return ends
 
     def _angles(self, motion: _Motion, position: Array, target: Array, mode: Mode, driven: bool) -> Array:
-        """Returns the angles (k + 1, n_servos) [rad] of all servos: at the start, and at each of the k
-        times."""
+        """Returns the angles (TIMES + 1, n_servos) [rad] of all servos: at the start, at the times EARLY, and
+        at the fractions SHARES of the motion's duration."""
         joints, servos, bounds = motion.joints, motion.joints.servos, motion.bounds
         here = position[servos]
         near = self._driven_goal(motion, position, target) if driven else None

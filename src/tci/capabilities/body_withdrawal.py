@@ -114,8 +114,8 @@ class BodyWithdrawal(Capability[BodyMemory]):
         return None
 
     def _own(self, part: str, body: GenericBody) -> list[BodyField]:
-        """Returns the fields of a part's kind. Fields whose motion contains no joint of this robot are left
-        out."""
+        """Returns the fields that are defined for the kind of `part`, for example for `leg` if the part is
+        `left_leg`. Fields whose motion contains no joint of this robot are left out."""
         has = body.has_joint(part)
         own = [one for one in self.fields.field if part in body.parts(one.kind)]
         return [one for one in own if len(one.motion) == len(has) and np.any(one.motion * has)]

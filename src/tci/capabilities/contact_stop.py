@@ -64,7 +64,7 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
         return StopMemory(self.behaviour.init(body), {}, {})
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
-        """Returns the first orders of the behaviour."""
+        """Returns the first orders of `behaviour`, the behaviour that this object runs."""
         return begin_of(self.behaviour, perception, body)
 
     def step(
@@ -106,7 +106,7 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
         return tuple(commands), StopMemory(memory_after, wanted, touched)
 
     def notes(self, memory: StopMemory[Memory]) -> tuple[str, ...]:
-        """Returns the messages of the behaviour for a person."""
+        """Returns the messages for a person from the wrapped `behaviour`."""
         return self.behaviour.notes(memory.inner)
 
     def fault(self, perception: Perception, body: GenericBody) -> Reason | None:

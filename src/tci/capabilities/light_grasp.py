@@ -44,7 +44,8 @@ class Grip:
     holds: bool = False
     """True if, since the hand closed, a finger has pressed with at least half of the setting `force`."""
     felt: float = -np.inf
-    """Latest time [s] at which palm or fingers were touched."""
+    """Latest time [s] at which palm or fingers were touched, or at which the hand opened; -inf if there was
+    no such time."""
     rested: float = -np.inf
     """Latest time [s] at which no finger was pulled."""
 
@@ -61,7 +62,7 @@ class LightGrasp(Capability[Grips]):
     """
 
     force: float = 1.0
-    """Force [N] with which each finger presses: enough to measure a held object, and harmless."""
+    """Force [N] with which each finger presses. Assumed: enough to measure a held object, and harmless."""
     touch: float = 0.3
     """Smallest force [N] on the palm that makes the hand close."""
     pull: float = 2.5
@@ -92,7 +93,8 @@ class LightGrasp(Capability[Grips]):
             raise TciError(f"light grasp: pull {self.pull}; valid: above the force of {self.force} N")
 
     def init(self, body: GenericBody) -> Grips:
-        """Returns the memory of open hands. Raises TciError for a robot without fingers."""
+        """Returns the initial memory, in which all hands are open. Raises TciError for a robot without
+        fingers."""
         if not body.parts("fingers"):
             raise TciError(f"light grasp: {body.robot.name} has no fingers; valid: a robot with them")
         return {}

@@ -29,7 +29,7 @@ class Phase(Enum):
     """The parts move to the posture at which the gesture begins or continues."""
     PLAY = "play"
     INTERRUPTED = "interrupted"
-    """The reflex moves a part."""
+    """The reflex moves a part of the gesture, so the gesture commands no motion."""
     DONE = "done"
 
 
@@ -45,7 +45,7 @@ class GestureMemory:
     stamp: float
     """Time of the latest step [s]."""
     reflex: Any
-    """Memory of the reflex."""
+    """Memory of the capability `PlayGesture.reflex`; None if there is none."""
     interruptions: int
     """Number of interruptions by the reflex."""
 
@@ -84,7 +84,7 @@ class PlayGesture(Capability[GestureMemory]):
         return GestureMemory(Phase.APPROACH, 0.0, None, 0.0, inner, 0)
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
-        """Returns the first orders of the reflex."""
+        """Returns the first orders of `reflex`, or no orders if there is no reflex."""
         return () if self.reflex is None else begin_of(self.reflex, perception, body)
 
     def step(

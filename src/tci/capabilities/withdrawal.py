@@ -53,8 +53,8 @@ class Answer:
 
 
 _WishInputs = tuple[Contacts, frozenset[str], frozenset[str]]
-"""All values on which the wishes depend: the contacts, the parts on which all contacts in one field count as
-one, and the touched arms for which fields of `surround` may respond."""
+"""All values on which the wishes (the requested responses) depend: the contacts, the parts on which all
+contacts in one field count as one, and the touched arms for which fields of `surround` may respond."""
 WithdrawalMemory = Withdrawals[ReceptiveField]
 """Current withdrawals by generic part, and the reasons for which other touched arms do not move."""
 

@@ -94,8 +94,8 @@ class Withdrawal(Generic[F]):
 
 
 class Refusal(NamedTuple):
-    """Reason why a touched part does not move. The reason is stored, so that the touch is not checked again
-    in each period."""
+    """Reason why a touched part does not move. While the refusal is valid (`stands`), the motion is not
+    checked again."""
 
     reason: str
     frames: bytes
@@ -103,7 +103,8 @@ class Refusal(NamedTuple):
     stamp: float
     """Time [s] at which the motion was checked."""
     inputs: tuple[object, ...] | None = None
-    """All values on which the check depends, see `_inputs`."""
+    """All values on which the check of the motion depends, see `_inputs`. None if the perception had no
+    joints."""
 
     def stands(self, before: Withdrawal[F] | None, wishes: Sequence[Wish[F]], perception: Perception) -> bool:
         """Returns True if the motion need not be checked again. There are two cases. The check is recent, and

@@ -23,7 +23,7 @@ def fault() -> None:
 def list_faults(
     as_json: AsJson = False,
 ) -> None:
-    """List the catalogue of faults. To inject a fault with a name, use --fault NAME@TIME."""
+    """List the known faults. To inject a fault that has a name: tci run ... --fault NAME@TIME."""
     from rich import box
     from rich.table import Table
 

@@ -203,8 +203,8 @@ def _beside(path: Path, target: Path, *, what: str) -> str:
 
 
 def _in_package(model: Path, package: str) -> tuple[Path, str]:
-    """Returns the path of a model in an installed package, and the end of this path. The argument `model` is
-    the path of the model or the end of this path. Raises CommandError if the package is not installed, or if
+    """Returns the path of a model in an installed package, and the last three parts of this path. `model` is
+    the path of the model, or the last parts of it. Raises CommandError if the package is not installed, or if
     no file or several files of the package fit `model`.
     """
     from tci.robot.xml.node import listed

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from tci.robot.description import Robot
 
 PAPER = ("icub", "nao")
-"""Names of the two robots on which the paper (Ma and Dahl, 2016) was tested."""
+"""Names of the two robots in the paper's experiments (Ma and Dahl, 2016)."""
 
 
 def robots(as_json: AsJson = False) -> None:

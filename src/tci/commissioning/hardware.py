@@ -35,7 +35,8 @@ SETTLE = 0.3
 """Time [s] from the end of a motion to the measurement of the angles. Assumed: oscillations have decayed
 after this time."""
 ARRIVE = 8.0
-"""Longest duration [s] of one step. Assumed: far longer than the half second of a normal step."""
+"""Longest duration [s] of one motion of a servo; after this time the servo counts as not arrived. Assumed:
+far longer than the half second of a normal motion."""
 HOLDS = 2.0
 """Longest total time [s] for which the gate may hold the robot during one step. Assumed: short holds, such as
 a hold after a late frame, are harmless."""

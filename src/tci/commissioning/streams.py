@@ -37,7 +37,7 @@ class Stream:
     age: float
     """Median, over all calls of `read`, of the age [s] of the newest frame."""
     oldest: float
-    """Maximum, over all calls of `read`, of the age [s] of the newest frame."""
+    """Largest age [s] that the newest frame had in a call of `read`; infinite if no frame arrived."""
 
     def to_json(self) -> dict[str, object]:
         """Returns the statistics as JSON values. Ages are in [ms]."""
@@ -71,7 +71,8 @@ HISTORY = 50
 for statistics of values."""
 ENOUGH = 1.5
 """Frames that were not read count as lost only if there are at least this many `read` calls per frame.
-Assumed: with fewer calls, which are irregular, two frames may arrive between two calls without a fault."""
+Assumed: calls are irregular, so with fewer calls two frames may arrive between two calls although the robot
+has no fault."""
 
 
 class _Count:

@@ -37,8 +37,8 @@ def open_domain(number: int, settings: str, user: str) -> None:
 
 
 def close_domain(number: int) -> None:
-    """Ends the use of a domain, once for each call of `open_domain`. The last of these calls closes the
-    domain."""
+    """Ends one use of a domain. Call this function once for each call of `open_domain`; the last call closes
+    the domain."""
     domain, user, count = _open.pop(number)
     if count > 1:
         _open[number] = domain, user, count - 1

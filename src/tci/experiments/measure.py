@@ -36,14 +36,14 @@ class Trial:
     trigger_ms: float | None
     """Time [ms] of the first command of the reflex. The value is None if the reflex sent no command."""
     first_motion_ms: float | None
-    """First time [ms] at which a joint angle differed by at least 0.05 degrees from the trial without reflex.
-    The value is None if all differences were smaller."""
+    """Time [ms] from the first contact until a joint angle first differed by at least 0.05 degrees from its
+    value in the trial without reflex. The value is None if all differences were smaller."""
     contact_lost_ms: float | None
-    """Time [ms] of the end of the last contact. The value is None if the finger touched the skin until the
-    end of the trial."""
+    """Time [ms] from the first contact to the end of the last contact. The value is None if the finger
+    touched the skin until the end of the trial."""
     contact_lost_without_reflex_ms: float | None
-    """Time [ms] of the end of the last contact in the trial without reflex. The value is None if the finger
-    touched the skin until the end of that trial, as it normally does."""
+    """Time [ms] from the first contact to the end of the last contact in the trial without reflex. The value
+    is None if the finger touched the skin until the end of that trial, as it normally does."""
     peak_force_n: float
     """Largest contact force [N] in the physics simulation."""
     cop_error_mm: float | None

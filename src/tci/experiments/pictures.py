@@ -27,7 +27,7 @@ from tci.simulation.world import World
 PART = "left_arm"
 VIEWS = {"forearm_extensor": (0.95, 0.0), "forearm_medial": (-0.30, 0.30)}
 """Poked sites with the view of each: azimuth and elevation [rad] of the camera. The sites and views are those
-of Figure 6 in the paper (from below and from inside)."""
+of Figure 6 in the paper: the forearm is poked from below, and from the side that faces the body."""
 WIDTH, HEIGHT = 440, 480
 CLOSE_UP = 170
 """Size of a close-up [pixels]."""

@@ -53,7 +53,7 @@ class Trace:
     was no contact."""
     contact_lost: float | None = None
     """Time [s] of the end of the last contact. The value is None if the finger touched the skin until the end
-    of the trial."""
+    of the trial, or never touched the skin."""
     peak_force: float = 0.0
     """Largest contact force [N] in the physics simulation."""
     time: list[float] = field(default_factory=list)
@@ -61,8 +61,8 @@ class Trace:
     force: list[float] = field(default_factory=list)
     """Contact force [N] in the physics simulation, for each sample."""
     center: dict[float, Array] = field(default_factory=dict)
-    """Mean (3,) [m] of the contact points in the physics simulation, weighted by force, by time [s].
-    Coordinates are in the torso frame."""
+    """Mean (3,) [m], weighted by force, of the contact points in the physics simulation; the key is the time
+    [s]. Coordinates are in the torso frame."""
     point: list[Array] = field(default_factory=list)
     """Position (3,) [m] of `place` in the torso frame, for each sample."""
     away: list[float] = field(default_factory=list)

@@ -59,7 +59,8 @@ class Axes:
     within_limits: int
     """Number of the random postures that are within the servos' limits; POSTURES were tried."""
     worst_deg: float
-    """Largest angle [degrees] between corresponding axes."""
+    """Largest angle [degrees] between an axis of the robot's arm and the corresponding axis of the generic
+    arm, in all postures within the limits."""
 
 
 @dataclass(frozen=True, slots=True)

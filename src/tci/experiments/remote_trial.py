@@ -71,7 +71,7 @@ class RemoteTrial:
         """Starts the other process, which runs `reflex`.
 
         `via` is the middleware as NAME or NAME:ADDRESS, like the argument of `tci serve`. Raises
-        UnknownNameError for a robot that this middleware can't transport.
+        UnknownNameError if the robot has no binding to this middleware.
         """
         self.robot, self.via = robot, via
         for one in via.split(JOIN):

@@ -52,7 +52,8 @@ def calibrate_in_simulation(
     seed: int = 0,
     progress: Callable[[int], None] = lambda count: None,
 ) -> SelfCalibration:
-    """Displaces every taxel of the map, touches the simulated skin, and locates the taxels from the touches.
+    """Adds an error to the known position of every taxel, touches the simulated skin, and locates the taxels
+    from the touches.
 
     Args:
         robot: Description of the robot.

@@ -104,7 +104,7 @@ class PatchFacts(Description):
     segment: str
     link: str
     kind: str
-    """Kind of surface with which the description defines the patch."""
+    """Kind of surface in the description of the patch: `truncated_cone`, `triangular_modules` or `table`."""
     rate: float
     """Rate [Hz] of the patch's skin frames."""
     channels: int

@@ -62,7 +62,7 @@ class CommandedGroups:
             chain.look_outside(measured)
 
     def drop(self) -> None:
-        """Ends all groups. The control modes of the servos do not change."""
+        """Removes all groups. The control modes of the servos do not change."""
         self._chains.clear()
         self._note_change()
 
@@ -125,8 +125,8 @@ class CommandedGroups:
         return list(chains.values())
 
     def switch(self, servos: Sequence[int], mode: Mode, loose: set[int]) -> None:
-        """Switches `servos` to `mode` at their present positions. After the switch, all servos of the robot
-        that are in torque mode are those in `loose`.
+        """Switches `servos` to `mode` at their present positions. `loose` contains all servos of the robot
+        that are in torque mode after the switch.
 
         Raises CommandError if some servos can't be switched; in this case nothing changes.
         """

@@ -11,8 +11,9 @@ LONGEST = 0.02
 """Largest age [s] at which joint data is fully trusted. Assumed: a constant braking torque needs about 50 ms
 to reverse a joint, and robots send joint data at least every 10 ms."""
 FADE = 0.01
-"""Time [s] in which the trust falls from 1 to 0. The fall begins when the data is too old to be fully
-trusted. Assumed: in this time, a light joint under its full torque gains a third of its speed limit."""
+"""Time [s] in which the trust in joint data (a factor of the permitted torques) falls from 1 to 0. The fall
+begins when the data is too old to be fully trusted. Assumed: in this time, a light joint under its full
+torque gains a third of its speed limit."""
 USUAL = 1.5
 """Data is fully trusted up to an age of USUAL times the mean age at which newer data arrives, plus one
 control period; but never above LONGEST. Assumed: the factor covers the jitter of the age."""

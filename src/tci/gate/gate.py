@@ -302,7 +302,8 @@ class Gate:
         return True
 
     def _look_at_rate(self, passed: float) -> None:
-        """Logs a warning at the second late call of a loop that runs at another rate.
+        """Logs a warning if two successive calls are late by nearly equal times (see `STEADY`): the loop then
+        runs at a lower rate than the gate's.
 
         `passed` [periods] is the time since the last call. If a call was on time once, the loop is only
         delayed, and no warning is logged here: the function that runs the loop reports delays.

@@ -30,7 +30,7 @@ class Immovable:
         ]
 
     def left_out(self, order: PlatformOrder) -> PlatformOrder:
-        """Returns an order without the immovable servos of each robot part whose servos are all in the order.
+        """Returns the order without immovable servos, for each robot part whose servos are all in the order.
         If no servo would remain, returns the order unchanged."""
         if not self._parts or order.servos.ndim != 1:
             return order

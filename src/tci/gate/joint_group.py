@@ -40,8 +40,8 @@ class JointGroup:
     limiter: OnlineTrajectory
     """Trajectory of these servos."""
     bounds: Bounds
-    """Bounds of these servos. The bounds of the couplings apply while all servos outside the group are at
-    zero."""
+    """Bounds of these servos. The bounds of the couplings are those for servos outside the group at zero;
+    `ends` contains the present bounds."""
     outside: NDArray[np.float64]
     """Coefficients (m, n_servos) of the servos outside the group, for couplings that contain a servo of the
     group."""

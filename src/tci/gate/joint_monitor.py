@@ -234,7 +234,7 @@ class JointMonitor:
         return Reason(Code.ENCODER_FROZEN, words)
 
     def _sort(self, modes: tuple[Mode, ...]) -> None:
-        """Notes for each servo (k,) if it is compared with its reference, and if it is in torque mode."""
+        """Stores two flags for each servo (k,): compared with its reference, and in torque mode."""
         self._modes = modes
         self._kinds = np.array(
             [[mode in JUDGED for mode in modes], [mode is Mode.TORQUE for mode in modes]], dtype=bool

@@ -61,8 +61,8 @@ class MotionPlanner:
         self._input.target_velocity = velocity.tolist()
 
     def step(self) -> Array | None:
-        """Returns the state (3, n) after the next step; None if ruckig finds no motion. If the robot is to
-        execute this step, the caller must call `take`."""
+        """Returns the positions, velocities and accelerations (3, n) after the next step; None if ruckig
+        finds no motion. If the robot is to execute this step, the caller must call `take`."""
         plan = self._output
         try:
             self.ended = self._otg.update(self._input, plan) == Result.Finished

@@ -138,8 +138,8 @@ class SelfCollision:
         return None
 
     def _near(self, box: Array) -> int:
-        """Returns the number of pairs that may come closer than the margin between the angles of `box` (2,
-        n_servos) [rad]."""
+        """Returns the number of pairs whose distance may fall below the margin while the servos are between
+        the angles `box` (2, n_servos) [rad]."""
         count: int = _come_near(*self._fixed, box, self._ends, self.margin)
         return count
 

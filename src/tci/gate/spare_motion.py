@@ -1,4 +1,5 @@
-"""A motion that is planned and never sent, to prepare the processor for motions that are sent."""
+"""A motion that is planned and never sent. It keeps the code and data of motions in the processor's caches,
+so that the next real motion is not delayed."""
 
 from __future__ import annotations
 
@@ -37,7 +38,7 @@ class SpareMotion:
         self._speeds, self._sent = np.ones(len(servos)), np.empty(len(servos))
 
     def step(self) -> None:
-        """Plans the motion to the other one of two targets, and takes one step. Does nothing if no servo has
+        """Plans a motion to one of two targets, alternately, and takes one step. Does nothing if no servo has
         known limits."""
         if self._group is None:
             return

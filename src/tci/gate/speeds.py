@@ -43,8 +43,8 @@ class Slope:
 
     @property
     def speed(self) -> Array:
-        """Returns mean speeds (n,) [rad/s]. All speeds are NaN if the time between the latest two readings is
-        longer than SPAN."""
+        """Returns the mean speeds (n,) [rad/s] over the last SPAN or less. All speeds are NaN if no earlier
+        reading is within SPAN before the latest one."""
         if not self.span > 0.0:
             return self._none
         speed: Array = (self._past[-1].position - self._past[0].position) / self.span

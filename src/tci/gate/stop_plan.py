@@ -27,8 +27,9 @@ from tci.gate.kernels.stops import (
 
 _plan_stop, _follow_stop = entry(plan_stop), entry(follow_stop)
 LONGEST_STOP = 512
-"""Largest number of periods of a stop near a coupling, since this stop is checked period by period. Assumed:
-a stop from full speed takes a tenth of this number; a longer stop near a coupling is not permitted."""
+"""Largest number of periods of a stop near the limit of a coupling; a longer stop is not permitted there.
+This number bounds the computing time, since such a stop is checked period by period. Assumed: a stop from
+full speed takes a tenth of this number."""
 TURN = 1e-3
 """Angle [rad] by which a coupling outside its bounds may move further out during a stop. This tolerance is
 necessary because the servos of a coupling come to rest at different times. Assumed: this angle is well below

@@ -18,8 +18,9 @@ from tci.reasons import Code, Reason
 
 _straight_limits = entry(straight_limits)
 LEAST_SHARE = 1e-6
-"""In a straight motion, the limits of each servo are proportional to its distance. A smaller distance counts
-as this fraction of the longest distance, because ruckig needs limits above 0."""
+"""In a straight motion, the limits of each servo are proportional to its distance from the target. A distance
+below this fraction of the longest distance is replaced by this fraction, because ruckig needs limits above 0.
+"""
 Guard = Callable[[StopTrajectory], Reason | None]
 """Function that checks a planned stop before the state at its beginning is sent. Returns the reason to refuse
 the stop, or None."""
@@ -40,20 +41,23 @@ class OnlineTrajectory:
     ) -> None:
         """Starts at rest at the measured `position` (n,) [rad]; one step lasts `period` [s].
 
-        If `guard` refuses a stop, the servos stop as if `halt` was called, and `ended` contains the reason.
+        `guard` checks each planned stop, which is the motion that would bring the servos to rest. If `guard`
+        refuses a planned stop, the servos stop as if `halt` was called, and `ended` contains the reason.
         """
         count = len(position)
         self.bounds = bounds
         self._guard = guard
         self.ended: Reason | None
-        """Reason why the guard ended the motion in the latest step; None if the guard did not end it."""
+        """Reason for which the function `guard` ended the motion in the latest step; None if `guard` did not
+        end it."""
         self.aims: Array = np.array([bounds.inside(position), bounds.velocity, np.zeros(count)])
         """Array (3, n) for the present motion. Row 0: targets [rad], which are always inside the limits. Row
         1: speed limits [rad/s]. Row 2: work space of the function that changes the targets. After a change,
         call `begin`."""
         self.target: Array = self.aims[TARGET]
         self.speed: Array = self.aims[SPEED]
-        """Views of the first two rows of `aims`: targets, and speed limits."""
+        """`target` and `speed` are views of the first two rows of `aims`: targets [rad] and speed limits
+        [rad/s], both (n,)."""
         self.drive: Array = np.full(count, np.nan)
         """Velocity (n,) [rad/s] at which each servo is driven; NaN for a servo that moves to a target."""
         self.drives: bool
@@ -205,8 +209,8 @@ class OnlineTrajectory:
 
     @property
     def _sags(self) -> bool:
-        """True if a servo outside its limits has sagged farther outside. The trajectory then leads the servo
-        back to where it was found."""
+        """True if a servo outside its limits has sagged farther outside since it came under command. The
+        trajectory then leads the servo back to the angle at which it came under command."""
         return sags(self.position, self.bounds, self.found, self.measured)
 
     def _advance(self) -> bool:
@@ -276,7 +280,8 @@ class OnlineTrajectory:
         and takes no step, if no servo is outside or the step is refused.
 
         If the step is refused while all servos are at rest, no servo moves further inside until the next
-        command. Until then, servos that sag are only led back to where they were found.
+        command. Until then, only servos that sag move: back to their angles at the time when they came under
+        command.
         """
         self._set_straight(False)
         back, rests = self._back(), bool(np.abs(self.whole_state[1]).max() <= STILL)
@@ -296,8 +301,8 @@ class OnlineTrajectory:
         step is taken, otherwise False. The second result is the guard's reason if the guard refuses the step,
         otherwise None.
 
-        Args:
-            back: Velocity (n,) [rad/s] of servos outside their limits, if only these servos move.
+        Args: back: Velocity (n,) [rad/s] of servos outside their limits, if only these servos move; otherwise
+            None.
         """
         here, state = self.position, self._planner.step()
         self._hindrance = UNPLANNED if state is None else OUTSIDE

@@ -19,10 +19,10 @@ QUICK = float(np.deg2rad(180.0))
 [rad/s], the speed is CREEP times QUICK. Assumed: without this bound, a G1's motors would move inward with
 half a turn per second."""
 SAGS = float(np.deg2rad(0.5))
-"""A servo outside its limits may sag below the angle at which it was found. To lead the servo back to this
-angle, its reference may go beyond the angle towards the inside, by at most SAGS [rad]. Assumed: a usual
-deviation of servos. At the end of an arm, SAGS corresponds to a distance below the margin of the check for
-self-collision, which covers such deviations."""
+"""A servo outside its limits may sag: it moves farther outside than the angle at which it was found. To lead
+the servo back to this angle, its reference may be farther inside than the angle, by at most SAGS [rad].
+Assumed: a usual deviation of servos. At the end of an arm, SAGS corresponds to a distance below the margin of
+the check for self-collision, which covers such deviations."""
 LAGS = 5e-5
 """Angle [rad] by which a servo outside its limits must sag before it is led back. Assumed: about the
 resolution of joint encoders."""
@@ -48,8 +48,8 @@ def creeping(speed: Array, *, straight: bool) -> Array:
 
 def sags(here: Array, bounds: Bounds, found: Array, measured: Array) -> bool:
     """Returns True if a servo has sagged: its reference is outside its limits, and its measured angle is now
-    farther outside than when the servo was found. The arguments `here`, `found` and `measured` are those of
-    `was_there`."""
+    farther outside than when the servo came under command. The arguments `here`, `found` and `measured` are
+    those of `was_there`."""
     sagged = np.where(here < bounds.lower, found - measured, measured - found)
     outside = (here < bounds.lower) | (here > bounds.upper)
     return bool(sagged.max(initial=0.0, where=outside) > LAGS)

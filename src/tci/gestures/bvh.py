@@ -292,7 +292,9 @@ def _postures(points: Array, thumb: Array, side: Side, before: Array) -> tuple[A
 
 
 def _bend(upper: Array, before: Array) -> Array:
-    """Returns the negative axis of flexion (3,) of an elbow that is straight or almost straight."""
+    """Returns the negative axis of flexion (3,) of an elbow that is straight or almost straight: the part of
+    `before` (3,) perpendicular to the upper arm's direction `upper` (3,). If `before` has no such part,
+    chooses an axis about which the forearm would bend forward."""
     forward, left = np.eye(3)[:2]
     choices = (before - upper * float(before @ upper), np.cross(forward, upper), left)
     lengths = [float(np.linalg.norm(choice)) for choice in choices]

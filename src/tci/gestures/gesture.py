@@ -30,8 +30,8 @@ FORCE = 0.2
 """Fraction of the acceleration limits that a fitted gesture uses. Assumed: the robot needs the rest of the
 acceleration to follow the gesture closely."""
 LONGEST = 3600.0
-"""Longest duration [s] of a gesture. Assumed: one hour. A file with `rows.MOST` rows is long enough for
-it."""
+"""Longest duration [s] of a gesture. Assumed: no gesture lasts longer than one hour. With 120 rows per
+second, one hour fits into `rows.MOST` rows."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +80,8 @@ class Fitted:
     """A gesture that a given robot can perform."""
 
     gesture: Gesture
-    """The motion in the robot's own generic joints, with one posture every SAMPLE * `slower` seconds."""
+    """The motion in this robot's generic joints, with arm angles relative to the robot's mounts. The time
+    between two postures is at most SAMPLE * `slower` [s]."""
     targets: Gesture
     """Targets for the gate. The gate plans to stop at every target, which would delay the motion. Therefore
     the targets are ahead of the gesture by half the stopping time."""

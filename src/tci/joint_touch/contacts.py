@@ -34,8 +34,8 @@ class JointTouchSettings:
     this number [standard deviations]. Assumed: with a smaller value lighter touches are detected, but errors
     of the model also count as touches."""
     end: float = 3.0
-    """A contact ends if the distance of the residual from zero is less than this number [standard
-    deviations]."""
+    """A contact ends if the distance of the residual (the external joint torques) from zero is less than this
+    number [standard deviations]."""
     skin: float = 1.0
     """Relative error of the forces that the skin measures. Assumed: the error may be as large as the force,
     for example if taxels are missing at the place of the touch."""
@@ -56,7 +56,8 @@ class _Touch:
     onset: float
     patch: int
     point: Array
-    """Point (3,) [m] at which this contact was first detected on this patch."""
+    """Point (3,) [m], in the frame of the patch's link, at which this contact was first detected on this
+    patch."""
 
 
 class JointTouch:

@@ -40,8 +40,8 @@ class Explanation:
     force: float
     """Force [N] along the inward normal."""
     gain: float
-    """Distance [standard deviations] of the residual from zero, measured in the direction of the torques of
-    this contact."""
+    """Component of the residual [standard deviations] in the direction of the joint torques that this contact
+    causes."""
     certainty: float
     """Probability (0..1) that the true contact point is within the distance `REACH` of the estimated point,
     given the errors of the model."""
@@ -105,8 +105,8 @@ class PartEstimator:
     def explain(
         self, left: Array, residual: Residual, position: Array, kinematics: KinematicChain, least: float
     ) -> Explanation | None:
-        """Returns the most likely contact for the residual `left` (k,), or None if the contact's gain is
-        below `least`."""
+        """Returns the most likely contact for the residual `left` (k,), in standard deviations. Returns None
+        if the residual in the direction of the contact's torques is below `least` standard deviations."""
         if left @ left < least * least:
             return None
         weight = 1.0 / residual.deviation[self._servos]

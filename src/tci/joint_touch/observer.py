@@ -20,8 +20,8 @@ from tci.robot.dynamics import Dynamics
 from tci.robot.joint_calibration import JointCalibration
 
 MOST = 0.2
-"""Largest product of gain and period. A larger product makes the discrete filter overshoot. This value is
-also used in KDL's example."""
+"""Largest product of gain and period. Above 1, the discrete filter would overshoot; this value keeps a
+margin. This value is also used in KDL's example."""
 GAP = 0.1
 """Longest time [s] between two readings. After a longer time the observer starts again from zero, since it
 can't distinguish a change of momentum during this time from a touch. Assumed: a few periods."""
@@ -65,8 +65,8 @@ class Residual:
     torque: Array
     """External torque (n,) [N m] on each servo."""
     deviation: Array
-    """Standard deviation (n,) [N m] of the torque due to errors of the model. The value is infinite for a
-    servo that reports no torque."""
+    """Standard deviation (n,) [N m] of the error of `torque`, due to noise, friction and wrong masses of the
+    model. The value is infinite for a servo that reports no torque."""
 
 
 class MomentumObserver:

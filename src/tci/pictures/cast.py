@@ -60,8 +60,8 @@ class Caster:
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, colours: Array) -> None:
         """Creates a caster for a scene. The poses are those in `data` at the time of the first `cast`.
 
-        `colours` (ngeom, 4) are the colours of the geoms. An alpha of 1 is opaque, 0 is hidden, and values
-        between are glass.
+        `colours` (ngeom, 4) are the colours of the geoms. A geom with an alpha of 1 is opaque, one with 0 is
+        hidden, and one with a value between is transparent.
         """
         # MuJoCo selects geoms by group and by the alpha in the model, so both are set in a copy of the model.
         self._model = copy.copy(model)

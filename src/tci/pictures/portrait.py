@@ -155,8 +155,8 @@ class Portrait:
 
 
 def _colours(world: World, model: mujoco.MjModel) -> Array:
-    """Returns the colours of the model's geoms. Limbs with skin are completely dark, and the finger is
-    transparent."""
+    """Returns the colours of the model's geoms. A link that carries the skin of a limb is dark as a whole,
+    and the finger is transparent."""
     colours = model_colours(model)
     limbs = [patch.name for patch in world.robot.patches if world.robot.limb_segment(patch)]
     bodies = [model.geom_bodyid[model.geom(skin_geom(name)).id] for name in limbs if name in world.surfaces]

@@ -40,7 +40,8 @@ LARGEST = 2**30
 """Largest size [bytes] of an array in memory. Assumed: this is enough for 45 minutes of 500 taxels at 100 Hz.
 """
 LARGEST_MAPPING = 2**20
-"""Largest size [bytes] of a mapping that is read. Assumed: 60 patches of 4000 listed channels."""
+"""Largest size [bytes] of a mapping file (TOML) that is read. Assumed: enough for 60 patches with lists of
+4000 channels."""
 _CELL = re.compile(rf"[ \t]*(?:{NUMBER}|[nN]a[nN])[ \t]*")
 """Pattern of NaN (a missing number), or of a number in the syntax that robot descriptions permit."""
 

@@ -29,7 +29,8 @@ class ImportedContacts:
     the contact's part, or if none of the contact's taxels is on this patch."""
     parts: tuple[TableFit, ...]
     """Comparison of the recorded contacts with the robot's taxels, for each part with contacts. Each
-    comparison also contains the names of the tables that agree with the contacts."""
+    comparison also contains the names of the skin files in the folder `tables` that agree with the contacts.
+    """
 
 
 def import_contact_list(
@@ -39,11 +40,12 @@ def import_contact_list(
 
     `robot` must be the robot on which the log was recorded. A contact list contains, for each contact, the
     taxels and the mean of their values. The recording contains this mean as the raw value of each of these
-    taxels. The log contains no joint angles, so the joints are set to the robot's initial posture. Contacts
-    are left out if the robot has no patch with the part's name, or if none of their taxels is on this patch.
-    The log also contains the centre of each contact. To find the skin file with which the log was made, the
-    centres are compared with the taxels of the robot's skin, and with the taxels of each skin file in the
-    folder `tables`. Raises RecordingError if the log can't be read or does not fit the robot.
+    taxels. The log contains no joint angles, so the joints are set to the robot's initial posture. A contact
+    is left out if the robot has no patch with the name of the contact's part, or if none of the contact's
+    taxels is on this patch. The log also contains the centre of each contact. To find the skin file with
+    which the log was made, the centres are compared with the taxels of the robot's skin, and with the taxels
+    of each skin file in the folder `tables`. Raises RecordingError if the log can't be read or does not fit
+    the robot.
     """
     patches = {patch.name: patch for patch in robot.patches if patch.surface.kind != "truncated_cone"}
     surfaces = {name: surface for name, surface in Skin(robot).surfaces.items() if name in patches}
@@ -71,8 +73,8 @@ def _frames(
 ) -> tuple[SkinFrame, ...]:  # fmt: skip
     """Returns the frames of a contact list.
 
-    `live` contains the numbers of each patch's taxels. A contact with none of these taxels is appended to
-    `left_out`.
+    `live` contains, by patch, the channels that are taxels. A contact with none of these taxels is appended
+    to `left_out`.
     """
     values = {name: np.full(patch.channels, patch.sensor.rest) for name, patch in patches.items()}
     for contact in found:

@@ -37,7 +37,8 @@ Verdict = Literal["fits", "wrong", "unknown", "no patch"]
 
 @dataclass(frozen=True, slots=True)
 class TableFit:
-    """Comparison of the contacts recorded on one part with the skin of a robot and with tables."""
+    """Comparison of the contacts recorded on one part with the skin of a robot, and with given tables of
+    taxel positions."""
 
     part: str
     """Name of the skin part."""

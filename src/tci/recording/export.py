@@ -23,7 +23,8 @@ from tci.skin.skin import Skin
 
 FORMATS = ("csv", "npz", "parquet")
 Table = dict[str, NDArray[Any]]
-"""Columns by name, with one row (k,) per instant. A column of skin data is a matrix (k, n)."""
+"""Columns by name, with one row per instant or, in the table of contacts, per contact. A column of skin data
+is a matrix with one column per channel or taxel."""
 CONTACT = (
     "time_s", "sequence", "patch", "part", "segment", "identity", "began_s", "force_n", "peak_force_n",
     "area_m2", "taxels", "u", "theta_rad", "x_m", "y_m", "z_m", "force_x_n", "force_y_n", "force_z_n",

@@ -98,8 +98,8 @@ DECISION = replace(
     f"codes: that of the reason ({NO_REASON} for none), then of each refusal: numbers of tci.reasons.Code.",
 )
 TEXTS = ("reason", "clamped", "refusals")
-"""Fields of a decision that people read. The wording may change, so programs must not compare these
-fields."""
+"""Fields of the gate's decision (`DECISION`) that are texts for people. The wording may change, so programs
+must not compare these fields."""
 CLOUD = MessageType(
     "sensor_msgs/msg/PointCloud2",
     (

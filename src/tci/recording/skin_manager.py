@@ -29,7 +29,8 @@ NEIGHBOUR = 0.012
 """Default of the largest distance [m] between neighbouring taxels (skinManager's maxNeighborDist). Some
 robots use other values."""
 FORCE = 0.05
-"""Force [N] per taxel and per unit of pressure."""
+"""Force [N] that skinManager computes per taxel of a contact and per unit of its pressure (the mean of the
+taxels' values)."""
 SKIN_PARTS = (
     "unknown", "left_hand", "left_forearm", "left_arm", "right_hand", "right_forearm", "right_arm", "torso",
     "left_leg_upper", "left_leg_lower", "left_foot", "right_leg_upper", "right_leg_lower", "right_foot",

@@ -49,8 +49,9 @@ class Touch:
 
     @property
     def commanded(self) -> float | None:
-        """Time [s] of the first command to the responding part since the touch began. The value is None if
-        there was no command."""
+        """Time [s] of the first command to the responding part since the touch began. If this part got no
+        command, the time of the first command to the robot's own joints. The value is None if there was
+        neither."""
         return self.commands.get(self.responding, self.commands.get(""))
 
     @property
@@ -80,8 +81,8 @@ class Touch:
 def find_touches(periods: Iterable[Perceived]) -> list[Touch]:
     """Returns all touches, in the order of their first contacts.
 
-    If another part was commanded immediately before a touch, for example in a gesture, the commands and the
-    motion of that part do not count as a response.
+    If a part other than the touched one was commanded immediately before the touch, for example in a gesture,
+    the commands and the motion of that part do not count as a response.
     """
     found: list[Touch] = []
     last: dict[str, Touch] = {}

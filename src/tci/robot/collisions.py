@@ -135,7 +135,7 @@ def nearby(
 
 def _overlapping(model: mujoco.MjModel, robot: Robot, posture: Array) -> list[tuple[int, int]]:
     """Returns the pairs of bodies, by their index in MuJoCo, that are in contact at `posture` (n_servos,)
-    [rad], or near each other by construction."""
+    [rad], or are near each other at `posture` and at most other postures (see `MOST`)."""
     overlapping = set(nearby(model, robot, posture))
     if near := nearby(model, robot, posture, within=NEAR).keys() - overlapping:
         ends = np.array([posture, posture])

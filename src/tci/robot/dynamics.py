@@ -20,9 +20,9 @@ UPRIGHT = read_only([0.0, 0.0, -STANDARD_GRAVITY])
 class Dynamics:
     """Inertia and bias torques by MuJoCo's composite-rigid-body and recursive Newton-Euler algorithms.
 
-    The root of the model is fixed to the ground. Tools in the hands and rotors are included; friction is not
-    included. Servos without a joint in the model have neither inertia nor torque. The methods reuse memory,
-    so each thread needs its own object.
+    The root of the model is fixed to the ground. The masses of tools and the inertia of rotors, both from the
+    calibration, are included. Friction is not included. Servos without a joint in the model have neither
+    inertia nor torque. The methods reuse memory, so each thread needs its own object.
     """
 
     def __init__(self, robot: Robot, calibration: JointCalibration) -> None:

@@ -37,8 +37,9 @@ def upper_arm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:
     """Returns `R_MU` (3, 3), the rotation of the upper arm in the mount frame M, at the generic angles
     `posture` (5,) [rad].
 
-    -z points along the segment, x to its flexor side. If `axial` is False, internal rotation (joint 2) is
-    left out. The angle theta of a taxel is measured in the frame without internal rotation.
+    In the upper arm's frame U, -z points along the segment and x to the segment's flexor side. If `axial` is
+    False, internal rotation (joint 2) is left out. The angle theta of a taxel is measured in the frame
+    without internal rotation.
     """
     s = side_sign(side)
     c0, c1, c2 = np.cos(posture[:3]).tolist()

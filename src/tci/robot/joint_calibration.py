@@ -21,10 +21,10 @@ _Positive = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 
 
 class JointFriction(Description):
-    """Friction and rotor of one joint."""
+    """Friction and rotor inertia of one joint."""
 
     coulomb: _Positive = 0.0
-    """Dry friction [N m]: a torque against the motion that does not depend on speed."""
+    """Dry friction [N m]: a torque against the motion, independent of the speed."""
     viscous: _Positive = 0.0
     """Viscous friction [N m s/rad]: a torque against the motion, in proportion to the speed."""
     rotor: _Positive = 0.0

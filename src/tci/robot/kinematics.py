@@ -33,8 +33,8 @@ class KinematicChain:
     """Kinematics of one robot. The object is immutable, so several threads may use it. Callers may change
     returned arrays.
 
-    Joints of the model that no servo moves stay at zero. A joint that follows a servo (a mimic joint) has a
-    step with an additional servo, whose angle is appended to the angles of the servos.
+    Joints of the model that no servo moves stay at zero. A joint that follows a servo (a mimic joint) is
+    treated like an additional servo, whose angle is appended to the angles of the servos.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -56,14 +56,14 @@ class KinematicChain:
         self._mimics = _Mimics(robot)
         steps = _Steps(robot, model)
         self.torso = steps.add(steps.after[self.body(robot.model.torso_link)], _fixed(robot.model.T_LT))
-        """Index of the step that ends at the torso frame."""
+        """Index in `steps` of the kinematic step that ends at the torso frame."""
         self.steps: Indices = read_only(steps.steps, np.int64)
         """Steps (s, 3). The columns are: index of the previous step, -1 for the world; servo, -1 for none; 1
         if the joint is prismatic."""
         self.sums: Array = read_only(steps.sums)
-        """Matrices K0, K1 and K2 (s, 3, 3, 4) of each step: at the joint angle q, the pose after the step is
-        K0 + K1 cos q + K2 sin q. Each of these matrices consists of a rotation and, in the last column, a
-        position [m]."""
+        """Matrices K0, K1 and K2 (s, 3, 3, 4) of the s steps. Relative to the end of the previous step, the
+        pose at the end of a step is K0 + K1 cos q + K2 sin q at the joint angle q, and K0 + K1 q for a
+        prismatic joint. The last column of the pose is the position [m]."""
         self._axes: Array = read_only(steps.axes)
         self._after: Indices = read_only([steps.after[body] for body in range(model.nbody)], np.int64)
         self._asked: dict[tuple[str, ...], tuple[Indices, Indices]] = {}
@@ -134,17 +134,17 @@ class KinematicChain:
         return self._mimics.extended(position)
 
     def ends(self, bodies: Iterable[int]) -> Indices:
-        """Returns the index of the step that ends at each of `bodies` (l,), which are indices in the
-        model."""
+        """Returns, for each of `bodies` (indices in the model), the index (l,) in `steps` of the last step on
+        the path to this body."""
         return np.array([self._after[body] for body in bodies], np.int64)
 
     def path(self, ends: Iterable[int]) -> Indices:
-        """Returns a table (k, 2) of the steps on the ways from the root to the torso and to the links that
-        the steps `ends` lead to. A link's parent comes before the link.
+        """Returns a table (k, 2) of the steps (see the module) from the model's root to the torso and to the
+        links at the ends of the steps `ends`. Parents come first.
 
-        The first column is the index of the step. The second column is 1 for a servo that moves the first of
-        these links relative to the torso, -1 for a servo between root and torso that moves the torso instead,
-        and 0 for other servos.
+        The first column is the index of the step. The second column is 1 if the servo of the step moves the
+        link of the first of `ends` but not the torso, -1 if it moves the torso but not this link, and 0
+        otherwise.
         """
         above = [self._above(end) for end in ends]
         torso = self._above(self.torso)
@@ -168,7 +168,7 @@ class KinematicChain:
         return poses
 
     def _above(self, step: int) -> list[int]:
-        """Returns a step and all steps before it, up to the root of the model."""
+        """Returns indices in `steps`: `step`, and all steps before it, up to the root of the model."""
         result = []
         while step >= 0:
             result.append(step)

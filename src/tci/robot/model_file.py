@@ -177,8 +177,8 @@ def _read_mjcf(model: Model) -> mujoco.MjSpec:
 
 
 def _place_meshes(spec: mujoco.MjSpec, model: Model) -> None:
-    """Finds the files of the meshes of an MJCF model. The model for kinematics contains no meshes here,
-    because kinematics do not need them."""
+    """Finds the files of the meshes of an MJCF model. A specification for kinematics contains no meshes, so
+    no file is needed for it."""
     meshes = MeshFiles(Path(model.path), model.meshes)
     converted: dict[str, bytes] = {}
     for mesh in spec.meshes:

@@ -1,7 +1,8 @@
 """Distances between points of a skin.
 
 For a few points, NumPy computes all distances. For more points SciPy's k-d tree is faster, but the import of
-SciPy takes 0.2 s, a fifth of the start of a program. So SciPy is imported only for skins with many taxels.
+SciPy takes 0.2 s, a fifth of the time in which a program starts. So SciPy is imported only for skins with
+many taxels.
 """
 
 from __future__ import annotations

@@ -16,8 +16,8 @@ Result = TypeVar("Result")
 def per_robot(
     make: Callable[Concatenate[Robot, Rest], Result],
 ) -> Callable[Concatenate[Robot, Rest], Result]:
-    """Caches the results of a function for each robot and its other arguments, as long as the robot object
-    exists.
+    """Caches the results of a function for each robot and all other arguments of the function, as long as the
+    robot object exists.
 
     Robots are distinguished by object identity. An `lru_cache` would compare all fields of equal robots in
     each period, which takes too long.

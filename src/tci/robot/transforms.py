@@ -1,4 +1,5 @@
-"""Transforms between joints of a generic part and the servos that move them.
+"""Transforms between joints of a generic part and the servos that move them. GS is the angle of a generic
+joint, DS the angle of a servo; the other letters are constants of the description.
 
 - linear: GS = gamma DS + sigma (eq. 1).
 - table: piecewise linear between pairs of angles, extrapolated beyond the ends of the table.

@@ -60,7 +60,7 @@ class Tick:
     """The data of one period of the loop."""
 
     now: float
-    """Time [s] on the driver's clock."""
+    """Time [s] at the start of the period, on the driver's clock."""
     reading: Reading
     """Reading of the robot."""
     perception: Perception
@@ -222,8 +222,8 @@ class _Loop(Generic[Memory]):
         self.report.work.add(time.perf_counter() - begin)
 
     def warm_up(self, now: float) -> None:
-        """Keeps the code of a command in the processor's caches. Does so once in `WARM_UP` periods, and only
-        if half of the period that began at `now` [s] is left."""
+        """Keeps the machine code that executes a command in the processor's caches. Does so once in `WARM_UP`
+        periods, and only if half of the period that began at `now` [s] is left."""
         if self._warm_up is None or self.report.ticks % WARM_UP:
             return
         if self.driver.clock.now() - now < self._period / 2:

@@ -31,7 +31,8 @@ from tci.runtime.run_log import Event, RunLog
 from tci.skin.skin import Skin
 
 REHEARSAL = 1.5
-"""Shortest duration [s] of a run with an injected fault. One poke and the robot's response need less time."""
+"""Shortest duration [s] of a run with an injected fault. Assumed: one poke and the robot's response need less
+time."""
 FLICKER = 0.4
 """Noise [counts] of the simulated skin in a run with injected faults. Assumed: values are rounded to whole
 counts, so with this noise most values stay constant, and some change by one count."""

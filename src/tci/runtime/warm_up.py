@@ -11,16 +11,17 @@ from tci.messages import GenericCommand, JointReading, Mode
 from tci.robot.joint_map import initial_position
 
 WARM_UP = 16
-"""Number of periods after which the warm-up is repeated. Measured: a command after 200 periods without one
-then takes as long as a command in a series of commands. With four times as many periods it takes longer."""
+"""Number of periods after which the warm-up is repeated. Measured: the first command after 200 periods
+without commands then takes as long as a command in a series of commands. With 64 instead of 16 periods, the
+first command takes longer."""
 
 
 class WarmUp:
     """Converts a command and plans its motion as a control loop does, but for no robot.
 
-    A touch is rare. The processor has then replaced the code of a command in its caches by other code, and
-    the first command would take 30 us longer than later commands. A step takes 20 us; take it in the spare
-    time of a period.
+    Touches are rare. Between two touches, other code replaces the code of a command in the processor's
+    caches, so the first command would take 30 us longer than later commands. A step takes 20 us; call `step`
+    in the spare time of a period.
     """
 
     def __init__(self, body: GenericBody, gate: Gate) -> None:
@@ -36,6 +37,6 @@ class WarmUp:
         self._motion = SpareMotion(robot, period=gate.period, speed_share=gate.settings.speed_share)
 
     def step(self) -> None:
-        """Converts the command and takes one step of its motion."""
+        """Converts the command that the constructor prepared, and takes one step of its motion."""
         self._body.to_platform(self._commands, self._joints)
         self._motion.step()

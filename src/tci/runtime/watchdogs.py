@@ -34,8 +34,8 @@ STOOD = 0.3
 """Time [s] between two periods above which the process counts as stalled. Assumed: delays that other programs
 cause are shorter."""
 PILED_UP = 0.3
-"""Time [s] for which the robot holds after a stall, while the loop reads all queued data. Assumed: as long as
-the shortest stall that is detected."""
+"""Time [s] for which the robot holds after a stall, while the loop reads all queued data. Assumed: the loop
+reads the queued data in less than this time."""
 FROZEN_BY_PYTHON = 1000
 """If more objects than this number are frozen (`gc.freeze`), the user's program has frozen objects of its
 own. Python 3.12 itself freezes 375 objects. A program that calls `gc.freeze` freezes thousands."""
@@ -174,7 +174,7 @@ class Interruption:
         self.failure: BaseException | None = None
         """Exception that ended a thread. The value is None if no thread failed."""
         self.thread = ""
-        """Name of the failed thread."""
+        """Name of the failed thread; empty if no thread failed."""
         self.rests = False
         """True while the loop brings the robot to rest. Signals do not interrupt this motion."""
 

@@ -195,11 +195,12 @@ class Finger:
         """Starts a poke at a point on the skin, along the inward normal in the current posture.
 
         `place` is a taxel, or a point (3,) [m] in the frame of the patch's link. An outward `normal` (3,) in
-        the link's frame replaces the surface normal, if given. `speed` [m/s] is the speed of the base.
-        `depth` [m] determines the force: `depth * 800 N/m` once the base rests. `gap` [m] is the distance
-        from tip to skin at the start. Raises UnknownNameError for an unknown patch, and CommandError for an
-        invalid number. Raises TciError if the finger would start inside another patch, or if the finger at
-        this point also touches another patch where that patch has no taxels.
+        the link's frame replaces the surface normal, if given. `speed` [m/s] is the speed of the finger's
+        base, which a spring connects to the tip. `depth` [m] determines the force: `depth * 800 N/m` once the
+        base rests. `gap` [m] is the distance from tip to skin at the start. Raises UnknownNameError for an
+        unknown patch, and CommandError for an invalid number. Raises TciError if the finger would start
+        inside another patch, or if the finger at this point also touches another patch where that patch has
+        no taxels.
         """
         point, outward = self._skin.point(patch, place, normal)
         self._start(point, outward, speed, depth, gap)

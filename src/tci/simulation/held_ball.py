@@ -27,8 +27,9 @@ SINKS = 0.003
 """Least depth [m] to which a finger must be able to reach into the ball. Assumed: with a smaller depth the
 finger would only touch the ball without pressing."""
 FACES = 0.5
-"""Least cosine of the angle between the outward normal of a fingertip and the direction to the ball's centre.
-Assumed: the skin of a fingertip measures only a small force if the ball is beside the fingertip."""
+"""Least cosine of the angle between the outward normal of a fingertip that holds the ball and the direction
+to the ball's centre. Assumed: the skin of a fingertip measures only a small force if the ball is beside the
+fingertip."""
 LIFTS = 0.4
 """Largest cosine of the angle between the push of a finger and the outward normal of the palm. Assumed: a
 finger with a larger cosine would push the ball out of the hand."""
@@ -61,9 +62,9 @@ class _Path:
     the palm's link."""
 
     angles: Array
-    """Flexions (b,) [rad] of the finger at these moments."""
+    """Flexions (b,) [rad] of the finger at b moments while the hand closes."""
     positions: Array
-    """Positions (b, k, 3) [m] of the taxels."""
+    """Positions (b, k, 3) [m] of the k taxels at the b moments."""
     normals: Array
     """Outward unit normals (b, k, 3) of the taxels."""
 
@@ -81,10 +82,11 @@ class _Meeting:
 
 
 def held_ball(robot: Robot, part: str, *, opposition: float = 1.2) -> HeldBall:
-    """Returns the ball that the thumb and the largest number of other fingers of a hand touch.
+    """Returns the ball on the palm that the largest number of fingers touch.
 
-    If several balls are touched by equal numbers of fingers, returns the ball with the largest sum of
-    `_Meeting.faces`. The thumb is opposed to the palm by `opposition` [rad], which is the angle in a light
+    A ball that the thumb and another finger touch is preferred to balls without such a grasp. Among balls
+    with equal numbers of fingers, returns the ball that the fingers face most directly (largest sum of
+    `_Meeting.faces`). The thumb is opposed to the palm by `opposition` [rad], which is the angle in a light
     grasp. Raises TciError if the hand has no skin on the palm, or if no finger touches a ball.
     """
     worn = {patch.segment: patch.name for patch in robot.patches if patch.part == part}

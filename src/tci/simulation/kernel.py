@@ -16,15 +16,16 @@ SIGMA = 3e-3
 """Width [m] (standard deviation) of the Gaussian over which the cover of the taxels spreads a force. Assumed:
 half of the pitch of an iCub's taxels, so that a force at a point acts on several neighbouring taxels."""
 REACH = 6.0
-"""Distance [widths] beyond which taxels get no force, measured from the distance of the nearest taxel.
-Assumed: without a tilt the weights of these taxels are below exp(-18) of the largest weight."""
+"""A taxel gets no force if its distance from the point of the force is larger than that of the nearest taxel
+by more than this number of kernel widths. Assumed: without the tilt (see `spread`), the weights of these
+taxels are below exp(-18) of the largest weight."""
 _SOFTNESS = 0.02
 """Penalty on the tilt of the weights (the linear term in their exponent). Assumed: it keeps the weights
 finite for a contact beyond the skin's edge."""
 _STEPS = 30
 _TOLERANCE = 1e-4
-"""Largest error [widths] of the taxels' weighted mean at which the iteration stops. Assumed: this is less
-than a micrometre."""
+"""The iteration of `_centre` stops when the gradient [kernel widths] of the minimised function is below this
+value. Assumed: this part of a width is less than a micrometre."""
 _LEAST = -60.0
 """Logarithm of the weight below which a taxel's weight is negligible, relative to the largest weight."""
 SHARE, _TRIAL, _LOGARITHM, _ACROSS, _UP, _NUMBERS = range(6)
@@ -116,11 +117,12 @@ def _weigh(u: float, v: float, count: int, work: Array, row: int) -> float:
 
 @inlined
 def _centre(count: int, work: Array) -> None:
-    """Writes shares proportional to exp(logarithms + offsets . tilt).
+    """Writes the share of each of `count` taxels into `work`. The shares are proportional to exp(logarithm +
+    offset . tilt), with the logarithm and the offset of each taxel from `work`.
 
-    The tilt is chosen so that the weighted mean of the taxels is near the point of the force. A larger
-    softness keeps the tilt smaller. Newton's method finds the tilt as the minimum of the convex function
-    log(S) + softness / 2 * tilt^2, where S is the sum of the exponentials above over all taxels.
+    The tilt is chosen so that the weighted mean of the taxels is near the point of the force. Newton's method
+    finds the tilt as the minimum of the convex function log(S) + `_SOFTNESS` / 2 * tilt^2, where S is the sum
+    of the exponentials above over all taxels. So a larger `_SOFTNESS` keeps the tilt smaller.
     """
     tilt_u = tilt_v = 0.0
     row, other = SHARE, _TRIAL
@@ -183,8 +185,9 @@ def within(
 ) -> tuple[int, float]:
     """Finds the taxels near a point, among the taxels with the indices `among` (k,).
 
-    A taxel counts as near if it is at most `reach` [widths] farther from the point than the nearest taxel.
-    Writes these taxels into `near`. Returns their number, and the distance [widths] of the nearest taxel.
+    A taxel counts as near if it is at most `reach` times `sigma` [m] farther from the point than the nearest
+    taxel. Writes the indices of these taxels into `near`, and the logarithms of their weights into `work`.
+    Returns their number, and the distance of the nearest taxel divided by `sigma`.
     """
     least, scale = np.inf, 1.0 / (sigma * sigma)
     px, py, pz = point[0], point[1], point[2]

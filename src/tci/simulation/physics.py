@@ -21,7 +21,8 @@ R = TypeVar("R")
 
 
 def exclusive(method: Callable[P, R]) -> Callable[P, R]:
-    """Makes a method of an object with `_physics` keep other threads from this physics until it returns.
+    """Wraps a method of an object that has the attribute `_physics`. The method holds the lock of this
+    physics until it returns, so that other threads wait.
 
     MuJoCo's Python module lets other threads run while MuJoCo computes. A step by another thread at this time
     would damage MuJoCo's memory.

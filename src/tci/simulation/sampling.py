@@ -18,10 +18,10 @@ FOUND, FORCE, POSITION, NORMAL, TANGENT = 0, 1, 4, 7, 10
 number is the number of contacts on the patch. Four vectors follow, with 3 numbers each: force (along normal,
 tangent and the third axis), position, normal and tangent."""
 NUMBERS = 13
-"""Number of values in a slot."""
+"""Number of values in a slot, which contains the data of one contact."""
 WIDE = 0.02
-"""Width [m] of a kernel above which its shares are computed twice, see `_share`. Assumed: this is far above
-the width of a taxel."""
+"""Kernel width [m] above which the shares of the taxels in a contact force are computed twice, see `_share`.
+Assumed: this is far above the width of a taxel."""
 SIDE = 0.2
 """Least cosine of the angle between a contact's outward normal and the taxels' normals at which the taxels
 measure the contact. A contact with a smaller cosine is on an end of a limb's skin, or on the rim or the back
@@ -59,9 +59,9 @@ ALL, NEAR, ACTIVE, LATEST, AROUND = range(5)
 - `ACTIVE`, `LATEST`: the active taxels now, and in the latest frame.
 - `AROUND`: the taxels around each contact. There is one row for each slot, and one for the floor."""
 CENTRE, RADIUS, MEMBERS = 0, 3, 4
-"""Columns (5) that describe a list `AROUND`, for each slot and the floor of a patch. The list contains the
-taxels that are nearer to a point [m] than a radius [widths]. The last column is the number of these
-taxels."""
+"""Columns that describe a list `AROUND`: its centre [m] (3 columns), its radius [widths of the kernel], and
+the number of its taxels. The list contains the taxels that are nearer to the centre than the radius. A patch
+has one list for each slot, and one for the floor."""
 SKIN = returns(
     reads(1), reads(2), reads(2), writes(2, int64), reads(2), reads(2), reads(2), reads(1, int64), reads(2),
     writes(2), writes(2, int64), writes(2), writes(2), writes(1),
@@ -75,8 +75,9 @@ SKIN = returns(
 - Workspace, and values of the channels."""
 Arrays = tuple[Array, ...]
 _SLACK = 1.0
-"""Distance [widths] that a contact may move before the list of taxels around it is renewed (Verlet 1967).
-Assumed: a larger distance makes the lists longer; with a smaller distance, lists are renewed more often."""
+"""Distance [widths of the kernel that distributes a force] that a contact may move before the list of taxels
+around the contact is renewed (Verlet 1967). Assumed: a larger distance makes the lists longer; with a smaller
+distance, lists are renewed more often."""
 
 
 @inlined
@@ -94,9 +95,9 @@ def _share(
     each of them.
 
     Writes the taxels into the row `NEAR` of `lists`, and the shares into `work` (see `kernel.spread`).
-    Returns the number of these taxels. For a wide kernel the mean of the first shares is not exactly at
-    `point`, since the penalty on the tilt grows with the width. The shares are then computed again for a
-    point that corrects this error.
+    Returns the number of these taxels. For a kernel wider than WIDE, the mean position of the taxels,
+    weighted by these shares, is not exactly at `point`. The shares are then computed again for a point that
+    corrects this error.
     """
     near, around, count = lists[NEAR], lists[AROUND + row], 0
     for _ in range(2 if sigma > WIDE else 1):
@@ -153,8 +154,8 @@ def _add(
     `_share` has computed. The row `NEAR` of the table `lists` contains the taxels near the contact.
 
     `push` is the contact force [N]: its part along the normal, then its tangential part along x, y and z. The
-    tangential part is used only if taxels have three `axes`. Returns the number of active taxels of the
-    patch, after `active` taxels before this call.
+    tangential part is used only if taxels have three `axes`. Returns the patch's number of active taxels
+    after this call; `active` is the number before this call.
     """
     force, x, y, z = push
     for j in range(count):
@@ -249,8 +250,8 @@ def sample(patch: int, step: int, skin: Arrays) -> int:
     """Computes the next skin frame of a patch, at the end of a step of the simulation.
 
     Writes the unrounded values [counts] of all channels whose taxel is active, or was active in the frame
-    before. With `step` -1, only the forces on taxels are computed, and they stay in the load in `skin`.
-    Returns the number of contacts on the patch.
+    before. With `step` -1, computes only the forces on taxels, and leaves them in the array of loads in
+    `skin`. Returns the number of contacts on the patch.
     """
     _, _, _, patches, floats, _, taxels, channels, nodes, load, lists, _, _, values = skin
     integers, numbers = patches[patch], floats[patch]
@@ -285,5 +286,5 @@ def sample(patch: int, step: int, skin: Arrays) -> int:
 
 @compiled(int64(int64, int64, SKIN))
 def sample_now(patch: int, step: int, skin: Arrays) -> int:
-    """Makes `sample` callable from Python, which needs it for the first frame and between steps."""
+    """Makes `sample`, which compiled loops call, callable from Python."""
     return sample(patch, step, skin)

@@ -35,8 +35,8 @@ def build_scene(
 ) -> mujoco.MjModel:
     """Builds and compiles a model of the robot with its servos and skin, and of a finger.
 
-    With `shown` the model also contains geometry that only pictures need. Its bodies and joints are those of
-    the model without `shown`.
+    With `shown` the model also contains geometry that only pictures need. Bodies and joints are equal with
+    and without `shown`.
 
     Links that overlap in `posture` (n_servos,) [rad] are assumed to overlap by design, and never collide. The
     robot's base is fixed, and the robot has no weight. With `stands` the robot has a weight and stands in

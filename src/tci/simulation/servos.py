@@ -82,9 +82,10 @@ class Servos:
         self._kp, self._kv = self._set_up(robot)
 
     def _set_up(self, robot: Robot) -> tuple[Array, Array]:
-        """Sets motor inertia, gains and torque limit of each joint.
+        """Sets motor inertia and torque limit of each moving joint.
 
-        Returns the full stiffness and the full damping of each joint.
+        Returns the stiffness [N m/rad] and the damping [N m s/rad] of each moving joint at a stiffness
+        fraction of 1.
         """
         model, data = self._physics.model, self._physics.data
         inertia = _largest_inertia(model, data, self._dofs)
@@ -285,7 +286,8 @@ def _largest_inertia(model: mujoco.MjModel, data: mujoco.MjData, dofs: NDArray[n
 def _enough_torque(acceleration: float | None, inertia: float) -> float:
     """Returns a torque limit [N m] for a servo without a known limit.
 
-    Assumed: twice the torque for the largest acceleration.
+    Assumed: twice the torque that accelerates `inertia` [kg m2] at the servo's limit `acceleration` [rad/s2].
+    With None, the acceleration is assumed to be 100 rad/s2.
     """
     return 2.0 * inertia * (100.0 if acceleration is None else acceleration)
 

@@ -221,9 +221,9 @@ def march(
     finger: Arrays,
     skin: Arrays,
 ) -> int:
-    """Executes the steps of the simulation with the numbers `begin` to `end`, each of `step` [s].
+    """Executes the steps of the simulation with the numbers `begin` to `end` - 1, each of `step` [s].
 
-    Also computes the skin frames that become due. Returns the number of the last step. The loop ends early if
+    Also computes the skin frames that become due. Returns the number of the next step. The loop ends early if
     a patch has more contacts than its sensor can report (`SLOTS`).
     """
     model, data = engine

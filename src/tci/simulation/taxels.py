@@ -130,8 +130,8 @@ class Taxels:
     def frames(self) -> tuple[SkinFrame, ...]:
         """Returns the latest frame of every patch with taxels.
 
-        The tuple is the same object until a frame is new. Raises TciError if a patch had more contacts at a
-        time than its sensor can report.
+        All calls return one tuple object until a patch has a new frame. Raises TciError if a patch had more
+        contacts at a time than its sensor can report.
         """
         if self._physics.steps >= self._until:
             frames, rows = self._frames, self._integers.tolist()
@@ -176,7 +176,8 @@ class Taxels:
     def vectors(self, patch: str) -> Array:
         """Returns the current force (taxels, 3) [N] on each taxel of a patch.
 
-        The components are along x, along y, and along the inward normal. Raises TciError like `frames`.
+        The components are along x, along y, and along the inward normal. Raises TciError if the patch has
+        more contacts than its sensor can report.
         """
         self._physics.refresh()
         number = self.worn[patch]

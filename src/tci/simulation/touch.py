@@ -29,8 +29,9 @@ code merges all contacts into a single contact at the centre of pressure, in wor
 FINGER_TIP, FLOOR = "tci_finger_tip", "tci_floor"
 """Names of the geoms with which the skin collides."""
 FINGER_PRIORITY = 1
-"""MuJoCo's priority of the finger. MuJoCo takes the friction of a contact from the geom of higher priority,
-so the finger has no friction, except on skin that measures friction.
+"""MuJoCo's priority of the finger. MuJoCo takes the friction of a contact from the geom of higher priority.
+The finger is frictionless. Only skin with three-axis taxels has a higher priority, so only on this skin the
+finger has friction.
 """
 _CORNERS = 8
 _THICKNESS = 2e-3

@@ -33,8 +33,8 @@ MAX_STEP = 0.005
 """Longest step [s] of the physics. This step equals the time constant of the servos. With steps of 0.002 s or
 more, contacts are softer than with shorter steps."""
 MAX_TIP = 0.05
-"""Largest radius [m] of the finger's tip. This value is the radius of the largest ball that a hand can
-hold."""
+"""Largest radius [m] of the finger's tip. In a simulated grasp the tip is the ball, and this value is the
+radius of the largest ball that is tried."""
 
 
 class World:
@@ -235,8 +235,8 @@ class World:
         self._servos.set_stiffness(servos, share)
 
     def set_damping(self, servos: ArrayLike, share: ArrayLike) -> None:
-        """Sets the additional damping of `servos` (k,). A fraction `share` (k,) of 1 doubles the critical
-        damping, 0 adds none. Raises CommandError for an invalid servo or fraction."""
+        """Sets the additional damping of `servos` (k,): fractions `share` (k,) 0..1 of the critical damping
+        at full stiffness. Raises CommandError for an invalid servo or fraction."""
         self._servos.set_damping(servos, share)
 
     def joints(self) -> JointReading:

@@ -291,8 +291,8 @@ class Conditioner:
                     self._note_anew(p)
 
     def _count_repeats(self, p: int) -> None:
-        """Adds the repeated frames to the statistics. A frame with the values of the previous frame is only
-        counted until this call."""
+        """Adds the repeated frames to the statistics. Before this call, a frame with the values of the
+        previous frame is only counted."""
         memory, begin, own = self._memory, self.layout.arrays.begin, self.layout.taxels[p]
         blocks = memory.blocks[begin[p, BLOCK] : begin[p + 1, BLOCK]]
         repeats = blocks[:, REPEATS] + max(int(memory.patches[p, CONSTANT]), 0)
@@ -312,7 +312,7 @@ class Conditioner:
         self._memory.patches[p, CONSTANT] = -1.0
 
     def _restart(self, p: int) -> None:
-        """Begins a new estimation window."""
+        """Begins a new estimation window of the patch with index `p`."""
         self._note_anew(p)
         own, status = self.layout.taxels[p], self._memory.patches[p]
         self._memory.statistics[TOTAL:, own] = 0.0

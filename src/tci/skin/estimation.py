@@ -29,8 +29,8 @@ SATURATED = 0.9
 pressure, not a shift of the rest value. Assumed: with 1, a saturated taxel with noise would be missed in
 frames where the noise lowers its value."""
 TWO_COUNTS = 1.5
-"""Deviation [counts] from the rest value from which a raw value counts as two counts away from rest. The
-number is less than 2 because the rest value may be between two counts."""
+"""Least deviation [counts] from the rest value that is treated as a deviation of two counts. The number is
+less than 2 because the rest value may be between two counts."""
 
 
 class PatchEstimator:

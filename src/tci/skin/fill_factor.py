@@ -19,8 +19,8 @@ WIDTHS = 2e-3 * 2.0 ** np.arange(4)
 twice the previous one. Assumed: they range from the sharpest touch that taxels at distances of 5 mm can
 resolve to the touch of a palm."""
 REACH = 2.5
-"""Distance [standard deviations] at which the Gaussians are cut off. Assumed: the error is small, since only
-4 % of the weight of a Gaussian lies beyond this distance."""
+"""Distance [standard deviations] beyond which the Gaussian weight of a taxel counts as zero. Assumed: the
+error is small, since only 4 % of the volume under a two-dimensional Gaussian lies beyond this distance."""
 SPARSE = 2
 """On a dense skin, each taxel has at least this many neighbours within `NEIGHBOUR_DISTANCE`. A taxel with
 fewer neighbours measures a single place (switches, bumpers, load cells). The fill factor of such a taxel is
@@ -32,7 +32,8 @@ def is_surface(surface: Surface) -> NDArray[np.bool_]:
     """Returns True for each taxel (n,) where the pressure of a touch decreases gradually towards the edge of
     the touch.
 
-    On a sheet, and for sparse taxels, the result is False.
+    The result is False for taxels with fewer than `SPARSE` neighbours, and for all taxels of a sheet (a palm,
+    a sole, a cap, a single taxel).
     """
     if is_sheet(surface.normals):
         return np.zeros(len(surface.positions), np.bool_)
@@ -40,7 +41,8 @@ def is_surface(surface: Surface) -> NDArray[np.bool_]:
 
 
 def fill_factors(surface: Surface) -> Array:
-    """Returns the fill factor (n, WIDTHS) around each taxel of a patch.
+    """Returns the fill factor (n, 4) around each of a patch's n taxels, with one column for each width in
+    WIDTHS.
 
     The factor is 1 at places without gaps nearby. On a sheet (a palm, a sole, a cap) the fill factor is 1.
     The reasons: the body part ends at the edge of the sheet, and a rigid plate passes the load to the taxels.

@@ -25,11 +25,12 @@ class Health(IntEnum):
     STUCK = 2
     """The taxel is masked because it is active and constant, in one of these cases:
 
-    - No neighbour is active, and the value is constant for a long time (one window if the taxel fluctuated
-      before).
+    - No neighbour is active, and the value is constant for a long time; for a taxel that fluctuated before,
+      one window of the estimates is enough.
     - The whole patch is active and constant for a long time.
 
-    On a patch without noise, only a taxel at the end of its range, without an active neighbour, is stuck.
+    On a patch without noise, only a taxel at the end of its range, without an active neighbour, counts as
+    stuck.
     """
     NOISY = 3
     """The taxel is masked because it is much noisier than the other taxels of its patch."""
@@ -85,7 +86,7 @@ class TaxelHealth:
         """True (n,) for each taxel with a pressure that is ignored. Dead taxels are not included: their
         pressure is 0, and they are used again as soon as their value changes."""
         self.constant = False
-        """True if any taxel is dead or stuck."""
+        """True if any taxel was dead or stuck after the latest window."""
         self._full = full
         self._neighbours = neighbours
         self._unchanged = np.zeros(count)

@@ -3,8 +3,8 @@
 The cover over the taxels spreads a touch, so several taxels respond if the taxels are close together. A
 single active taxel is therefore pressed lightly, pressed by a sharp object, or broken. The values of its
 neighbours do not distinguish these cases: if a sensor reports nothing below a threshold, a neighbour that is
-pressed lightly looks as if it is not pressed. So the duration of the touch decides. The duration decides for
-strong touches too, since a stronger touch must not be detected later than a lighter one.
+pressed lightly looks as if it is not pressed. So the duration of the touch decides. The force has no effect:
+if only strong touches had to last, a stronger touch would be detected later than a lighter one.
 """
 
 from __future__ import annotations

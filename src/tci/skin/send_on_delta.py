@@ -27,7 +27,8 @@ class SendOnDelta:
     """Sender's side: selects the frames that must be sent."""
 
     def __init__(self, keep_alive: float) -> None:
-        """Starts before the first frame. Raises TciError unless `keep_alive` [s] is above 0 and finite."""
+        """Sets `keep_alive` [s], the time after which an unchanged frame is sent anyway. Raises TciError
+        unless `keep_alive` is above 0 and finite."""
         self._keep_alive = check_keep_alive(keep_alive)
         self._sent: dict[str, SkinFrame] = {}
 
@@ -58,7 +59,7 @@ class HoldLast:
     """
 
     def __init__(self, robot: Robot, keep_alive: float) -> None:
-        """Starts before the first frame. Raises TciError unless `keep_alive` [s] is above 0 and finite."""
+        """Starts without stored frames. Raises TciError unless `keep_alive` [s] is above 0 and finite."""
         self._keep_alive = check_keep_alive(keep_alive)
         self._periods = {patch.name: 1.0 / patch.rate for patch in robot.patches}
         # received frame, filled-in frame, period [s]

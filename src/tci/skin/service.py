@@ -20,7 +20,8 @@ from tci.skin.skin import Skin
 Mode = Literal["every", "latest", "change"]
 MODES: tuple[Mode, ...] = ("every", "latest", "change")
 DEPTH = 256
-"""Number of states in the ring buffer. Assumed: this is 5 s of an iCub's skin at 50 Hz."""
+"""Number of states in the ring buffer: 5 s of an iCub's skin at 50 Hz. Assumed: a reader never lags by more.
+"""
 
 
 class SkinService:

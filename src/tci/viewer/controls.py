@@ -45,8 +45,8 @@ class Controls:
         self._add_recording()
 
     def update(self) -> None:
-        """Shows the gate's response to a fault, and updates the sliders. The update runs in viser's thread,
-        so that a person's input is handled first."""
+        """Shows the gate's response to a fault, and updates the sliders. The sliders are updated in viser's
+        thread, so that a person's input is handled before they move."""
         rehearsal = self._session.rehearsal
         if rehearsal is not None and self._answer.content != rehearsal.words:
             self._answer.content = rehearsal.words

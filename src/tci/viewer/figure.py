@@ -31,7 +31,7 @@ visible."""
 ARROW = 0.02
 """Length [m/N] of a contact's arrow."""
 LONGEST = 0.15
-"""Length [m] of the longest arrow."""
+"""Largest length [m] of a contact's arrow."""
 GAMMA = 2.2
 """Exponent that converts a colour to linear light, the form in which viser expects the colours of a batch."""
 COVER = 0.012
@@ -162,8 +162,9 @@ class Figure:
         return pose
 
     def distance(self, origin: Array, direction: Array) -> float:
-        """Returns the distance [m] at which a ray of the scene meets a link in the posture that is shown. The
-        distance is infinite if the ray meets no link."""
+        """Returns the distance [m] from `origin` (3,) at which a ray along the unit vector `direction` (3,),
+        both in the scene's frame, meets a link in the posture that is shown. The distance is infinite if the
+        ray meets no link."""
         groups = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)
         geom = np.zeros(1, dtype=np.int32)
         T_WS = invert(self.T_SW)

@@ -165,8 +165,8 @@ class LoopEvent(asyncio.Event):
         self._home = loop
 
     def set(self) -> None:
-        """Sets the event in the event loop's thread, like `asyncio.Event.set`. Calls from other threads have
-        no effect."""
+        """Sets the event, like `asyncio.Event.set`, if the event loop's thread calls this method. Calls from
+        other threads have no effect."""
         if asyncio._get_running_loop() is self._home:
             super().set()
 

@@ -16,9 +16,9 @@ CELL, COARSER = 0.003, 1.25
 """Edge [m] of the cubes in which vertices are merged, and the factor by which the edge is enlarged until
 there are few enough triangles. Assumed: a balance of detail and transfer time."""
 ENOUGH, COARSEST = 4000, 0.006
-"""Largest number of triangles of one colour on one body, and largest edge [m] of a cube. Merging ends when
-one colour on one body has at most ENOUGH triangles, or when the edge has reached COARSEST. Assumed: a balance
-of detail and transfer time."""
+"""Limits of the merging of vertices that lie in one cube. Merging with larger and larger cubes ends when one
+colour on one body has at most ENOUGH triangles, or before the cube's edge exceeds COARSEST [m]. On a body
+with skin, CELL replaces COARSEST. Assumed: a balance of detail and transfer time."""
 
 ROUND = 32
 """Number of sides of a round shape. Assumed: with so many sides the shape looks round on a screen."""
@@ -121,8 +121,9 @@ def _joined(shapes: list[tuple[Array, NDArray[np.intp]]]) -> tuple[Array, NDArra
 
 
 def _lighter(vertices: Array, faces: NDArray[np.intp], *, coarsest: float) -> tuple[Array, NDArray[np.intp]]:
-    """Reduces the number of triangles: the vertices in each cube become their mean (Rossignac and Borrel
-    1993)."""
+    """Reduces the number of triangles to at most ENOUGH: the vertices in each cube become their mean
+    (Rossignac and Borrel 1993). The edge of the cubes grows up to `coarsest` [m]; then more triangles may
+    remain."""
     fewer, cell = (vertices, faces), CELL
     while len(fewer[1]) > ENOUGH and cell <= coarsest:
         fewer = _merged(vertices, faces, cell)

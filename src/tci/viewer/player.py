@@ -27,8 +27,8 @@ REFLEX = "withdrawal"
 """Behaviour whose receptive fields are shown. The fields are also shown if the recording contains no name of
 a behaviour."""
 LONGEST = 600.0
-"""Length [s] of the longest recording that can be played. Assumed: limits memory, because all views are
-kept."""
+"""Length [s] of the longest recording that can be played. All views are kept in memory. Assumed: the views of
+a longer recording need too much memory."""
 
 
 class Player:

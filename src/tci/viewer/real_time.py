@@ -19,7 +19,8 @@ class RealTime:
         self._zero: tuple[float, float] | None = None
 
     def forget(self) -> None:
-        """Forgets the past delay. Call this after the simulation has stood still."""
+        """Makes the next `wait` start to measure the delay anew. Call this after a pause of the simulation:
+        the simulation then does not catch up on the pause."""
         self._zero = None
 
     def wait(self, now: float, pace: float) -> None:

@@ -39,7 +39,8 @@ from tci.viewer.view import History, View
 FRESH = 0.01
 """Smallest time [s] between two views. A view with a new event may follow earlier."""
 IDLE = 0.02
-"""Time [s] between two checks of a robot whose loop has ended. Assumed: shorter than one picture."""
+"""Time [s] between two checks of a robot whose loop has ended. Assumed: shorter than the time between two
+pictures."""
 QUIET = 0.3
 """A touch or command is shown as a new event if the pause before it is longer than this time [s]. Assumed:
 short interruptions of one touch last less."""

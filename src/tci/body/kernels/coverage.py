@@ -37,16 +37,13 @@ def count_taxels(
 ) -> None:
     """Counts the taxels, and the masked taxels, of p patches around each of m places.
 
-    Args:
-        poses: Poses `T_TL` (l, 4, 4) of all links.
-        on: Indices (p, 2) in `poses` of the link of each patch, and of the link of its segment.
-        limb: Numbers (p, 15) that describe the limb of each patch, see `limb_numbers`.
-        posture: Generic angles [rad] of the part.
-        positions: Positions (n, 3) [m] of the taxels of all patches, each in the link of its patch.
-        begins: Indices (p + 1,) in `positions` at which the taxels of each patch begin; the last is n.
-        masked: Mask (n,) of taxels that are not trusted.
-        places: Table (5, m) of the places.
-        counts: Output (2, m), to which the numbers of taxels and of masked taxels are added.
+    Args: poses: Poses `T_TL` (l, 4, 4) of all links. on: Indices (p, 2) in `poses` of the link of each patch,
+        and of the link of its segment. limb: Numbers (p, 15) that describe the limb of each patch, see
+        `limb_numbers`. posture: Generic angles [rad] of the part. positions: Positions (n, 3) [m] of the
+        taxels of all patches, each in the link of its patch. begins: Indices (p + 1,) in `positions` at which
+        the taxels of each patch begin; the last is n. masked: Mask (n,) of taxels that are not trusted.
+        places: Table (5, m) with one column for each place, and the rows `SEGMENT` to `RADIUS`. counts:
+        Output (2, m), to which the numbers of taxels and of masked taxels are added.
     """
     for p in range(len(on)):
         x_S, y_S, z_S = limb_pose(poses[on[p, 0]], poses[on[p, 1]], limb[p], posture)

@@ -29,14 +29,14 @@ class Chain(NamedTuple):
     steps: NDArray[np.int64]
     sums: Array
     ends: NDArray[np.int64]
-    """Index (p,) of the step that ends at the link of each patch."""
+    """Index (p,) of the step (see `tci.robot.kinematics`) that ends at the link of each patch."""
 
 
 class Touched(NamedTuple):
     """Points of the skin that are touched."""
 
     after: NDArray[np.int64]
-    """Index (c,) of the step that ends at the link of each touched point."""
+    """Index (c,) into `Chain.steps`, for each touched point: the step that ends at the point's link."""
     points: Array
     """Touched points (c, 3) [m], each in the frame of its link."""
     normals: Array
@@ -73,14 +73,15 @@ def retreats(
     room: Room,
     out: Array,
 ) -> None:
-    """Writes displacements [m] of points of links in the world frame into `out`: (0, k, c) along the initial
-    inward normals of the points, (1, k, c) perpendicular to these normals.
+    """Writes the displacements [m] of c touched points from their initial places, in the world frame, into
+    `out`: `out[0]` (k, c) along the initial inward normals of the points, `out[1]` perpendicular to these
+    normals.
 
     `way` (k + 1, n_servos) [rad] contains the postures, and starts at the initial posture. With a `radius`
-    [m] above 0, `out` (2, k, c) contains the depth [m] by which skin of the patches in `layout` enters a
+    [m] above 0, `out[2]` (k, c) contains the depth [m] by which skin of the patches in `layout` enters a
     sphere on the way to each posture. The sphere has this radius, touches the skin at the point from outside,
     and does not move. If skin is inside the sphere already, only the additional depth counts. Between two
-    postures, the sphere's centre is assumed to move along a straight line in each link.
+    postures, the sphere's centre is assumed to move along a straight line relative to each link.
     """
     work, first = room.work, room.first
     for k in range(len(way)):

@@ -1,5 +1,4 @@
-"""Data that two users share: the loop of a served robot, and the robot's NAOqi services, which run in threads
-of `qi`."""
+"""Data that the loop of a served robot shares with its NAOqi services, which run in threads of `qi`."""
 
 from __future__ import annotations
 

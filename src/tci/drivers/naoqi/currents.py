@@ -33,14 +33,15 @@ class Currents:
             *(words.current_key(name) for name in chosen),
             *(words.angle_key(name, "Actuator") for name in chosen),
         ]
-        """ALMemory keys: first the currents, then the commanded angles, of all servos with a known
-        constant."""
+        """ALMemory keys: first the currents, then the commanded angles, of all servos with a known torque
+        constant [N m/A]."""
 
     def torque(self, values: Sequence[Any], position: Array) -> Array:
         """Returns the torques (n,) [N m] of all servos.
 
         `values` are the values of `keys`, and `position` (n,) [rad] are the measured angles. The torque of a
-        servo is NaN if the servo has no constant, or if one of the servo's values is not a number.
+        servo is NaN if the servo's constant [N m/A] is unknown, or if one of the servo's values is not a
+        number.
         """
         numbers = [value if isinstance(value, int | float) else np.nan for value in values]
         amperes, wanted = np.array(numbers, dtype=float).reshape(2, -1)

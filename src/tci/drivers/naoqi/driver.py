@@ -34,7 +34,7 @@ SWITCH_ON = 0.3
 stiffness. Assumed: several times `poller.SLOW`, the time between two stiffness requests."""
 LAST = 10.0
 """Longest time [s] for which `close` waits for a reconnection in progress. The reconnection may switch
-autonomous motions off, and `close` can switch them on again only after this. Assumed: twice
+autonomous motions off, and `close` can switch them on again only after the reconnection. Assumed: twice
 `autonomy.PATIENCE`."""
 
 

@@ -24,7 +24,8 @@ ANSWER = 0.05
 """Longest time [s] to wait for an answer after connecting. Assumed: a connected robot answers within 2.5
 periods of ALMotion."""
 GONE = 1.0
-"""Time [s] without an answer after which the connection counts as lost. Assumed: twenty times `ANSWER`."""
+"""Time [s] without an answer after which the connection counts as lost. Assumed: a connected robot answers
+within a twentieth of this time (`ANSWER`)."""
 AGAIN = 0.3
 """Time [s] between two attempts to reconnect. Assumed: attempts cost little, and a robot needs seconds to
 start."""
@@ -38,8 +39,8 @@ STEP = 0.001
 """Assumed upper bound [s] of the age of a skin frame when a request returns it for the first time. The poller
 uses the bound to estimate when the next frame is due."""
 FIRST = 0.003
-"""If a skin frame is expected within this time [s], the poller requests the skin first and the joints second.
-Assumed: `EARLY` + `LATE` is a suitable time."""
+"""If a skin frame is expected within this time [s] and the latest joint data is recent, the poller requests
+only the skin, and returns it with this joint data. Assumed: a request for joints and skin takes less time."""
 SLOW = 0.05
 """Time [s] between two requests for stiffness. Assumed: stiffness changes slowly."""
 

@@ -18,8 +18,8 @@ from tci.frames import Array
 from tci.gate.gate import SafeCommand
 
 AHEAD = 2.0 * CYCLE
-"""Lead time [s] of targets: each target is the position that the gate has planned for this time after now.
-Assumed: two periods of ALMotion."""
+"""Lead time [s] of targets: each target is the position that the gate has planned for the present time plus
+AHEAD. Assumed: two periods of ALMotion."""
 CATCH_UP = 0.05
 """Time [s] in which a servo reaches its target at the sent speed. The distance to the target is counted from
 the measured position or from the previous target, whichever is farther from the new target. Assumed: a little

@@ -45,7 +45,7 @@ def skin_keys(robot: Robot, binding: Binding) -> dict[str, tuple[str, ...]]:
 
 
 def packed_key(key: str) -> str:
-    """Returns the key of the text form of the frame at `key`."""
+    """Returns the ALMemory key of a frame as text. The frame's numbers have the key `key`."""
     return f"{key}/Packed"
 
 

@@ -64,8 +64,8 @@ in one period. The limits keep a period short if very many clients connect. Assu
 of clients that connect at the same time is below these limits."""
 MOST_WAITING = 1 << 16
 """Largest number of bytes that may wait until a slow client reads them. While more bytes wait, the server
-drops further data for this client. Assumed: the limit keeps the memory small, and the data that the client
-gets recent."""
+drops further data for this client. Assumed: so few bytes need little memory, and are still recent when the
+client reads them."""
 MOST_OWED = 1 << 20
 """Largest number of bytes, including replies, that may wait until a client reads them. If more bytes wait,
 the server disconnects the client, since the server never drops replies. Assumed: a client that works reads
@@ -89,7 +89,8 @@ class _Client:
     ends the requested data."""
 
     def send(self, message: Message) -> None:
-        """Queues a message for the client. Drops a message with data if the client reads too slowly.
+        """Queues a message for the client. If the client reads too slowly, a message of the kind DATA is
+        dropped.
 
         Raises FrameError if too many bytes are queued.
         """

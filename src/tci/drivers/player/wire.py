@@ -221,7 +221,7 @@ def _count(body: bytes, size: int, rest: int = 0) -> int:
     """Returns the number of items of `size` bytes in a variable array. The array begins with this number,
     written twice.
 
-    Raises FrameError if the two numbers differ or the body is too short.
+    Raises FrameError if the two numbers differ, or if the body is shorter than the array plus `rest` bytes.
     """
     if len(body) < 8:
         raise FrameError(f"Player: an array in {len(body)} bytes; valid: 8 and its items")

@@ -45,7 +45,7 @@ the time [s]. The function raises CommandError if it refuses the order."""
 
 
 class Once:
-    """A source with a single order."""
+    """A `Source` of set-points that contains a single order."""
 
     def __init__(self, order: PlatformCommand) -> None:
         self._left: PlatformCommand | None = order
@@ -68,7 +68,8 @@ class PartControllers:
         self._refused: list[Reason] = []
 
     def start(self, part: str, make: Make) -> None:
-        """Starts a new source for a part. The new source replaces the part's previous source."""
+        """Lets the controller of `part` follow the set-points that `make` creates, in place of its previous
+        set-points."""
         self._arrived.append((part, make))
 
     def messages(self, position: Array, now: float) -> Iterator[Orders]:

@@ -40,8 +40,8 @@ conditioning detects that the patch is dead."""
 WINDOW = 1.0
 """Length [s] of the time window that determines the normal delay of the transport. The normal delay is the
 shortest delay of all states that arrived in the window. A state with a longer delay has arrived late. A pause
-that is longer than the gate's `stale_after` counts as a pause of this length. Assumed: many states arrive in
-this time."""
+that is longer than the gate's `stale_after` counts as a pause of length `stale_after`. Assumed: many states
+arrive in this time."""
 
 
 class RemoteDriver(Driver):
@@ -109,8 +109,8 @@ class RemoteDriver(Driver):
         self.info = replace(self.info, gate=gate, lease_name=lease_name)
 
     def _starting(self) -> bool:
-        """Returns True if the robot's process is known to run, so that the driver waits longer for a
-        state."""
+        """Returns True if the robot's process is known to run. In this case, the driver waits longer for the
+        first state."""
         return False
 
     @abstractmethod

@@ -44,9 +44,10 @@ class Commander:
     name: str
     """Name of the commander, for messages to the user."""
     acknowledged: int
-    """Number of the commander's last order that was handled."""
+    """Sequence number of the last order of this commander that the robot's process received; 0 if there is
+    none."""
     refused: int
-    """Number of the commander's last order that was refused; 0 if no order was refused."""
+    """Sequence number of the commander's last refused order; 0 if no order was refused."""
     reason: Reason | None
     """Reason for the refusal of the order `refused`."""
 
@@ -95,8 +96,8 @@ class Orders:
     sequence: int
     """Number of the message, which increases by one with each message of the client."""
     halt: Reason | None
-    """Reason for which the sender's gate is in the state HOLD, so that the robot must also hold. The value is
-    None if the sender's gate is in the state RUN."""
+    """Reason for the robot to hold: the sender's gate is not in the state RUN, or the sender requests a hold.
+    None if there is no reason, or if the reason came from the robot's process."""
     leaving: bool
     """True if this is the last message of the sender."""
     first: int

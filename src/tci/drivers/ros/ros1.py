@@ -186,8 +186,8 @@ def _stay_here() -> None:
     """Makes rospy listen on the loopback interface only, unless the user has chosen a network.
 
     A user chooses a network by ROS_IP, by ROS_HOSTNAME, or by a remote master in ROS_MASTER_URI. Otherwise
-    this function sets ROS_IP to 127.0.0.1. It does not set ROS_HOSTNAME, because rospy then needs the package
-    `netifaces`, which Debian installs only for its own Python.
+    this function sets ROS_IP to 127.0.0.1. It does not set ROS_HOSTNAME: with ROS_HOSTNAME, rospy would need
+    the package `netifaces`, which Debian installs only for its own Python.
     """
     if _is_here() and not any(map(os.environ.get, NAMES)):
         os.environ["ROS_IP"] = "127.0.0.1"

@@ -33,7 +33,8 @@ class Trees:
         self._new, self._get, self._time = new, get, time
 
     def grow(self, kind: MessageType, values: Sequence[Any]) -> Any:
-        """Returns the object of a message; `values` are in the order of `kind.flat`."""
+        """Returns a message as an object of the library, with the fields `values` in the order of
+        `kind.flat`."""
         fields: dict[str, Any] = {}
         if kind.headed:
             sec, nanosec, frame = values[:3]

@@ -22,7 +22,8 @@ TAKE = 1.0
 """Time [s] in which weight or stiffness rises to the full value. Assumed: the shortest time in the vendor's
 examples is safe."""
 GIVE = 2.0
-"""Time [s] in which the weight falls to zero. Assumed: in this time, arms of 4 kg sink without swinging."""
+"""Time [s] in which the weight (0..1) of TCI's targets over rt/arm_sdk falls to zero. Assumed: in this time,
+arms of 4 kg sink without swinging."""
 DAMPED = 0.2
 """Time [s] for which the motors are damped at the end of control over rt/lowcmd. Assumed: joints come to rest
 in this time."""
@@ -50,12 +51,13 @@ class Phase(IntEnum):
     WAITING = 0
     """The robot's own controller moves the motors. TCI sends nothing."""
     TAKING = 1
-    """TCI takes the motors. The weight rises, and the targets stay at the posture at the beginning of this
-    phase."""
+    """TCI takes the motors. The weight of TCI's targets (see `Handover.weight`) rises. The targets stay at
+    the posture that the robot had at the beginning of this phase."""
     LEADING = 2
     """TCI moves the motors, which follow TCI's targets."""
     GIVING = 3
-    """TCI hands the motors back. The weight falls, and the targets do not change."""
+    """TCI hands the motors back. Over rt/arm_sdk, the weight of TCI's targets falls to 0, and the targets do
+    not change. Over rt/lowcmd, the motors are damped."""
 
 
 class Handover:
@@ -85,8 +87,9 @@ class Handover:
             self._now = self._told = now
 
     def resume(self, goal: Array, weight: float, now: float) -> None:
-        """Begins to hand back motors that another process controlled. `goal` (5, 29) and `weight` are the
-        last targets and the weight of that process.
+        """Begins to hand back motors that another process controlled. `goal` (5, 29) are the last targets of
+        that process (angle, velocity, torque and two gains of each motor), and `weight` is its last
+        `Handover.weight`.
         """
         self.phase, self.weight = Phase.LEADING, weight
         self._goal[:] = goal
@@ -109,8 +112,9 @@ class Handover:
         self._told = now
 
     def give(self) -> None:
-        """Begins to hand the motors back. The weight falls from the present value, and the targets do not
-        change."""
+        """Begins to hand the motors back. Over rt/arm_sdk, the weight of TCI's targets falls from its present
+        value to 0, and the targets do not change. Over rt/lowcmd, the motors are damped for the time DAMPED.
+        """
         if self.phase in (Phase.TAKING, Phase.LEADING):
             self.phase = Phase.GIVING
             if self._whole:
@@ -130,7 +134,8 @@ class Handover:
         goal[away] = posture[away]
 
     def step(self, now: float) -> Array:
-        """Advances the handover to the time `now` [s]. Returns the targets (5, 29) to send."""
+        """Advances the handover to the time `now` [s]. Returns the targets (5, 29) to send, with the rows `Q`
+        to `KD`."""
         elapsed = min(max(now - self._now, 0.0), LONGEST)
         self._now = now
         if self.phase is Phase.TAKING:

@@ -116,7 +116,8 @@ class HeldMotors:
             time.sleep(0.01)
 
     def follow(self, chosen: NDArray[np.bool_], targets: Array) -> None:
-        """Sends targets (5, 29) for the `chosen` motors (29,) to the keeper."""
+        """Sends targets (5, 29) for the `chosen` motors (29,) to the keeper. The rows are `Q` to `KD` of the
+        module `handover`."""
         self._told = (self._told & (self._goal[KP] > 0.0)) | chosen
         self._goal[:, chosen] = targets[:, chosen]
         self._send(FOLLOWS.pack(FOLLOW, *chosen.tolist(), *targets.ravel().tolist()))

@@ -53,8 +53,8 @@ GRACE = 0.1
 own controller may have sent a last command before it was switched off. Assumed: DDS discovery jitters by less
 than this time."""
 LAST = 5
-"""Number of times that the keeper sends its last command. This command has the weight zero, which hands the
-motors back. Assumed: at most four of these messages are lost."""
+"""Number of times that the keeper repeats its last command. Over rt/arm_sdk, this command sets the weight of
+TCI's targets to 0, which hands the motors back. Assumed: at most four of these messages are lost."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +209,8 @@ class Keeper:
         self._command["mode_pr"], self._command["mode_machine"] = state["mode_pr"], state["mode_machine"]
 
     def _send(self, targets: Any) -> None:
-        """Sends targets (5, 29) to the commanded motors. Other motors stay disabled."""
+        """Sends targets (5, 29) to the commanded motors. The rows are angle, velocity, torque, stiffness and
+        damping. Other motors stay disabled."""
         motor, these = self._command["motor"], self._commanded
         motor["mode"][these] = 1
         for name, row in (("q", Q), ("dq", DQ), ("tau", TAU), ("kp", KP), ("kd", KD)):

@@ -36,7 +36,8 @@ FINGER_GAINS = np.array([1.5, 0.1])
 """Gains (2,) of a finger's motor for full stiffness [N m/rad] and full damping [N m s/rad], from the vendor's
 example."""
 UPPER = range(12, MOTORS)
-"""Slots of waist and arms, which rt/arm_sdk moves."""
+"""Slots of the motors of waist and arms in the robot's messages. Commands over rt/arm_sdk move these motors.
+"""
 VARIANTS: dict[int, tuple[int, tuple[int, ...]]] = {
     4: (23, (13, 14, 20, 21, 27, 28)),
     5: (29, ()),
@@ -66,7 +67,8 @@ def hand_motor(robot: Robot, servo: str) -> tuple[str, int] | None:
 
 
 def gains(*, whole: bool) -> Array:
-    """Returns the gains (2, 29) of full stiffness and damping; `whole` is True for control over rt/lowcmd."""
+    """Returns the motors' gains (2, 29) for full stiffness [N m/rad] and full damping [N m s/rad]. `whole` is
+    True for control over rt/lowcmd, False over rt/arm_sdk."""
     return ALL_GAINS if whole else ARM_GAINS
 
 
@@ -77,8 +79,8 @@ def commanded(*, whole: bool) -> NDArray[np.intp]:
 
 
 def absent(mode_machine: int, *, simulation: bool = False) -> tuple[int, ...]:
-    """Returns the slots without a motor. Raises DriverError if `mode_machine` is no known variant of the
-    G1."""
+    """Returns the slots in the robot's messages that have no motor in the variant `mode_machine` of the G1.
+    With `simulation`, the variant 0 has all motors. Raises DriverError for an unknown variant."""
     if simulation and mode_machine == 0:
         return ()
     if mode_machine not in VARIANTS:

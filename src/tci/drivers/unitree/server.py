@@ -43,9 +43,10 @@ AHEAD = 0.01
 to rest at each set-point, and would begin to move 12 ms late. Assumed: with this time, a stop overshoots by
 less than 2 mrad."""
 ELSEWHERE = 2e-3
-"""A received set-point counts as a command if it differs by more than this angle [rad] from the set-point of
-the simulated controller. Assumed: for a joint that must not move, a program sends the measured angle. This
-angle differs from the set-point because of noise and gravity."""
+"""A received set-point counts as a command if it has changed, or if (mixed by weight) it differs by more than
+this angle [rad] from the set-point of the simulated controller. Assumed: for a joint that must not move, a
+program keeps sending one measured angle, which differs from the set-point by less because of noise and
+gravity."""
 
 
 class UnitreeServer(Server):
@@ -160,8 +161,9 @@ class UnitreeServer(Server):
         return None
 
     def _order(self, motors: Any, *, arms: bool) -> Order | None:
-        """Returns an order with the set-points of all enabled motors, or None if no motor must move. The
-        received set-points are mixed by weight with the set-points of the simulated controller.
+        """Returns an order with the set-points of the enabled motors that a client has told to move; None if
+        there are none. Each received set-point is averaged with that of the simulated controller, with the
+        received weight.
         """
         weight = float(np.clip(motors["q"][WEIGHT], 0.0, 1.0)) if arms else 1.0
         slots = commanded(whole=not arms)

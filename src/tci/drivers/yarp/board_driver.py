@@ -48,13 +48,13 @@ STREAMS = {
 }  # fmt: skip
 
 AHEAD = 0.02
-"""Lead time [s] of set-points: the driver sends the position that the gate has planned for the present
-time plus AHEAD. Without a lead time, a servo could reach its set-point early, and the board would stop it.
-Assumed: four periods of 5 ms."""
+"""Lead time [s] of set-points: the driver sends the position that the gate has planned for the present time
+plus AHEAD. Without a lead time, a servo could reach its set-point early, and the board would stop it.
+Assumed: two set-points never arrive more than 20 ms apart."""
 SWITCHING = 0.0005
 """Longest time [s] to wait for the board's answer to a change of mode. If the answer arrives in time, the
 driver sends the set-points of this period again, since a board ignores set-points that arrive before the
-change. Assumed: a tenth of a period of 5 ms."""
+change. Assumed: the loop can spare this time, a tenth of a period of 5 ms."""
 
 
 class BoardDriver:
@@ -134,7 +134,8 @@ class BoardDriver:
         return latest.sequence if latest is not None else 0
 
     def modes(self, state: BoardState) -> list[tuple[Mode | None, bool]]:
-        """Returns for each servo its control mode in `state`, and True if the servo is on."""
+        """Returns for each servo its control mode in `state`, and True if the servo is on. The mode of a
+        servo that is off (see `MOVING`) is None."""
         found: list[tuple[Mode | None, bool]] = []
         for axis in self.axes.numbers:
             mode = MOVING.get(state.modes[axis] if state.modes is not None else POSITION)
@@ -192,7 +193,8 @@ class BoardDriver:
 
     @raises_driver_errors
     def halt(self) -> None:
-        """Stops the joints in position mode at the present angles. Raises DriverError if the call fails."""
+        """Switches all joints to position mode, and stops them at the present angles. Raises DriverError if
+        the call fails."""
         self.board.set_modes(list(self.axes.numbers), POSITION)
         self.board.stop()
         self._direct.clear()

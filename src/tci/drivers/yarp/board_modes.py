@@ -59,7 +59,7 @@ class BoardModes:
         return self._set[joint][0]
 
     def gate_mode(self, joint: int) -> Mode:
-        """Returns TCI's mode of a joint."""
+        """Returns the mode in TCI that corresponds to a joint's control and interaction mode in YARP."""
         return _gate_mode(*self._set[joint])
 
     def available(self, joint: int) -> list[Vocab]:

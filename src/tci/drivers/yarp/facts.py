@@ -21,8 +21,8 @@ from yarpwire.dialect import V3
 from yarpwire.values import Vocab
 
 PATIENCE = 30.0
-"""Longest time [s] to wait for the answer. Assumed: this is enough for the first query, for which the robot's
-process fits cones to all skin."""
+"""Longest time [s] that `read_robot_facts` waits for the robot's answer. Assumed: this is enough for the
+first query, for which the robot's process fits cones to all skin."""
 USAGE = {
     "help": "list of the calls",
     "json": "everything as JSON, in the format tci.robot/1",

@@ -34,7 +34,7 @@ FULL_STIFFNESS = 1.0
 effect, since TCI sets only fractions of the full stiffness, but YARP needs a value with a unit."""
 FULL_DAMPING = 0.1
 """Damping [N m s/deg] on YARP that corresponds to the full damping of a servo. Assumed: the value has no
-effect, for the reason given at FULL_STIFFNESS."""
+effect, since TCI sets only fractions of the full damping, but YARP needs a value with a unit."""
 SPEED = 10.0
 """Speed [deg/s] of a joint's moves until a client sets another speed. The value is that of an iCub."""
 ACCELERATION = 50.0

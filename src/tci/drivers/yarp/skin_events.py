@@ -47,7 +47,7 @@ class SkinEvent:
     """Mean normal (3,) in the frame of the link, weighted by pressure. The vector's length may differ from
     1."""
     taxels: tuple[int, ...]
-    """Numbers of the taxels within the skin part."""
+    """Index, within the skin part, of each taxel of the contact."""
     pressure: float
     """Mean pressure of the taxels, in the sensor's own unit."""
 

@@ -68,8 +68,9 @@ class SkinLayout:
 def check_order(layout: SkinLayout, patch: Patch, prefix: str, network: Network) -> None:
     """Raises DriverError if the order of a patch's taxels on the robot at `prefix` is unknown.
 
-    If the robot's binding lists modules for this patch, TCI only assumes the order of the modules. This order
-    is certain if TCI serves the robot; otherwise the order of the taxels counts as unknown.
+    If the robot's binding lists modules for this patch, the order of the modules is certain only if TCI
+    serves the robot. On other robots, the binding's order is an assumption, and the order of the taxels
+    counts as unknown.
     """
     if layout.places is not None and not network.lives(facts_port(prefix)):
         raise DriverError(

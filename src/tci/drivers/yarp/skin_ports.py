@@ -104,7 +104,8 @@ def read_skin(
 
 
 def skin_port(name: str, dialect: Dialect | None, network: Network, *, compensated: bool) -> str:
-    """Returns the name of the port from which to read a patch; `name` is the patch's port with raw values."""
+    """Returns the name of the port from which to read a patch. `name` is the patch's port with raw values. If
+    `compensated` is True, the result is the port with drift-compensated values."""
     if compensated:
         return f"{name}_comp"
     measures = f"{name}{MEASURES}"

@@ -31,7 +31,7 @@ from tci.robot.description import Robot, wire_name
 
 PER_POLL = 16
 """Largest number of messages that one call reads. If more messages have arrived, the older messages are
-dropped. Assumed: this number bounds the time of a call if very many messages arrive."""
+dropped. The number bounds the time of a call. Assumed: usually fewer messages have arrived."""
 QOS: dict[str, Any] = {
     # a dropped message does no harm, since orders are repeated; waiting would delay the loop
     "congestion_control": zenoh.CongestionControl.DROP,

@@ -31,9 +31,9 @@ In this order:
 - indices of the pairs (p,) that are still to be checked
 - excess (p,) [m] of the distance of each pair over the margin at the present point of a path
 - least allowed distance (p,) [m] of each pair
-- largest change (p,) [m] of this distance from one point to the next
-- frames (j, 12)
-- angles (j,) [rad]
+- largest change (p,) [m] of each pair's distance from one point of the path to the next
+- positions [m] and rotation matrices (j, 12) of the joints' frames
+- angles (j,) [rad] of the joints at which these frames were computed
 """
 Arrays = tuple[Array, ...]
 SPARE, WIDER = 0.002, 0.5
@@ -41,8 +41,9 @@ SPARE, WIDER = 0.002, 0.5
 Later boxes inside the enlarged box need no check. Assumed: SPARE is above the noise of encoders; a moving
 joint stays in the reserve for about ten periods."""
 PAUSE = 16
-"""Number of checks without this reserve that follow a failed check with the reserve. The first of them
-repeats the failed check. Assumed: with this pause, the repeated checks take little time on average."""
+"""Number of checks without the reserve (`SPARE`, `WIDER`) that follow a failed check with this reserve. The
+first of them repeats the failed check. Assumed: with this pause, the repeated checks take little time on
+average."""
 
 
 @inlined
@@ -71,7 +72,7 @@ def place(joints: Array, angles: Array, frames: Array) -> None:
 
 @inlined
 def _shadow(shapes: Array, points: Array, frames: Array, shape: int, x: float, y: float, z: float) -> float:
-    """Returns the end [m] of a shape's projection onto the unit vector (x, y, z) of the world frame."""
+    """Returns the largest coordinate [m] of a shape along the unit vector (x, y, z) of the world frame."""
     j = int(shapes[shape, 0])
     start = 0.0
     if j >= 0:
@@ -108,8 +109,9 @@ def _centre(shapes: Array, frames: Array, shape: int) -> tuple[float, float, flo
 
 @inlined
 def at_least(shapes: Array, points: Array, frames: Array, pairs: Indices, axis: Array, p: int) -> float:
-    """Returns a lower bound [m] on the distance of pair `p`: the larger of the distance of its bounding
-    spheres and the distance of its projections."""
+    """Returns a lower bound [m] on the distance between the shapes of pair `p`. The bound is the distance of
+    their bounding spheres or, if larger, the distance of their projections onto `axis[p]`. An axis of zeros
+    is ignored."""
     one, other = pairs[p, 0], pairs[p, 1]
     ax, ay, az = _centre(shapes, frames, one)
     bx, by, bz = _centre(shapes, frames, other)

@@ -91,8 +91,9 @@ def box_keeps(span: Array, coupling: Array, lows: Array, highs: Array) -> bool:
 
 @compiled(void(views(2), views(1), views(1), views(1), writes(1), writes(1)))
 def shift(outside: Array, measured: Array, lows: Array, highs: Array, lower: Array, upper: Array) -> None:
-    """Writes the bounds `lower` and `upper` (m,) of the couplings that remain for the servos in the group:
-    `lows` and `highs` (m,) minus the contribution of the servos outside the group.
+    """Writes bounds for the contribution of the servos in the group to each coupling: `lower` and `upper`
+    (m,) are the couplings' bounds `lows` and `highs` (m,) minus the contribution of the servos outside the
+    group.
 
     The servos outside the group are at `measured` (n_servos,) [rad] and have the coefficients `outside` (m,
     n_servos).

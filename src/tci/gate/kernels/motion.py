@@ -29,15 +29,16 @@ FOLLOWED, LOOSE = range(2)
 """Rows of a table (2, k) of the servos' control modes. `FOLLOWED`: True for a servo whose angle must follow a
 reference. `LOOSE`: True for a servo in torque mode. All other values are False."""
 LATE_SINCE, OPPOSED_SINCE, REPEATS_SINCE, ORIGIN = range(4)
-"""Rows of the memory (4, n_servos). Each of the first three rows is the time [s] since which a condition is
-true without interruption, or infinity if the condition is false. The last row is the reference [rad] at the
-time when the angle began to repeat."""
+"""Rows of the memory (4, n_servos). The first three rows contain the time [s] since which, without
+interruption, a servo has been far from its reference, has moved against it, or has repeated its angle;
+infinity if it does not now. The last row is the reference [rad] at the time when the angle began to repeat.
+"""
 DRIFT, WEAKEST, STRONGEST, PUSHED_SINCE = range(4)
 """Rows of the memory of velocities (4, n_servos):
 
 - deviation [rad] of the integrated velocity from the angle
-- least torque [N m] since angle and velocity repeat
-- largest torque [N m] since angle and velocity repeat
+- least torque [N m] in torque mode since the measured angle and velocity stopped changing
+- largest torque [N m] in the same time
 - time [s] at which the difference of these two torques became large enough to move the joint; infinity while
   the difference is smaller
 """
@@ -88,12 +89,13 @@ def judge_motion(
     memory: Array,
     worst: Array,
 ) -> int:
-    """Returns the fault in the motion of those `servos` (k,) that must follow a reference in their mode.
+    """Returns the fault in the motion of those `servos` (k,) that must follow a reference in their mode;
+    FOLLOWS if there is no fault.
 
     The latest two readings are `elapsed` [s] apart. `position` [rad] and `velocity` [rad/s] (k,) are the
-    reference of the servos. Updates the memory. Writes two values into `worst` (2,): the index k of the servo
-    with the worst fault, and an angle [rad]. For a frozen encoder, the angle is the motion of the reference.
-    For other faults, the angle is the distance from the reference.
+    reference of the servos. Updates the memory. In case of a fault, writes into `worst` (2,) the place of the
+    faulty servo in `servos`, and an angle [rad]: the distance from the reference (LATE), or the motion of the
+    reference (FROZEN). For OPPOSED no angle is written.
     """
     longest = -1.0
     for k in range(len(servos)):
@@ -143,7 +145,8 @@ def judge_velocity(
     memory: Array,
     worst: Array,
 ) -> int:
-    """Returns the fault in the angles of `servos` (k,), found by comparison with velocities and torques.
+    """Returns the fault in the angles of `servos` (k,), found by comparison with velocities and torques;
+    FOLLOWS if there is no fault.
 
     The latest two readings are `elapsed` [s] apart. A velocity that is NaN is ignored. Servos in modes that
     follow a reference are not checked here. `torque` (k,) [N m] was sent to the servos in torque mode.
@@ -202,9 +205,10 @@ def judge_reading(
 ) -> int:  # fmt: skip
     """Checks a reading of all `angles` [rad] and `speeds` [rad/s] (n_servos,), made at time `now` [s].
 
-    Returns the first fault found by `_jump`, `judge_velocity` and `judge_motion`. `elapsed` [s] is the time
-    since the previous reading. If `elapsed` is 0 or less, the reading is only stored. `position` [rad],
-    `velocity` [rad/s] and `torque` [N m] (k,) are the references of `servos` (k,).
+    Returns the first fault found by `_jump`, `judge_velocity` and `judge_motion`; FOLLOWS if there is no
+    fault. `elapsed` [s] is the time since the previous reading. If `elapsed` is 0 or less, the reading is
+    only stored. `position` [rad], `velocity` [rad/s] and `torque` [N m] (k,) are the references of `servos`
+    (k,).
     """
     limits, settings, readings, memory, drifts, worst = monitor
     for i in range(len(angles)):

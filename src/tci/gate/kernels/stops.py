@@ -80,7 +80,8 @@ def plan_stop(
     Returns three truth values and the duration [s] of the stop:
 
     - The first is True if the stop stays inside the `limits` (4, n), or no farther outside than `here` (n,)
-      [rad]. A stop that has come inside the limits must not leave them again.
+      [rad], the angles one step before the stop. The rows of `limits` are `LOWER` to `JERK`. A stop that has
+      come inside the limits must not leave them again.
     - The second is True if `lows` <= `coupling` @ point <= `highs` (m,) for all points between the least and
       largest angles of the stop.
     - The third is True if `state` itself is outside the limits.

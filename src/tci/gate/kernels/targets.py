@@ -24,8 +24,8 @@ outside their limits."""
 COMMAND = returns(views(1, int64), views(1), views(1))
 """Types of a command: `servos` (k,), `values` (k,) [rad] and `speeds` (k,) [rad/s]."""
 GROUP = returns(reads(1, int64), reads(2), views(2), reads(2), writes(1, boolean), writes(2))
-"""Types of a joint group: `index` (n,), `limits` (3, n), `coupling` (m, n), `ends` (2, m), `free` (n,) and
-`aims` (3, n)."""
+"""Types of the arrays of a joint group with n servos and m couplings: `index` (n,), `limits` (3, n),
+`coupling` (m, n), `ends` (2, m), `free` (n,) and `aims` (3, n)."""
 
 
 @inlined
@@ -85,7 +85,7 @@ def take_targets(
 
     Returns the largest distance [rad] of a target from its requested value. Returns INVALID if the command
     fails `is_acceptable`, or FAR_OFF if `is_far_off` is True for it; in both cases the function writes
-    nothing. The arguments `box`, `far` and `slowest` are described there.
+    nothing. `is_far_off` describes `box` and `far`; `is_acceptable` describes `slowest`.
 
     Writes into `aims` (3, n) the targets [rad], which are inside `limits` and couplings, and the `speeds`
     (k,) [rad/s], clipped to the speeds in `limits` (3, n). Writes into `sent` (k,) [rad] the targets of the

@@ -36,9 +36,9 @@ BAND = 0.1
 full braking torque. Assumed: with a smaller value, the torque chatters; with a larger value, a joint exceeds
 its limit by more."""
 SETTLE = 2.0
-"""A servo is slow if its acceleration limit allows it to stop within this number of data delays. A slow servo
-is braked by a torque proportional to its speed. Assumed: with full torque, a servo at rest at a limit would
-tremble because of the noise of its velocity."""
+"""A servo is slow if, at its acceleration limit, it would stop within this number times the delay of its
+measurements. A slow servo is braked by a torque proportional to its speed. Assumed: with full torque, a servo
+at rest at a limit would tremble because of the noise of its velocity."""
 CALMER, BOLDER, LEAST = 0.5, 1.5, 1.0 / 64.0
 """Three numbers that adapt the braking torque to the joint. CALMER: factor by which the braking torque is
 multiplied after it has reversed the joint's motion. BOLDER: factor by which it is multiplied otherwise.
@@ -62,12 +62,13 @@ def limit_torques(
     period: float,
     memory: Array,
 ) -> None:
-    """Writes the torques of `servos` (k,) that are sent now into `memory`. The torques are limited by the
-    `trust` (k,) in their data.
+    """Writes the torques of `servos` (k,) that are sent now into `memory`. The `trust` (k,) in the
+    measurements of each servo, 0 to 1, is the fraction of its torque that is permitted.
 
-    `measured` (5, n_servos) and `memory` (5, n_servos) have a column for each servo of the robot. When
-    the next torques are computed, one period later, the measurements are `late` [s] old. If `halts` is True,
-    any motion is braked.
+    `measured` (5, n_servos) and `memory` (5, n_servos) have a column for each servo of the robot, and
+    `limits` (7, k) for each of `servos`. The module lists the rows, from `LOWER` to `BEFORE`. When the next
+    torques are computed, one period later, the measurements are `late` [s] old. If `halts` is True, any
+    motion is braked.
     """
     for k in range(len(servos)):
         i = servos[k]

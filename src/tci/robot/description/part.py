@@ -48,12 +48,12 @@ class GenericServo(Description):
     fixed: float = 0.0
     """Constant generic angle [rad] that is reported if the robot lacks this joint."""
     stiffness: float = 1.0
-    """Stiffness that the command `home` sets, as a fraction 0..1 of full stiffness."""
+    """Stiffness that `GenericBody.home` sets, as a fraction 0..1 of full stiffness."""
     damping: float = 0.0
     """Damping that the command `home` sets, as a fraction 0..1 of full damping."""
     speed: float | None = None
-    """Speed [rad/s] at which the generic joint moves, unless the gate's limit is lower. For a retargeted
-    shoulder, this value is the speed [rad/s] of the servo."""
+    """Speed [rad/s] at which the generic joint moves, unless the gate's limit is lower. With None, only the
+    gate's limit applies. For a retargeted shoulder, this value is the speed [rad/s] of the servo."""
     initial: float = 0.0
     """Initial generic angle [rad]."""
 
@@ -89,8 +89,8 @@ class Segment(Description):
 
 
 class CartesianActuator(Description):
-    """A point of a generic part for which commands can set a position (§3.1: a transformation in Cartesian
-    space)."""
+    """A point of a generic part for which commands can set a position (§3.1 of the paper: a transformation in
+    Cartesian space)."""
 
     name: str
     """Name of the point in a `CartesianCommand`: `hand`, `elbow`, ..."""
@@ -100,7 +100,7 @@ class CartesianActuator(Description):
     xyz: Vector = (0.0, 0.0, 0.0)
     """Position (3,) [m] of the point in the frame of `link`."""
     segment: str | None = None
-    """Segment of the arm. The point is on the axis of this segment."""
+    """Segment of the arm on whose axis the point is. Without a segment, `link` and `xyz` give the point."""
     u: float = 1.0
     """Place of the point on the segment's axis: 0 at the proximal end, 1 at the distal end."""
     frame: Literal["shoulder", "torso"] = "shoulder"

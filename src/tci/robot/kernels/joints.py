@@ -23,8 +23,8 @@ def combine_servos(
     """Writes the angles [rad] of the generic joints `ids` (k,) into `generic` (n,).
 
     The angle of joint `ids[j]` is `offsets[j]` plus the sum of `factors[i]` times the `position` (n_servos,)
-    [rad] of the servo `servos[i]`, over all i from `begin[j]` to `begin[j + 1]`. `begin` has the shape
-    (k + 1,). No sum is empty.
+    [rad] of the servo `servos[i]`, over all i from `begin[j]` to `begin[j + 1]` - 1. `begin` has the shape (k
+    + 1,). No sum is empty.
     """
     for j in range(len(ids)):
         i = begin[j]

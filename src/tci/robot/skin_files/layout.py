@@ -45,10 +45,11 @@ class SkinLayout:
     pads: NDArray[np.bool_]
     """True for channels (n,) that are thermal pads, which measure no pressure."""
     modules: NDArray[np.intp]
-    """Index (n,) of the module of each channel; -1 for a channel that has no position and is not a pad."""
+    """Index (n,) of the module of each channel; -1 for a channel that has no position and is not a thermal
+    pad."""
     representative: NDArray[np.intp]
     """Index (n,) of the channel that represents each channel if `sampling` is `triangle`; -1 for an absent
-    channel, -2 for a pad."""
+    channel, -2 for a thermal pad. Older skin files have -1 for thermal pads too."""
     listed_normals: Array
     """Normals (n, 3) as written in the file. These normals may have any length. iCub's skinManager uses them
     unchanged."""
@@ -164,8 +165,9 @@ def _across(tangents: Array, normals: Array) -> Array:
 
 
 def hexagons(positions: Array, taxels: NDArray[np.bool_]) -> Array:
-    """Returns the area (n,) [m2] of the hexagon around each of `taxels` (n,), computed from the distance to
-    the nearest other taxel."""
+    """Returns, for each channel, the area (n,) [m2] of the hexagon around its taxel, computed from the
+    distance to the nearest other taxel. The area is 0 if `taxels` (n,) is False for the channel, or if all
+    taxels have one position."""
     areas = np.zeros(len(positions))
     places = np.unique(positions[taxels], axis=0)
     if len(places) > 1:

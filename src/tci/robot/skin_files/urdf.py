@@ -46,7 +46,8 @@ class TactileSensor:
     rate: float | None
     """Frame rate [Hz]; None if the file does not give a rate."""
     layout: SkinLayout
-    """Taxels of the sensor. If no taxel has an index, the channel with this index has no position."""
+    """Taxels of the sensor by channel, which is the index of the taxel. A channel that is no taxel's index
+    has no position."""
 
 
 def read_tactile_sensors(path: str | Path) -> tuple[TactileSensor, ...]:

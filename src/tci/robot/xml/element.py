@@ -29,14 +29,14 @@ class Element:
     once: Mapping[str, Element] = field(default_factory=dict)
     """Child elements by tag that occur at most once."""
     some: Mapping[str, Element] = field(default_factory=dict)
-    """Child elements by tag that occur at least once."""
+    """Child elements by tag, each of which must occur at least once."""
     many: Mapping[str, Element] = field(default_factory=dict)
     """Child elements by tag that occur any number of times."""
     describes: type[Description] | None = None
     """Type in `tci.robot.description` to which the element is converted."""
     fields: Mapping[str, str | None] = field(default_factory=dict)
-    """Name of the field of the type `describes`, by the name of the attribute or child, if the two names
-    differ. None means that the type has no field for this attribute or child."""
+    """Names of fields of the class in `describes`, by the name of the attribute or child, where the two names
+    differ. None means that the class has no field for this attribute or child."""
 
     @property
     def children(self) -> dict[str, Element]:
@@ -61,7 +61,7 @@ class Element:
         return found if self.describes is not None and found in self.describes.model_fields else None
 
     def default(self, name: str) -> Any:
-        """Returns the default value of an attribute, or of a child with a value."""
+        """Returns the default of an attribute, or of a child with a value; None if there is no default."""
         found = self.field(name)
         if self.describes is None or found is None or self.describes.model_fields[found].is_required():
             return None

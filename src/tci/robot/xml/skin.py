@@ -105,8 +105,8 @@ def _response(sensor: Node, faults: Faults) -> tuple[tuple[float, float], ...]:
 
 
 def _places(patch: Node) -> int | None:
-    """Returns the number of channels of the skin: the number of values in a frame, divided by the number of
-    values per taxel."""
+    """Returns the number of places for taxels in a frame: the number of channels, divided by the number of
+    channels per taxel. None if one of these numbers is missing or invalid."""
     channels, sensor = patch.get("channels"), patch.first("sensor")
     axes = 1 if sensor is None else sensor.get("axes", 1)
     return None if channels is None or axes is None else channels // axes

@@ -102,8 +102,8 @@ def check_coupled(node: Node, generic: Sequence[GenericServo], faults: Faults) -
 
 
 def check_synergy(node: Node, generic: Sequence[GenericServo], faults: Faults) -> None:
-    """Checks that each joint of a synergy is moved by its own servo. Also checks that no other joint of the
-    part uses the servos of the synergy."""
+    """Checks that the servos that move a joint of a synergy include the joint's `destination_servo_id`. Also
+    checks that no other joint of the part uses the servos of the synergy."""
     synergic = [joint for joint in generic if joint.transform == "synergy" and joint.servo is not None]
     moved = {term.servo for joint in synergic for term in joint.terms}
     for joint in synergic:

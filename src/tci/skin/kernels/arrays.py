@@ -47,7 +47,8 @@ class LayoutArrays(NamedTuple):
     channel: Places
     """Index (n,) of each taxel in the buffer of raw values."""
     span: Places
-    """First channel, last channel + 1, and 1 if the channels are consecutive (b, 3), of each block."""
+    """Table (b, 3) with a row for each block of taxels: first channel, last channel + 1, and 1 if the
+    channels are consecutive, otherwise 0."""
     gain: Array
     """Response (n,) [Pa per count] of each taxel. If `nodes` define the response: the factor by which that
     response is multiplied for this taxel."""
@@ -90,8 +91,8 @@ class Estimates(NamedTuple):
     fluctuating: NDArray[np.bool_]
     """True for taxels with so much noise that their values never stay constant for long."""
     onset: Array
-    """Pressure [Pa] that a deviation of two counts means. A light touch begins at this pressure. The value is
-    infinite while the taxel's noise is unknown."""
+    """Pressure [Pa] that corresponds to a deviation of two counts. A light touch begins at this pressure. The
+    value is infinite while the taxel's noise is unknown."""
     hidden: Array
     """Pressure [Pa] below which the edge of a touch is not measured. The value is 0 for sheets and switches,
     on which a touch has no gradual edge."""
@@ -120,7 +121,7 @@ class SkinMemory(NamedTuple):
 
 
 class ActiveTaxels(NamedTuple):
-    """The arrays of a `SkinState`."""
+    """The arrays of a `SkinState` that the compiled loops need. `SkinState` describes them."""
 
     stamp: Array
     begin: Places
@@ -151,7 +152,8 @@ class Clusters(NamedTuple):
     counts: Places
     """Number of clusters (p,) on each patch."""
     bound: Indices
-    """Start of each cluster's taxels in `member` (n + 1,)."""
+    """Index (n + 1,) in `member` of each cluster's first taxel. The entry after the last cluster is the
+    number of taxels in all clusters."""
     member: Indices
     """Taxels (n,) of all clusters, as indices within the whole skin. Within each cluster the indices
     increase."""

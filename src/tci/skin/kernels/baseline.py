@@ -67,7 +67,7 @@ class Window(NamedTuple):
     """Mean absolute second difference [counts] of the signal. Slow changes, for example a touch, hardly
     affect this value."""
     changes: Array
-    """Fraction of the frames that differ from the frame before."""
+    """Fraction (n,) of the frames in which the taxel's value differs from its value in the frame before."""
 
 
 @inlined
@@ -130,9 +130,9 @@ def update_baseline(
     """Updates the `estimates` from one window of the `healthy` taxels (n,).
 
     Returns the patch's typical noise [counts]. `neighbours` (m, 2) are pairs of neighbouring taxels. With
-    `afresh`, the rest values of quiet taxels become the window's mean. If a taxel was constant for a whole
-    window, the last change of its rest value is undone, since the taxel may have frozen during the window
-    before. `THRESHOLD` describes the entries of `numbers`, and `ROOM` the shape of `room`.
+    `afresh`, the rest values of quiet taxels become the window's mean. If a taxel that fluctuates at rest was
+    constant for a whole window, the last change of its rest value is undone, since the taxel may have frozen
+    during the window before. `THRESHOLD` describes the entries of `numbers`, and `ROOM` the shape of `room`.
     """
     offset, noise, mean = estimates.offset, estimates.noise, window.mean
     deviation, present, ordered, quiet, touched, taught = room[0], room[1], room[2], room[3], room[4], room[5]

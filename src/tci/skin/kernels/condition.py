@@ -88,7 +88,8 @@ def _same(raw: NDArray[Any], last: NDArray[Any], begin: int, end: int) -> bool:
 
 @inlined
 def _gather(raw: NDArray[Any], layout: LayoutArrays, block: int, begin: int, values: Single) -> None:
-    """Copies the raw values of the block whose taxels begin at `begin`."""
+    """Copies the raw values of the taxels of one `block` from the frame `raw` into `values`. `begin` is the
+    index of the block's first taxel within the whole skin."""
     if layout.span[block, STRAIGHT]:
         own = raw[layout.span[block, FIRST] : layout.span[block, END]]
         for i in range(len(values)):
@@ -146,7 +147,8 @@ def _note(
 
 @inlined
 def _response(counts: float, nodes: Array, first: int, end: int) -> float:
-    """Returns the pressure [Pa] by linear interpolation between the nodes from `first` to `end`.
+    """Returns the pressure [Pa] at a deviation of `counts`, by linear interpolation between the nodes from
+    `first` to `end` - 1.
 
     Beyond the last node the pressure is extrapolated linearly.
     """
@@ -291,10 +293,10 @@ def condition(
 
     If the raw values of a block of 64 taxels equal those of the previous frame, the block is not computed
     again: only the number of such frames is counted. The sums of the block are updated later, when its values
-    change or the estimation window ends. The result is the same as if each frame were added at once. `raw`
-    (c,) contains all channels. `last` (c,) are the raw values of the previous frame. `stamps` (k,) [s] are
-    the times of the frames. `latency` [s] is the time constant of the low-pass filter. Returns the number of
-    patches whose estimation window has ended.
+    change or the estimation window ends. The result equals that of adding each frame to the sums immediately.
+    `raw` (c,) contains all channels. `last` (c,) are the raw values of the previous frame. `stamps` (k,) [s]
+    are the times of the frames. `latency` [s] is the time constant of the low-pass filter. Returns the number
+    of patches whose estimation window has ended.
     """
     ended = 0
     for k in range(len(which)):

@@ -42,8 +42,8 @@ LEAST_FILL = 0.15
 """Least fill factor by which forces are divided. A smaller factor is replaced by this value. Assumed: on
 sparser skin the correction of the force would be unreliable."""
 MOST_HIDDEN = 0.5
-"""Largest fraction of a force that is added to correct for the edge of a touch. Assumed: a larger correction
-would be unreliable."""
+"""Largest fraction of a contact's force that is assumed to act at the edge of the touch, where the pressure
+is too small to be measured. Assumed: a larger correction would be unreliable."""
 _FIRST, _LAST = float(WIDTHS[0]), len(WIDTHS) - 1
 _NONE, _ONE = np.uint64(0), np.uint64(1)
 """0 and 1 as unsigned integers. For unsigned indices, Numba omits the check for negative indices."""
@@ -295,9 +295,9 @@ def describe(
     A contact consists of its force, its centre of pressure on the surface, the normal at this centre, and its
     place on the generic limb. The force is corrected for the edge of the touch, where the pressure is below
     `hidden` (n,) [Pa] and so not measured. If the pressure of a round touch is a Gaussian of any width, this
-    edge carries the fraction `hidden` / peak of the force. `poses` (l, 4, 4) are the poses of the links in
-    the torso frame. `posture` (parts, 4) [rad] are the generic angles of the limbs. `summary` (c, SUMMARY) is
-    work space.
+    edge carries a fraction of the force: `hidden` divided by the largest pressure. `poses` (l, 4, 4) are the
+    poses of the links in the torso frame. `posture` (parts, 4) [rad] are the generic angles of the limbs.
+    `summary` (c, SUMMARY) is work space.
     """
     c, order = 0, out.identity
     out.begin[0] = 0

@@ -40,7 +40,8 @@ is on a sparse skin, where every touch presses a single taxel."""
 
 @inlined
 def _has_neighbours(taxel: int, layout: LayoutArrays, least: Array, reach: float) -> bool:
-    """Returns True if at least `SURROUNDED` trusted taxels are within `reach` [m] of a taxel."""
+    """Returns True if at least `SURROUNDED` trusted neighbours of a taxel are within `reach` [m] of it. A
+    neighbour is trusted if its value in `least` is finite."""
     taxels, graph = layout.taxel, layout.graph
     x, y, z = taxels[taxel, 0], taxels[taxel, 1], taxels[taxel, 2]
     found = 0
@@ -56,7 +57,8 @@ def _has_neighbours(taxel: int, layout: LayoutArrays, least: Array, reach: float
 def _is_beside(
     taxel: int, p: int, state: ActiveTaxels, layout: LayoutArrays, reach: float, floor: float
 ) -> bool:
-    """Returns True if another active taxel of the patch is within twice the reach.
+    """Returns True if another active taxel of the patch, with a force of at least `floor` [N], is within
+    twice `reach` [m] of `taxel`.
 
     One touch across a gap in the skin may press both taxels.
     """
@@ -129,12 +131,13 @@ def reject_isolated(
 
     The first row of `rules` (2, p) is the time [s] for which an isolated taxel of each patch must be pressed.
     A time of 0 means that no time is required. The second row is the pressure at the end of the sensor's
-    range, without the taxels' gains. A taxel with at least this pressure must also have changed its value.
-    `reach` [m] is the value of `IsolatedSettings.reach`. A taxel belongs to a contact only if the force on it
-    is at least `floor` [N]. `before` (k,) are the taxels of all contacts in the previous frame, as indices
-    within the whole skin. `waiting` (w, WAITING) are the isolated taxels in the previous frame. Returns the
-    number of remaining clusters, the number of their taxels, and the number of rows written to `fresh` (m,
-    WAITING). Pass these rows as `waiting` for the next frame.
+    range, without the taxels' gains. A taxel with at least this pressure, or a fluctuating taxel, must also
+    have changed its value at least `ALIVE` times while it was pressed. `reach` [m] is the value of
+    `IsolatedSettings.reach`. A taxel belongs to a contact only if the force on it is at least `floor` [N].
+    `before` (k,) are the taxels of all contacts in the previous frame, as indices within the whole skin.
+    `waiting` (w, WAITING) are the isolated taxels in the previous frame. Returns the number of remaining
+    clusters, the number of their taxels, and the number of rows written to `fresh` (m, WAITING). Pass these
+    rows as `waiting` for the next frame.
     """
     waits, kept, filled, c, begin = 0, 0, 0, 0, 0
     bound, member, forces = clusters.bound, clusters.member, clusters.member_force

@@ -41,7 +41,8 @@ def _find_nearest(
     """Finds the nearest track to contact `c`, among the tracks of the patch that have no contact in this
     frame yet.
 
-    Writes this track and its distance to `best`. Tracks farther than `reach` [m] are ignored.
+    Writes the track's index, and its distance [m] from the contact, into columns 1 and 2 of `best[c]`: -1 and
+    infinity if there is no such track. Tracks farther than `reach` [m] are ignored.
     """
     best[c, 1], best[c, 2] = _FREE, np.inf
     for i in range(known):

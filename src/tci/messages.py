@@ -249,7 +249,7 @@ class GenericCommand:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CartesianCommand:
-    """Target position of a point of the robot, the Cartesian actuator, for example the hand. The joints move
+    """Target position of a Cartesian actuator: a point of the robot, for example of a hand. The joints move
     in position mode (§3.1 of the paper: a transformation in Cartesian space)."""
 
     part: str

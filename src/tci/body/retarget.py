@@ -1,4 +1,5 @@
-"""Exact retargeting: converts a posture of the generic arm in the torso frame to any robot's shoulder.
+"""Exact retargeting: converts a generic arm's posture, relative to the torso frame, to the angles of any
+robot's shoulder.
 
 By default, a generic posture is relative to the mount frame of each arm. If the limbs of several robots must
 point in equal directions in the torso frame, the orientation of the shoulder's axes must be considered. For

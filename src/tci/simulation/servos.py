@@ -39,9 +39,9 @@ class Servos:
     """The actuators of a world, in the order of `Robot.servos`.
 
     The set-point of a servo moves linearly to each new target. The motion lasts one control period, or longer
-    if the joint's speed limit requires a longer time. So steps of targets do not appear in the velocity, and
-    a distant target is reached at the permitted speed. A blocked servo that becomes free does not jump to the
-    set-point, because the position error is limited to the error that occurs at full speed.
+    if the joint's speed limit requires a longer time. So a sudden change of the target causes no sudden
+    velocity, and a distant target is reached at the permitted speed. A blocked servo that becomes free does
+    not jump to the set-point, because the position error is limited to the error that occurs at full speed.
 
     In velocity mode the servo follows the angles that result from the velocity command, like the firmware of
     many robots. In impedance mode the servo also follows its set-points, but with a fraction of its

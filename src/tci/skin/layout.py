@@ -199,7 +199,8 @@ def _as_described(robot: Robot) -> SkinLayout:
 
 
 def adjacency(count: int, pairs: NDArray[np.intp]) -> Indices:
-    """Returns the neighbours of each of `count` taxels, in the form of `LayoutArrays.graph`. `pairs` (m, 2)
+    """Returns one array with the neighbours of each of `count` taxels. The first `count` + 1 entries are the
+    places in this array at which the neighbours of each taxel begin; the neighbours follow. `pairs` (m, 2)
     are the indices of neighbouring taxels, each pair once."""
     one, other = np.concatenate([pairs, pairs[:, ::-1]]).T
     starts = np.concatenate([[0], np.cumsum(np.bincount(one, minlength=count))]) + count + 1

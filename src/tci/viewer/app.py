@@ -115,8 +115,8 @@ class Viewer:
                 self.playback.update()
 
     def poke(self, key: str, place: Place) -> None:
-        """Pokes a robot's skin with the force and speed of the sliders. If a person has selected this on the
-        page, also pokes the corresponding points on the other robots."""
+        """Pokes a robot's skin with the force and speed of the sliders. If "same place on every robot" is
+        selected on the page, also pokes the corresponding points of the other robots."""
         touched = self.sources[key]
         self._poke(touched, place)
         if self._everywhere is None or not self._everywhere.value or touched.view is None:

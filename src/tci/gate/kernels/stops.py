@@ -80,8 +80,8 @@ def plan_stop(
     Returns three truth values and the duration [s] of the stop:
 
     - The first is True if the stop stays inside the `limits` (4, n), or no farther outside than `here` (n,)
-      [rad], the angles one step before the stop. The rows of `limits` are `LOWER` to `JERK`. A stop that has
-      come inside the limits must not leave them again.
+      [rad], the angles one step before the stop. The rows of `limits` are the lower and upper angle, the
+      acceleration and the jerk. A stop that has come inside the limits must not leave them again.
     - The second is True if `lows` <= `coupling` @ point <= `highs` (m,) for all points between the least and
       largest angles of the stop.
     - The third is True if `state` itself is outside the limits.
@@ -134,9 +134,9 @@ def take_room(index: NDArray[np.intp], measured: Array, reference: Array, span: 
     """Writes the least and largest angles [rad] that servos `index` (n,) may have during their stop into
     `box` (2, n_servos).
 
-    During the stop, the references of the servos stay between the angles of `span` (2, n) [rad]. The measured
-    angle of a servo may leave this span by the servo's present deviation, which is `measured` (n_servos,)
-    [rad] minus `reference` (n,) [rad].
+    During the stop, the references of the servos stay between the angles of `span` (2, n) [rad]. A servo that
+    is now on one side of its reference may stay there: the difference of its angle in `measured` (n_servos,)
+    [rad] from its `reference` (n,) [rad] is added to this end of the span.
     """
     for i in range(len(index)):
         servo = index[i]

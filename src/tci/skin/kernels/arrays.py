@@ -144,11 +144,11 @@ class Clusters(NamedTuple):
     """
 
     force: Array
-    """Work space (n,). All its values are zero between two frames."""
+    """Scratch memory (n,) for the force on each taxel [N]. All its values are zero between two frames."""
     label: Indices
-    """Work space (n,). All its values are zero between two frames."""
+    """Scratch memory (n,) for the cluster of each taxel. All its values are zero between two frames."""
     queue: Indices
-    """Work space (n,)."""
+    """Scratch memory (n,) for the taxels of all clusters, in the order in which the search reaches them."""
     counts: Places
     """Number of clusters (p,) on each patch."""
     bound: Indices

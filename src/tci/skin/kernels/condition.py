@@ -56,7 +56,7 @@ STAMP, ELAPSED, FRAMES, IN_WINDOW, DIFFERENCES, DROPPED, CONSTANT, DUE, LEAST = 
 """Columns of `SkinMemory.patches`:
 
 - `STAMP`, `ELAPSED`: time [s] of the latest frame, and time [s] since the window began.
-- `FRAMES`: number of frames seen, counted up to 2.
+- `FRAMES`: 0 before the first frame, 1 after it, 2 after all later frames.
 - `IN_WINDOW`, `DIFFERENCES`: numbers of frames and of second differences in the window.
 - `DROPPED`: number of values dropped so far.
 - `CONSTANT`: number of successive frames that equal the frame before in all values. They are counted, but not

@@ -169,8 +169,8 @@ def _on_limb(
 def _fill(taxels: Indices, forces: Array, layout: LayoutArrays) -> float:
     """Returns the fill factor around `taxels` (k,) with `forces` (k,) [N], averaged over the touch's width.
 
-    The width is the square root of half of the second moment of the forces. For a round touch this is the
-    standard deviation.
+    The width is computed from the mean square distance of the taxels from the centre of force, weighted by
+    force. For a round touch it is the standard deviation of a Gaussian.
     """
     places, fill = layout.taxel, layout.fill
     total, area, x, y, z, square = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0

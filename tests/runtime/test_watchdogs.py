@@ -123,6 +123,14 @@ def test_torques_that_vanish_silence_what_is_felt_through_joints(how: str) -> No
     assert not told(last + LEAST_SILENCE + 0.03, torque=np.ones(count)), "they are back"
 
 
+def test_torques_that_stay_equal_while_a_simulated_arm_creeps_to_rest_are_not_frozen() -> None:
+    robot = tci.load_robot("g1-bare")
+    silence, count = SkinWatchdog(robot, stale_after=0.05), len(robot.servos)
+    for k in range(1000):
+        joints = JointReading(0.02 * k, 0, np.full(count, 1e-18 * k), np.zeros(count), np.full(count, 1.3))
+        assert not silence.fault(Reading(joints, ()), 0.02 * k)
+
+
 @pytest.mark.parametrize(("stale_after", "longest"), [(0.05, STOOD), (0.5, 0.5)])
 def test_a_standstill_is_longer_than_a_busy_machine_and_than_what_the_driver_allows(
     stale_after: float, longest: float

@@ -26,6 +26,9 @@ successive frames may be lost."""
 LEAST_SILENCE = 0.25
 """Least time [s] without a frame after which a patch counts as silent. Assumed: a busy network delays data by
 less than this time."""
+MOVED = 1e-4
+"""Angle [rad] by which a joint must have turned since its last new torque to count as moving. Assumed: a smaller
+motion may leave the torque of every joint unchanged in all digits."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 TURN = 0.0001
 """Time [s] after which Python switches between busy threads. Assumed: far shorter than a control period.
@@ -125,7 +128,7 @@ class TorqueWatchdog:
                 frozen = (
                     before is not None
                     and np.array_equal(torque, before[0])
-                    and not np.array_equal(position, before[1])
+                    and bool(np.any(np.abs(position - before[1]) > MOVED))
                 )
                 if np.isfinite(torque).any() and not frozen:
                     self._seen[part] = torque, position, now

@@ -12,6 +12,7 @@ import pytest
 
 from commissioning.crossed import Crossed, Witness, world_of
 from drivers.served import needs_qi
+from tci.cli.hardware import Simulation
 from tci.commissioning.first_minutes import first_minutes, wanted
 from tci.commissioning.hardware import MOST
 from tci.drivers.diagnosis import Finding, Level
@@ -276,3 +277,22 @@ def test_a_limit_that_the_description_has_wrong_is_found_before_anything_moves(v
     found = served(crossed, via, "LShoulderRoll")
     assert "not moved" in found["LShoulderRoll"].what
     assert crossed.far.max() < np.deg2rad(0.01)
+
+
+def test_a_servo_that_is_named_twice_is_moved_once_and_an_error_lists_only_what_can_be_tested() -> None:
+    servos, patches = wanted(ROBOT, ["LElbowRoll", "left_arm", "left_forearm"])
+    assert len(servos) == len({servo.name for servo in servos})
+    assert len(patches) == len({patch.name for patch in patches})
+    with pytest.raises(UnknownNameError) as raised:
+        wanted(ROBOT, ["left_leg"])
+    assert "torso" not in raised.value.valid
+    for name in raised.value.valid:
+        assert any(wanted(ROBOT, [name]))
+
+
+def test_a_joint_that_rests_on_its_stop_is_moved() -> None:
+    robot = load_robot("icub")
+    with connect(robot, "sim") as driver:
+        servos, _ = wanted(robot, ["l_hand_finger", "l_thumb_oppose"])
+        found, _ = first_minutes(driver, Simulation(driver), servos=servos, patches=(), taxels=0)
+    assert [one.level for one in found if one.subject in {servo.name for servo in servos}] == [Level.OK] * 2

@@ -99,10 +99,12 @@ def wanted(robot: Robot, names: Sequence[str]) -> tuple[list[Servo], list[Patch]
         ]
         skin = [patch for patch in robot.skin if name in (patch.name, patch.part)]
         if not some and not skin:
-            valid = [*generic, *(p.name for p in robot.skin), *(s.robot_part for s in robot.servos)]
-            raise UnknownNameError("servo, part or patch", name, dict.fromkeys(valid))
-        servos += some
-        patches += skin
+            moved = [part.name for part in robot.parts if _servos_of(robot, part.name)]
+            felt = [name for patch in robot.skin for name in (patch.part, patch.name)]
+            own = [name for servo in robot.servos for name in (servo.robot_part, servo.name)]
+            raise UnknownNameError("servo, part or patch", name, dict.fromkeys([*moved, *felt, *own]))
+        servos += [servo for servo in some if servo not in servos]
+        patches += [patch for patch in skin if patch not in patches]
     return servos, patches
 
 

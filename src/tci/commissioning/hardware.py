@@ -31,6 +31,9 @@ last displacement is smaller than MOST, since the servo may overshoot."""
 SPEED = float(np.deg2rad(4.0))
 """Speed [rad/s] of the motions, 2 degrees in half a second. Assumed: slow enough that the operator can watch
 the motion."""
+LEANS = float(np.deg2rad(0.1))
+"""Largest angle [rad] beyond a limit that counts as inside. Assumed: a joint that rests on its stop, or whose
+encoder rounds, reads at most this angle outside."""
 SETTLE = 0.3
 """Time [s] from the end of a motion to the measurement of the angles. Assumed: oscillations have decayed
 after this time."""
@@ -78,7 +81,7 @@ class ServoCheck:
         here = start[servo.index]
         assert limits.lower is not None
         assert limits.upper is not None
-        if not limits.lower <= here <= limits.upper:
+        if not limits.lower - noise - LEANS <= here <= limits.upper + noise + LEANS:
             return Finding(
                 Level.FAULT, servo.name,
                 f"not moved: its encoder reads {np.rad2deg(here):.1f} degrees, outside its limits "

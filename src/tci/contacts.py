@@ -206,6 +206,12 @@ class Contact:
     p_L, n_L, p_T, n_T, f_T = _Vector(), _Vector(), _Vector(), _Vector(), _Vector()
     limb_point = _Vector()
 
+    def __repr__(self) -> str:
+        place = f", {self.segment} u={self.u:.2f} theta={self.theta:.2f} rad" if self.segment else ""
+        return (
+            f"Contact({self.identity} on {self.patch}: {self.force:.2f} N, {1e4 * self.area:.1f} cm2{place})"
+        )
+
     @property
     def patch(self) -> str:
         """Name of the patch."""

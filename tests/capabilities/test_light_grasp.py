@@ -138,6 +138,8 @@ def test_settings_and_robots_that_do_not_fit_are_refused() -> None:
         LightGrasp(speed=0.0)
     with pytest.raises(TciError, match="g1 has no fingers"):
         LightGrasp().init(TouchedRobot("g1").body)
+    with pytest.raises(TciError, match="nao has no skin on a palm"):
+        LightGrasp().init(TouchedRobot("nao").body)
 
 
 @pytest.mark.parametrize(

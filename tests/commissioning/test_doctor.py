@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tci.commissioning.doctor import judge
-from tci.commissioning.machine import examine_machine
+from tci.commissioning.machine import _delays, examine_machine
 from tci.commissioning.streams import observe
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.driver import Driver
@@ -203,3 +203,8 @@ def test_another_package_in_the_same_folder_is_told(tmp_path: Path, monkeypatch:
 def test_a_robot_without_patches_has_only_joints() -> None:
     robot: Robot = load_robot("nao").model_copy(update={"patches": ()})
     assert {subject for subject, _ in examine(SimulatedDriver(robot))} == {"joints"}
+
+
+def test_a_wake_up_that_misses_periods_is_late_by_all_of_them() -> None:
+    times = np.array([0.0, 0.0021, 0.0039999, 0.0111, 0.0125])
+    np.testing.assert_allclose(_delays(times), [0.0, 0.0001, 0.0, 0.0051, 0.0005], atol=1e-9)

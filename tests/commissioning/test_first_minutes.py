@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from commissioning.crossed import Crossed, Witness, world_of
 from drivers.served import needs_qi
@@ -294,5 +295,7 @@ def test_a_joint_that_rests_on_its_stop_is_moved() -> None:
     robot = load_robot("icub")
     with connect(robot, "sim") as driver:
         servos, _ = wanted(robot, ["l_hand_finger", "l_thumb_oppose"])
-        found, _ = first_minutes(driver, Simulation(driver), servos=servos, patches=(), taxels=0)
+        found, _ = first_minutes(
+            driver, Simulation(driver, Console(stderr=True)), servos=servos, patches=(), taxels=0
+        )
     assert [one.level for one in found if one.subject in {servo.name for servo in servos}] == [Level.OK] * 2

@@ -94,9 +94,12 @@ class LightGrasp(Capability[Grips]):
 
     def init(self, body: GenericBody) -> Grips:
         """Returns the initial memory, in which all hands are open. Raises TciError for a robot without
-        fingers."""
-        if not body.parts("fingers"):
-            raise TciError(f"light grasp: {body.robot.name} has no fingers; valid: a robot with them")
+        fingers, and for a robot without skin on a palm."""
+        parts, name = body.parts("fingers"), body.robot.name
+        if not parts:
+            raise TciError(f"light grasp: {name} has no fingers; valid: a robot with them")
+        if not any(patch.part in parts and patch.segment == PALM for patch in body.robot.skin):
+            raise TciError(f"light grasp: {name} has no skin on a palm; valid: a robot such as nao-hands")
         return {}
 
     def step(

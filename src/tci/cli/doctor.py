@@ -52,6 +52,8 @@ def doctor(
         return
     if robot is None:
         raise DriverError(f"--via {via} needs the robot's name; valid: tci doctor ROBOT --via {via}")
+    if via is None and not as_json:
+        console.print("checks the simulation; for a real robot give --via NAME:ADDRESS", style="dim")
     via = via or "sim"
     findings, streams = _examine(load_robot(robot), via, duration, quiet=as_json)
     _print_findings(f"{robot} via {via}", findings, streams, as_json=as_json)

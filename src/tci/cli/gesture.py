@@ -128,7 +128,9 @@ def play(
     arm: Arm = False,
     as_json: AsJson = False,
 ) -> None:
-    """Play a gesture as fast as the robot's limits allow, and print the errors of the robot's joints.
+    """Play a gesture, and print the errors of the robot's joints.
+
+    The gesture has its recorded speed, or is slower if the robot's limits require it.
 
     The exit status is 1 if the robot did not reach the end of the gesture.
 
@@ -215,7 +217,8 @@ def _table(fitted: Fitted, following: Following) -> object:
     from rich import box
     from rich.table import Table
 
-    table = Table("joint", title="Errors \\[degrees]", box=box.SIMPLE_HEAD)
+    table = Table(title="Errors \\[degrees]", box=box.SIMPLE_HEAD)
+    table.add_column("joint", no_wrap=True, overflow="fold")
     for column in ("cut off by limits", "following, RMS", "following, largest"):
         table.add_column(column, justify="right")
     for name in dict.fromkeys((*following.rms, *fitted.missed)):

@@ -56,8 +56,9 @@ class Simulation:
     true angles.
     """
 
-    def __init__(self, driver: SimulatedDriver) -> None:
-        self._driver = driver
+    def __init__(self, driver: SimulatedDriver, shown: Console) -> None:
+        """Stores the driver, and the console `shown`, on which taxels that can't be pressed are named."""
+        self._driver, self._shown = driver, shown
 
     def may(self, what: str) -> bool:
         return True
@@ -71,8 +72,9 @@ class Simulation:
     def press(self, patch: str, taxel: int, where: str) -> bool:
         try:
             self._driver.world.finger.poke(patch, taxel, depth=0.004)
-        except TciError:
-            return False  # the simulated finger can't reach the taxel
+        except TciError as error:
+            self._shown.print(f"{patch} taxel {taxel} is not pressed: {error}", style="dim", highlight=False)
+            return False
         return True
 
     def release(self) -> None:
@@ -118,7 +120,7 @@ def check_hardware(
         # some drivers read no skin, so `driver.robot` may have fewer patches
         servos, patches = wanted(driver.robot, parts)
         shown = Console(stderr=True) if as_json else console
-        operator = Simulation(driver) if isinstance(driver, SimulatedDriver) else Terminal(shown)
+        operator = Simulation(driver, shown) if isinstance(driver, SimulatedDriver) else Terminal(shown)
         if not as_json:
             console.print(
                 "Stand beside the robot with its emergency stop in reach. No joint moves by more than "

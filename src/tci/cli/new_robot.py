@@ -32,7 +32,7 @@ def new_robot(
         Path, typer.Argument(help="URDF or MJCF file of the robot. With --package, the file name is enough.")
     ],
     name: Annotated[
-        str | None, typer.Option(help="Name of the robot. \\[default: the name in the file]")
+        str | None, typer.Option(help="Name of the robot. \\[default: the name of the model file]")
     ] = None,
     package: Annotated[
         str | None, typer.Option(help="Installed Python package that contains the model.")
@@ -244,7 +244,7 @@ def _found(robot: Robot) -> list[str]:
                 how = generic.transform if generic.transform != "linear" else f"{generic.scale:+g}"
                 moved = " and ".join(robot.servos[servo].name for servo in generic.moved)
                 joints.append(f"{generic.name} = {moved} ({how})")
-        turn = ", ".join(f"{np.rad2deg(angle):.1f}" for angle in part.mount)
+        turn = ", ".join(f"{np.rad2deg(angle) + 0.0:.1f}".replace("-0.0", "0.0") for angle in part.mount)
         on = f" on a mount turned by {turn} degrees (roll, pitch, yaw)" if any(part.mount) else ""
         lines.append(f"{part.name}: {', '.join(joints) or 'nothing'}{on}")
     used = {servo for part in robot.parts for generic in part.servos for servo in generic.moved}

@@ -54,7 +54,7 @@ def robots(as_json: AsJson = False) -> None:
     for (package, advice), names in missing.items():
         words = f"not installed: {package}, for {', '.join(names)}; {advice}"
         console.print(words, style="yellow", highlight=False, markup=False, soft_wrap=True)
-    console.print("show one: [bold]tci describe NAME[/]; add your own: docs/robot-description.md")
+    console.print("show one: [bold]tci describe NAME[/]; add your own: tci new-robot (docs/add-a-robot.md)")
 
 
 def _load(name: str) -> Robot | MissingExtraError:

@@ -133,7 +133,8 @@ def run_capability(
                 filmed.see(tick)
 
         if duration is None and not as_json:
-            console.print("runs until Ctrl-C; --duration SECONDS ends it", style="dim")
+            end = "the end of the recording" if via.startswith("replay:") else "Ctrl-C"
+            console.print(f"runs until {end}; --duration SECONDS ends it earlier", style="dim")
         session = sessions.Session(
             driver, capability, faults=plans, flicker=sessions.FLICKER if rehearsal else 0.0,
             recorder=recorder, listen=view.event, observe=see,
@@ -145,7 +146,7 @@ def run_capability(
     if as_json:
         print_json(session.to_json())
     else:
-        conclude(session)
+        conclude(session, filmed=filmed is not None)
     if isinstance(session.error, SystemExit | KeyboardInterrupt):
         raise SystemExit(session.error.code if isinstance(session.error, SystemExit) else 130)
     if session.failed:

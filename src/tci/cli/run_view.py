@@ -55,9 +55,9 @@ class RunView:
         self._live.update(line)
 
 
-def conclude(session: Session) -> None:
+def conclude(session: Session, *, filmed: bool) -> None:
     """Prints the summary of a run: repeated refusals and clamps, the outcome of each injected fault, and the
-    statistics."""
+    statistics. `filmed` is True if the computing time contains the pictures of a film."""
     for kind, reasons in (("refused", session.log.refused), ("clamped", session.log.clamped)):
         for notice in reasons.notices():
             if notice.count > 1:
@@ -79,8 +79,9 @@ def conclude(session: Session) -> None:
     if session.result is not None:
         console.print(session.result.summary, highlight=False, markup=False)
     report, counts, state = session.report, session.driver.gate.counts, session.driver.gate.state
+    computing = "computing time with the film's pictures" if filmed else "computing time"
     console.print(
-        f"{_periods(session)}; computing time p50 {report.work.quantile(0.5) * 1e3:.2f}, "
+        f"{_periods(session)}; {computing} p50 {report.work.quantile(0.5) * 1e3:.2f}, "
         f"p99.9 {report.work.quantile(0.999) * 1e3:.2f} ms; "
         f"gate: {counts.holds} holds, {counts.stops} stops, {counts.refusals} refusals; "
         f"state at the end: [{_colour(state.name)}]{state.name}[/]",

@@ -15,6 +15,7 @@ from tci.clock import MonotonicClock, ticks
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.registry import driver_names, load_driver
 from tci.errors import MissingExtraError, TciError
+from tci.frames import Array
 from tci.installed import clashes, installed_by
 from tci.robot.catalogue import load_robot, robot_names
 from tci.runtime.lease import FOLDER, lease
@@ -91,13 +92,20 @@ def _lease() -> Iterator[Finding]:
         )
 
 
+def _delays(times: Array) -> Array:
+    """Returns the delays (n,) [s] of ticks at `times` (n,) [s] since the first due time.
+
+    A tick is due at the first multiple of PERIOD after the previous tick. A tick that is early by less than
+    0.1 % of PERIOD counts as punctual.
+    """
+    due = np.append(0.0, np.floor(times[:-1] / PERIOD + 0.001) + 1.0) * PERIOD
+    return np.maximum(times - due, 0.0)
+
+
 def _timing(duration: float) -> Iterator[Finding]:
     clock = MonotonicClock()
     begin = clock.now()
-    late = np.array([(now - begin) % PERIOD for now in ticks(clock, PERIOD, duration=duration)])
-    # Delays are computed modulo PERIOD, so a tick that is slightly early seems to be late by almost one
-    # period.
-    late = np.where(late > PERIOD * 0.999, 0.0, late)
+    late = _delays(np.array([now - begin for now in ticks(clock, PERIOD, duration=duration)]))
     middle, worst = np.quantile(late, [0.5, 0.99])
     text = (
         f"wakes up {1e6 * middle:.0f} us late (median), {1e3 * worst:.2f} ms (p99; "

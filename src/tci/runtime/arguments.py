@@ -6,6 +6,7 @@ valid values.
 
 from __future__ import annotations
 
+import ast
 import math
 import sys
 from importlib import import_module
@@ -73,7 +74,7 @@ def load_capability(name: str) -> Capability[Any]:
     elif ":" in name:
         found = _from_module(*name.split(":", 1))
     else:
-        raise UnknownNameError("capability", name, [*sorted(points), "or MODULE:CLASS"])
+        raise UnknownNameError("capability", name, [*sorted(points), *_in_folder(name), "or MODULE:CLASS"])
     if not (isinstance(found, type) and issubclass(found, Capability)):
         raise CommandError(f"{name} is no capability; valid: a subclass of tci.Capability")
     return as_capability(found)
@@ -98,6 +99,14 @@ def _from_module(module: str, name: str) -> object:
         own = [word for word in words if _can_run(getattr(found, word, None))]
         raise UnknownNameError(f"capability in {module}", name, own)
     return getattr(found, name)
+
+
+def _in_folder(module: str) -> list[str]:
+    """Returns MODULE:CLASS for each capability in a file of the working directory, if `module` names one."""
+    if not (module.isidentifier() and Path(f"{module}.py").is_file()):
+        return []
+    tree = ast.parse(Path(f"{module}.py").read_text(encoding="utf-8"))
+    return [f"{module}:{node.name}" for node in tree.body if isinstance(node, ast.ClassDef)]
 
 
 def _can_run(one: object) -> bool:

@@ -27,8 +27,8 @@ LEAST_SILENCE = 0.25
 """Least time [s] without a frame after which a patch counts as silent. Assumed: a busy network delays data by
 less than this time."""
 MOVED = 1e-4
-"""Angle [rad] by which a joint must have turned since its last new torque to count as moving. Assumed: a smaller
-motion may leave the torque of every joint unchanged in all digits."""
+"""Angle [rad] by which a joint must have turned since its last new torque to count as moving. Assumed: a
+smaller motion may leave the torque of every joint unchanged in all digits."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 TURN = 0.0001
 """Time [s] after which Python switches between busy threads. Assumed: far shorter than a control period.

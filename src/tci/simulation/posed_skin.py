@@ -56,6 +56,11 @@ class PosedSkin:
             if not 0 <= place < len(surface.positions):
                 raise CommandError(f"taxel {place} of {patch}; valid: 0 to {len(surface.positions) - 1}")
             point, own = surface.positions[place], surface.normals[place]
+        elif isinstance(place, str):
+            last = len(surface.positions) - 1
+            raise CommandError(
+                f"place {place!r} on {patch}; valid: taxel 0 to {last}, or a point (3,) [m]"
+            )
         else:
             point = _vector("place", place)
             own = surface.project(point[None])[1][0] if normal is None else None

@@ -31,11 +31,13 @@ def write_robot(
     the model, `file` is the end of the model's path in this package. `meshes` is a folder beside the
     description, or "none" for a model that is to be read without its meshes.
 
-    Raises TciError if the robot has couplings, tables, or skin other than cones: this function can't write
-    them.
+    Raises TciError if the robot has couplings, attached models, transforms of the kind `coupled`, response
+    curves, or skin other than cones: this function can't write them.
     """
     if robot.couplings:
         raise TciError("couplings are not written; add them by hand")
+    if robot.model is not None and robot.model.attachments:
+        raise TciError("models that are attached to the model are not written; add them by hand")
     root = _Written(etree.Element(ROOT), GENERIC_ROBOT)
     root.fill(robot, angle_unit="deg", version="1")
     if comment:
@@ -139,6 +141,8 @@ def _generic_servo(part: _Written, robot: Robot, home: str, servo: GenericServo)
 def _patch(skin: _Written, patch: Patch) -> None:
     if not isinstance(patch.surface, TruncatedCone):
         raise TciError(f"the skin {patch.name} is no truncated cone and is not written; add it by hand")
+    if patch.sensor.response:
+        raise TciError(f"the response curve of the skin {patch.name} is not written; add it by hand")
     written = skin.add("patch", patch)
     if patch.through_joints:
         written.add("felt_through_joints")

@@ -126,7 +126,7 @@ def test_modes_do_not_change_by_themselves() -> None:
     driven = Driven(ROBOT, ZERO)
     safe = driven.step(velocity([2], [0.5]))
     assert [*map(str, safe.refusals)] == [
-        "joint2 is in position mode, the command is a velocity; valid: switch the mode first"
+        "joint2 is in position mode, the command is in velocity mode; valid: switch the mode first"
     ]
     assert safe.servos.size == 0
 

@@ -73,7 +73,7 @@ UNMOVED = "joint2 can't be moved: its"
         (with_limits(lower=3.0), [position_command([2], [0.1])], Code.LIMITS_UNKNOWN,
          f"{UNMOVED} limits are 3 .. 2 rad; valid: lower first"),
         (ROBOT, [PlatformCommand(Mode.VELOCITY, np.array([2]), np.zeros(1), np.ones(1))], Code.WRONG_MODE,
-         "joint2 is in position mode, the command is a velocity; valid: switch the mode first"),
+         "joint2 is in position mode, the command is in velocity mode; valid: switch the mode first"),
         (ROBOT, [switch([2], Mode.VELOCITY), switch([2], Mode.IMPEDANCE)], Code.WRONG_MODE, TWICE),
         (ROBOT, [switch([2], Mode.TORQUE), switch([2], Mode.IMPEDANCE)], Code.WRONG_MODE, TWICE),
         (make_robot(), [position_command([2, 3, 4], [0.1, 0.2, 7.0])], Code.LIMITS_EXCEEDED,
@@ -192,10 +192,10 @@ def test_joint_data_that_can_not_be_used_is_named(
 def test_joint_data_is_too_old_or_too_new_beyond_exactly_what_is_allowed(side: float) -> None:
     assert fault_of_reading(ROBOT, reading(ZERO), side * STALE, STALE) is None
     old = fault_of_reading(ROBOT, reading(ZERO), np.nextafter(side * STALE, side), STALE)
-    assert old == Reason(Code.JOINTS_STALE, f"joint data is {side * 50:.0f} ms old; valid: at most 50 ms")
+    assert old == Reason(Code.JOINTS_STALE, f"joint data is {side * 50:.1f} ms old; valid: at most 50 ms")
     late = fault_of_reading(ROBOT, reading(ZERO), side * 2.0, 1.0)
     assert late == Reason(
-        Code.JOINTS_STALE, f"joint data is {side * 2000:.0f} ms old; valid: at most 1000 ms"
+        Code.JOINTS_STALE, f"joint data is {side * 2000:.1f} ms old; valid: at most 1000 ms"
     )
 
 

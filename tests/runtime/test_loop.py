@@ -115,6 +115,21 @@ def test_45_a_robot_that_nobody_moves_is_not_brought_to_rest(world: World) -> No
         assert driver.gate.counts.steps == 5
 
 
+def test_a_run_perceives_with_the_settings_that_it_is_given(world: World) -> None:
+    world.reset()
+    slow = tci.BodySettings(conditioning=tci.ConditioningSettings(latency=0.02))
+    seen: list[tci.ConditioningSettings] = []
+
+    class Looks(Still):
+        def init(self, body: GenericBody) -> int:
+            seen.append(body.settings.conditioning)
+            return super().init(body)
+
+    with SimulatedDriver(world.robot, world=world) as driver:
+        run(driver, Looks(), duration=0.01, settings=slow)
+    assert seen == [slow.conditioning]
+
+
 def test_45_a_robot_that_was_not_armed_is_not_brought_to_rest(world: World) -> None:
     world.reset()
     with SimulatedDriver(world.robot, world=world, arm=False) as driver:
@@ -515,7 +530,7 @@ def test_a_capability_that_cannot_begin_is_an_error_and_nothing_moves(driver: Si
             )
 
     before = driver.read().joints.position
-    words = r"\w+ is in position mode, the command is a torque; valid: switch the mode first"
+    words = r"\w+ is in position mode, the command is in torque mode; valid: switch the mode first"
     with pytest.raises(CommandError, match=f"^Eager can't begin: {words}; {words}$"):
         run(driver, Eager(), duration=0.5)
     np.testing.assert_allclose(driver.read().joints.position, before, atol=1e-3)
@@ -708,7 +723,7 @@ BEGIN = 10.0007
 def timed(driver: SimulatedDriver) -> tuple[_Loop[int], LoopReport]:
     """Returns a loop whose first period begins at `BEGIN`."""
     report = LoopReport()
-    loop = _Loop(driver, Still(), None, None, report, True)
+    loop = _Loop(driver, Still(), tci.GenericBody(driver.robot), None, None, report, True)
     loop.begin(BEGIN)
     return loop, report
 
@@ -841,7 +856,7 @@ def test_skin_that_is_sent_only_when_it_changes_is_waited_for(
     driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(driver, "info", replace(driver.info, keep_alive=2.0))
-    loop = _Loop(driver, Still(), None, None, LoopReport(), True)
+    loop = _Loop(driver, Still(), tci.GenericBody(driver.robot), None, None, LoopReport(), True)
     joints, frame = driver.read().joints, SkinFrame(driver.robot.patches[0].name, 0.0, 0, np.zeros(4))
     assert loop._silence.fault(Reading(joints, (frame,)), 0.0) is None
     assert loop._silence.fault(Reading(joints, ()), 5.9) is None

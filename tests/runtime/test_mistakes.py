@@ -65,7 +65,7 @@ def test_2_the_wrong_number_of_values(driver: SimulatedDriver) -> None:
 
 def test_3_a_mode_that_the_servo_is_not_in(driver: SimulatedDriver) -> None:
     words = refusals(driver, (head(0.1, 0.0, 0.0, mode=tci.Mode.TORQUE),))
-    assert "is in position mode, the command is a torque; valid: switch the mode first" in words
+    assert "is in position mode, the command is in torque mode; valid: switch the mode first" in words
 
 
 def test_4_a_robot_that_is_stopped(driver: SimulatedDriver) -> None:

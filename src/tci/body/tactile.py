@@ -64,8 +64,8 @@ def pressure_image(
         raise TciError("a perception without skin has no pressure image; valid: one made by a Perceiver")
     if not 0.0 < pixel < np.inf:
         raise TciError(f"pressure image: pixel {pixel} m; valid: above 0 and finite")
-    surface = body.skin.surfaces[patch]
     places, turn = unrolled(body, patch, perception.joints)
+    surface = body.skin.surfaces[patch]
     reach = np.sqrt(surface.areas)[:, None]
     ends = np.array([turn / 2.0, np.inf])
     corner = np.maximum((places - reach).min(axis=0), -ends)

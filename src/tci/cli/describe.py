@@ -82,6 +82,9 @@ def _print_tables(robot: Robot) -> None:
         )
         lower, upper = np.rad2deg([coupling.lower, coupling.upper])
         console.print(f"coupling {coupling.name}: {lower:.1f} <= {terms} <= {upper:.1f} degrees")
+    own = _own_table(robot)
+    if own.row_count:
+        console.print(own)
     if patches:
         console.print(_skin_table(patches))
     for binding in robot.all_bindings:
@@ -107,6 +110,24 @@ def _table(title: str, caption: str, *columns: str) -> Table:
     )  # fmt: skip
     for index, column in enumerate(columns):
         table.add_column(column, justify="left" if index < 2 else "right", no_wrap=True)
+    return table
+
+
+def _own_table(robot: Robot) -> Table:
+    """Returns a table of the servos that move no generic joint."""
+    table = _table(
+        "joints without a generic joint",
+        "degrees; command these joints by driver.native(PART)",
+        "part", "joint", "lower", "upper", "speed",
+    )  # fmt: skip
+    used = {servo for part in robot.parts for generic in part.servos for servo in generic.moved}
+    for servo in robot.servos:
+        if servo.index not in used:
+            limits = servo.limits
+            table.add_row(
+                servo.robot_part, servo.name,
+                _degrees(limits.lower), _degrees(limits.upper), _degrees(limits.velocity),
+            )  # fmt: skip
     return table
 
 

@@ -31,9 +31,9 @@ def robots(as_json: AsJson = False) -> None:
     if as_json:
         print_json({"robots": rows})
         return
-    table = Table(
-        "name", "robot", "generic parts", "servos", "skin", "drivers", title="Robots", box=box.SIMPLE_HEAD
-    )
+    table = Table(title="Robots", box=box.SIMPLE_HEAD)
+    for heading in ("name", "robot", "generic parts", "servos", "skin", "drivers"):
+        table.add_column(heading, min_width=14 if heading == "generic parts" else None, overflow="fold")
     for row in rows:
         if "missing" in row:
             table.add_row(f"[bold]{row['name']}[/]", Text("not installed", "yellow"))

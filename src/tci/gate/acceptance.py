@@ -60,7 +60,7 @@ def fault_of_reading(robot: Robot, joints: JointReading, now: float, stale_after
         return Reason(Code.JOINTS_MISFIT, f"the angle of {robot.servos[worst].name} is not finite")
     age = now - joints.stamp
     if not -stale_after <= age <= stale_after:  # this comparison also refuses NaN
-        words = f"joint data is {age * 1e3:.0f} ms old; valid: at most {stale_after * 1e3:.0f} ms"
+        words = f"joint data is {age * 1e3:.1f} ms old; valid: at most {stale_after * 1e3:g} ms"
         return Reason(Code.JOINTS_STALE, words)
     return None
 

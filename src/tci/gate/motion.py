@@ -235,7 +235,7 @@ class Motion:
             if self.modes[servo] is not mode:
                 raise CommandError(
                     f"{self.robot.servos[servo].name} is in {self.modes[servo].value} mode, the command is "
-                    f"a {mode.value}; valid: switch the mode first",
+                    f"in {mode.value} mode; valid: switch the mode first",
                     code=Code.WRONG_MODE,
                 )
 

@@ -7,6 +7,7 @@ import os
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -96,8 +97,14 @@ def simulate(
     else:
         # A forked process would have copies of locked locks, but not the threads that unlock these locks.
         context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(used, mp_context=context) as pool:
-            runs = [run for share in pool.map(job, shares) for run in share]
+        try:
+            with ProcessPoolExecutor(used, mp_context=context) as pool:
+                runs = [run for share in pool.map(job, shares) for run in share]
+        except BrokenProcessPool as error:
+            raise TciError(
+                "a process of tci.simulate ended early; valid in a script: call it below "
+                "if __name__ == '__main__', since each process imports the script"
+            ) from error
     return tuple(sorted(runs, key=lambda run: run.world))
 
 

@@ -177,7 +177,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         if self.mode is not Mode.POSITION:
             self._write([SwitchMode(self.part.name, self.mode)])
             seen = self._look()
-        return self._observe(seen, self.period), {"harm": 0.0, "effort": 0.0, "task": 0.0}
+        return self._observe(seen, self.period), {"harm": 0.0, "effort": 0.0, "task": 0.0, "force": 0.0}
 
     def step(self, action: NDArray[np.float64]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Executes one step of the environment with a new target. The gate checks the commands."""

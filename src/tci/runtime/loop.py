@@ -18,7 +18,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from tci.body.generic_body import GenericBody
+from tci.body.generic_body import BodySettings, GenericBody
 from tci.body.perceiver import Perceiver
 from tci.capabilities.capability import Capability
 from tci.capabilities.orders import begin_of, step_of
@@ -89,6 +89,7 @@ def run(
     until: Callable[[Memory], bool] | None = None,
     report: LoopReport | None = None,
     write: bool = True,
+    settings: BodySettings | None = None,
 ) -> RunResult[Memory]:
     """Runs a capability on a robot for `duration` [s], or until the user interrupts the run. Returns the
     result.
@@ -103,7 +104,8 @@ def run(
     `guard` in each period; `guard` (for example `heartbeat.Listener.fault`) returns a reason to hold the
     robot, or None. The loop updates `report` during the run. With `write=False` the loop sends no command,
     and the driver need not be armed. The loop calls `until` with the capability's memory after each tick, and
-    ends the run when `until` returns True.
+    ends the run when `until` returns True. `settings` are the settings of the generic body, such as those of
+    the skin's conditioning; None for the default settings.
 
     At the end of every run, also after an error, the loop interrupts unfinished motions and brings the robot
     to rest. The loop waits at most `REST` [s] until the robot is at rest. If SIGINT or SIGTERM ended the run,
@@ -117,7 +119,8 @@ def run(
     """
     check_duration(duration)
     driver, capability = as_driver(driver), as_capability(capability)
-    loop = _Loop(driver, capability, observe, guard, report if report is not None else LoopReport(), write)
+    body = GenericBody(driver.robot, settings or BodySettings())
+    loop = _Loop(driver, capability, body, observe, guard, report or LoopReport(), write)
     loop.sensed = sensed
     with commanding(driver), interruptions() as interruption, frozen_garbage():
         try:
@@ -151,6 +154,7 @@ class _Loop(Generic[Memory]):
         self,
         driver: Driver,
         capability: Capability[Memory],
+        body: GenericBody,
         observe: Callable[[Tick], None] | None,
         guard: Callable[[], Reason | None] | None,
         report: LoopReport,
@@ -164,7 +168,7 @@ class _Loop(Generic[Memory]):
         self.sensed: Callable[[Reading], None] | None = None
         self.report = report
         self.write = write
-        self.body = GenericBody(driver.robot)
+        self.body = body
         self.perceiver = Perceiver(self.body, keep_alive=driver.info.keep_alive)
         self.memory = capability.init(self.body)
         self.account = Account(driver)

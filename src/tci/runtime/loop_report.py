@@ -27,6 +27,10 @@ class Histogram:
         self.largest = 0.0
         """Longest recorded time [s]."""
 
+    def __repr__(self) -> str:
+        p50, p999 = self.quantile(0.5) * 1e3, self.quantile(0.999) * 1e3
+        return f"Histogram(p50={p50:.3g} ms, p99.9={p999:.3g} ms, largest={self.largest * 1e3:.3g} ms)"
+
     def add(self, seconds: float) -> None:
         """Records a time [s]."""
         self.largest = max(self.largest, seconds)

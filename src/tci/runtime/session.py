@@ -22,7 +22,7 @@ from tci.drivers.replay import ReplayDriver
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError
 from tci.gate.gate import GateState
-from tci.reasons import OTHERS, Reason, ReasonCounter
+from tci.reasons import OTHERS, Code, Reason, ReasonCounter
 from tci.recording.recorder import Recorder
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
@@ -40,6 +40,11 @@ POKE_DELAY = 0.3
 """The simulated finger touches the robot this time [s] after the start of the run. Until the touch, the robot
 is at rest.
 """
+
+
+def _unarmed() -> Reason:
+    """Returns the reason to hold a robot that the driver only reads."""
+    return Reason(Code.NOT_ARMED, "the connection is read-only: nothing is sent; --arm lets the robot move")
 
 
 class Session:
@@ -87,9 +92,9 @@ class Session:
 
     @property
     def failed(self) -> bool:
-        """True if the gate stopped the robot, if an error ended the run, or if the gate refused every
-        command."""
-        return self.log.worst is GateState.STOP or not self.result
+        """True if the gate stopped the robot, if an error ended the run, or if the gate refused every command
+        to an armed robot."""
+        return self.log.worst is GateState.STOP or (self.driver.armed and not self.result)
 
     def run(self, duration: float | None = None) -> None:
         """Runs the capability for `duration` [s], or until the user interrupts the run. If a signal or an
@@ -114,7 +119,8 @@ class Session:
             try:
                 self.result = run(
                     self.driver, self._capability, duration=duration, observe=see, until=take_notes,
-                    report=self.report,
+                    report=self.report, write=self.driver.armed,
+                    guard=None if self.driver.armed else _unarmed,
                 )  # fmt: skip
             except (Exception, KeyboardInterrupt, SystemExit) as error:
                 if not self.report.ended:  # the run has not started
@@ -124,7 +130,7 @@ class Session:
                 rest = "; the robot was brought to rest" if self.driver.armed else ""
                 log.worst = GateState.STOP
                 log.write(clock.now(), "STOP", f"{self.report.ended}{self._place(error)}{rest}")
-        if self.result is not None and self.result.refused_all:
+        if self.driver.armed and self.result is not None and self.result.refused_all:
             log.write(clock.now(), "refused", "every command was refused, so the capability moved nothing")
         if self.report.cut_short:
             log.write(clock.now(), "at rest", "the run ended during a motion; a hold stopped it")

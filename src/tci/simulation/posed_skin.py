@@ -58,9 +58,7 @@ class PosedSkin:
             point, own = surface.positions[place], surface.normals[place]
         elif isinstance(place, str):
             last = len(surface.positions) - 1
-            raise CommandError(
-                f"place {place!r} on {patch}; valid: taxel 0 to {last}, or a point (3,) [m]"
-            )
+            raise CommandError(f"place {place!r} on {patch}; valid: taxel 0 to {last}, or a point (3,) [m]")
         else:
             point = _vector("place", place)
             own = surface.project(point[None])[1][0] if normal is None else None

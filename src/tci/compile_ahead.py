@@ -139,6 +139,8 @@ def _state(claims: Path, now: float) -> str:
     share = sum(lengths[name] for name in done) / max(sum(lengths.values()), 1)
     left = now * (1.0 - share) / share if done else 0.0
     words = f", about {left:.0f} s left" if left >= 5.0 else ", the longest are under way" if done else ""
+    if len(done) == len(lengths):
+        words = ", now stores them"
     return f"compiled {len(done)} of {len(lengths)} loops in {now:.0f} s{words}"
 
 

@@ -10,6 +10,7 @@ import pytest
 from scipy.io import savemat
 
 from cli.test_cli import tci
+from tci.drivers.registry import connect
 from tci.errors import DescriptionError, RecordingError, TciError
 from tci.recording.arrays import LARGEST, import_arrays
 from tci.recording.recording import Recording
@@ -126,3 +127,12 @@ def test_files_that_are_damaged_or_too_large_take_no_memory(tmp_path: Path) -> N
         with pytest.raises(RecordingError, match=match):
             import_arrays(tmp_path / name, tmp_path / "a.mcap", mapping)
     assert not list(tmp_path.glob("*.mcap*"))
+
+
+def test_an_import_is_replayed_like_a_recording(tmp_path: Path) -> None:
+    file, mapping = written(tmp_path, ".npz")
+    out = tmp_path / "a.mcap"
+    import_arrays(file, out, mapping, robot=load_robot("nao"))
+    with connect("nao", f"replay:{out}") as driver:
+        stamps = {frame.stamp for _ in driver.ticks() for frame in driver.read().skin}
+    assert len(stamps) == len(TIMES)

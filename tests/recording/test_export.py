@@ -60,7 +60,13 @@ def test_matrices_are_the_same_in_every_format(
         with np.load(files[0]) as arrays:
             assert np.array_equal(arrays["skin_left_forearm.force_n"], expected)
         return
-    assert {path.stem for path in files} >= {"joints", "decisions", "contacts", "skin_left_forearm"}
+    assert {path.stem for path in files} >= {
+        "joints",
+        "commands",
+        "decisions",
+        "contacts",
+        "skin_left_forearm",
+    }
     path = next(path for path in files if path.stem == "skin_left_forearm")
     table = parquet.read_table(path) if form == "parquet" else read_csv(path)
     forces = [name for name in table.column_names if name.startswith("force_n_")]

@@ -14,6 +14,7 @@ from tci.drivers.info import DriverInfo
 from tci.errors import DriverError
 from tci.gate.gate import SafeCommand
 from tci.messages import Reading
+from tci.recording.importing import FROM_FILE
 from tci.recording.recorder import versions
 from tci.recording.recording import RecordedTick, Recording
 from tci.recording.schemas import same_decision
@@ -71,10 +72,12 @@ class ReplayDriver(Driver):
                 f"this is {robot.name!r}, description {robot.digest[:12]}; valid: the recorded one"
             )
         self._clock = ReplayClock()
+        # data that was imported from a file of arrays came over no middleware
+        middleware = about.get("middleware", "")
         super().__init__(
             DriverInfo.of(
                 robot,
-                about.get("middleware", ""),
+                "sim" if middleware == FROM_FILE else middleware,
                 clock=self._clock,
                 armed=arm,
                 lease_name=f"replay:{robot.name}:{os.getpid()}:{id(self)}",

@@ -31,7 +31,7 @@ from pydantic import Field, ValidationError, model_validator
 from tci.errors import DescriptionError, Fault, RecordingError
 from tci.frames import Array, read_only
 from tci.messages import SkinFrame
-from tci.recording.importing import LONGEST_LINE, import_frames
+from tci.recording.importing import FROM_FILE, LONGEST_LINE, import_frames
 from tci.robot.description import Description, Patch, Robot
 from tci.robot.xml.values import NUMBER
 
@@ -117,7 +117,7 @@ def import_arrays(file: Path, out: Path, mapping: Path, *, robot: Robot | None =
     rows = _csv_rows if file.suffix.lower() == ".csv" else _array_rows
     try:
         frames = _frames(rows(file, names), names, patches)
-        return import_frames(frames, out, robot, middleware="file", source=f"arrays of {file.name}")
+        return import_frames(frames, out, robot, middleware=FROM_FILE, source=f"arrays of {file.name}")
     except OSError as error:
         raise RecordingError(f"{file} can't be read: {error.strerror or error}") from error
 

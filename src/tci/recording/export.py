@@ -16,7 +16,7 @@ from tci.messages import SkinFrame
 from tci.recording.names import distinct, inside
 from tci.recording.perceived import perceive
 from tci.recording.recording import Recording
-from tci.recording.schemas import DECISION, JOINTS, SKIN, to_frame
+from tci.recording.schemas import COMMAND, DECISION, JOINTS, SKIN, to_frame
 from tci.robot.description import Robot
 from tci.rosmsg.cdr import decode
 from tci.skin.skin import Skin
@@ -33,10 +33,11 @@ CONTACT = (
 
 
 def tables(recording: Recording, robot: Robot | None = None) -> dict[str, Table]:
-    """Returns the tables `joints`, `decisions` and one `skin_PATCH` for each patch.
+    """Returns the tables `joints`, `commands`, `decisions` and one `skin_PATCH` for each patch.
 
     If `robot` is given, also returns `contacts`. Every table has a column `time_s`: the time of the
-    measurement or decision on the driver's clock. Angles are in [rad], speeds in [rad/s], torques in [N m].
+    measurement, command or decision on the driver's clock. The mode of a command determines the unit of its
+    values. Angles are in [rad], speeds in [rad/s], torques in [N m].
     In the table of a patch, `raw` (frames, channels) are the unchanged values. With a `robot`, `pressure_pa`
     and `force_n` (frames, taxels) are computed from the raw values. Pressures and forces are NaN for frames
     that did not fit the robot. Raises RecordingError if the recording can't be read.
@@ -54,6 +55,11 @@ def tables(recording: Recording, robot: Robot | None = None) -> dict[str, Table]
         elif kind is SKIN:
             frame = to_frame(decode(kind, data))
             frames.setdefault(frame.patch, []).append(frame)
+        elif kind is COMMAND:
+            fields = decode(kind, data)
+            rows.setdefault("commands", []).append(
+                (fields["sec"] + fields["nanosec"] / 1e9, _command(fields))
+            )
         elif kind.name == DECISION.name:
             fields = decode(kind, data)
             rows.setdefault("decisions", []).append((fields["stamp"], _decision(fields, names)))
@@ -101,6 +107,12 @@ def _joints(fields: dict[str, Any]) -> dict[str, Any]:
         names = [*fields["name"], *map(str, range(len(fields["name"]), len(fields[what])))]
         row |= {f"{name}_{unit}": value for name, value in zip(distinct(names), fields[what], strict=False)}
     return row
+
+
+def _command(fields: dict[str, Any]) -> dict[str, Any]:
+    row = {name: fields[name] for name in ("kind", "part", "mode")}
+    row["servos"] = " ".join(map(str, fields["servos"]))
+    return row | {f"value_{k}": value for k, value in enumerate(fields["values"])}
 
 
 def _decision(fields: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:

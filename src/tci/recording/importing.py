@@ -15,6 +15,8 @@ from tci.recording.recorder import Recorder
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 
+FROM_FILE = "file"
+"""Middleware in the metadata of a recording whose data came from a file of arrays, over no middleware."""
 FIRST = 100
 """Number of readings at the start of a file from which TCI estimates the recording's period. The period is
 the median of their intervals. Assumed: with fewer readings the period would depend on single delays. With

@@ -138,8 +138,16 @@ class Recording:
         return min(stamps) * 1e-9, max(stamps) * 1e-9
 
     def counts(self) -> dict[str, int]:
-        """Returns the number of messages of each topic. Reads the whole file."""
-        return dict(Counter(topic for topic, *_ in self.messages()))
+        """Returns the number of messages of each topic, also of topics that TCI does not read. Reads the
+        whole file."""
+        topics: dict[int, str] = {}
+        counted: Counter[str] = Counter()
+        for record in self._records():
+            if isinstance(record, Channel):
+                topics[record.id] = record.topic
+            elif isinstance(record, Message):
+                counted[topics.get(record.channel_id, "")] += 1
+        return dict(counted)
 
     def ticks(self) -> Iterator[RecordedTick]:
         """Yields every complete period, in the order of the file. Raises RecordingError at the first invalid

@@ -53,7 +53,10 @@ class Rehearsal:
         """The fault and the gate's responses, as text."""
         answers = "; ".join(self._answers)
         if not answers and self.over:
+            shows = INJECTORS[self.plan.name].shows_after
             answers = "commands passed: the gate did not detect the fault"
+            if shows and self.plan.lasts < shows:
+                answers = f"too short to be detected: that takes {shows:g} s"
         elif not answers:
             answers = "commands pass so far" if self._begun is not None else "begins in the next period"
         return f"{self.plan.name} for {self.plan.lasts:g} s{', over' * self.over}: {answers}"

@@ -104,10 +104,11 @@ def check_hardware(
 
     from tci.commissioning.first_minutes import first_minutes, wanted
     from tci.commissioning.friction import measure_friction
-    from tci.drivers.diagnosis import Level
+    from tci.drivers.diagnosis import Finding, Level
     from tci.drivers.registry import connect
     from tci.drivers.simulated import SimulatedDriver
     from tci.robot.catalogue import load_robot
+    from tci.robot.joint_calibration import file_of
 
     robot = load_robot(name)
     wanted(robot, parts)  # unknown names are found before the robot is commanded
@@ -136,7 +137,10 @@ def check_hardware(
             show=(lambda finding: None) if as_json else _print_finding,
         )
         if friction is not None and not any(finding.level is Level.FAULT for finding in found):
-            swept = measure_friction(driver, operator, servos, friction)
+            swept = [*measure_friction(driver, operator, servos, friction)]
+            if friction.is_file() and friction.resolve() != file_of(robot).resolve():
+                words = f"TCI reads the friction of {robot.name} from {file_of(robot)}"
+                swept.append(Finding(Level.NOTE, str(friction), words, f"copy {friction} to this place"))
             found = (*found, *swept)
             if not as_json:
                 for finding in swept:

@@ -75,6 +75,11 @@ class JointCalibration(Description):
         return np.array([getattr(found[s.name], field) if s.name in found else unknown for s in robot.servos])
 
 
+def file_of(robot: Robot) -> Path:
+    """Returns the path of the calibration file that TCI reads together with the robot's description."""
+    return Path(robot.source).with_suffix(SUFFIX)
+
+
 def joint_calibration(robot: Robot, given: JointCalibration | None = None) -> JointCalibration:
     """Returns the calibration of a robot's joints: `given`, or by default the calibration in the file beside
     the description. Without such a file the calibration is empty.
@@ -82,7 +87,7 @@ def joint_calibration(robot: Robot, given: JointCalibration | None = None) -> Jo
     Raises DescriptionError if the file has faults, and the errors that `JointCalibration.check` raises.
     """
     if given is None:
-        beside = Path(robot.source).with_suffix(SUFFIX)
+        beside = file_of(robot)
         given = (
             read_json(beside, JointCalibration) if beside.is_file() else JointCalibration(robot=robot.name)
         )

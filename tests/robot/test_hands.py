@@ -110,6 +110,18 @@ def test_a_variant_has_all_of_what_it_extends_and_its_own(tmp_path: Path) -> Non
     assert changed.servos[0].limits.velocity == pytest.approx(np.deg2rad(400.0))
 
 
+def test_a_fault_in_what_a_variant_changes_is_on_a_line_of_the_variant(tmp_path: Path) -> None:
+    for file in Path(load_robot("nao").source).parent.iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    variant = tmp_path / "v.xml"
+    variant.write_text(
+        '<generic_robot extends="robot.xml" name="narrow">\n<robot_part name="LArm">\n'
+        '<servo id="3" nme="x"/>\n</robot_part>\n</generic_robot>'
+    )
+    with pytest.raises(DescriptionError, match=r"line 3: unknown attribute 'nme'"):
+        read_robot(variant)
+
+
 def test_a_variant_removes_elements_and_keeps_the_rest() -> None:
     plain, bare = load_robot("g1"), load_robot("g1-bare")
     assert [p.surface for p in bare.patches] == [p.surface for p in plain.patches]

@@ -27,7 +27,9 @@ def read_touches(path: Path, robot: Robot, surface: Surface) -> list[ProbeTouch]
     try:
         rows = np.loadtxt(path, delimiter=",", ndmin=2)
     except ValueError as error:
-        raise CommandError(f"{path}: {error}; valid: rows of numbers separated by commas") from error
+        raise CommandError(
+            f"{path}: {str(error).rstrip('.')}; valid: rows of numbers separated by commas, no header"
+        ) from error
     if rows.shape[1] != PLACE + patch.channels:
         raise CommandError(
             f"{path}: {rows.shape[1]} numbers in a row; valid: {PLACE + patch.channels}, x y z nx ny nz "

@@ -137,7 +137,7 @@ def _print_proof(proof: Proof) -> None:
     for patch in proof.patches:
         if not patch.answered:
             why = escape(
-                patch.reason or "no receptive field covers this place; to add one: docs/withdrawal-reflex.md"
+                patch.reason or "no receptive field of the two withdrawal reflexes covers this place"
             )
             console.print(f"  note: {patch.patch} did not move: {why}", style="yellow", highlight=False)
     for fault in proof.faults:

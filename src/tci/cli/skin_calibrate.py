@@ -81,6 +81,9 @@ def calibrate(
     else:
         console.print(_table(patch, done) if done.force is None else _fit_table(patch, done.force))
         console.print(f"calibration {done.file}", highlight=False, markup=False)
+        if out is None:
+            words = f"it is beside the description, so all later runs with {robot} use it, also in simulation"
+            console.print(words, style="yellow", highlight=False)
 
 
 def _table(patch: str, done: PatchMeasurement) -> Table:

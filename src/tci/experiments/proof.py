@@ -111,7 +111,7 @@ def prove(
         if not found.worst_deg <= AXIS:
             faults.append(
                 f"{name}: an axis is {found.worst_deg:.1f} degrees from that of the generic arm; valid: at "
-                f"most {AXIS}. Check its mount and the order of its joints"
+                f"most {AXIS}. Check the signs (gamma) and the order of its joints, and its mount"
             )
     progress("limits")
     faults += limit_faults(robot)

@@ -63,9 +63,13 @@ def _files(file: Path) -> Iterator[tuple[etree._Element, bytes, str]]:
 def _merge(base: etree._Element, other: etree._Element, source: str) -> None:
     """Adds the attributes and children of `other` to `base`. `other` is an element of the file `source`.
     Raises DescriptionError if `other` removes an element that `base` does not have."""
-    base.attrib.update({name: value for name, value in other.attrib.items() if name != ATTRIBUTE})
-    if other.text is not None and other.text.strip():
-        base.text = other.text
+    changes = {name: value for name, value in other.attrib.items() if name != ATTRIBUTE}
+    text = other.text if other.text is not None and other.text.strip() else None
+    base.attrib.update(changes)
+    if text is not None:
+        base.text = text
+    if changes or text is not None:
+        base.sourceline = other.sourceline  # faults in what the variant changes are on its lines
     known = {_key(child): child for child in base if isinstance(child.tag, str)}
     for child in [child for child in other if isinstance(child.tag, str)]:
         same = known.get(_key(child))

@@ -5,6 +5,7 @@ from typing import Any
 
 import typer
 from sphinx.application import Sphinx
+from sphinx.ext import autosummary
 from sphinx.util import logging
 from typer.cli import get_docs_for_click
 
@@ -27,8 +28,11 @@ html_css_files = ["tci.css"]
 toc_object_entries = False  # the tables at the head of a page are its way through; half the time of a build
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"
+autodoc_type_aliases = {"Array": "Array", "ArrayLike": "ArrayLike", "Indices": "Indices"}
 autodoc_default_options = {"members": True, "undoc-members": False}
 autosummary_context = {"public": tci._NAMES}
+# the first sentence of a docstring does not end at these
+autosummary.WELL_KNOWN_ABBREVIATIONS = (*autosummary.WELL_KNOWN_ABBREVIATIONS, "eq.", "eqs.", "Fig.")
 PUBLIC = {id(getattr(tci, name)) for name in tci._HOME}
 
 

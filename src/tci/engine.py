@@ -13,3 +13,8 @@ except (ImportError, OSError) as error:
     if found is None:
         raise
     raise ClashError(f"MuJoCo can't be loaded ({error}): {found.said}; {found.advice}") from error
+if not hasattr(mujoco, "MjModel"):
+    raise ClashError(
+        "MuJoCo's files are missing, as after an uninstallation of MuJoCo 3 beside MuJoCo 4; valid: "
+        "pip install --force-reinstall --no-deps 'mujoco-core>=4,<5'"
+    )

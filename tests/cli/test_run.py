@@ -44,6 +44,13 @@ def test_a_poke_is_answered() -> None:
     assert told["gate"]["refusals"] == 0
 
 
+def test_a_touch_that_the_capability_does_not_answer_is_said() -> None:
+    words = " ".join(told_by("run", "body-withdrawal", "nao", "--poke", "--duration", "0.5").split())
+    assert "body-withdrawal gave no command" in words
+    assert "tci view nao --run body-withdrawal" in words
+    assert "gave no command" not in told_by(*POKED)
+
+
 def test_a_run_that_ends_in_motion_says_so() -> None:
     told = json.loads(told_by(*POKED[:-1], "0.33", "--json"))
     assert told["worst"] == told["state"] == "run"

@@ -147,6 +147,14 @@ def run_capability(
         print_json(session.to_json())
     else:
         conclude(session, filmed=filmed is not None)
+        result = session.result
+        if result is not None and result.touched and not (result.accepted or result.refusals):
+            console.print(
+                f"{name} gave no command: it does not respond to this touch; to touch other places: "
+                f"tci view {robot} --run {name}",
+                style="yellow",
+                highlight=False,
+            )
     if isinstance(session.error, SystemExit | KeyboardInterrupt):
         raise SystemExit(session.error.code if isinstance(session.error, SystemExit) else 130)
     if session.failed:

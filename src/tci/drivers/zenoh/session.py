@@ -50,7 +50,9 @@ def open_session(address: RemoteAddress, does: Literal["listen", "connect"]) -> 
             config = zenoh.Config.from_json5(json.dumps(_settings(address.where, does)))
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise DriverError(f"{address}: {_brief(error)}; {VALID}") from error
+        taken = "in use" in str(error)
+        valid = "valid: a port that no other program uses" if taken else VALID
+        raise DriverError(f"{address}: {_brief(error)}; {valid}") from error
 
 
 def close_session(session: zenoh.Session) -> None:

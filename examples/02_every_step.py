@@ -1,11 +1,11 @@
 """The loop of `tci.run`, step by step. In addition, `run` handles the begin, faults, watchdogs and a safe
-end. `commanding` keeps other programs from commanding the robot."""
+end."""
 
 import tci
 
 robot = tci.load_robot("nao")
 body, reflex = tci.GenericBody(robot), tci.WithdrawalReflex()
-with tci.connect(robot, "sim") as driver, tci.commanding(driver):
+with tci.connect(robot, "sim") as driver:
     driver.world.finger.poke("left_forearm", 100, speed=0.2, depth=0.008)
     perceiver, memory = tci.Perceiver(body), reflex.init(body)
     for now in driver.ticks(duration=1.0):

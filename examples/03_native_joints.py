@@ -6,7 +6,7 @@ import numpy as np
 import tci
 
 robot = tci.load_robot("icub")
-with tci.connect(robot, "sim") as driver, tci.commanding(driver):
+with tci.connect(robot, "sim") as driver:
     arm = driver.native("left_arm")
     commands = [arm.command({"l_wrist_pitch": np.deg2rad(-30), "l_wrist_yaw": np.deg2rad(90)})]
     for now in driver.ticks(duration=1.0):

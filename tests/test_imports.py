@@ -106,7 +106,7 @@ for name in ("fork", "register_at_fork", "getuid", "sched_getaffinity", "O_DIREC
 for name in ("SIGHUP", "SIGKILL", "sigwait", "pthread_sigmask"):
     delattr(signal, name)
 exec(open(sys.argv[1]).read())
-from tci.runtime.lease import Lease
+from tci.drivers.lease import Lease
 try:
     Lease("yarp:somewhere")
 except tci.DriverError as error:

@@ -215,7 +215,6 @@ _NAMES = {
     "tci.robot.description": ("Robot",),
     "tci.robot.joint_map": ("initial_position",),
     "tci.robot.kinematics": ("KinematicChain",),
-    "tci.runtime.lease": ("commanding",),
     "tci.runtime.loop": (
         "Tick",
         "run",

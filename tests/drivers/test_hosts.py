@@ -9,9 +9,9 @@ import pytest
 import tci
 from drivers.player_exchange import RecordedServer
 from drivers.rosbridge_exchange import narrow
+from tci.drivers.lease import lease
 from tci.drivers.remote.hosts import numeric
 from tci.errors import DriverError
-from tci.runtime.lease import lease
 
 
 @pytest.mark.parametrize(

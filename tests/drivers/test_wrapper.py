@@ -16,6 +16,7 @@ import tci
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.driver import Driver, NativePart
 from tci.drivers.info import DriverInfo
+from tci.drivers.lease import is_held
 from tci.drivers.wrapper import DriverWrapper
 from tci.gate.gate import SafeCommand
 from tci.messages import JointReading, Reading
@@ -67,6 +68,12 @@ def written(driver: Driver, told: Told) -> bool:
     return driver.write(safe) is safe and told.calls == ["send"]
 
 
+def commanded(driver: Driver, told: Told) -> bool:
+    with driver.commanding():
+        held = is_held(told.info.lease_name)
+    return held and not is_held(told.info.lease_name)
+
+
 FORWARDED: dict[str, Callable[[Driver, Told], bool]] = {
     "robot": lambda driver, told: driver.robot is told.robot,
     "clock": lambda driver, told: driver.clock is told.clock,
@@ -82,7 +89,7 @@ FORWARDED: dict[str, Callable[[Driver, Told], bool]] = {
     ),
     "diagnose": lambda driver, told: driver.diagnose() is FOUND,
     "native": lambda driver, told: driver.native("any") is told.part,
-    "before_write": lambda driver, told: driver.before_write is told.before_write is None,
+    "commanding": commanded,
 }
 """For each public member of a driver with a connection: a check that a wrapper passes the call on."""
 
@@ -91,7 +98,13 @@ def test_each_member_of_a_driver_has_its_check() -> None:
     public = {name for name in dir(Driver) if not name.startswith("_")}
     assert public - CLASSMETHODS == set(FORWARDED)
     hidden = {name for name in vars(Driver) if name.startswith("_") and callable(getattr(Driver, name))}
-    own = {"_check_open", *(name for name in hidden if name.startswith("__")), "_abc_impl"}
+    own = {
+        "_check_open",
+        "_may_write",
+        "_release",
+        *(name for name in hidden if name.startswith("__")),
+        "_abc_impl",
+    }
     assert hidden - own <= set(vars(DriverWrapper))
 
 

@@ -15,18 +15,18 @@ from pathlib import Path
 import pytest
 
 import tci
+from tci.drivers.lease import lease
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import DriverError
 from tci.gate.gate import GateState
 from tci.recording.recording import Recording
 from tci.runtime.heartbeat import Listener
-from tci.runtime.lease import lease
 from tci.runtime.loop import Tick, run
 from tci.simulation.world import World
 
 HOLDER = """
 import sys, time
-from tci.runtime.lease import lease
+from tci.drivers.lease import lease
 with lease("the robot of this test"):
     print("has it", flush=True)
     time.sleep(60.0)

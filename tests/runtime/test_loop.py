@@ -19,13 +19,13 @@ import tci
 from tci.body.generic_body import GenericBody
 from tci.drivers.driver import Driver
 from tci.drivers.info import DriverInfo
+from tci.drivers.lease import lease
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, DriverError, TciError
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import GenericCommand, Mode, Order, Perception, Reading, SkinFrame, SwitchMode
 from tci.reasons import Code, Reason
 from tci.robot.joint_map import initial_position
-from tci.runtime.lease import lease
 from tci.runtime.loop import MISSED, PERSISTS, REST, Tick, _Loop, run
 from tci.runtime.loop_report import FINEST, Histogram, LoopReport
 from tci.runtime.watchdogs import LEAST_SILENCE, frozen_garbage, interruptions

@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 import tci
+from tci.drivers.lease import lease
 from tci.errors import DriverError
 from tci.frames import Array
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.reasons import Code, Reason
-from tci.runtime.lease import lease
 from tci.runtime.watchdogs import (
     LEAST_SILENCE,
     PILED_UP,

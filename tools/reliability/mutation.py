@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[2]
 MUTANTS = ROOT / "mutants"
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["mutmut"]
 MEASURED = ("src/tci/gate/*.py", "src/tci/runtime/loop*.py", "src/tci/runtime/watchdogs.py",
-            "src/tci/runtime/lease.py")  # fmt: skip
+            "src/tci/drivers/lease.py")  # fmt: skip
 
 NOTICED = ("killed", "timeout", "segfault", "check_was_interrupted_by_user")
 """Results that count as noticed. The last value results if a mutant raises a KeyboardInterrupt, which ends

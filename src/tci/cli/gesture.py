@@ -139,7 +139,8 @@ def play(
     from tci.capabilities.play_gesture import Phase, PlayGesture
     from tci.capabilities.withdrawal import WithdrawalReflex
     from tci.cli.console import console, print_json
-    from tci.drivers.registry import HARMLESS, connect
+    from tci.drivers.info import HARMLESS
+    from tci.drivers.registry import connect
     from tci.experiments.follow import follow
     from tci.gestures.gesture import fit
     from tci.robot.catalogue import load_robot

@@ -105,7 +105,8 @@ def run_capability(
     """
     from tci.cli.run_view import RunView, conclude
     from tci.drivers.faults.fault_injector import parse_fault
-    from tci.drivers.registry import HARMLESS, connect
+    from tci.drivers.info import HARMLESS
+    from tci.drivers.registry import connect
     from tci.robot.catalogue import load_robot
     from tci.runtime import session as sessions
     from tci.runtime.arguments import load_capability

@@ -42,7 +42,8 @@ def serve(
 
     Example:  tci serve nao --via zenoh
     """
-    from tci.drivers.registry import HARMLESS, connect, open_server
+    from tci.drivers.info import HARMLESS
+    from tci.drivers.registry import connect, open_server
     from tci.gate.gate import GateState
     from tci.reasons import OTHERS, Reason, ReasonCounter
     from tci.robot.catalogue import load_robot

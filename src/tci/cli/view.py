@@ -109,7 +109,8 @@ def view(
 def _sources(names: Sequence[str], vias: Sequence[str], capability: str, *, arm: bool) -> list[Source]:
     """Creates a session for each robot and a player for each recording."""
     from tci.cli.robots import load_robots
-    from tci.drivers.registry import HARMLESS, connect
+    from tci.drivers.info import HARMLESS
+    from tci.drivers.registry import connect
     from tci.runtime.arguments import load_capability
     from tci.runtime.session import about_capability
 

@@ -18,7 +18,6 @@ from tci.errors import UnknownNameError
 from tci.messages import Mode, PlatformCommand
 from tci.robot.description import Patch, Robot, Servo
 from tci.robot.joint_map import generic_posture
-from tci.runtime.lease import commanding
 
 LOOK = 1.0
 """Time [s] for which the check reads the robot's sensors before the first motion. Assumed: every patch sends
@@ -57,7 +56,7 @@ def first_minutes(
             show(finding)
 
     check = ServoCheck(driver, operator)
-    with commanding(driver):
+    with driver.commanding():
         note(finding for finding in judge(driver, observe(driver, LOOK)) if finding.level is not Level.OK)
         names = {servo.name for servo in driver.robot.servos}
         if any(finding.level is Level.FAULT and finding.subject not in names for finding in found):

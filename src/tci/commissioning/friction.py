@@ -24,7 +24,6 @@ from tci.robot.dynamics import Dynamics
 from tci.robot.joint_calibration import JointCalibration, JointFriction, joint_calibration
 from tci.robot.json_file import write_json
 from tci.robot.kinematics import KinematicChain
-from tci.runtime.lease import commanding
 
 SPAN = float(np.deg2rad(10.0))
 """Angle [rad] of a sweep. Assumed: larger than the angle between two teeth of a gear."""
@@ -116,7 +115,7 @@ def measure_friction(
     robot = driver.robot
     sweeps = FrictionSweeps(driver, operator, joint_calibration(robot))
     feeling = feeling_servos(robot, KinematicChain(robot))
-    with commanding(driver):
+    with driver.commanding():
         found = tuple(sweeps.sweep(servo) for servo in servos if servo in feeling)
     when = datetime.now(UTC).isoformat(timespec="seconds")
     write_json(file, sweeps.calibration.model_copy(update={"date": when}))

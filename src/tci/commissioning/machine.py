@@ -13,12 +13,12 @@ import numpy as np
 import tci
 from tci.clock import MonotonicClock, ticks
 from tci.drivers.diagnosis import Finding, Level
+from tci.drivers.lease import FOLDER, lease
 from tci.drivers.registry import driver_names, load_driver
 from tci.errors import MissingExtraError, TciError
 from tci.frames import Array
 from tci.installed import clashes, installed_by
 from tci.robot.catalogue import load_robot, robot_names
-from tci.runtime.lease import FOLDER, lease
 
 PERIOD = 0.002
 """Period [s] of the wake-ups in the test of the clock, equal to the control period of simulated robots."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Self
 
@@ -12,6 +14,7 @@ import numpy as np
 from tci.clock import Clock, ticks
 from tci.drivers.diagnosis import Finding
 from tci.drivers.info import DriverInfo
+from tci.drivers.lease import Lease, has_locks, is_held, lease
 from tci.errors import CommandError, DriverError, UnknownNameError
 from tci.gate.gate import Gate, SafeCommand
 from tci.messages import JointReading, Mode, PlatformCommand, Reading
@@ -25,16 +28,14 @@ class Driver(ABC):
     the description's joint order. `read` does not require an armed driver. `write` requires an armed driver
     and a command that `gate` created."""
 
-    before_write: Callable[[], None] | None = None
-    """Function that `write` calls before sending a command. The function raises DriverError if this process
-    may no longer command the robot."""
-
     def __init__(self, info: DriverInfo) -> None:
         """Stores `info`, the facts about the connection. The constructor of every subclass must call this
         constructor first. Most subclasses create `info` with `DriverInfo.of`."""
         self.info = info
         """Facts about the connection. Only the constructor of a driver may replace them."""
         self._open = True
+        self._lease: Lease | None = None
+        self._check_lease: Callable[[], None] | None = None
 
     @property
     def robot(self) -> Robot:
@@ -112,19 +113,52 @@ class Driver(ABC):
     def write(self, safe: SafeCommand) -> SafeCommand:
         """Sends `safe`, which must be the latest command of this driver's gate. Returns `safe`.
 
-        Raises DriverError in these cases: the driver is closed or not armed; the command is not the latest
-        command of the gate, or has already been sent; another process commands the robot.
+        The first call acquires the lease on a real robot, and `close` releases it. Raises DriverError in
+        these cases: the driver is closed or not armed; the command is not the latest command of the gate, or
+        has already been sent; another process commands the robot.
         """
         self._check_open()
         if not self.armed:
             raise DriverError(
                 f"the connection to {self.robot.name} is read-only; connect with arm=True (--arm) to move it"
             )
-        if self.before_write is not None:
-            self.before_write()
+        self._may_write()
         self.gate.check_out(safe)
         self._send(safe)
         return safe
+
+    @contextmanager
+    def commanding(self) -> Iterator[None]:
+        """Acquires the lease on the robot at the start of the `with` block and releases it at the end.
+
+        `write` checks the lease at each call. On a system without file locks, simulations and recordings need
+        no lease. Raises DriverError in the cases that `Lease.__init__` lists.
+        """
+        if self.info.harmless and not has_locks():
+            yield
+            return
+        self._release()
+        with lease(self.info.lease_name) as held:
+            own = self.info.lease_name.startswith(f"sim:{self.robot.name}:{os.getpid()}:")
+            self._check_lease = held.check_inside if own else held.check
+            try:
+                yield
+            finally:
+                self._check_lease = None
+
+    def _may_write(self) -> None:
+        """Checks that this process may command the robot. Acquires the lease on a real robot, unless another
+        driver in this process has it. Raises DriverError in the cases that `Lease.__init__` lists."""
+        if self._check_lease is not None:
+            self._check_lease()
+        elif not (self.info.harmless or is_held(self.info.lease_name)):
+            self._lease = Lease(self.info.lease_name)
+            self._check_lease = self._lease.check
+
+    def _release(self) -> None:
+        if self._lease is not None:
+            self._lease.close()
+            self._lease = self._check_lease = None
 
     def halt(self) -> None:
         """Stops all joints at the present angles. Calls the robot's own stop function instead of sending a
@@ -155,7 +189,10 @@ class Driver(ABC):
         """Closes the connection. A second call has no effect."""
         if self._open:
             self._open = False
-            self._close()
+            try:
+                self._close()
+            finally:
+                self._release()
 
     def _check_open(self) -> None:
         if not self._open:

@@ -12,6 +12,9 @@ from tci.gate.gate import Gate
 from tci.gate.settings import GateSettings
 from tci.robot.description import Robot
 
+HARMLESS = ("sim", "replay")
+"""Names of the drivers that move no hardware. These drivers are armed by default."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriverInfo:
@@ -41,6 +44,12 @@ class DriverInfo:
     unreached: Mapping[int, str] = field(default_factory=lambda: MappingProxyType({}))
     """Reasons why the driver can't move some servos, by servo index. A servo that the driver can move has no
     entry."""
+
+    @property
+    def harmless(self) -> bool:
+        """True if the connection moves no hardware. The robot is simulated or recorded, and only this process
+        can use it."""
+        return self.lease_name.partition(":")[0] in HARMLESS
 
     @classmethod
     def of(

@@ -20,8 +20,6 @@ from tci.robot.description import Robot
 
 DRIVERS = "tci.drivers"
 SERVERS = "tci.servers"
-HARMLESS = ("sim", "replay")
-"""Names of the drivers that move no hardware. These drivers are armed by default."""
 
 
 def driver_names() -> tuple[str, ...]:

@@ -29,7 +29,6 @@ from tci.gate.gate import GateState, SafeCommand
 from tci.messages import JointReading, Order, Perception, Reading, SkinState
 from tci.reasons import Code, Reason
 from tci.runtime.arguments import as_capability, as_driver, check_duration
-from tci.runtime.lease import commanding
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.result import Account, RunResult
 from tci.runtime.warm_up import WARM_UP, WarmUp
@@ -122,7 +121,7 @@ def run(
     body = GenericBody(driver.robot, settings or BodySettings())
     loop = _Loop(driver, capability, body, observe, guard, report or LoopReport(), write)
     loop.sensed = sensed
-    with commanding(driver), interruptions() as interruption, frozen_garbage():
+    with driver.commanding(), interruptions() as interruption, frozen_garbage():
         try:
             start = driver.clock.now()
             loop.begin(start)

@@ -6,6 +6,8 @@ from __future__ import annotations
 import fcntl
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,9 +15,11 @@ from pathlib import Path
 import pytest
 
 import tci
+from tci.drivers.driver import Driver
+from tci.drivers.lease import _let_go, lease
 from tci.drivers.simulated import SimulatedDriver
+from tci.drivers.wrapper import DriverWrapper
 from tci.errors import DriverError
-from tci.runtime.lease import _let_go, commanding, lease
 
 NAME = "the robot of these tests"
 
@@ -94,7 +98,7 @@ def test_26_a_forked_child_does_not_command_beside_its_parent(folder: Path) -> N
         driver.write(driver.gate.step((), driver.read().joints, driver.clock.now()))
 
     read_end, write_end = os.pipe()
-    with commanding(driver):
+    with driver.commanding():
         child = os.fork()
         if child == 0:
             try:
@@ -108,7 +112,7 @@ def test_26_a_forked_child_does_not_command_beside_its_parent(folder: Path) -> N
         with os.fdopen(read_end) as said:
             assert f"process {os.getpid()}, which this one was forked from; valid: a driver" in said.read()
         write()
-        with pytest.raises(DriverError, match=f"commanded by process {os.getpid()}"), commanding(driver):
+        with pytest.raises(DriverError, match=f"commanded by process {os.getpid()}"), driver.commanding():
             pytest.fail("the child's end gave the lease away")
 
 
@@ -125,13 +129,13 @@ def test_26_a_process_that_is_not_the_owner_is_refused(folder: Path, monkeypatch
 
 
 def test_26_without_file_locks_nothing_is_commanded(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tci.runtime.lease.fcntl", None)
+    monkeypatch.setattr("tci.drivers.lease.fcntl", None)
     refused(
         rf"^{NAME} can't be commanded from this system, which lacks the file locks \(flock\) that keep "
         "two programs from commanding one robot; valid here: simulated robots and recordings$"
     )
     driver = SimulatedDriver(tci.load_robot("nao"))
-    with commanding(driver):
+    with driver.commanding():
         driver.write(driver.gate.step((), driver.read().joints, driver.clock.now()))
 
 
@@ -171,7 +175,7 @@ def test_26_who_is_quicker_than_the_holder_of_a_removed_file_commands_alone(
     folder: Path, whole_folder: bool
 ) -> None:
     driver = SimulatedDriver(tci.load_robot("nao"))
-    with commanding(driver):
+    with driver.commanding():
         safe = driver.write(driver.gate.step((), driver.read().joints, driver.clock.now()))
         if whole_folder:
             folder.rename(folder.with_name("elsewhere"))
@@ -252,7 +256,7 @@ def test_26_the_lease_of_a_simulation_is_checked_without_its_file(
         looks.append(path)
         return look(path)
 
-    with commanding(driver):
+    with driver.commanding():
         monkeypatch.setattr("os.lstat", counted)
         for _ in range(3):
             driver.write(driver.gate.step((), driver.read().joints, driver.clock.now()))
@@ -276,3 +280,50 @@ def test_26_a_folder_that_depends_on_where_a_program_starts_is_refused_by_its_na
 ) -> None:
     monkeypatch.setenv("TCI_LEASES", "here/leases")
     refused(r"^TCI_LEASES is 'here/leases'; valid: an absolute path, wherever a program is started$")
+
+
+def write(driver: Driver) -> None:
+    driver.write(driver.gate.step((), driver.read().joints, driver.clock.now()))
+
+
+def test_26_a_loop_of_ones_own_commands_a_real_robot_alone_until_it_closes(folder: Path) -> None:
+    driver = DriverWrapper(SimulatedDriver(tci.load_robot("nao")), lease_name=NAME)
+    write(driver)
+    code = f"from tci.drivers.lease import Lease; Lease({NAME!r})"
+    other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert f"{NAME} is commanded by process {os.getpid()} already" in other.stderr
+    write(driver)
+    driver.close()
+    with lease(NAME):
+        pass
+
+
+def test_26_a_loop_of_ones_own_writes_nothing_while_another_process_commands(folder: Path) -> None:
+    code = f"from tci.drivers.lease import Lease; held = Lease({NAME!r}); print('held', flush=True); input()"
+    with subprocess.Popen([sys.executable, "-c", code], stdin=-1, stdout=-1, text=True) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "held\n"
+        with DriverWrapper(SimulatedDriver(tci.load_robot("nao")), lease_name=NAME) as driver:
+            with pytest.raises(DriverError, match=f"commanded by process {other.pid} already"):
+                write(driver)
+            other.kill()
+            other.wait()
+            write(driver)
+
+
+def test_26_a_run_after_a_loop_of_ones_own_has_the_lease_too(folder: Path) -> None:
+    with DriverWrapper(SimulatedDriver(tci.load_robot("nao")), lease_name=NAME) as driver:
+        write(driver)
+        assert tci.run(driver, tci.WithdrawalReflex(), duration=0.01)
+        write(driver)
+
+
+def test_26_a_second_driver_of_this_process_writes_beside_the_first(folder: Path) -> None:
+    drivers = [DriverWrapper(SimulatedDriver(tci.load_robot("nao")), lease_name=NAME) for _ in range(2)]
+    for driver in drivers:
+        write(driver)
+
+
+def test_26_a_simulation_of_ones_own_needs_no_lease(folder: Path) -> None:
+    write(SimulatedDriver(tci.load_robot("nao")))
+    assert not folder.exists()

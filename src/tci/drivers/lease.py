@@ -19,8 +19,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tci.drivers.driver import Driver
-from tci.drivers.registry import HARMLESS
 from tci.errors import DriverError
 
 try:
@@ -54,7 +52,7 @@ class Lease:
                 "two programs from commanding one robot; valid here: simulated robots and recordings"
             )
         self._name = name
-        self._path = _folder() / f"{hashlib.sha256(name.encode()).hexdigest()[:24]}.lease"
+        self._path = _path(name)
         self._owner = os.getpid()
         self._handles: list[int] = []
         self._take()
@@ -173,23 +171,19 @@ def lease(name: str) -> Iterator[Lease]:
         held.close()
 
 
-@contextmanager
-def commanding(driver: Driver) -> Iterator[None]:
-    """Acquires the lease on the robot of `driver` at the start of the `with` block and releases it at the
-    end. The driver's `write` checks the lease at each call. On a system without file locks, simulations and
-    recordings need no lease, since only this process can use them. Raises DriverError in the cases that
-    `Lease.__init__` lists.
-    """
-    if fcntl is None and driver.info.lease_name.partition(":")[0] in HARMLESS:
-        yield
-        return
-    with lease(driver.info.lease_name) as held:
-        own = driver.info.lease_name.startswith(f"sim:{driver.robot.name}:{os.getpid()}:")
-        driver.before_write = held.check_inside if own else held.check
-        try:
-            yield
-        finally:
-            driver.before_write = None
+def has_locks() -> bool:
+    """Returns True if the system has the file locks that a lease needs."""
+    return fcntl is not None
+
+
+def is_held(name: str) -> bool:
+    """Returns True if an object in this process holds the lease `name`."""
+    path = _path(name)
+    return any(one._path == path and one._handles for one in tuple(_HELD))
+
+
+def _path(name: str) -> Path:
+    return _folder() / f"{hashlib.sha256(name.encode()).hexdigest()[:24]}.lease"
 
 
 def _folder() -> Path:
